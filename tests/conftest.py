@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from standing_ranks import StandingRanks
-from validation_table import Table
+from validation_table import Comparison, Table
 
 # As it was before any MPI start-up in this process: mpirun fails silently with more.
 # Ranks of two tests share the cores, so they do not wait in busy loops. Warnings are errors, as in the tests.
@@ -225,8 +225,9 @@ TABLES = {}  # by the file whose tests made the rows
 
 @pytest.fixture
 def compare(request):
-    """`Table.compare`: a figure beside an independent one, asserted, and a row of the table."""
-    return TABLES.setdefault(request.path.name, Table()).compare
+    """`Comparison` by case and source, of the theme of the file: asserted, and a row of the table."""
+    table, of_file = TABLES.setdefault(request.path.name, Table()), getattr(request.module, "THEME", "")
+    return lambda case, source, theme=of_file: Comparison(table, theme, case, source)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -4,15 +4,17 @@ A scene says what a job has; everything else (topology, tables, loads, wind, los
 it. Every key of a job file stands in some of them (test_random_nets.py looks).
 """
 
+import random
 from dataclasses import dataclass, field
 
+import hypothesis
 import hypothesis.strategies as st
 import numpy as np
-from random_nets import grid, number, some, table, triangles, web, with_tails
+from random_nets import NETS, SPACING, WITH_FACES, number, some, table, with_tails
 
 from netfall.job.toml_text import toml_text
 
-SPACING, MODULUS, AREA, DENSITY = 4.0, 1.0e10, 1.0e-4, 7000.0  # m, Pa, m2, kg/m3
+MODULUS, AREA, DENSITY = 1.0e10, 1.0e-4, 7000.0  # Pa, m2, kg/m3
 EA = MODULUS * AREA
 SOUND = (MODULUS / DENSITY) ** 0.5
 PRESTRESS, YIELD, BREAK, BRITTLE = 1.5e3, 4e3, 0.007, 0.004  # N, N, strains with yield and without
@@ -35,12 +37,10 @@ FLAGS = (
     "fragments",
     "rests",  # stages before dynamics: form finding by relaxation, load steps, cases, a static onset
 )
-SCENES = st.fixed_dictionaries(
-    {name: st.booleans() for name in FLAGS}
-    | {
-        "wind": st.sampled_from((None, "steady", "gusts", "table", "points", "taps")),
-    }
-)
+WINDS = (None, "steady", "gusts", "table", "points", "taps")
+SCENES = st.fixed_dictionaries({name: st.booleans() for name in FLAGS} | {"wind": st.sampled_from(WINDS)})
+QUIET = dict(deadline=None, database=None, suppress_health_check=list(hypothesis.HealthCheck))
+EACH = 4  # jobs of a scene of `some_jobs`
 RELAXED = {"modulus_factor": 0.01, "tolerance": 0.05, "max_iterations": 3000}
 FORMS = st.sampled_from(
     (None, None, {"method": "force_density"}, RELAXED, RELAXED | {"start": "force_density"})
@@ -90,50 +90,6 @@ def chance(draw, one_in: int = 2) -> bool:
 
 
 # --- nets
-
-
-def line(rng):
-    """A chain between two supports."""
-    n = int(rng.integers(5, 12))
-    points = SPACING * np.arange(n)[:, None] * [1.0, 0.0, 0.0] + rng.uniform(-0.1, 0.1, (n, 3))
-    held = np.isin(np.arange(n), (0, n - 1))
-    return points, np.column_stack([np.arange(n - 1), np.arange(1, n)]), held
-
-
-def star(rng):
-    """Arms of one or two elements around a node, their ends held."""
-    points, pairs, held = [np.zeros(3)], [], [False]
-    arms = int(rng.integers(3, 9))
-    for angle in 2 * np.pi * np.arange(arms) / arms:
-        last = 0
-        for k in range(1, 2 + int(rng.integers(0, 2))):
-            points.append(
-                SPACING * k * np.array([np.cos(angle), np.sin(angle), 0.0]) + rng.uniform(-0.3, 0.3, 3)
-            )
-            pairs.append((last, len(points) - 1))
-            held.append(False)
-            last = len(points) - 1
-        held[last] = True
-    return np.array(points), np.array(pairs), np.array(held)
-
-
-def apart(rng):
-    """A star and a chain that have nothing to do with one another."""
-    (a, of_a, held_a), (b, of_b, held_b) = star(rng), line(rng)
-    pairs = np.concatenate([of_a, of_b + len(a)])
-    return np.concatenate([a, b + [0.0, 20.0, 0.0]]), pairs, np.concatenate([held_a, held_b])
-
-
-NETS = {
-    "line": line,
-    "star": star,
-    "apart": apart,
-    "grid": lambda rng: grid(rng, most=5),
-    "triangles": triangles,
-    "web": web,
-    "crossed": lambda rng: grid(rng, crossed=True),
-}
-WITH_FACES = ("grid", "triangles", "web")
 
 
 def draw_net(draw, scene: dict, rng) -> DrawnNet:
@@ -550,3 +506,20 @@ def draw_dynamics(draw, scene: dict, dt: float, duration: float) -> dict:
     if not (scene["fragments"] and scene["fracture"]) and chance(draw, 3):
         keys["mass_scaling"] = 0.05
     return keys
+
+
+def some_jobs(count: int, seed: int) -> list[DrawnJob]:
+    """So many jobs, functions of the seed; EACH of them have the same scene, which is compiled once."""
+    rng, found = random.Random(seed), []
+    while len(found) < count:
+        scene, drawn = {name: rng.random() < 0.5 for name in FLAGS} | {"wind": rng.choice(WINDS)}, []
+
+        @hypothesis.seed(seed)
+        @hypothesis.settings(max_examples=EACH + 1, phases=[hypothesis.Phase.generate], **QUIET)
+        @hypothesis.given(jobs(st.just(scene)))
+        def collect(job):
+            drawn.append(job)
+
+        collect()
+        found += drawn[1:]  # the first is the simplest, of any scene
+    return found[:count]

@@ -2,11 +2,11 @@
 
     .venv/bin/python tests/same_bits.py COMMIT                  all cases
     .venv/bin/python tests/same_bits.py COMMIT --quick          the shipped jobs only, as they stand
-    .venv/bin/python tests/same_bits.py COMMIT --only stadium --only net-07
+    .venv/bin/python tests/same_bits.py COMMIT --only stadium --only net-1-07
     .venv/bin/python tests/same_bits.py COMMIT --seed 2 --nets 60
     .venv/bin/python tests/same_bits.py COMMIT --new history/loss_work
 
-Cases are the shipped jobs (with fragments and without) and random nets (random_nets.py).
+Cases are the shipped jobs (with fragments and without) and random nets of any scene (drawn_jobs.py).
 The earlier code runs each case on one rank, once: its results and its compiled kernels are kept in
 build/same_bits/COMMIT. The present code runs it on one rank and on several, and random nets also from a
 checkpoint or after a pause, on other ranks. Compared are names, shapes, types and bytes of all datasets and
@@ -26,7 +26,7 @@ import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -35,7 +35,7 @@ import llvmlite.binding
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from random_nets import pairs_of, random_jobs
+from drawn_jobs import some_jobs
 
 ROOT = Path(__file__).resolve().parents[1]
 MPIRUN = ROOT / ".venv" / "bin" / "mpirun"
@@ -108,9 +108,8 @@ class Case:
     files: dict[str, str]
     overrides: tuple[str, ...] = ()
     ranks: tuple[int, ...] = (1, 3)
-    stop: str = "never"  # how a run is interrupted and taken up again: never | checkpoint | walltime
+    stop: str = "never"  # how a run is interrupted and taken up again: never | checkpoint | pause
     variant: str = ""  # cases of one variant run the same compiled code
-    choice: dict = field(default_factory=dict)
 
     def digest(self) -> str:
         """Fingerprint of what is computed, and with what: bits differ between processors and libraries."""
@@ -147,13 +146,12 @@ def net_cases(count: int, seed: int) -> list[Case]:
     """The random nets."""
     return [
         Case(
-            f"seed-{seed}-{job.name}" if seed != 1 else job.name,
+            f"net-{seed}-{k:02d}",
             {"job.toml": job.text} | job.tables,
-            stop=job.choice["stop"],
-            variant=job.variant,
-            choice=job.choice,
+            stop=job.stop,
+            variant=str(job.scene),
         )
-        for job in random_jobs(count, seed)
+        for k, job in enumerate(some_jobs(count, seed))
     ]
 
 
@@ -243,11 +241,6 @@ class Earlier:
         if not kept.exists():
             kept.parent.mkdir(exist_ok=True)
             folder = put_files(case, work / "old")
-            if '"onset"' not in "".join(
-                path.read_text() for path in (self.source / "netfall/job").glob("*.py")
-            ):
-                job = folder / "job.toml"  # before there was a choice, all of the wind acted at once
-                job.write_text(job.read_text().replace('onset = "sudden"\n', ""))
             done = run(self.source, folder, case)
             if done.code < 0:  # killed or hanging: nothing to keep
                 return done
@@ -318,9 +311,7 @@ def judge(case: Case, earlier: Earlier, work: Path, allowed: tuple[str, ...]) ->
         verdict.compare(f"{ranks} rank{'s' if ranks > 1 else ''}", new)
     if verdict.old.code == 0 and case.stop != "never":
         with MPI_LOCK:
-            {"checkpoint": restart_from_checkpoints, "walltime": restart_after_pause}[case.stop](
-                verdict, work
-            )
+            {"checkpoint": restart_from_checkpoints, "pause": restart_after_pause}[case.stop](verdict, work)
     if not verdict.wrong:
         shutil.rmtree(work, ignore_errors=True)
     return verdict
@@ -379,13 +370,12 @@ def check_imports(source: Path) -> None:
 
 def tally(verdicts: list[Verdict]) -> str:
     """What the random nets went through, in lines."""
-    nets = [v for v in verdicts if v.case.choice]
+    nets = [v for v in verdicts if v.case.name.startswith("net-")]
     having = lambda name: sum(bool(v.figures.get(name)) for v in nets)
     codes = [v.old.code for v in nets]
     steps = [v.figures["steps"] for v in nets if v.figures]
-    pairs: set = set().union(*(pairs_of(v.case.choice) for v in nets))
     return (
-        f"{len(nets)} nets of {len({v.case.variant for v in nets})} variants, {len(pairs)} pairs of choices: "
+        f"{len(nets)} nets of {len({v.case.variant for v in nets})} scenes: "
         f"{having('broken')} break, {having('yielded')} yield, {having('slack')} go slack; "
         f"{codes.count(2)} refused, {len(codes) - codes.count(2) - codes.count(0)} end early; "
         f"steps {min(steps, default=0)} to {max(steps, default=0)}"
@@ -428,7 +418,7 @@ def main() -> None:
             verdicts.append(future.result())
             print(verdicts[-1].text(), flush=True)
     wrong = [v.case.name for v in verdicts if v.wrong]
-    if any(case.choice for case in cases):
+    if nets:
         print(tally(verdicts))
     took = f"{time.monotonic() - begin:.0f} s"
     if source_digest(ROOT / "src") != before:

@@ -109,7 +109,9 @@ def test_a_folded_chain_falls_in_the_time_and_with_the_speed_of_the_closed_form(
     fine, speed = errors(workshop, 41)
     whole, because = (1 + fine) * WHOLE, "41 links: their length, and half of one at the end"
     source = "Calkin and March 1989"
-    compare("fracture", "falling folded chain: time", source, whole, WHOLE, 0.02, because, "sqrt(L/g)")
+    compare("falling folded chain: time", source, "Fracture").figures(
+        whole, WHOLE, 0.02, because, "sqrt(L/g)"
+    )
     assert np.log(coarse / fine) / np.log(41 / 21) > 0.7
     # as above, over parts of 8 links of which one may be half over
     assert np.abs(speed).max() < 0.05, speed

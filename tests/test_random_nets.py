@@ -10,7 +10,7 @@ import hypothesis
 import hypothesis.strategies as st
 import pytest
 from conftest import BIN, ENVIRONMENT, PLAIN, on_ranks, run_on_standing_ranks
-from drawn_jobs import FULL, OTHER, jobs
+from drawn_jobs import FULL, OTHER, QUIET, jobs
 from same_bits import differences, figures, without_mpirun
 from standing_ranks import StandingRanks
 
@@ -18,7 +18,6 @@ from netfall.job.entries import LISTS
 from netfall.job.schema import SECTIONS
 
 EXAMPLES = int(os.environ.get("NETFALL_EXAMPLES", "40"))  # of random scenes, with --long
-QUIET = dict(deadline=None, database=None, suppress_health_check=list(hypothesis.HealthCheck))
 
 
 class Runs:

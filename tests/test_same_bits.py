@@ -5,9 +5,10 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from random_nets import random_jobs
+from drawn_jobs import some_jobs
 from same_bits import differences
 
+from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.model.layout import features_of, make_layout
 
@@ -83,18 +84,20 @@ def test_new_datasets_are_allowed_by_name_only(pair):
     assert differences(*reversed(pair), ("history/",))[1] == ["history/loss: missing"]
 
 
-def test_random_nets_are_valid_and_have_what_was_chosen(tmp_path):
-    """Every job of a seed is read and gives a net whose scene has the features of its row."""
-    jobs = random_jobs(36, 3)
-    for job in jobs:
-        folder = tmp_path / job.name
-        folder.mkdir()
+def test_random_nets_have_what_their_scene_says(tmp_path):
+    """Most jobs of a seed are read and give a net with the features of their scene; fewer are the same."""
+    jobs, refused = some_jobs(12, 1), 0
+    for k, job in enumerate(jobs):
+        (folder := tmp_path / str(k)).mkdir()
         for name, text in ({"job.toml": job.text} | job.tables).items():
             (folder / name).write_text(text)
-        read = read_job(folder / "job.toml")
-        scene = features_of(read, (layout := make_layout(read, 1)).net, layout.slides)
-        for name in ("wind", "bars", "sections", "part_held", "energy", "fragments"):
-            assert getattr(scene, name) == job.choice[name], (job.name, name)
-        assert scene.fracture == (job.choice["material"] in ("ductile", "brittle"))
-    assert len({job.variant for job in jobs}) <= 15
-    assert [job.text for job in random_jobs(3, 3)] == [job.text for job in jobs[:3]]
+        try:
+            layout = make_layout(read := read_job(folder / "job.toml"), 1)
+        except InputError:
+            refused += 1
+            continue
+        features = features_of(read, layout.net, layout.slides)
+        for name in ("plastic", "fracture", "springs", "energy", "fragments"):
+            assert getattr(features, name) == job.scene[name], (k, name)
+    assert refused <= 3 and len({str(job.scene) for job in jobs}) == 3
+    assert [job.text for job in some_jobs(3, 1)] == [job.text for job in jobs[:3]]

@@ -36,14 +36,9 @@ def test_second_order_in_the_step(both_ways, compare, job, until, longest):
     errors = [np.abs(u - runs[-1]).max() for u in runs[:-1]]
     for k in (0, 1):
         compare(
-            THEME,
             f"{job.stem}, wind for {until:g} s: error at {longest / 2**k:g} s over that at half the step",
             "order 2 in the step",
-            errors[k] / errors[k + 1],
-            4.0,
-            0.1,
-            f"{SECOND}; terms of fourth order",
-        )
+        ).figures(errors[k] / errors[k + 1], 4.0, 0.1, f"{SECOND}; terms of fourth order")
 
 
 def test_order_in_the_subdivision(both_ways, compare):
@@ -65,9 +60,9 @@ def test_order_in_the_subdivision(both_ways, compare):
         coarse, fine = reached[1][k], reached[8][k]
         for parts in (2, 4):
             compare(
-                THEME,
                 f"saddle under {what}, displacement in the middle: {parts} elements for a segment",
                 "eight elements",
+            ).figures(
                 reached[parts][k],
                 fine,
                 abs(coarse / fine - 1.0) / parts**2,
@@ -100,20 +95,14 @@ def test_ensemble_of_winds(workshop, compare, speed):
         f"ms; broken {broken[0].astype(int)} against {broken[1].astype(int)}"
     )
     case = f"stadium at {speed} m/s, 20 winds"
-    compare(
-        THEME,
-        f"{case}: roofs torn",
-        "a quarter of the step",
+    compare(f"{case}: roofs torn", "a quarter of the step").figures(
         np.isfinite(first[0]).sum(),
         np.isfinite(first[1]).sum(),
         1.0,
         "a roof at its limit may go either way",
         scale=1.0,
     )
-    compare(
-        THEME,
-        f"{case}: first fracture, median difference",
-        "a quarter of the step",
+    compare(f"{case}: first fracture, median difference", "a quarter of the step").figures(
         np.median(np.abs(np.diff(first[:, torn], axis=0))),
         0.0,
         2e-4,
@@ -123,10 +112,7 @@ def test_ensemble_of_winds(workshop, compare, speed):
     )
     both = broken[:, torn]
     difference = both[0] - both[1]
-    compare(
-        THEME,
-        f"{case}: elements broken, mean of the torn",
-        "a quarter of the step",
+    compare(f"{case}: elements broken, mean of the torn", "a quarter of the step").figures(
         both[0].mean(),
         both[1].mean(),
         2.0 * difference.std(ddof=1) / np.sqrt(len(difference)),

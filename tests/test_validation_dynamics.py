@@ -68,29 +68,15 @@ def test_free_fall(both_ways, compare):
         "start,end\n1,2\n",
     )
     f = both_ways.run(job, ranks=2)
-    compare(
-        THEME, "free fall for 1 s: way", "g t^2 / 2", -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m"
+    compare("free fall for 1 s: way", "g t^2 / 2").figures(
+        -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m"
     )
-    compare(
-        THEME,
-        "free fall for 1 s: way of the other end",
-        "g t^2 / 2",
-        1.0 - f["final/position"][1, 2],
-        0.5 * G,
-        1e-12,
-        EXACT,
-        "m",
+    compare("free fall for 1 s: way of the other end", "g t^2 / 2").figures(
+        1.0 - f["final/position"][1, 2], 0.5 * G, 1e-12, EXACT, "m"
     )
-    compare(THEME, "free fall for 1 s: speed", "g t", -f["final/velocity"][0, 2], G, 1e-12, EXACT, "m/s")
-    compare(
-        THEME,
-        "free fall for 1 s: work of the weight",
-        "m g^2 t^2 / 2",
-        f["history/external_work"][-1],
-        HALF * np.sqrt(10) * G**2,
-        1e-12,
-        EXACT,
-        "J",
+    compare("free fall for 1 s: speed", "g t").figures(-f["final/velocity"][0, 2], G, 1e-12, EXACT, "m/s")
+    compare("free fall for 1 s: work of the weight", "m g^2 t^2 / 2").figures(
+        f["history/external_work"][-1], HALF * np.sqrt(10) * G**2, 1e-12, EXACT, "J"
     )
 
 
@@ -121,20 +107,10 @@ def test_taut_string(both_ways, compare):
         frequency = curve_fit(lambda t, b, w: b * np.cos(w * t), t, q, p0=(a, guess))[0][1] / (2 * np.pi)
         omega = 2 * np.sqrt(T / (2 * HALF * L0 * L / n)) * np.sin(k * np.pi / (2 * n))
         lumped = 2 * np.arcsin(omega * dt / 2) / dt / (2 * np.pi)
-        compare(
-            THEME,
-            f"taut string of {n} links: frequency of mode {k}",
-            "lumped string, steps as taken",
-            frequency,
-            lumped,
-            1.5 * own,
-            "the swing's own tension",
-            "Hz",
+        compare(f"taut string of {n} links: frequency of mode {k}", "lumped string, steps as taken").figures(
+            frequency, lumped, 1.5 * own, "the swing's own tension", "Hz"
         )
-        compare(
-            THEME,
-            "the same, against the continuous string",
-            f"{k} / (2 L) sqrt(T / mu)",
+        compare("the same, against the continuous string", f"{k} / (2 L) sqrt(T / mu)").figures(
             frequency,
             k / (2 * L) * np.sqrt(T / mu),
             (k * np.pi / n) ** 2 / 24,
@@ -204,74 +180,29 @@ def test_elastic_wave(both_ways, compare):
     N = {e: f["history/probe_tension"][:, k] - T_WAVE for k, e in enumerate(f["history/probe_element"][:])}
     passes = {e: np.interp(0.5, N[e][: n + 5] / P_WAVE, np.arange(n + 5)) * dt for e in (5, 54)}
     way = 49 * L_LINK * (1 + T_WAVE / EA)
-    compare(
-        THEME,
-        "wave along a taut cable: speed",
-        "sqrt(EA / mu), stretched",
-        way / (passes[54] - passes[5]),
-        C_WAVE * (1 + T_WAVE / EA),
-        within,
-        why,
-        "m/s",
+    compare("wave along a taut cable: speed", "sqrt(EA / mu), stretched").figures(
+        way / (passes[54] - passes[5]), C_WAVE * (1 + T_WAVE / EA), within, why, "m/s"
     )
-    compare(THEME, "the same: tension behind the front", "P", N[20][n - 10], P_WAVE, within, why, "N")
-    compare(
-        THEME, "the same: tension at the fixed end", "2 P", N[n - 1][n + 10], 2 * P_WAVE, within, why, "N"
+    compare("the same: tension behind the front", "P").figures(N[20][n - 10], P_WAVE, within, why, "N")
+    compare("the same: tension at the fixed end", "2 P").figures(
+        N[n - 1][n + 10], 2 * P_WAVE, within, why, "N"
     )
-    compare(
-        THEME,
-        "the same: speed behind the front",
-        "P c / EA",
-        (free[40, 20] - free[39, 20]) * unit / dt,
-        P_WAVE * C_WAVE / EA,
-        within,
-        why,
-        "m/s",
+    compare("the same: speed behind the front", "P c / EA").figures(
+        (free[40, 20] - free[39, 20]) * unit / dt, P_WAVE * C_WAVE / EA, within, why, "m/s"
     )
-    compare(
-        THEME,
-        "the same: speed of the free end",
-        "2 P c / EA",
-        (free[n + 20, n] - free[n + 19, n]) * unit / dt,
-        2 * P_WAVE * C_WAVE / EA,
-        within,
-        why,
-        "m/s",
+    compare("the same: speed of the free end", "2 P c / EA").figures(
+        (free[n + 20, n] - free[n + 19, n]) * unit / dt, 2 * P_WAVE * C_WAVE / EA, within, why, "m/s"
     )
     why, mirrored = "square of the Courant number, 2e-9 short of 1", fixed[: 2 * n] - fixed[: 2 * n : -1]
     for name, ours, theirs in (("fixed", fixed, echo(-1)), ("free", free, echo(1))):
         compare(
-            THEME,
-            f"the same, far end {name}, all places and times: largest difference",
-            "d'Alembert, with echoes",
-            unit * np.abs(ours - theirs).max(),
-            0.0,
-            1e-8,
-            why,
-            "m",
-            scale=unit * theirs.max(),
-        )
+            f"the same, far end {name}, all places and times: largest difference", "d'Alembert, with echoes"
+        ).figures(unit * np.abs(ours - theirs).max(), 0.0, 1e-8, why, "m", scale=unit * theirs.max())
     compare(
-        THEME,
-        "the cable at rest after 2 L / c, then back: x(T/2 + s) - x(T/2 - s)",
-        "reversal of time",
-        unit * np.abs(mirrored).max(),
-        0.0,
-        1e-8,
-        why,
-        "m",
-        scale=2 * n * unit,
-    )
-    compare(
-        THEME,
-        "the same, after 4 L / c: distance from the start",
-        "reversal of time",
-        unit * np.abs(fixed[-1]).max(),
-        0.0,
-        1e-8,
-        why,
-        "m",
-        scale=2 * n * unit,
+        "the cable at rest after 2 L / c, then back: x(T/2 + s) - x(T/2 - s)", "reversal of time"
+    ).figures(unit * np.abs(mirrored).max(), 0.0, 1e-8, why, "m", scale=2 * n * unit)
+    compare("the same, after 4 L / c: distance from the start", "reversal of time").figures(
+        unit * np.abs(fixed[-1]).max(), 0.0, 1e-8, why, "m", scale=2 * n * unit
     )
 
 
@@ -290,25 +221,11 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
     )  # the steps bring each wave forward by its (omega dt)^2 / 24
     why = "steps: (omega dt)^2 / 24 of every wave's phase"
     compare(
-        THEME,
         "wave of a cable of masses, short steps: largest difference of a tension",
         "series of Bessel functions",
-        np.abs(N - ripple(z)).max(),
-        0.0,
-        1.2 * late,
-        why,
-        "N",
-        scale=P_WAVE,
-    )
-    compare(
-        THEME,
-        "the same: tension in the first crest",
-        "integral of J(41) to its first zero",
-        crest(z, N),
-        ripple(jn_zeros(2 * j + 1, 1)[0]),
-        1.2 * late,
-        why,
-        "N",
+    ).figures(np.abs(N - ripple(z)).max(), 0.0, 1.2 * late, why, "N", scale=P_WAVE)
+    compare("the same: tension in the first crest", "integral of J(41) to its first zero").figures(
+        crest(z, N), ripple(jn_zeros(2 * j + 1, 1)[0]), 1.2 * late, why, "N"
     )
 
 
@@ -345,10 +262,7 @@ def test_pendulums(both_ways, compare):
         late = (
             3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
         )  # mean of the elongation's effect on inertia and energy
-        compare(
-            THEME,
-            f"pendulum let go at {angle} degrees: period",
-            "elliptic integral",
+        compare(f"pendulum let go at {angle} degrees: period", "elliptic integral").figures(
             4 * crossings(t, x)[0],
             4 * np.sqrt(L / G) * ellipk(m),
             1.5 * late,
@@ -359,10 +273,7 @@ def test_pendulums(both_ways, compare):
         change = (
             mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
         )  # by the elongation's own swing, and by energy and inertia
-        compare(
-            THEME,
-            "the same: largest tension",
-            "m g (3 - 2 cos a)",
+        compare("the same: largest tension", "m g (3 - 2 cos a)").figures(
             crest(t, f["history/probe_tension"][:, k]),
             mass * G * (3 - 2 * np.cos(phi)),
             2 * change,
@@ -397,10 +308,7 @@ def test_swing_across_two_cables(both_ways, compare):
     t, z = f["history/time"][:], a + f["history/probe_displacement"][:, 0, 2]
     path, zero = CubicSpline(t, z), crossings(t, z)
     omega2 = 2 * k * (1 - L0 * b**2 / np.hypot(b, a) ** 3) / mass  # the stiffest, at the turning point
-    compare(
-        THEME,
-        "mass swinging across two cables: period",
-        "quadrature of the energy",
+    compare("mass swinging across two cables: period", "quadrature of the energy").figures(
         2 * np.diff(zero).mean(),
         period,
         omega2 * dt**2 / 24,
@@ -409,21 +317,11 @@ def test_swing_across_two_cables(both_ways, compare):
     )
     splines = 2 * (omega2 * dt**2) ** 2 / 384
     turn = zero[:-1] + np.diff(zero) / 2
-    compare(
-        THEME,
-        "the same: turning point on the other side",
-        "mirror image",
-        path(turn[0]),
-        -a,
-        splines,
-        "the scheme mirrors too; splines between the steps",
-        "m",
+    compare("the same: turning point on the other side", "mirror image").figures(
+        path(turn[0]), -a, splines, "the scheme mirrors too; splines between the steps", "m"
     )
     s = np.linspace(0, turn[0] - dt, 200)
-    compare(
-        THEME,
-        "the same: x(T/2 + s) - x(T/2 - s), largest",
-        "reversal of time",
+    compare("the same: x(T/2 + s) - x(T/2 - s), largest", "reversal of time").figures(
         np.abs(path(turn[0] + s) - path(turn[0] - s)).max(),
         0.0,
         splines,
@@ -466,70 +364,31 @@ def test_snap_from_slack(both_ways, compare):
     )  # where the straight line through two rows is zero
     begin, end = line(taut[0], taut[1]), line(taut[-1], taut[-2])
     kinks = (omega * dt) ** 2 / 8
-    compare(
-        THEME,
-        "mass on a slack cable: way until it is taut, largest difference",
-        "g t^2 / 2",
-        np.abs(way - G * t**2 / 2)[falling].max(),
-        0.0,
-        1e-12,
-        EXACT,
-        "m",
-        scale=h,
+    compare("mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2").figures(
+        np.abs(way - G * t**2 / 2)[falling].max(), 0.0, 1e-12, EXACT, "m", scale=h
     )
-    compare(
-        THEME,
-        "the same: time at which it is caught",
-        "sqrt(2 h / g)",
-        begin,
-        caught,
-        (dt / caught) ** 2,
-        "line through two rows: g dt^2 over the speed",
-        "s",
+    compare("the same: time at which it is caught", "sqrt(2 h / g)").figures(
+        begin, caught, (dt / caught) ** 2, "line through two rows: g dt^2 over the speed", "s"
     )
-    compare(
-        THEME,
-        "the same: largest tension",
-        "F + sqrt(F^2 + 2 k F h)",
+    compare("the same: largest tension", "F + sqrt(F^2 + 2 k F h)").figures(
         N.max(),
         k * (sag + np.hypot(sag, speed / omega)),
         kinks,
         "kink and crest between steps: (omega dt)^2 / 8",
         "N",
     )
-    compare(
-        THEME,
-        "the same: time for which it is taut",
-        "half a swing and more",
-        end - begin,
-        held,
-        kinks,
-        "steps and kinks: (omega dt)^2 / 8",
-        "s",
+    compare("the same: time for which it is taut", "half a swing and more").figures(
+        end - begin, held, kinks, "steps and kinks: (omega dt)^2 / 8", "s"
     )
     last = taut[-1] + 1 + np.argmin(way[taut[-1] + 1 :])
     a, b, c = np.polyfit(
         t[last - 1 : last + 2] - t[last], way[last - 1 : last + 2], 2
     )  # free again: a parabola
-    compare(
-        THEME,
-        "the same: height to which it is thrown back",
-        "height of the start",
-        h - (c - b * b / (4 * a)),
-        h,
-        2 * kinks,
-        "two kinks: (omega dt)^2 / 8 of the speed",
-        "m",
+    compare("the same: height to which it is thrown back", "height of the start").figures(
+        h - (c - b * b / (4 * a)), h, 2 * kinks, "two kinks: (omega dt)^2 / 8 of the speed", "m"
     )
-    compare(
-        THEME,
-        "the same: time of the return",
-        "parabola, sinusoid, parabola",
-        t[last] - b / (2 * a),
-        2 * caught + held,
-        kinks,
-        "steps and kinks: (omega dt)^2 / 8",
-        "s",
+    compare("the same: time of the return", "parabola, sinusoid, parabola").figures(
+        t[last] - b / (2 * a), 2 * caught + held, kinks, "steps and kinks: (omega dt)^2 / 8", "s"
     )
 
 
@@ -570,10 +429,7 @@ def test_two_masses_on_a_chain(both_ways, compare):
     t, u = f["history/time"][:], moved + f["history/probe_displacement"][:, :, 0]
     assert (f["history/slack"][:] == 0).all()
     omega = np.sqrt(squares)
-    compare(
-        THEME,
-        "two masses on a chain for 0.2 s: largest difference",
-        "modes, steps as taken",
+    compare("two masses on a chain for 0.2 s: largest difference", "modes, steps as taken").figures(
         np.abs(u - motion(2 * np.arcsin(omega * dt / 2) / dt, t)).max(),
         0.0,
         1e-9,
@@ -582,10 +438,7 @@ def test_two_masses_on_a_chain(both_ways, compare):
         scale=np.abs(moved).max(),
     )
     late = t[-1] * (omega**3 * dt**2 / 24 * np.abs(share) @ np.abs(modes / np.sqrt(mass)[:, None]).T).max()
-    compare(
-        THEME,
-        "the same, as time goes on",
-        "modes",
+    compare("the same, as time goes on", "modes").figures(
         np.abs(u - motion(omega, t)).max(),
         0.0,
         late / np.abs(moved).max(),
@@ -639,10 +492,7 @@ def test_order_of_accuracy(both_ways, compare):
     ):
         errors = [np.linalg.norm(f["history/probe_displacement"][:, 0, axes] - theirs) for f in found[k]]
         for h, pair in zip((2e-3, 1e-3), itertools.pairwise(errors)):
-            compare(
-                THEME,
-                f"{name}, step of {h * 1e3:g} ms and half of it: order of the error",
-                source,
+            compare(f"{name}, step of {h * 1e3:g} ms and half of it: order of the error", source).figures(
                 np.log2(pair[0] / pair[1]),
                 2.0,
                 0.075 * fast * h * h,
@@ -684,9 +534,9 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     for k, h in enumerate(steps[:2]):
         expected = np.log2((h**2 - steps[-1] ** 2) / (h**2 / 4 - steps[-1] ** 2))
         compare(
-            THEME,
             f"saddle roof in a steady wind, step of {h * 1e3:g} ms and half of it: order of the error",
             "a sixteenth of the first step",
+        ).figures(
             np.log2(errors[k] / errors[k + 1]),
             expected,
             0.075 * (fastest * h) ** 2,

@@ -70,29 +70,15 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     M = weight / G + half
     omega, step = np.sqrt(k / M), int(f["events/step"][0])
     broken_at = np.arccos(1 - limit * length * k / weight) / omega
-    compare(
-        THEME,
-        "weight put on a cable: time of the break",
-        "acos(1 - eps_u EA / W) / omega",
-        f["events/time"][0],
-        broken_at,
-        dt,
-        "first step past it",
-        "s",
-        scale=1.0,
+    compare("weight put on a cable: time of the break", "acos(1 - eps_u EA / W) / omega").figures(
+        f["events/time"][0], broken_at, dt, "first step past it", "s", scale=1.0
     )
     # the steps themselves in closed form: z(n) = (1 - cos n theta) W / k
     theta = np.arccos(1 - 0.5 * (omega * dt) ** 2)
     z = lambda n: -weight / k * (1 - np.cos(n * theta))
     first = next(n for n in range(10**6) if -z(n) > limit * length)
-    compare(
-        THEME,
-        "the same: number of the step",
-        "central difference solved by hand",
-        step,
-        first,
-        0,
-        "both count steps",
+    compare("the same: number of the step", "central difference solved by hand").figures(
+        step, first, 0, "both count steps"
     )
     v = (z(step + 1) - z(step)) / dt  # half a step before it breaks, at x(step + 1)
     total = M + half
@@ -100,10 +86,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     momentum = M * v + total * a * 0.5 * dt  # at step + 1
     tau = (f["history/time"][-1] / dt - step - 1) * dt
     x, moves = f["final/position"][:, 2], f["final/velocity"][:, 2]
-    compare(
-        THEME,
-        "weight and fragment together: momentum at the end",
-        "M v + W t",
+    compare("weight and fragment together: momentum at the end", "M v + W t").figures(
         M * moves[1] + half * moves[2],
         momentum + total * a * tau,
         1e-11,
@@ -111,15 +94,8 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
         "kg m/s",
     )
     fallen = (M * (x[1] + length - z(step + 1)) + half * x[2]) / total
-    compare(
-        THEME,
-        "their centre of mass: way since the break",
-        "v t + W t^2 / 2 M",
-        fallen,
-        momentum / total * tau + 0.5 * a * tau**2,
-        1e-10,
-        EXACT,
-        "m",
+    compare("their centre of mass: way since the break", "v t + W t^2 / 2 M").figures(
+        fallen, momentum / total * tau + 0.5 * a * tau**2, 1e-10, EXACT, "m"
     )
     # what is left has its strength: it yields until the end stands still beside the weight, springs towards
     # it until the cable is slack, and keeps its speed
@@ -134,30 +110,13 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
     early, last = points[late[0]][:, 2], points[late[-1]][:, 2]
     way = times[late[-1]] - times[late[0]]
     assert early[2] - early[1] < length and times[late[0]] > (step + 1) * dt + slack  # slack all the while
-    compare(
-        THEME,
-        "freed end while the cable is slack: speed",
-        "ways of equal length in equal times",
-        (last[2] - early[2]) / way,
-        moves[2],
-        1e-12,
-        "no force; rounding",
-        "m/s",
+    compare("freed end while the cable is slack: speed", "ways of equal length in equal times").figures(
+        (last[2] - early[2]) / way, moves[2], 1e-12, "no force; rounding", "m/s"
     )
-    compare(
-        THEME,
-        "weight meanwhile: way",
-        "v t + g t^2 / 2",
-        last[1] - early[1],
-        moves[1] * way + 0.5 * weight / M * way**2,
-        1e-11,
-        EXACT,
-        "m",
+    compare("weight meanwhile: way", "v t + g t^2 / 2").figures(
+        last[1] - early[1], moves[1] * way + 0.5 * weight / M * way**2, 1e-11, EXACT, "m"
     )
-    compare(
-        THEME,
-        "speed of the weight past the freed end",
-        "energy at its strength, reduced mass",
+    compare("speed of the weight past the freed end", "energy at its strength, reduced mass").figures(
         moves[1] - moves[2],
         away - weight / M * (tau - slack),
         rate * dt / stretch,
@@ -181,20 +140,10 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
     )
     f = both_ways.run(both_ways.job(text, nodes, elements))
     case = f"step load on a chain of {n}, weak element {weak}: "
-    compare(
-        THEME,
-        case + "which breaks",
-        "the one that is weak",
-        f["events/element"][0],
-        weak,
-        0,
-        "the wave comes back to no other first",
-        scale=1.0,
+    compare(case + "which breaks", "the one that is weak").figures(
+        f["events/element"][0], weak, 0, "the wave comes back to no other first", scale=1.0
     )
-    compare(
-        THEME,
-        case + "when",
-        "(n + weak + 1/2) L0 / c",
+    compare(case + "when", "(n + weak + 1/2) L0 / c").figures(
         f["events/time"][0],
         (n + weak + 0.5) * length / C,
         0.5001 * dt,
@@ -202,7 +151,7 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
         "s",
         scale=1.0,
     )
-    compare(THEME, case + "strain there", "2 F / EA", f["events/strain"][0], 2 * strain, 1e-9, MAGIC)
+    compare(case + "strain there", "2 F / EA").figures(f["events/strain"][0], 2 * strain, 1e-9, MAGIC)
 
 
 def test_whip_of_a_released_end(both_ways, compare):
@@ -227,46 +176,22 @@ def test_whip_of_a_released_end(both_ways, compare):
     v0, v = tension / (np.sqrt(E * RHO) * A), f["final/velocity"][:, 2]
     assert f["events/particle"][0] == n and f["events/step"][0] == 1 and len(v) == n + 2
     source = "linear wave theory: N / (sqrt(E rho) A)"
-    compare(
-        THEME,
-        "end link of a stretched cable breaks: speed behind the wave, slowest",
-        source,
-        np.abs(v[1:n]).min(),
-        v0,
-        1e-8,
-        MAGIC,
-        "m/s",
+    compare("end link of a stretched cable breaks: speed behind the wave, slowest", source).figures(
+        np.abs(v[1:n]).min(), v0, 1e-8, MAGIC, "m/s"
     )
-    compare(THEME, "the same: fastest", source, np.abs(v[1:n]).max(), v0, 1e-8, MAGIC, "m/s")
+    compare("the same: fastest", source).figures(np.abs(v[1:n]).max(), v0, 1e-8, MAGIC, "m/s")
     far = f["history/probe_tension"][:, 0]
     seen = f["history/time"][:][far < 0.5 * tension][0]
     arrival = seen - 2 * dt  # broken at the step after that of the event
-    compare(
-        THEME,
-        "the same: time until the far support goes slack",
-        "L0 / c of the whole cable",
-        arrival,
-        n * L0 / C,
-        1e-9,
-        MAGIC,
-        "s",
+    compare("the same: time until the far support goes slack", "L0 / c of the whole cable").figures(
+        arrival, n * L0 / C, 1e-9, MAGIC, "s"
     )
     stored = 0.5 * tension * strain * L0
     moving = 0.5 * m * (v[1:n] ** 2).sum()
     compare(
-        THEME,
-        "the same: kinetic energy of the particles behind the wave",
-        "strain energy of as many elements",
-        moving,
-        (n - 1) * stored,
-        1e-8,
-        MAGIC,
-        "J",
-    )
-    compare(
-        THEME,
-        "the same: kinetic energy with the free end's",
-        "strain energy of all elements",
+        "the same: kinetic energy of the particles behind the wave", "strain energy of as many elements"
+    ).figures(moving, (n - 1) * stored, 1e-8, MAGIC, "J")
+    compare("the same: kinetic energy with the free end's", "strain energy of all elements").figures(
         f["history/kinetic_energy"][-1],
         n * stored,
         1.01 / n,
@@ -309,48 +234,22 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     )  # the steps in closed form, by modes
     first = next(n for n in range(10**4) if place(n)[0] - place(n)[1] > limit * length)
     compare(
-        THEME,
-        "two weights on a hanger: number of the step of the break",
-        "central difference solved by hand",
-        step,
-        first,
-        0,
-        "both count steps",
-    )
+        "two weights on a hanger: number of the step of the break", "central difference solved by hand"
+    ).figures(step, first, 0, "both count steps")
     force = np.abs(mass * (place(step + 1) - 2 * place(step) + place(step - 1)))
-    compare(
-        THEME,
-        "the same: end that breaks (1 upper, 2 lower)",
-        "that with the larger resultant force",
-        f["events/particle"][0],
-        1 + force.argmax(),
-        0,
-        "paper 2.4",
+    compare("the same: end that breaks (1 upper, 2 lower)", "that with the larger resultant force").figures(
+        f["events/particle"][0], 1 + force.argmax(), 0, "paper 2.4"
     )
     taken = f["events/mass"][0]
     assert taken > 1.2 * half  # some of the dead load went along
-    compare(
-        THEME,
-        "the same: mass of the fragment",
-        "k (dt / safety)^2 / 2",
-        taken,
-        0.5 * k * (dt / 0.8) ** 2,
-        1e-12,
-        "a formula",
-        "kg",
+    compare("the same: mass of the fragment", "k (dt / safety)^2 / 2").figures(
+        taken, 0.5 * k * (dt / 0.8) ** 2, 1e-12, "a formula", "kg"
     )
     v = (place(step + 1) - place(step))[1] / dt - 0.5 * G * dt
     tau = f["history/time"][-1] - (step + 1) * dt
     falls = place(step + 1)[1] + v * tau - 0.5 * G * tau**2
-    compare(
-        THEME,
-        "the same: way of the weight",
-        "modes, then v t + g t^2 / 2",
-        f["final/position"][2, 2] + 2 * length,
-        falls,
-        1e-11,
-        EXACT,
-        "m",
+    compare("the same: way of the weight", "modes, then v t + g t^2 / 2").figures(
+        f["final/position"][2, 2] + 2 * length, falls, 1e-11, EXACT, "m"
     )
     times, points = states(f)
     z = np.array([p[[1, -1], 2] for p in points if len(p) > 4])
@@ -359,8 +258,8 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     assert slack[slack.argmax() :].all() and len(free) > 100
     apart = len(free) // 4
     falls = np.diff(free[: 2 * apart + 1 : apart], 2)[0] / (apart * (times[1] - times[0])) ** 2
-    compare(
-        THEME, "the same: fall of the fragment while the cable is slack", "g", falls, -G, 1e-10, EXACT, "m/s2"
+    compare("the same: fall of the fragment while the cable is slack", "g").figures(
+        falls, -G, 1e-10, EXACT, "m/s2"
     )
 
 
@@ -380,25 +279,11 @@ def test_equal_forces_break_both_ends(both_ways, compare):
     way = lambda t: float(shape[1] @ (pull * (1 - np.cos(omega * t))))  # of the middle's end
     first = next(t for t in np.arange(0, 0.012, 1e-5) if way(t) > 0.5 * limit)
     broken_at = brentq(lambda t: way(t) - 0.5 * limit, first - 1e-5, first)
-    compare(
-        THEME,
-        "symmetric chain pulled at both ends: time of the break",
-        "its modes",
-        f["events/time"][0],
-        broken_at,
-        2 * dt,
-        "first step past it; second order in the step",
-        "s",
-        scale=1.0,
+    compare("symmetric chain pulled at both ends: time of the break", "its modes").figures(
+        f["events/time"][0], broken_at, 2 * dt, "first step past it; second order in the step", "s", scale=1.0
     )
-    compare(
-        THEME,
-        "the same: ends that break",
-        "both, as the forces are equal",
-        len(f["events/step"]),
-        2,
-        0,
-        "rule of equal forces",
+    compare("the same: ends that break", "both, as the forces are equal").figures(
+        len(f["events/step"]), 2, 0, "rule of equal forces"
     )
     assert (
         ends(f) == [(1, 1, 4 + 2), (1, 2, 4 + 3)]
@@ -406,10 +291,7 @@ def test_equal_forces_break_both_ends(both_ways, compare):
         and f["history/broken"][-1] == 1
     )
     x, v = f["final/position"][:, 2], f["final/velocity"][:, 2]
-    compare(
-        THEME,
-        "the same: sum of the velocities of mirror images",
-        "zero",
+    compare("the same: sum of the velocities of mirror images", "zero").figures(
         np.abs(v + v[[3, 2, 1, 0, 5, 4]]).max(),
         0,
         E * 1e-3 * np.spacing(3.0) * 0.012 / (0.5 * 4e-4 * RHO),
@@ -420,14 +302,9 @@ def test_equal_forces_break_both_ends(both_ways, compare):
     assert x[5] - x[4] < 1  # slack
     ringing = 2 * C  # of the loose element of 1 m: two halves of its mass on its stiffness
     compare(
-        THEME,
-        "the same: speed of the ends that flew off",
-        "c eps_u: it yields until they part no more",
-        v[4],
-        C * limit,
-        3 * (ringing * dt) ** 2 / 8,
-        "second order in the step: (omega dt)^2 / 8",
-        "m/s",
+        "the same: speed of the ends that flew off", "c eps_u: it yields until they part no more"
+    ).figures(
+        v[4], C * limit, 3 * (ringing * dt) ** 2 / 8, "second order in the step: (omega dt)^2 / 8", "m/s"
     )
 
 
@@ -452,13 +329,6 @@ def test_symmetric_net_breaks_symmetrically(both_ways, compare):
         if image[mirror][e] not in element[step == s]
     ]
     assert len(np.unique(element)) >= 4
-    compare(
-        THEME,
-        "saddle under uniform load: fractures without mirror image in the same step",
-        "symmetry",
-        len(alone),
-        0,
-        0,
-        "rule of equal forces",
-        scale=1.0,
+    compare("saddle under uniform load: fractures without mirror image in the same step", "symmetry").figures(
+        len(alone), 0, 0, "rule of equal forces", scale=1.0
     )

@@ -52,9 +52,9 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
     for s, share in enumerate(shares):
         theirs = L0 * (1 + share) if strain == "engineering" else L0 * np.exp(share)
         compare(
-            THEME,
             f"length of {L0:g} m under N = {share:g} EA, {strain} strain",
             "L0 (1 + N / EA)" if strain == "engineering" else "L0 exp(N / EA)",
+        ).figures(
             f["final/position"][3 * s + 2, 0] - f["final/position"][3 * s, 0],
             theirs,
             2e-10 * abs(share),
@@ -131,60 +131,23 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     kinks, what = EA / L0 / mass * dt**2 / 4, "kinks at catch and yield: (omega dt)^2 / 8 of the speed each"
     sure = kinks * (F * h + stored(at_yield, L0)) / (NY - F)  # m, what the kinks' energy does to the longest
     name = f"weight dropped on a cable that yields, {strain} strain"
-    compare(
-        THEME,
-        f"{name}: largest elongation",
-        "balance of energy",
-        path(turn) - L0,
-        longest - L0,
-        sure / (longest - L0),
-        what,
-        "m",
+    compare(f"{name}: largest elongation", "balance of energy").figures(
+        path(turn) - L0, longest - L0, sure / (longest - L0), what, "m"
     )
-    compare(
-        THEME,
-        "the same: plastic strain",
-        "balance of energy",
-        f["final/plastic_strain"][0],
-        plastic(rest),
-        sure / (rest - L0),
-        what,
+    compare("the same: plastic strain", "balance of energy").figures(
+        f["final/plastic_strain"][0], plastic(rest), sure / (rest - L0), what
     )
-    compare(
-        THEME,
-        "the same: dissipated",
-        "work of yield force less stored",
-        f["history/plastic_dissipation"][-1],
-        heat,
-        sure / (rest - L0),
-        what,
-        "J",
+    compare("the same: dissipated", "work of yield force less stored").figures(
+        f["history/plastic_dissipation"][-1], heat, sure / (rest - L0), what, "J"
     )
-    compare(THEME, "the same: time of the longest", "quadrature", turn, peak, kinks, what, "s")
-    compare(
-        THEME,
-        "the same: residual elongation, where it is slack",
-        "balance of energy",
-        residual - L0,
-        rest - L0,
-        sure / (rest - L0),
-        what,
-        "m",
+    compare("the same: time of the longest", "quadrature").figures(turn, peak, kinks, what, "s")
+    compare("the same: residual elongation, where it is slack", "balance of energy").figures(
+        residual - L0, rest - L0, sure / (rest - L0), what, "m"
     )
-    compare(
-        THEME,
-        "the same: way thrown back from there, slack",
-        "balance of energy",
-        residual - lowest(lowest.deriv().roots[0]),
-        rest - thrown,
-        kinks,
-        what,
-        "m",
+    compare("the same: way thrown back from there, slack", "balance of energy").figures(
+        residual - lowest(lowest.deriv().roots[0]), rest - thrown, kinks, what, "m"
     )
-    compare(
-        THEME,
-        "the same: time of the second catch",
-        "quadrature and parabola",
+    compare("the same: time of the second catch", "quadrature and parabola").figures(
         t[second[0]] - (L[second[0]] - rest) / ((L[second[0]] - L[second[0] - 1]) / dt),
         again,
         kinks,
@@ -193,26 +156,11 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     )
     up = second[: np.argmax(L[second])]
     up = up[N[up] < NY * (1 - 1e-9)]  # before it yields again, by what the kinks have added
-    compare(
-        THEME,
-        "the same: tension on the way up again, largest difference",
-        "the line of the way down",
-        np.abs(N[up] - force(L[up], residual)).max(),
-        0.0,
-        1e-9,
-        "rounding",
-        "N",
-        scale=NY,
+    compare("the same: tension on the way up again, largest difference", "the line of the way down").figures(
+        np.abs(N[up] - force(L[up], residual)).max(), 0.0, 1e-9, "rounding", "N", scale=NY
     )
-    compare(
-        THEME,
-        "the same: largest elongation the second time",
-        "the first time",
-        L[second].max() - L0,
-        longest - L0,
-        sure / (longest - L0),
-        what,
-        "m",
+    compare("the same: largest elongation the second time", "the first time").figures(
+        L[second].max() - L0, longest - L0, sure / (longest - L0), what, "m"
     )
 
 
@@ -299,40 +247,19 @@ def test_cycles_with_slack(both_ways, compare, strain):
             + (" and slack" if group == "cable" else " both ways")
             + f", {strain} strain"
         )
-        compare(
-            THEME,
-            f"{name}: largest difference of the tension",
-            "paper Fig. 3 along the path",
-            np.abs(N - theirs).max(),
-            0.0,
-            1e-9,
-            "rounding",
-            "N",
-            scale=ny,
+        compare(f"{name}: largest difference of the tension", "paper Fig. 3 along the path").figures(
+            np.abs(N - theirs).max(), 0.0, 1e-9, "rounding", "N", scale=ny
         )
-        compare(
-            THEME,
-            "the same: plastic strain at the end",
-            "paper Fig. 3 along the path",
-            f["final/plastic_strain"][3 * s],
-            eps_p,
-            1e-9,
-            "rounding",
+        compare("the same: plastic strain at the end", "paper Fig. 3 along the path").figures(
+            f["final/plastic_strain"][3 * s], eps_p, 1e-9, "rounding"
         )
     source = (
         "yield force times plastic elongation"
         if strain == "engineering"
         else "yield force times elongation at yield, less stored"
     )
-    compare(
-        THEME,
-        f"both through these cycles, {strain} strain: dissipated",
-        source,
-        f["history/plastic_dissipation"][-1],
-        heat,
-        1e-9,
-        "rounding",
-        "J",
+    compare(f"both through these cycles, {strain} strain: dissipated", source).figures(
+        f["history/plastic_dissipation"][-1], heat, 1e-9, "rounding", "J"
     )
 
 
@@ -367,23 +294,9 @@ def test_three_cables_past_yield(both_ways, compare):
         if round(factor * 11) in (8, 9, 11):
             v = brentq(lambda v: carried(v) - factor * P, 0, 1, xtol=1e-15)
             load = f"three cables under {factor * 2.2:.1f} times the yield force"
-            compare(
-                THEME,
-                f"{load}: displacement",
-                "equilibrium in place",
-                -moved,
-                v,
-                1e-9,
-                "residual of the statics, 1e-10 of the load; softer past yield",
-                "m",
+            compare(f"{load}: displacement", "equilibrium in place").figures(
+                -moved, v, 1e-9, "residual of the statics, 1e-10 of the load; softer past yield", "m"
             )
-            compare(
-                THEME,
-                "the same: force of a slanted cable",
-                "equilibrium in place",
-                N[0],
-                slant(v),
-                1e-9,
-                "residual of the statics, 1e-10 of the load; softer past yield",
-                "N",
+            compare("the same: force of a slanted cable", "equilibrium in place").figures(
+                N[0], slant(v), 1e-9, "residual of the statics, 1e-10 of the load; softer past yield", "N"
             )

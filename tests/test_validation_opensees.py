@@ -169,38 +169,17 @@ def compare_states(
 ) -> None:
     """Rows for the displacements (n, 3) [m] and tensions (m,) [N] of a state, largest and everywhere."""
     largest_d, largest_N = theirs[f"{name}_largest"]
-    compare(
-        THEME,
-        f"{what}: largest displacement",
-        OPENSEES,
-        np.linalg.norm(d, axis=1).max(),
-        largest_d,
-        within[0],
-        because,
-        "m",
+    compare(f"{what}: largest displacement", OPENSEES, THEME).figures(
+        np.linalg.norm(d, axis=1).max(), largest_d, within[0], because, "m"
     )
-    compare(THEME, f"{what}: largest tension", OPENSEES, N.max(), largest_N, within[1], because, "N")
+    compare(f"{what}: largest tension", OPENSEES, THEME).figures(N.max(), largest_N, within[1], because, "N")
     where = "anywhere" if stride == 1 else f"at every {stride}th"
     worst = lambda ours, others: np.abs(ours[::stride] - others).max()
-    compare(
-        THEME,
-        f"{what}: displacement {where}, of the largest",
-        OPENSEES,
-        worst(d, theirs[f"{name}_displacement"]) / largest_d,
-        0,
-        within[0],
-        because,
-        scale=1.0,
+    compare(f"{what}: displacement {where}, of the largest", OPENSEES, THEME).figures(
+        worst(d, theirs[f"{name}_displacement"]) / largest_d, 0, within[0], because, scale=1.0
     )
-    compare(
-        THEME,
-        f"{what}: tension {where}, of the largest",
-        OPENSEES,
-        worst(N, theirs[f"{name}_tension"]) / largest_N,
-        0,
-        within[1],
-        because,
-        scale=1.0,
+    compare(f"{what}: tension {where}, of the largest", OPENSEES, THEME).figures(
+        worst(N, theirs[f"{name}_tension"]) / largest_N, 0, within[1], because, scale=1.0
     )
 
 
@@ -216,15 +195,8 @@ def history_error(f, theirs: dict, name: str = "") -> np.ndarray:
 def compare_histories(compare, what: str, f, theirs: dict, within: tuple, because: str) -> None:
     """Rows for the histories at the probes."""
     for quantity, error, bound in zip(("displacement", "tension"), history_error(f, theirs), within):
-        compare(
-            THEME,
-            f"{what}: {quantity} at any time, of the largest",
-            OPENSEES,
-            error,
-            0,
-            bound,
-            because,
-            scale=1.0,
+        compare(f"{what}: {quantity} at any time, of the largest", OPENSEES, THEME).figures(
+            error, 0, bound, because, scale=1.0
         )
 
 
@@ -407,20 +379,14 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
     # the first, and thrice that in the ratio
     for name in ("displacement", "tension"):
         one, two, largest = size(f, name), size(double, name), np.abs(theirs[f"fine_{name}"]).max()
-        compare(
-            THEME,
-            f"{what}: {name} at any time, of the largest",
-            FOURTH,
+        compare(f"{what}: {name} at any time, of the largest", FOURTH).figures(
             np.abs(one).max() / largest,
             0,
             0.5 * np.abs(two - one).max() / largest,
             "second order: a third of the change from twice the step, half as much again",
             scale=1.0,
         )
-        compare(
-            THEME,
-            f"{what}: {name}, error of twice the step over error",
-            FOURTH,
+        compare(f"{what}: {name}, error of twice the step over error", FOURTH).figures(
             np.sqrt(np.sum(two**2) / np.sum(one**2)),
             4.0,
             0.34 * fastest_square(case) * STEP**2,
@@ -447,15 +413,8 @@ def test_stadium_under_dead_load(both_ways, compare):
         (2.2e-9, 2.2e-9),
         "residual: 1e-10 of 104 kN is 2.2e-9 of the nodal load",
     )
-    compare(
-        THEME,
-        "the same: slack cables",
-        OPENSEES,
-        f["statics/slack"][-1],
-        theirs["static_slack"],
-        0,
-        "counted",
-        scale=1.0,
+    compare("the same: slack cables", OPENSEES).figures(
+        f["statics/slack"][-1], theirs["static_slack"], 0, "counted", scale=1.0
     )
 
 

@@ -110,7 +110,7 @@ def test_a_geiger_dome_by_hand(given, compare):
     assert len(found.states) == 1 and forces.keys() == expected.keys()
     for name, force in expected.items():
         case = f"Geiger dome, force of {name} from that of {given}"
-        compare("Form finding", case, "by hand", forces[name], force, BY_HAND, "rounding", "N")
+        compare(case, "by hand", "Form finding").figures(forces[name], force, BY_HAND, "rounding", "N")
 
 
 def line(*prestress):
@@ -205,7 +205,7 @@ def test_the_self_stress_of_the_levy_dome_is_the_published_one(levy, compare):
         mine = f["form_finding/tension"][:][f["net/group"][:] == list(names).index(name)]
         assert np.ptp(mine) == 0.0
         case = f"Levy dome of 156 members, prestress of {name}"
-        compare("Form finding", case, "TsgFEM, published", mine[0], force, 3e-7, DIGITS, "N")
+        compare(case, "TsgFEM, published", "Form finding").figures(mine[0], force, 3e-7, DIGITS, "N")
 
 
 def test_the_levy_dome_under_load(levy, compare):
@@ -214,7 +214,7 @@ def test_the_levy_dome_under_load(levy, compare):
     node, u, N = f["net/node_id"][:], f["statics/displacement"][-1], f["statics/tension"][-1]
     for p, what, expected in ((13, "outer", -0.1664917), (37, "inner", -0.1800879)):
         case, mine = f"Levy dome, vertical displacement of the {what} tops", u[node == p, 2][0]
-        compare("Statics", case, "dense Newton's method", mine, expected, 5e-7, "its digits", "m")
+        compare(case, "dense Newton's method", "Statics").figures(mine, expected, 5e-7, "its digits", "m")
     names = list(f["net/group_names"].asstr()[:])
     for name, force in zip(LEVY, LOADED):
         mine = N[f["net/group"][:] == names.index(name)] / 1e3

@@ -123,20 +123,10 @@ def test_isolated_cable(both_ways, compare):
         for k, n in enumerate(numbers):
             error = way(catenary_with_leading_error, n)[axis] / exact[axis] - 1
             compare(
-                THEME,
-                f"isolated cable, {n} elements a part: displacement of the load in {name}",
-                source,
-                ours[k, axis],
-                exact[axis],
-                1.1 * abs(error),
-                LEADING,
-                "m",
-            )
+                f"isolated cable, {n} elements a part: displacement of the load in {name}", source
+            ).figures(ours[k, axis], exact[axis], 1.1 * abs(error), LEADING, "m")
         error = np.abs(ours[:, axis] - exact[axis])
-        compare(
-            THEME,
-            f"isolated cable: order of that error in {name}, 20 to 40 elements",
-            "second order",
+        compare(f"isolated cable: order of that error in {name}, 20 to 40 elements", "second order").figures(
             np.log2(error[2] / error[3]),
             2.0,
             2e-3,
@@ -146,9 +136,9 @@ def test_isolated_cable(both_ways, compare):
     # a residual r on all 79 free nodes at once, each felt at the joint by span / 4H on the mean of 1/2
     within = 1e-9 * load * 79 / 2 * span / (4 * hang(catenary, parts, span, w, EA, 0.0, 1)[2])
     compare(
-        THEME,
         "isolated cable, 40 elements a part: displacement of the load in z",
         "the 80 straight elements, in closed form",
+    ).figures(
         ours[-1, 1],
         way(chain, 40)[1],
         within / abs(exact[1]),
@@ -200,19 +190,11 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
                 _, z, H_n, V_n = hang(catenary_with_leading_error, (L / 2, L / 2), span, w, EA, 0.0, n)
                 left = (-z, np.hypot(H_n, V_n))[axis] / exact[axis] - 1
                 compare(
-                    THEME,
-                    f"catenary, sag of 1/{ratio}, {2 * n} elements: {name}",
-                    "elastic catenary (Irvine 1981)",
-                    ours[i, axis],
-                    exact[axis],
-                    1.1 * abs(left),
-                    LEADING,
-                    unit,
-                )
+                    f"catenary, sag of 1/{ratio}, {2 * n} elements: {name}", "elastic catenary (Irvine 1981)"
+                ).figures(ours[i, axis], exact[axis], 1.1 * abs(left), LEADING, unit)
             compare(
-                THEME,
-                f"catenary, sag of 1/{ratio}: order of the error in {name}, 32 to 64 elements",
-                "second order",
+                f"catenary, sag of 1/{ratio}: order of the error in {name}, 32 to 64 elements", "second order"
+            ).figures(
                 np.log2(error[1, axis] / error[2, axis]),
                 2.0,
                 2e-3,
@@ -255,10 +237,7 @@ def test_two_elements_under_a_load(both_ways, compare):
         ranks=2,
     )
     for k, (case, w, within) in enumerate(rows):
-        compare(
-            THEME,
-            f"two elements across, {case}: deflection",
-            "P = 2 N(w) sin, solved for w",
+        compare(f"two elements across, {case}: deflection", "P = 2 N(w) sin, solved for w").figures(
             -f["statics/displacement"][-1, 3 * k + 1, 2],
             w,
             within,
@@ -332,9 +311,10 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
     for k, (cells, (_, _, elements)) in enumerate(zip(sizes, nets)):
         z = f["form_finding/position"][elements.min() : elements.max() + 1] - (100.0 * k, 0, 0)
         compare(
-            FORM,
             f"uniform force density, {cells} x {cells} cells: largest distance from the hypar",
             "z = c (x^2 - y^2), exact for equal densities",
+            FORM,
+        ).figures(
             np.abs(z[:, 2] - hypar(*z.T[:2])).max(),
             0.0,
             2e-16 * (RISE * (2 * cells / np.pi) ** 2 + 36.6),
@@ -353,9 +333,10 @@ def test_force_density_from_prestress_and_length(both_ways, compare):
     q = T0 / np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
     x, N = newton(start, elements, lambda L: (q * L, q), held.astype(bool), np.zeros_like(start))
     compare(
-        FORM,
         "saddle by force density, prestress / start length: largest distance",
         "Newton's method, N = q L",
+        FORM,
+    ).figures(
         np.abs(f["form_finding/position"][:] - x).max(),
         0.0,
         2e-16 * 36.6 * (16 / np.pi) ** 2,
@@ -364,15 +345,8 @@ def test_force_density_from_prestress_and_length(both_ways, compare):
         scale=1.0,
     )
     compare(
-        FORM,
-        "saddle by force density, prestress / start length: largest tension",
-        "Newton's method, N = q L",
-        f["form_finding/tension"][:].max(),
-        N.max(),
-        1e-12,
-        ROUNDED,
-        "N",
-    )
+        "saddle by force density, prestress / start length: largest tension", "Newton's method, N = q L", FORM
+    ).figures(f["form_finding/tension"][:].max(), N.max(), 1e-12, ROUNDED, "N")
 
 
 def test_saddle_at_constant_tension(both_ways, compare):
@@ -390,9 +364,8 @@ def test_saddle_at_constant_tension(both_ways, compare):
     )
     shortest, _ = newton(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
     compare(
-        FORM,
-        "saddle at constant tension: largest distance from the hypar at own x, y",
-        "z = c (x^2 - y^2)",
+        "saddle at constant tension: largest distance from the hypar at own x, y", "z = c (x^2 - y^2)", FORM
+    ).figures(
         np.abs(x[:, 2] - hypar(*x.T[:2])).max(),
         0.0,
         3e-3,
@@ -401,46 +374,25 @@ def test_saddle_at_constant_tension(both_ways, compare):
         scale=RISE,
     )
     compare(
-        FORM,
         "saddle at constant tension: largest distance from the net of least length",
         "Newton's method on the sum of the lengths",
-        np.abs(x - shortest).max(),
-        0.0,
-        felt(8, 9.15),
-        FINE,
-        "m",
-        scale=1.0,
-    )
+        FORM,
+    ).figures(np.abs(x - shortest).max(), 0.0, felt(8, 9.15), FINE, "m", scale=1.0)
     nearest = lambda x: x[(np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30), 1][0]
     compare(
-        FORM,
         "saddle at constant tension: y of the particle that starts at 27.45 m",
         "Newton's method on the sum of the lengths",
-        nearest(x),
-        nearest(shortest),
-        1e-9,
-        FINE,
-        "m",
-    )
-    compare(
         FORM,
-        "saddle at constant tension: residual with the real material",
-        "equilibrium",
+    ).figures(nearest(x), nearest(shortest), 1e-9, FINE, "m")
+    compare("saddle at constant tension: residual with the real material", "equilibrium", FORM).figures(
         f["form_finding/residual_real_material"][()],
         0.0,
         1.001e-9,
         "asked, of the tension; and unstressed lengths rounded",
         scale=1.0,
     )
-    compare(
-        FORM,
-        "saddle at constant tension: largest tension",
-        "given",
-        f["form_finding/tension"][:].max(),
-        T0,
-        1e-12,
-        "rounding",
-        "N",
+    compare("saddle at constant tension: largest tension", "given", FORM).figures(
+        f["form_finding/tension"][:].max(), T0, 1e-12, "rounding", "N"
     )
 
 
@@ -467,19 +419,9 @@ def test_table_1_of_the_paper(both_ways, compare):
         p = at(*place)
         assert abs(exact[p] - recomputed) < 6e-5  # as recomputed by others, to four digits
         compare(
-            FORM,
-            f"Table 1, node {node}, only z free",
-            "Newton's method on the sum of the lengths",
-            z[p],
-            exact[p],
-            felt(8, 9.15) / exact[p],
-            FINE,
-            "m",
-        )
-        compare(
-            FORM,
-            f"Table 1, node {node}, only z free",
-            "FPM of the paper",
+            f"Table 1, node {node}, only z free", "Newton's method on the sum of the lengths", FORM
+        ).figures(z[p], exact[p], felt(8, 9.15) / exact[p], FINE, "m")
+        compare(f"Table 1, node {node}, only z free", "FPM of the paper", FORM).figures(
             z[p],
             published[3],
             max(published) - min(published),
@@ -487,15 +429,8 @@ def test_table_1_of_the_paper(both_ways, compare):
             "m",
             scale=1.0,
         )
-        compare(
-            FORM,
-            f"Table 1, node {node}, only z free",
-            "its mirror image",
-            z[at(*place[::-1])],
-            -z[p],
-            felt(8, 9.15) / z[p],
-            FINE,
-            "m",
+        compare(f"Table 1, node {node}, only z free", "its mirror image", FORM).figures(
+            z[at(*place[::-1])], -z[p], felt(8, 9.15) / z[p], FINE, "m"
         )
 
 
@@ -514,36 +449,18 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
     )
     ours, case = f["form_finding/tension"][:], f"stadium, EA = {EA / 1e3:.4g} kN, tensions at E/1000"
     for name, pick, paper in (("smallest", np.min, 100e3), ("largest", np.max, 103.5e3)):
-        compare(
-            FORM,
-            f"{case}: {name}",
-            "Newton's method on the same net",
-            pick(ours),
-            pick(N),
-            1e-8,
-            "residuals of 1e-9 add up over the 7 elements to the next support",
-            "N",
+        compare(f"{case}: {name}", "Newton's method on the same net", FORM).figures(
+            pick(ours), pick(N), 1e-8, "residuals of 1e-9 add up over the 7 elements to the next support", "N"
         )
-        compare(
-            FORM,
-            f"{case}: {name}",
-            "the paper",
+        compare(f"{case}: {name}", "the paper", FORM).figures(
             pick(ours),
             paper,
             0.03,
             f"its start is not given: lengths that start {0.03 * T0 / s:.1%} off make 3 %",
             "N",
         )
-    compare(
-        FORM,
-        f"{case}: largest distance from its form",
-        "Newton's method on the same net",
-        np.abs(f["form_finding/position"][:] - x).max(),
-        0.0,
-        felt(15, 2.2),
-        FINE,
-        "m",
-        scale=1.0,
+    compare(f"{case}: largest distance from its form", "Newton's method on the same net", FORM).figures(
+        np.abs(f["form_finding/position"][:] - x).max(), 0.0, felt(15, 2.2), FINE, "m", scale=1.0
     )
 
 
@@ -597,20 +514,9 @@ def test_olympia_net(both_ways, compare):
     ):
         worst = np.unravel_index((np.abs(got - published) / within).argmax(), got.shape)
         compare(
-            FORM,
-            f"Olympia net: {name} that is farthest off",
-            "published (test data of jax_fdm)",
-            got[worst],
-            published[worst],
-            within[worst],
-            digits,
-            unit,
-            scale=1.0,
-        )
-        compare(
-            FORM,
-            f"Olympia net: largest difference of a {name}",
-            "dense linear solution",
+            f"Olympia net: {name} that is farthest off", "published (test data of jax_fdm)", FORM
+        ).figures(got[worst], published[worst], within[worst], digits, unit, scale=1.0)
+        compare(f"Olympia net: largest difference of a {name}", "dense linear solution", FORM).figures(
             np.abs(got - own).max(),
             0.0,
             2e-16 * np.abs(own).max() * np.linalg.cond(K[np.ix_(free, free)]),
@@ -623,20 +529,10 @@ def test_olympia_net(both_ways, compare):
     )  # change of length with the free coordinates
     EA = np.array([1.6e11 * (1e-3 if row["group"] == "mast" else 1e-5) for row in rows])
     tangent = np.kron(K[np.ix_(free, free)], np.eye(3)) + B.T @ ((EA / L - q)[:, None] * B)
-    compare(
-        FORM,
-        "Olympia net: largest force of a mast",
-        "published (test data of jax_fdm)",
-        N.min(),
-        force.min(),
-        1e-9,
-        digits,
-        "N",
+    compare("Olympia net: largest force of a mast", "published (test data of jax_fdm)", FORM).figures(
+        N.min(), force.min(), 1e-9, digits, "N"
     )
-    compare(
-        FORM,
-        "Olympia net: largest displacement within 0.5 s of stepping",
-        "it stays put",
+    compare("Olympia net: largest displacement within 0.5 s of stepping", "it stays put", FORM).figures(
         np.abs(f["final/position"][:] - ours).max(),
         0.0,
         2 * 4 * 2.0**-53 * (np.abs(np.linalg.solve(tangent, B.T)) @ EA).max(),
@@ -680,10 +576,7 @@ def test_flat_net_under_a_small_load(both_ways, compare):
     middle = [int(np.hypot(x[:, 0] - 20.0 * k, x[:, 1]).argmin()) for k in range(3)]
     for p, n in zip(middle, sizes):
         error = differences(n) / membrane - 1
-        compare(
-            THEME,
-            f"flat net, {n} x {n} cells, small load: sag in the middle",
-            "membrane, series",
+        compare(f"flat net, {n} x {n} cells, small load: sag in the middle", "membrane, series").figures(
             -f["statics/displacement"][-1, p, 2],
             w,
             1.05 * abs(error),
@@ -691,9 +584,8 @@ def test_flat_net_under_a_small_load(both_ways, compare):
             "m",
         )
     compare(
-        THEME,
-        "flat net, 32 x 32 cells, small load: sag in the middle",
-        "five-point differences, series",
+        "flat net, 32 x 32 cells, small load: sag in the middle", "five-point differences, series"
+    ).figures(
         -f["statics/displacement"][-1, p, 2],
         w * differences(n) / membrane,
         EA / T0 * (np.pi * w / a) ** 2,
@@ -731,31 +623,17 @@ def test_load_case_of_the_paper(both_ways, compare):
     ours, middle = f["statics/displacement"][1:], int(np.hypot(*start.T[:2]).argmin())
     source = "Newton's method on the same net, its own form included"
     for step in (1, 5, 10):
-        compare(
-            THEME,
-            f"paper's load case, {step / 5} kN/m2: deflection of the middle",
-            source,
+        compare(f"paper's load case, {step / 5} kN/m2: deflection of the middle", source).figures(
             ours[step - 1, middle, 2],
             way[step - 1, middle, 2],
             2 * felt(8, 9.15) / np.abs(way[step - 1, middle, 2]),
             FINE + ", in form and load",
             "m",
         )
-    compare(
-        THEME,
-        "paper's load case, ten steps: largest difference of a displacement",
-        source,
-        np.abs(ours - way).max(),
-        0.0,
-        2 * felt(8, 9.15),
-        FINE + ", in form and load",
-        "m",
-        scale=1.0,
+    compare("paper's load case, ten steps: largest difference of a displacement", source).figures(
+        np.abs(ours - way).max(), 0.0, 2 * felt(8, 9.15), FINE + ", in form and load", "m", scale=1.0
     )
-    compare(
-        THEME,
-        "paper's load case, ten steps: largest difference of a tension",
-        source,
+    compare("paper's load case, ten steps: largest difference of a tension", source).figures(
         np.abs(f["statics/tension"][1:] - tension).max(),
         0.0,
         2 * 8 * 1e-9 * T,
@@ -766,31 +644,12 @@ def test_load_case_of_the_paper(both_ways, compare):
     last = f["statics/tension"][-1]
     along = np.abs(start[elements[:, 1]] - start[elements[:, 0]])
     y = along[:, 1] > along[:, 0]
-    compare(
-        THEME,
-        "paper's load case: y elements that gain tension",
-        "paper 4.1.2, in words: all",
-        (last[y] > T).sum(),
-        56,
-        0.0,
-        "a count",
+    compare("paper's load case: y elements that gain tension", "paper 4.1.2, in words: all").figures(
+        (last[y] > T).sum(), 56, 0.0, "a count"
     )
-    compare(
-        THEME,
-        "paper's load case: x elements that lose tension",
-        "paper 4.1.2, in words: all",
-        (last[~y] < T).sum(),
-        56,
-        0.0,
-        "a count",
+    compare("paper's load case: x elements that lose tension", "paper 4.1.2, in words: all").figures(
+        (last[~y] < T).sum(), 56, 0.0, "a count"
     )
-    compare(
-        THEME,
-        "paper's load case: slack elements",
-        "paper 4.1.2, in words: none",
-        f["statics/slack"][-1],
-        0,
-        0.0,
-        "a count",
-        scale=1.0,
+    compare("paper's load case: slack elements", "paper 4.1.2, in words: none").figures(
+        f["statics/slack"][-1], 0, 0.0, "a count", scale=1.0
     )

@@ -131,20 +131,10 @@ def test_mean_and_variance(storms, gusts, compare):
     assert np.allclose(storms[0]["wind/control_point"][:, :2], POINTS)
     n = np.geomspace(1e-5, 100, 20_000)
     slow = np.sqrt(davenport(n).max() / 2 / TOTAL)
-    compare(
-        THEME,
-        f"wind at 9 points, {STORMS}: mean",
-        "U0",
-        U0 + np.mean(gusts),
-        U0,
-        3 * slow / U0,
-        "3 standard deviations: sqrt(S max / 2 T)",
-        "m/s",
+    compare(f"wind at 9 points, {STORMS}: mean", "U0").figures(
+        U0 + np.mean(gusts), U0, 3 * slow / U0, "3 standard deviations: sqrt(S max / 2 T)", "m/s"
     )
-    compare(
-        THEME,
-        "the same: variance",
-        "6 k U0^2 below half the sampling frequency",
+    compare("the same: variance", "6 k U0^2 below half the sampling frequency").figures(
         np.mean([u.var(0) for u in gusts]),
         6 * K * U0**2 * (1 - BEYOND),
         3 * scatter(n),
@@ -185,10 +175,7 @@ def measured_coherence(gusts, low, along):
 @pytest.mark.parametrize("low", 0.02 * 2.0 ** np.arange(7))
 def test_spectrum(gusts, compare, low):
     """Octave by octave Davenport's."""
-    compare(
-        THEME,
-        f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz",
-        "Davenport",
+    compare(f"the same: spectrum, {low:.2f} to {2 * low:.2f} Hz", "Davenport").figures(
         *measured_spectrum(gusts, low),
         FIT + 3 * scatter(octave(low)),
         "fit of the default lags 9 %; 3 standard deviations",
@@ -202,9 +189,9 @@ def test_coherence(gusts, compare, along, low):
     """Octave by octave Davenport's, along and across the wind."""
     measured, asked = measured_coherence(gusts, low, along)
     compare(
-        THEME,
         f"the same: coherence 15 m {'along' if along else 'across'} the wind, {low:.2f} to {2 * low:.2f} Hz",
         "Davenport",
+    ).figures(
         measured,
         asked,
         FIT_COHERENCE + 3 * (1 - asked**2) / np.sqrt(2 * low * TOTAL),
@@ -218,10 +205,7 @@ def test_four_lags_keep_the_variance(workshop, compare):
     text = OSCILLATOR.replace("control_points = 9", "control_points = 9\nar_order = 4")
     job = workshop.job(text.format(duration=DURATION, dt=0.05, history=10.0), NODES, THREADS + "1,6,tie\n")
     n = np.geomspace(1e-5, 0.5 / DT, 20_000)
-    compare(
-        THEME,
-        "3000 s with four lags: variance",
-        "6 k U0^2 below half the sampling frequency",
+    compare("3000 s with four lags: variance", "6 k U0^2 below half the sampling frequency").figures(
         (workshop.run(job)["wind/speed"][:] - U0).var(0).mean(),
         6 * K * U0**2 * (1 - BEYOND),
         3 * np.sqrt(len(SEEDS)) * scatter(n),  # one storm, not all
@@ -261,26 +245,11 @@ def test_oscillator_in_the_generated_wind(both_ways, compare):
     error = (OMEGA * 0.005) ** 2 / 24 / (0.5 * ZETA / OMEGA)
     rms = lambda values: np.sqrt(np.mean(values**2))
     because = "second order: frequency (omega dt)^2 / 24, over the damping ratio"
-    compare(
-        THEME,
-        "oscillator in gusts, 60 s: largest displacement",
-        "exact solution of each interval",
-        z.max(),
-        exact.max(),
-        error,
-        because,
-        "m",
+    compare("oscillator in gusts, 60 s: largest displacement", "exact solution of each interval").figures(
+        z.max(), exact.max(), error, because, "m"
     )
-    compare(
-        THEME,
-        "the same: rms of the difference",
-        "exact solution of each interval",
-        rms(z - exact),
-        0,
-        error * rms(exact),
-        because,
-        "m",
-        scale=1.0,
+    compare("the same: rms of the difference", "exact solution of each interval").figures(
+        rms(z - exact), 0, error * rms(exact), because, "m", scale=1.0
     )
 
 
@@ -297,10 +266,7 @@ def test_response_to_the_spectrum(storms, compare):
     n = np.append(1e-9, np.arange(1, count + 1)) * (0.5 / DT / count)
     S, dn = davenport(n), n[2] - n[1]
     slow = 2 * U0 * np.sqrt(S.max() / 2 / TOTAL)
-    compare(
-        THEME,
-        f"oscillator, {STORMS}: mean displacement",
-        "C (U0^2 + 6 k U0^2) / stiffness",
+    compare(f"oscillator, {STORMS}: mean displacement", "C (U0^2 + 6 k U0^2) / stiffness").figures(
         np.mean(z),
         C * (U0**2 + variance) * TIE / EA,
         (3 * slow + BEYOND * variance) / (U0**2 + variance),
@@ -313,10 +279,7 @@ def test_response_to_the_spectrum(storms, compare):
     H = response(n)
     sigma = np.sqrt(over(n, H * full))
     spread = np.sqrt(over(n, (H * full) ** 2) / TOTAL) / sigma**2
-    compare(
-        THEME,
-        "the same: standard deviation",
-        "integral of |H|^2 S, S with the square of the gust",
+    compare("the same: standard deviation", "integral of |H|^2 S, S with the square of the gust").figures(
         np.sqrt(np.mean([v.var() for v in z])),
         sigma,
         0.5 * (FIT + 3 * spread),
@@ -343,9 +306,9 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     )
     force = -coefficient * SIDE**2 / 3 * 0.5 * 1.25 * (30.0 * 3.0**0.2) ** 2
     compare(
-        THEME,
         f"particle of a flat roof at 30 m height, u_s = {coefficient}: way in 1 s",
         "u_s A rho U^2 t^2 / 4 M by hand",
+    ).figures(
         f["final/position"][0, 2] - 5,
         0.5 * force / MASS,
         1e-12,
@@ -367,13 +330,6 @@ def test_profile_of_the_mean_speed(both_ways, compare):
     assert np.ptp(z) > 5
     asked = 30 * (z / 10) ** 0.2
     worst = np.abs(U - asked).argmax()
-    compare(
-        THEME,
-        f"mean speed at {len(z)} heights: the one farthest off",
-        "U0 (z / 10 m)^0.2",
-        U[worst],
-        asked[worst],
-        1e-14,
-        "a formula; rounding",
-        "m/s",
+    compare(f"mean speed at {len(z)} heights: the one farthest off", "U0 (z / 10 m)^0.2").figures(
+        U[worst], asked[worst], 1e-14, "a formula; rounding", "m/s"
     )

@@ -38,6 +38,36 @@ class Row:
         return abs(self.difference) <= self.within
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """What is compared with what, for a row of a table."""
+
+    table: "Table"
+    theme: str
+    case: str
+    source: str
+
+    def figures(
+        self,
+        ours: float,
+        theirs: float,
+        within: float,
+        because: str,
+        unit: str = "",
+        scale: float | None = None,
+    ) -> None:
+        """Add the row and assert it.
+
+        unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed
+            where theirs is zero (1: absolute, with the unit)
+        """
+        ours, theirs = float(ours), float(theirs)
+        with_unit = lambda value: f"{value:.6g}" + (f" {unit}" if unit else "")
+        words = self.theme, self.case, self.source, with_unit(ours), with_unit(theirs)
+        difference = float((ours - theirs) / (abs(theirs) if scale is None else scale))
+        self.table.add(Row(*words, difference, float(within), unit if scale == 1.0 else "", because))
+
+
 class Table:
     """Rows in the order in which the tests made them."""
 
@@ -49,37 +79,8 @@ class Table:
         """The rows as lists of words and numbers, which one process can hand to another."""
         return [list(astuple(row)) for row in self.rows]
 
-    def compare(
-        self,
-        theme: str,
-        case: str,
-        source: str,
-        ours: float,
-        theirs: float,
-        within: float,
-        because: str,
-        unit: str = "",
-        scale: float | None = None,
-    ) -> None:
-        """Add a row and assert it.
-
-        unit : of the figures; difference : (ours - theirs) / scale; scale : |theirs| unless given, needed
-            where theirs is zero (1: absolute, with the unit)
-        """
-        ours, theirs = float(ours), float(theirs)
-        size = abs(theirs) if scale is None else scale
-        with_unit = lambda value: f"{value:.6g}" + (f" {unit}" if unit else "")
-        row = Row(
-            theme,
-            case,
-            source,
-            with_unit(ours),
-            with_unit(theirs),
-            float((ours - theirs) / size),
-            float(within),
-            unit if scale == 1.0 else "",
-            because,
-        )
+    def add(self, row: Row) -> None:
+        """Add a row and assert it."""
         self.rows.append(row)
         assert math.isfinite(row.difference) and row.met, row.text()
 
