@@ -1,6 +1,7 @@
 """Loads that a net cannot carry: how far it was borne, where it gives way, what is kept and said."""
 
 import io
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -8,14 +9,19 @@ from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 
 from netfall.equilibrium import find as finding
+from netfall.equilibrium import limit as limits
+from netfall.equilibrium import mixed
 from netfall.equilibrium.find import MIXED
-from netfall.equilibrium.overload import GivesWay, strained
+from netfall.equilibrium.overload import UNDECIDED, GivesWay, strained
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
+from netfall.ground.stop import NEVER
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.program.run import run_job
 from netfall.program.setup import prepare
+from netfall.stages import settle as settling
+from netfall.stages.statics import StaticPath, find_equilibria
 
 CABLES = """
 [cable]
@@ -187,6 +193,91 @@ def test_a_fan_bears_its_plastic_limit_load(workshop, load):
     assert sorted(label["elements"].tolist()) == [11, 12, 13]
     assert tension[:3] == pytest.approx(YIELD, rel=0.01)
     assert tension[3] == pytest.approx(label["load_factor"] * load, rel=1e-6)
+
+
+def by_work(monkeypatch, job, few=0, **instead):
+    """The scene and its last row of statics, by work control alone if few is 0; the work asked for."""
+    asked, after = [], limits._next
+    with monkeypatch.context() as only:
+        only.setattr(finding, "FEWEST", few)
+        only.setattr(limits, "_next", lambda *ends: asked.append(after(*ends)) or asked[-1])
+        for name, function in (({} if few else {"_by_trials": None}) | instead).items():
+            only.setattr(settling, name, function)
+        scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+        path = StaticPath()
+        find_equilibria(scene, Mock(stop=NEVER), path)
+    return scene, path.steps[-1], asked
+
+
+@pytest.mark.parametrize("load", [3.03e6, 6e6])
+def test_a_fan_bears_its_plastic_limit_load_by_work_control(workshop, monkeypatch, load):
+    """The same fan, to 4e-3, in few trials; at rest under that."""
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-load), HANGERS)
+    scene, row, asked = by_work(monkeypatch, job)
+    cosine = 10.0 / np.hypot(10.0, 0.5), 22.0 / np.hypot(22.0, 0.5)
+    assert row["load_factor"] == pytest.approx(YIELD * (1.0 + 2.0 * np.mean(cosine)) / load, rel=4e-3)
+    assert 0 < len(asked) < 6 and row["residual"] < 1e-8 * YIELD
+    N = scene.state.elements_now().N
+    assert N[3] == pytest.approx(row["load_factor"] * load, rel=1e-8)
+    assert strained(scene.comm, scene.distribution, scene.state, False).most < 1.0
+
+
+@pytest.mark.parametrize("breaks", [True, False])
+def test_work_control_finds_what_trials_of_the_load_find(workshop, monkeypatch, breaks):
+    """A saddle that yields until cables break, or without end; what it moves too, as near as the load is."""
+    text = SADDLE.format(steps=1).replace("9000.0", "9000.0" if breaks else "40000.0")
+    job = workshop.job(
+        text if breaks else text.replace("fracture_strain = 0.04\n", "").replace("breaking = true", "")
+    )
+    found = [by_work(monkeypatch, job, few) for few in (0, 10**9)]
+    (_, work, asked), (_, trials, none) = found
+    assert (
+        work["load_factor"] == pytest.approx(trials["load_factor"], rel=5e-3)
+        and 0.1 < work["load_factor"] < 0.9
+    )
+    assert 0 < len(asked) < 12 and not none
+    assert work["moved"][0] == pytest.approx(trials["moved"][0], rel=0.05)
+    assert max(work["displacement_error"], work["tension_error"]) < 1e-6
+
+
+def test_a_load_that_is_borne_after_all_is_found_whole(workshop, monkeypatch):
+    """What is not found at once, work control tells to be borne."""
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-2.9e6), HANGERS)
+    _, exact, none = by_work(monkeypatch, job)
+    tried = settling._tried
+    undecided = lambda scene, each, *more, watched=True: (
+        settling._Tried(UNDECIDED) if each.kind == "step" and watched else tried(scene, each, *more)
+    )
+    _, row, _ = by_work(monkeypatch, job, _tried=undecided)
+    assert not none and row["load_factor"] == exact["load_factor"] == 1.0
+    assert row["moved"][0] == pytest.approx(exact["moved"][0], rel=1e-5)
+
+
+def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
+    """The whole load, then shares of it, where steps with tensions as unknowns are too few."""
+    job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
+    _, exact, _ = by_work(monkeypatch, job)
+    relaxed, relax = [], finding.relax
+    monkeypatch.setattr(finding, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
+    monkeypatch.setattr(mixed, "MOST_STEPS", 0)
+    _, row, _ = by_work(monkeypatch, job, _by_trials=settling._by_trials)
+    assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
+
+
+def test_no_step_turns_a_cable_far(workshop, monkeypatch):
+    """No end of it moves past the other by more than a share of its length, where a whole step would."""
+    monkeypatch.setattr(mixed, "TURNED", 0.2)
+    job = workshop.job(SADDLE.format(steps=1))
+    scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+    state = scene.state
+    newton = scene.finder._newton(scene.model.loading.permanent + scene.model.loading.live)
+    steps, turned = mixed.Mixed(newton, state, NEVER), []
+    for _ in range(5):
+        before, L = state.x.copy(), state.elements_now().L
+        steps.step()
+        moved = (state.x - before)[state.ends]
+        turned.append((np.linalg.norm(moved[:, 1] - moved[:, 0], axis=1) / L).max())
+    assert max(turned) <= mixed.TURNED * (1.0 + 1e-12) and max(turned) > 0.99 * mixed.TURNED
 
 
 @pytest.mark.parametrize("looks, ranks", [(10, 2), (100, 3), (300, 1)])

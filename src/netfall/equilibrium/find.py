@@ -16,9 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.equilibrium.increments import Watch, approach, at_once
+from netfall.equilibrium.limit import LimitLoad, limit_load
 from netfall.equilibrium.mixed import Mixed
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, is_large
-from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay
+from netfall.equilibrium.overload import SURELY, UNDECIDED, UNSTRAINED, GivesWay, Strained
 from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
 from netfall.equilibrium.slip import Slips
 from netfall.equilibrium.stable import unstable_shape
@@ -274,9 +275,11 @@ class Finder:
                 if there.most > SURELY:  # no more is to be known of it
                     raise GivesWay(0.0, 1.0, there)
             except NoConvergence:
-                if max(mixed.missing) > ROUNDED * tolerance:
-                    raise
-                break
+                if max(mixed.missing) <= ROUNDED * tolerance:
+                    break
+                if watch and self.has_limit_load():
+                    raise GivesWay(0.0, 1.0, UNDECIDED) from None
+                raise
             if size == 0.0 or max(mixed.missing) <= tolerance:
                 break
             before = self.state.x.copy(order="K")
@@ -286,6 +289,29 @@ class Finder:
                 self.state.x[:] = before
         residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
         return Solution(mixed.gradients, *residual, *mixed.missing, False, unstable_at)
+
+    def has_limit_load(self) -> bool:
+        """Whether `limit_load` serves the net."""
+        return self._is_mixed() and self.state.features.plastic
+
+    def limit_load(
+        self,
+        load: np.ndarray,
+        more: np.ndarray,
+        strained: Callable[[], Strained],
+        tolerances: tuple[float, float],
+        stop: StopRequest,
+        report: Callable[[float, float], None],
+    ) -> tuple[LimitLoad, Solution]:
+        """Bring the state to the largest part of `more` that it bears beside a load (n, 3) [N]. Collective.
+
+        The rest as of `limit.limit_load`.
+        """
+        own = more[: self.state.n_owned]
+        limit = limit_load(self._newton(load), self.state, own, strained, tolerances, stop, report)
+        newton = self._newton(load + limit.factor * more)
+        residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
+        return limit, Solution(limit.gradients, *residual, *limit.missing, False, unstable_at)
 
     def _is_mixed(self) -> bool:
         return self.distribution.n >= FEWEST and self.slips is None and self.state.joints is None

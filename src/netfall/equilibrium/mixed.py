@@ -20,6 +20,7 @@ from mpi4py import MPI
 
 from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, still_missing
 from netfall.equilibrium.relaxation import RunsAway
+from netfall.equilibrium.work import Work
 from netfall.ground.compile import kernel, part_of_kernel
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
@@ -32,6 +33,9 @@ ELASTIC, YIELDING = 0.2, 100.0  # times the energy of an element: the gap to beg
 BEGUN = 0.1  # of a limit or a tension: tension to begin with, at least
 LARGE, SMALL = 0.3, 0.01  # steps, as shares of the largest displacement and tension
 NARROWER = 0.1  # times: the gap after a step that is not `LARGE`, twice if it is `SMALL`
+AGAIN = 0.01  # of the energy of an element: the gap to begin with near an equilibrium
+NIL = 1e-300  # in place of 0
+TURNED = 1.0  # of its length: the most that a step moves one end of an element past the other
 NEARLY = 0.5  # of a step that keeps all inequalities: with less the gap stays
 PARTS = np.sqrt(0.5) ** np.arange(12)  # of a step that are tried, the largest first
 FEW = 1e-3  # of all cables: those that a part may take beyond zero, of what would reach it less is kept
@@ -69,14 +73,14 @@ def cables_of(state: State) -> Cables:
 class Mixed:
     """The elements on the way: now (m, 4), N, room for more, p and q [N]; gap [J].
 
-    gradients : iterations until now
+    work : what the load goes with, None: it is given; gradients : iterations until now
     size : of the last step, the larger share as of `NewtonResult`; missing : estimated errors after it,
         or what tensions are off the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopRequest):
+    def __init__(self, newton: Newton, state: State, stop: StopRequest, work: Work | None = None):
         """Begin where the net is. Collective. Raises NoConvergence where this is no way for the net."""
-        self.newton, self.state, self.stop = newton, state, stop
+        self.newton, self.state, self.stop, self.work = newton, state, stop, work
         self.cables, self.steps, self.gradients = cables_of(state), 0, 0
         own = newton.distribution.subdomain.element_owned & (self.cables.carries == 1)
         self.owned = np.flatnonzero(own)
@@ -92,6 +96,11 @@ class Mixed:
         self.now, self.changes = np.zeros((2, state.m, 4))
         self.aimed, self.part = np.zeros(state.m), np.full(state.m, np.inf)
         begin_tensions(self.cables, there.L, self.gap, self.now)
+
+    def begin_again(self) -> None:
+        """Begin near an equilibrium, where the net is."""
+        self.gap, self.steps, self.size, self.missing = AGAIN * self.energy, 0, np.inf, (np.inf, np.inf)
+        begin_tensions(self.cables, self.state.elements_now().L, self.gap, self.now)
 
     def narrow(self, size: float, tolerance: float) -> StartPoint:
         """Move the net until a step is so small, or what is missing. Collective.
@@ -121,14 +130,21 @@ class Mixed:
         newton.net.forces(state.x, newton.f)
         more = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
         add_pulls(state.ends, more[:, None] * K.direction, newton.f)
-        s, count = newton.solve(K, newton.cycle(K), newton.not_held(newton.f[newton.owned]), LEFT)
+        r, more, cycle = newton.not_held(newton.f[newton.owned]), 0.0, newton.cycle(K)
+        if self.work is None:
+            s, count = newton.solve(K, cycle, r, LEFT)
+        else:
+            s, more, count = self.work.solve(K, cycle, r, LEFT)
         moved, changed, change = newton.sizes(K, s, state.x_start)
         change_of_tensions(*of_law, self.now, self.aimed, change, self.changes, self.part)
         share, kept = self.longest()
-        share = min(newton.most_of(s), share)
+        (turned,) = newton.largest(most_turned(newton.spread, *of_law[:2], state.ends))
+        share = min(newton.most_of(s), share, max(TURNED / turned, PARTS[-1]))
         state.x[:] += share * newton.spread
         change_tensions(self.cables, share, self.changes, self.now)
-        if newton.net.away is not None and newton.net.away(newton.comm) > LOST:
+        if self.work is not None:
+            self.work.factor += share * more
+        elif newton.net.away is not None and newton.net.away(newton.comm) > LOST:
             raise RunsAway("what yields stretches without end")
         size = max(moved, changed)
         in_place, of_tensions = still_missing((moved, changed), share, self.size)
@@ -212,6 +228,20 @@ def change_of_tensions(cables, L, gap, now, aimed, moved, changes, part):
         for i in range(4):
             if changes[e, i] < 0.0:
                 part[e] = min(part[e], -now[e, i] / changes[e, i])
+
+
+@kernel
+def most_turned(u, cables, L, ends):
+    """Most that displacements u (n, 3) [m] move one end of a cable past the other, in its lengths L (m,)."""
+    most = NIL
+    for e in range(ends.shape[0]):
+        if cables.carries[e]:
+            square = 0.0
+            for i in range(3):
+                difference = u[ends[e, 1], i] - u[ends[e, 0], i]
+                square += difference * difference
+            most = max(most, np.sqrt(square) / L[e])
+    return most
 
 
 @kernel

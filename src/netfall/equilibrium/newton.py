@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.relaxation import largest_residual
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.bending import add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, axial_forces
-from netfall.mechanics.supports import keep_on_guides
+from netfall.mechanics.supports import keep_on_guides, largest_residual
 from netfall.multigrid.cycle import Cycle, Structure
 from netfall.multigrid.distributed import advance, dot_rows, turn
 from netfall.multigrid.factors import Factors
@@ -218,7 +217,7 @@ class Newton:
         s, left, before = np.zeros_like(r), r.copy(), np.empty_like(r)
         z = self._held(cycle(left))
         p = z.copy()
-        rz, rr = self.dots((left, z), (r, r))
+        rz, rr = self.dots((left, z), (left, left))
         if rr == 0.0:
             return s, 0
         if not (0.0 < rz < np.inf and rr < np.inf):

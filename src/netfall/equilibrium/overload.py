@@ -41,6 +41,7 @@ class Strained(NamedTuple):
 
 
 UNSTRAINED = Strained()
+UNDECIDED = Strained(np.inf, (), "no equilibrium was found")
 
 
 class GivesWay(Exception):

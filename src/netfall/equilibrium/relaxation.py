@@ -21,7 +21,7 @@ from netfall.mechanics.bending import add_bending_forces, add_joint_bounds
 from netfall.mechanics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
 from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.state import State
-from netfall.mechanics.supports import add_springs, keep_on_guides, largest_springs
+from netfall.mechanics.supports import add_springs, keep_on_guides, largest_residual, largest_springs
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import ALL, LIMBS, add_exactly, rounded
@@ -97,20 +97,6 @@ def return_to_peak(x, v, f, mass, free):
             if free[p, k]:
                 x[p, k] += 0.5 * f[p, k] / mass[p, k] - 1.5 * v[p, k]
             v[p, k] = 0.0
-
-
-@kernel
-def largest_residual(f, free, n_owned):
-    """Largest norm [N] of the force over the free axes of the owned particles; inf if not a number."""
-    worst = 0.0
-    for p in range(n_owned):
-        square = 0.0
-        for k in range(3):
-            if free[p, k]:
-                square += f[p, k] * f[p, k]
-        if not square <= worst:
-            worst = square if square == square else np.inf
-    return np.sqrt(worst)
 
 
 class Net(NamedTuple):

@@ -9,11 +9,12 @@ from netfall.erection.lengths import rows_named
 from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import elastic, tension_to
 from netfall.ground.stop import StopRequest
-from netfall.job.asks import own_weight
+from netfall.job.asks import own_weight, settings_of
 from netfall.mechanics.bending import add_bending_forces
 from netfall.mechanics.fields import TAKEN_OUT
 from netfall.mechanics.law.measures import warm_length
 from netfall.mechanics.slip.law import set_strands
+from netfall.model.actions import StaticLoad
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
 from netfall.results.notes import error_words, limit_notes, stop_notes
@@ -84,7 +85,7 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
         setting = model and after(setting, stage, model.net)
         load = _set_up(scene, setting, x)
         words, weights = f"stage {stage.name}", own_weight(scene.job)
-        each = settle.StaticLoad("stage", words, load, 1.0, stage.name, weights=weights)
+        each = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights)
         outcome, setting = _equilibrium(scene, each, setting, stop)
         x = scene.distribution.gather_particles(scene.state.x)
         _note(scene, erection, stage, setting, x, outcome)
@@ -123,7 +124,7 @@ def warm_of(scene: Scene, setting: Setting | None):
     return lambda L0: warm_length(L0, scene.model.net.expansion, setting.load.temperature)
 
 
-def _equilibrium(scene: Scene, each: settle.StaticLoad, setting: Setting | None, stop) -> tuple:
+def _equilibrium(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
     """The equilibrium of a stage, forces pulled to where some are; and the setting with its lengths."""
     if scene.comm.bcast(setting and len(setting.pulls) > 0):
         outcome, setting = _pulled(scene, each, setting, stop)
@@ -132,14 +133,14 @@ def _equilibrium(scene: Scene, each: settle.StaticLoad, setting: Setting | None,
     return elastic(scene, outcome), _slipped(scene, setting)
 
 
-def _pulled(scene: Scene, each: settle.StaticLoad, setting: Setting | None, stop) -> tuple:
+def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
     """The equilibrium with the forces of the jacks, and the setting with the lengths there. Collective.
 
     Weight goes with the lengths, so they are found in turns, until it changes by less than the tolerance.
     """
     of = lambda name: setting and list(getattr(setting, name))
     pulls, jacks, warm = of("pulls"), of("jacks"), warm_of(scene, setting)
-    asked = settle.settings_of(scene.job).tolerance
+    asked = settings_of(scene.job).tolerance
     for _ in range(MOST_TURNS):
         found = tension_to(scene, each, pulls, jacks, setting and setting.L0, warm, stop)
         setting = setting and replace(setting, L0=found.L0, pulls=(), jacks=())

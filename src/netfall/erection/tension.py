@@ -16,6 +16,7 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import carries_permanent
 from netfall.job.values import counted
 from netfall.mechanics.slip.law import set_strands
+from netfall.model.actions import StaticLoad
 from netfall.numerics.functions import lengths
 from netfall.stages import settle
 from netfall.stages.scene import Scene
@@ -39,16 +40,16 @@ class Tensioned(NamedTuple):
     equilibria: int
 
 
-def of_form(scene: Scene, kind: str, words: str) -> settle.StaticLoad:
+def of_form(scene: Scene, kind: str, words: str) -> StaticLoad:
     """What the form carries: the permanent load, or nothing; words : for messages."""
     model = scene.model
     load = model and (model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x))
-    return settle.StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
+    return StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
 
 
 def tension_to(
     scene: Scene,
-    each: settle.StaticLoad,
+    each: StaticLoad,
     wanted: list[Wanted],
     jacks: list[Jack],
     L0,

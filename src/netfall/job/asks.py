@@ -1,7 +1,10 @@
 """Questions that a job answers by itself: which stages it has, what it loads, what may break."""
 
+from types import SimpleNamespace
+
 from netfall.job.cases import blows
 from netfall.job.job import Job
+from netfall.job.schema import defaults
 
 
 def carries_permanent(job: Job) -> bool:
@@ -90,3 +93,17 @@ def loads_the_roof(job: Job) -> bool:
 def along_normals(job: Job) -> bool:
     """Whether something acts along the normals of the roof."""
     return presses(job) or any(isinstance(value, int | float) for value in job.loads("pressure"))
+
+
+def tears(job: Job, kind: str, factor: float) -> bool:
+    """Whether there is no equilibrium under a load where a strength is passed.
+
+    So it is by [load] breaking, and of what the dynamic stage begins from.
+    """
+    begins = kind in ("at once", "rest") or (kind == "step" and factor == 1.0)
+    return kind != "loss" and (settings_of(job).breaking or bool(begins and job.dynamics))
+
+
+def settings_of(job: Job) -> SimpleNamespace:
+    """The keys of [load] that say how an equilibrium is found; their defaults without [load]."""
+    return job.load or defaults("load")

@@ -77,3 +77,17 @@ def keep_on_guides(turned, rows) -> None:
 def largest_springs(spring, turned) -> np.ndarray:
     """Upper bound (n,) [N/m] of the stiffness of springs (n, 3) in any direction; turned : or None."""
     return spring.max(1) if turned is None else spring.max(1) + np.abs(turned[:, 2])
+
+
+@kernel
+def largest_residual(f, free, n_owned):
+    """Largest norm [N] of the force over the free axes of the owned particles; inf if not a number."""
+    worst = 0.0
+    for p in range(n_owned):
+        square = 0.0
+        for k in range(3):
+            if free[p, k]:
+                square += f[p, k] * f[p, k]
+        if not square <= worst:
+            worst = square if square == square else np.inf
+    return np.sqrt(worst)

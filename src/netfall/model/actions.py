@@ -6,6 +6,7 @@ value of these, times its factor; so two cases add. A static wind presses as the
 
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from netfall.numerics.functions import lengths
 from netfall.wind.field import still_force
 from netfall.wind.measured import place_weights
 
+ALL_LOADS = "all loads"
+
 
 @dataclass(frozen=True)
 class Actions:
@@ -31,6 +34,36 @@ class Actions:
     L0: np.ndarray | None = None
     spring_rest: np.ndarray | None = None
     settlement: np.ndarray | None = None
+
+
+class StaticLoad(NamedTuple):
+    """A load whose equilibrium is looked for.
+
+    kind : "permanent", "case", "combination", "step", "at once" or "rest", see `stages.wanted`; or "loss",
+        `stages.rests`
+    words : for messages
+    load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
+    from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
+    begins : the factor of the equilibrium that it starts from
+    weights : factor of the self weight in it
+    L0, spring_rest, settlement : as in `Actions`, on this rank; None: as in the model
+    """
+
+    kind: str
+    words: str
+    load: np.ndarray
+    factor: float = 0.0
+    name: str = ""
+    from_permanent: bool = False
+    begins: float = 0.0
+    L0: np.ndarray | None = None
+    spring_rest: np.ndarray | None = None
+    settlement: np.ndarray | None = None
+    weights: float = 0.0
+
+    def reached(self, share: float) -> float:
+        """The load factor at a share of the way from its start; nan: permanent loads have none."""
+        return self.begins + share * (self.factor - self.begins) if self.kind != "permanent" else np.nan
 
 
 def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:

@@ -16,7 +16,6 @@ from netfall.equilibrium.relaxation import (
     Paused,
     Relaxation,
     largest_force,
-    largest_residual,
     not_begun,
     relax,
 )
@@ -27,7 +26,7 @@ from netfall.ground.errors import DivergedError, InputError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.values import counted
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
-from netfall.mechanics.supports import keep_on_guides
+from netfall.mechanics.supports import keep_on_guides, largest_residual
 from netfall.multigrid.cycle import Structure
 from netfall.multigrid.lines import lines_of
 from netfall.multigrid.tangent import Tangent

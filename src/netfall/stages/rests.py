@@ -10,13 +10,13 @@ from netfall.equilibrium.relaxation import Paused, Relaxation
 from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.job.values import counted, listed
+from netfall.model.actions import StaticLoad
 from netfall.model.losses import Loss, comes_loose, losses_of
 from netfall.results.loss_lines import SOMETHING_BREAKS
 from netfall.results.notes import error_words
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     OF_PARTICLES,
-    StaticLoad,
     committed,
     paused,
     put_back,

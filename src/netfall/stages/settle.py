@@ -1,15 +1,15 @@
 """One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
 
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 
 from netfall.equilibrium.find import UNKNOWN, Solution
-from netfall.equilibrium.newton import is_large
+from netfall.equilibrium.newton import NoConvergence, Stopped, is_large
 from netfall.equilibrium.overload import (
     BREAKS,
     SHARP,
+    UNDECIDED,
     UNSTRAINED,
     GivesWay,
     Strained,
@@ -28,12 +28,12 @@ from netfall.equilibrium.relaxation import (
 from netfall.equilibrium.slip import find_slipping
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
-from netfall.job.asks import rests_at_loss, rests_in_wind
+from netfall.job.asks import rests_at_loss, rests_in_wind, settings_of, tears
 from netfall.job.job import Job
-from netfall.job.schema import defaults
 from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
+from netfall.model.actions import ALL_LOADS, StaticLoad
 from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
@@ -42,11 +42,11 @@ from netfall.results.notes import AT_LIMIT, MOST_MARKED, NOT_STABLE
 from netfall.stages.scene import Desk, Scene
 from netfall.write.saver import Record, Saver
 
-ALL_LOADS = "all loads"
 RELAXATION = "relaxation"  # in checkpoints
 COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
+BORNE = 1.0, UNSTRAINED, None
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 MOST_NAMED = 100  # elements where a net gives way
 SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter than relaxation
@@ -54,36 +54,6 @@ BACK = 4  # shares of a load, each less by `SHARP`, that are tried for an exact 
 ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
-
-
-class StaticLoad(NamedTuple):
-    """A load whose equilibrium is looked for.
-
-    kind : "permanent", "case", "combination", "step", "at once" or "rest", see `stages.wanted`; or "loss",
-        `stages.rests`
-    words : for messages
-    load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
-    from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
-    begins : the factor of the equilibrium that it starts from
-    weights : factor of the self weight in it
-    L0, spring_rest, settlement : as in `model.actions.Actions`, on this rank; None: as in the model
-    """
-
-    kind: str
-    words: str
-    load: np.ndarray
-    factor: float = 0.0
-    name: str = ""
-    from_permanent: bool = False
-    begins: float = 0.0
-    L0: np.ndarray | None = None
-    spring_rest: np.ndarray | None = None
-    settlement: np.ndarray | None = None
-    weights: float = 0.0
-
-    def reached(self, share: float) -> float:
-        """The load factor at a share of the way from its start; nan: permanent loads have none."""
-        return self.begins + share * (self.factor - self.begins) if self.kind != "permanent" else np.nan
 
 
 class Equilibrium(NamedTuple):
@@ -207,9 +177,11 @@ class _Tried(NamedTuple):
     first: tuple[float, ...] = ()
 
 
-def _tried(scene: Scene, each: StaticLoad, reference, stop, resume, most, guess) -> _Tried:
+def _tried(
+    scene: Scene, each: StaticLoad, reference, stop, resume, most, guess, watched: bool = True
+) -> _Tried:
     """Try the whole load; the state is then where that led. Collective. Raises Paused."""
-    limits = scene.state.features.plastic or scene.state.features.fracture
+    limits = watched and (scene.state.features.plastic or scene.state.features.fracture)
     watch = (lambda: _strained(scene, each)) if limits and each.kind in SEARCHED else None
     try:
         found = _found(scene, each, reference, stop, resume, most, guess, watch=watch)
@@ -233,7 +205,7 @@ def _borne_whole(scene: Scene, each: StaticLoad, found: Equilibrium) -> StaticOu
 
 def _strained(scene: Scene, each: StaticLoad) -> Strained:
     """How near the state is to giving way under a load. Collective."""
-    return strained(scene.comm, scene.distribution, scene.state, tears(scene.job, each))
+    return strained(scene.comm, scene.distribution, scene.state, tears(scene.job, each.kind, each.factor))
 
 
 def _where(scene: Scene, each: StaticLoad, error: DivergedError) -> Strained:
@@ -278,6 +250,12 @@ def _found(
     else:
         slips.weights = each.weights
         solution = find_slipping(scene.finder, *arguments)
+    return _equilibrium(scene, solution)
+
+
+def _equilibrium(scene: Scene, solution: Solution) -> Equilibrium:
+    """That in which the state is. Collective."""
+    slips = scene.finder.slips
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     slack = scene.comm.allreduce(snapshot.slack)
     at_limit = at_limit_in(scene.comm, scene.distribution, scene.state, snapshot)
@@ -310,9 +288,57 @@ def _largest_share(
 
     start : the state without the load, as of `committed`. Raises Paused.
     """
-    state, near = scene.state, committed(scene.state) if tried.first else start
+    reached = committed(scene.state)
+    put_back(scene.state, start)
+    left = scene.finder.residual(each.load)
+    words = f"{each.words}: not borne whole, searching"
+    say = lambda low, high: scene.finder.report(f"{words} {low:.3g} to {high:.3g} of it")
+    try:
+        limit = _limit(scene, each, left, stop, say) if scene.finder.has_limit_load() else None
+        if limit is BORNE or (limit is None and tried.whole is UNDECIDED):
+            put_back(scene.state, start)
+            tried, limit = _tried(scene, each, reference, stop, None, None, None, watched=False), None
+            if not tried.whole.reason:
+                return _borne_whole(scene, each, tried.found)
+        limit = limit or _by_trials(scene, each, left, reference, start, reached, tried, stop, say)
+    except Paused:
+        put_back(scene.state, start)
+        raise Paused(not_begun(start["x"])) from None
+    share, there, found = limit
+    if share == 1.0:
+        return _borne_whole(scene, each, found)
+    _commit(scene.state, found.snapshot)
+    reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent")
+    return StaticOutcome(NONE, each.reached(share), reason, there.elements[:MOST_NAMED], found)
+
+
+def _limit(scene: Scene, each: StaticLoad, left: np.ndarray, stop, say) -> tuple | None:
+    """Share that is borne, `Strained` beyond it, `Equilibrium`, by work control; None: not found. Collective.
+
+    left : (n, 3) [N], the load that is missing; say(low, high) : of shares. `BORNE`: all of it is. Raises
+    Paused.
+    """
+    tolerance = settings_of(scene.job).tolerance
+    tolerances, strained_now = (max(tolerance, ROUGH), tolerance), lambda: _strained(scene, each)
+    try:
+        limit, solution = scene.finder.limit_load(each.load - left, left, strained_now, tolerances, stop, say)
+    except NoConvergence:
+        return None
+    except Stopped:
+        raise Paused(not_begun(scene.state.x)) from None
+    return (limit.factor, limit.beyond, _equilibrium(scene, solution)) if limit.beyond.reason else BORNE
+
+
+def _by_trials(
+    scene: Scene, each: StaticLoad, left: np.ndarray, reference: float, start, reached, tried, stop, say
+) -> tuple[float, Strained, Equilibrium]:
+    """As `_limit`, by trials of shares from the state at the start. Collective. Raises Paused.
+
+    reached : the state to which the whole load led
+    """
+    state, near = scene.state, reached if tried.first else start
     put_back(state, start)
-    left, best, found, borne = scene.finder.residual(each.load), start, as_it_began(scene), 0.0
+    best, found, borne = start, as_it_began(scene), 0.0
     part = lambda share: each._replace(load=each.load - (1.0 - share) * left)
 
     def trial(share: float) -> Strained:
@@ -329,22 +355,12 @@ def _largest_share(
             best, found, borne = committed(state), there, share
         return now
 
-    words = f"{each.words}: not borne whole, searching"
-    say = lambda low, high: scene.finder.report(f"{words} {low:.3g} to {high:.3g} of it")
-    try:
-        share, there = largest_share(trial, tried.whole, say, tried.first)
-        put_back(state, best)
-        if share > 0.0:
-            share, exact = _exact(scene, part, share, reference, stop)
-            found = exact or found
-    except Paused:
-        put_back(state, start)
-        raise Paused(not_begun(start["x"])) from None
-    if share == 1.0:
-        return _borne_whole(scene, each, found)
-    _commit(state, found.snapshot)
-    reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent")
-    return StaticOutcome(NONE, each.reached(share), reason, there.elements[:MOST_NAMED], found)
+    share, there = largest_share(trial, tried.whole, say, tried.first)
+    put_back(state, best)
+    if share > 0.0:
+        share, exact = _exact(scene, part, share, reference, stop)
+        found = exact or found
+    return share, there, found
 
 
 def _exact(scene: Scene, part, share: float, reference: float, stop) -> tuple[float, Equilibrium | None]:
@@ -385,20 +401,6 @@ def no_equilibrium(scene: Scene, each: StaticLoad, outcome: StaticOutcome) -> st
     reached = f" (load factor reached {factor:.4g})" if factor == factor else ""
     what = f"under {each.words} " if outcome.elements else f"{each.words}: "
     return f"{what}{outcome.reason}{reached}{_advice(scene.job, each)}"
-
-
-def tears(job: Job, each: StaticLoad) -> bool:
-    """Whether there is no equilibrium under a load where a strength is passed.
-
-    So it is by [load] breaking, and of what the dynamic stage begins from.
-    """
-    begins = each.kind in ("at once", "rest") or (each.kind == "step" and each.factor == 1.0)
-    return each.kind != "loss" and (settings_of(job).breaking or bool(begins and job.dynamics))
-
-
-def settings_of(job: Job) -> SimpleNamespace:
-    """The keys of [load] that say how an equilibrium is found; their defaults without [load]."""
-    return job.load or defaults("load")
 
 
 def _advice(job: Job, each: StaticLoad) -> str:

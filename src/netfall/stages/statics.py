@@ -18,10 +18,11 @@ from netfall.equilibrium.newton import is_large
 from netfall.equilibrium.relaxation import Paused, Relaxation
 from netfall.ground.errors import DivergedError, NoRest
 from netfall.ground.stop import NEVER
-from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind
+from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind, settings_of
 from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.mechanics.slip.law import set_strands
+from netfall.model.actions import StaticLoad
 from netfall.numerics.functions import lengths
 from netfall.record.rest import forces_on_supports, largest_hold
 from netfall.results import notes
@@ -30,7 +31,6 @@ from netfall.stages.settle import (
     APART,
     EQUILIBRIUM,
     NONE,
-    StaticLoad,
     StaticOutcome,
     by_ids,
     committed,
@@ -39,7 +39,6 @@ from netfall.stages.settle import (
     put_back,
     reference_force,
     set_net,
-    settings_of,
     settle,
     taken_up,
 )

@@ -7,10 +7,9 @@ import numpy as np
 
 from netfall.job.asks import own_weight, rests_at_loss, rests_in_wind
 from netfall.job.cases import factor_of
-from netfall.model.actions import Actions, of_case_alone, of_combination
+from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, of_case_alone, of_combination
 from netfall.model.model import Model
 from netfall.stages.scene import Scene
-from netfall.stages.settle import ALL_LOADS, StaticLoad
 
 
 class Wanted(NamedTuple):
