@@ -115,9 +115,12 @@ def on_ranks(ranks: int) -> list[str]:
     return [str(BIN / "mpirun"), "-n", str(ranks)] if ranks > 1 else []
 
 
-def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None):
-    """netfall on some ranks, with more variables in its environment: the finished process and its output."""
-    return subprocess.run(
+def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None, code=0):
+    """netfall on some ranks, with more variables in its environment: the finished process and its output.
+
+    code : with which it has to end; None: any
+    """
+    done = subprocess.run(
         [*on_ranks(ranks), str(BIN / "netfall"), *map(str, arguments)],
         cwd=cwd,
         env=ENVIRONMENT | (environment or {}),
@@ -126,12 +129,14 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None):
         timeout=timeout,
         stdin=subprocess.DEVNULL,
     )
+    assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
+    return done
 
 
 STANDING = {}  # by their number, and whether their kernels are plain Python
 
 
-def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, plain=False):
+def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, plain=False, code=0):
     """The same without the start of processes, some 2 s of a core for each: by ranks that stay.
 
     plain : kernels run as plain Python
@@ -139,7 +144,15 @@ def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, plain=Fals
     if (ranks, plain) not in STANDING:
         environment = ENVIRONMENT | (PLAIN if plain else {})
         STANDING[ranks, plain] = StandingRanks([*on_ranks(ranks), BIN / "python"], environment)
-    return STANDING[ranks, plain].run(*arguments, cwd=cwd, timeout=timeout)
+    done = STANDING[ranks, plain].run(*arguments, cwd=cwd, timeout=timeout)
+    assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
+    return done
+
+
+def refused(*arguments, run=run_on_standing_ranks, **more) -> str:
+    """The one line with which netfall refuses what is wrong."""
+    (line,) = run(*arguments, **more, code=2).stderr.splitlines()
+    return line
 
 
 class Workshop:
@@ -163,10 +176,9 @@ class Workshop:
         """Run a job; its result file, open, or the finished process. A code of None is not checked."""
         line = ["run", job, "-o", self.folder / output, *arguments]
         if self.standing and environment is None:
-            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder, plain=self.plain)
+            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder, plain=self.plain, code=code)
         else:
-            done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment)
-        assert code is None or done.returncode == code, done.stdout + done.stderr
+            done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment, code=code)
         return self.open(output) if code == 0 else done
 
     def open(self, output: str = "result.vtkhdf") -> h5py.File:

@@ -269,5 +269,4 @@ def test_a_bar_that_bends_does_not_buckle_besides(workshop):
         ("second_moment", "needs the second moment"),
     ):
         text = DROP.replace("second_moment = 5e-6\n", "") if more == "second_moment" else DROP + more
-        done = workshop.run(workshop.job(text, NODES, ELEMENTS), code=2)
-        assert words in done.stderr
+        assert words in workshop.run(workshop.job(text, NODES, ELEMENTS), code=2).stderr

@@ -317,8 +317,7 @@ NODES = f"id,x,y,z,fixed{AREAS}\n1,0,0,0,1{ROOF}\n2,10,0,0,0{ROOF}\n3,20,0,0,1{R
 def test_a_wrong_entry_is_refused_with_its_place(workshop, text, line):
     """Exit code 2, no file, a line that says where, what and what to do."""
     (workshop.folder / "cp.csv").write_text("x,y,coefficient\n0,0,1\n")
-    done = workshop.run(workshop.job(STEEL + text, NODES, "start,end\n1,2\n2,3\n"), code=2)
-    assert line in done.stderr, done.stderr
+    assert line in workshop.run(workshop.job(STEEL + text, NODES, "start,end\n1,2\n2,3\n"), code=2).stderr
     assert not (workshop.folder / "result.vtkhdf").exists()
 
 
@@ -332,7 +331,6 @@ def test_three_overloaded_of_ten_leave_seven(workshop):
     strong = SADDLE.replace("[form_finding]", "breaking_load = 6e5\n[form_finding]")
     job = workshop.job(strong + LOAD + "breaking = true\n" + TEN.replace("600.0}", "6000.0}"))
     done = run_netfall("run", job, "-o", workshop.folder / "result.vtkhdf")
-    assert done.returncode == 0, done.stderr
     assert "3 of 10 cases have no equilibrium" in done.stdout
     f = workshop.open()
     states = {name: f["cases"][name].attrs["state"] for name in f["cases"].attrs["order"]}

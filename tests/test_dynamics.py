@@ -215,8 +215,7 @@ def test_run_that_diverges_is_stopped(workshop, ranks):
         nodes,
         "start,end\n1,2\n2,3\n",
     )
-    done = workshop.run(job, code=3, ranks=ranks)
-    assert "diverged at t =" in done.stderr
+    assert "diverged at t =" in workshop.run(job, code=3, ranks=ranks).stderr
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "nodes.csv", "elements.csv"}
 
 

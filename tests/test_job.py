@@ -270,8 +270,7 @@ def test_command_line_answers_wrong_input(workshop, ranks, override, message, ru
     read before and after the net is built.
     """
     job = workshop.job(WHOLE)
-    done = run("run", job, "--set", override, ranks=ranks, cwd=workshop.folder)
-    assert done.returncode == 2, done.stdout + done.stderr
+    done = run("run", job, "--set", override, ranks=ranks, cwd=workshop.folder, code=2)
     lines = [line for line in done.stderr.splitlines() if line.startswith(str(job))]
     assert len(lines) == 1 and message in lines[0], done.stderr
     assert "Traceback" not in done.stdout + done.stderr
@@ -281,8 +280,8 @@ def test_command_line_answers_wrong_input(workshop, ranks, override, message, ru
 def test_unwritable_place_is_refused(workshop):
     """A result that could not be written at the end is refused at the start."""
     job = workshop.job(WHOLE)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "nowhere" / "x.vtkhdf")
-    assert done.returncode == 2 and "does not exist" in done.stderr
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "nowhere" / "x.vtkhdf", code=2)
+    assert "does not exist" in done.stderr
 
 
 @pytest.mark.parametrize("ranks, cases", [(1, 400), (2, 80)])

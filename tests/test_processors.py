@@ -27,8 +27,7 @@ def test_every_shipped_job_has_a_digest():
 )
 def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
     result = tmp_path / "result.vtkhdf"
-    done = run_on_standing_ranks("run", JOBS[name], "-o", result, "--quiet", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    run_on_standing_ranks("run", JOBS[name], "-o", result, "--quiet", cwd=tmp_path)
     assert digest(result) == kept()[name], CHANGED.format(name)
     with h5py.File(result) as f:
         if "history" in f:

@@ -3,6 +3,7 @@
 import os
 import re
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -92,7 +93,7 @@ def test_a_net_with_everything_has_the_same_bits_on_any_ranks_and_through_a_rest
     @hypothesis.settings(max_examples=3, derandomize=True, **QUIET)
     @hypothesis.given(jobs(st.just(scene)))
     def of_the_scene(drawn):
-        tried(drawn, run_on_standing_ranks, seen)
+        tried(drawn, partial(run_on_standing_ranks, code=None), seen)
 
     of_the_scene()
     assert seen["exit code 0"] >= 2 and seen["broken"] and seen["yielded"] and seen["slack"], seen

