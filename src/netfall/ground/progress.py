@@ -25,11 +25,11 @@ class Progress:
         self._percent = -100.0
         self._begun = (0.0, 0)
 
-    def say(self, text: str) -> None:
-        """A line of its own."""
-        if self.shown:
+    def say(self, *lines: str) -> None:
+        """Lines of their own."""
+        for line in lines if self.shown else ():
             self.end()
-            self._print(text)
+            self._print(line)
 
     def detail(self, text: str) -> None:
         """A line for --verbose."""

@@ -41,24 +41,18 @@ def before_run(scene: Scene, progress: Progress) -> None:
     if model is None:
         return
     progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
-    for note in model.notes:
-        progress.say(f"note: {note}")
+    progress.say(*(f"note: {note}" for note in model.notes))
     if scene.comm.size > 1:
         progress.say(partition_line(model, scene.comm.size))
     N = scene.build_up.form.N if scene.build_up and scene.build_up.form else model.N
     if scene.form:
-        progress.say(f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N")
-        for line in moved_lines(scene):
-            progress.say(line)
-    for line in scene.build_up.lines if scene.build_up else ():
-        progress.say(line)
-    for line in start_notes(scene):
-        progress.say(line)
+        told = f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N"
+        progress.say(told, *moved_lines(scene))
+    progress.say(*(scene.build_up.lines if scene.build_up else ()), *start_notes(scene))
     if scene.schedule:
         for limit in scene.limits.values():
             progress.detail(limit_line(limit, model))
-        for remark in remarks_of(scene):
-            progress.say(remark)
+        progress.say(*remarks_of(scene))
 
 
 def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
@@ -71,18 +65,15 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     if scene.model is None:
         return
     if simulation:
-        for line in _dynamics_lines(scene.model, outcomes[dynamics.NAME]):
-            desk.progress.say(line)
+        desk.progress.say(*_dynamics_lines(scene.model, outcomes[dynamics.NAME]))
     model, notes, pressed = scene.model, [], np.full(scene.model.net.m, -np.inf)
     if envelope:
         notes = _overloads(model, desk.log, envelope["tension"])
         pressed = -envelope["tension"][:, 2]
     ids = model.net.element_id
     buckled, beyond = pressed >= REACHED * model.caps.buckling, pressed > model.caps.straight
-    for note in motion_notes(ids[buckled], ids[beyond], ids[plastic]) + notes:
-        desk.progress.say(note)
-    for note in _strain_notes(scene.model, *strained):
-        desk.progress.say(note)
+    notes = motion_notes(ids[buckled], ids[beyond], ids[plastic]) + notes
+    desk.progress.say(*notes, *_strain_notes(scene.model, *strained))
     seconds = desk.phases.seconds.items()
     desk.progress.say("time: " + ", ".join(f"{name} {each:.2f} s" for name, each in seconds))
     desk.progress.say(f"written: {path}")

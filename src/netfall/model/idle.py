@@ -33,58 +33,69 @@ def without_effect(job: Job, net: Net) -> list[str]:
 
 def _idle_keys(job: Job, net: Net) -> list[tuple]:
     """Section, keys, whether they have no effect, why."""
-    form, load, wind, moves, output = job.form_finding, job.load, job.wind, job.dynamics, job.output
-    breaks = bool(np.isfinite(net.fracture_strain).any())
-    fixed = moves is not None and moves.time_step != "auto"
-    of_motion = ("frames", "history", "energy", "probes", "elements", "checkpoint")
-    late = moves and output.checkpoint >= moves.duration
-    rows = [
-        ("output", of_motion, not moves, "there is no [dynamics]"),
-        ("output", ("checkpoint",), late, "it is not shorter than the duration"),
-    ]
+    breaks, form, load = bool(np.isfinite(net.fracture_strain).any()), job.form_finding, job.load
+    rows = _idle_in_motion(job, breaks)
     if job.net.generator in ("wheel", "dome"):
         own = f"the {job.net.generator} has the prestress of its own equilibrium"
         rows.append(("cable", ("prestress",), True, own))
-    if moves:
-        whole = not moves.fragments
-        rows += [
-            ("dynamics", ("safety",), fixed and (whole or not breaks), "time_step is fixed"),
-            ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
-            ("dynamics", ("fragment_mass",), breaks and whole, "with fragments = false nothing splits off"),
-        ]
-    if load:
-        stepless = moves and not has_statics(job)
-        rows.append(("load", ("tolerance", "max_iterations"), stepless, "steps = 0: no statics"))
-        rows.append(("load", ("breaking",), not breaks, "nothing can break"))
-        still = not air_moves(job) or not (moves or output.modes)
-        rows.append(("load", ("air_mass",), still, "it is inertia, of what moves or has modes"))
-        idle = not grows(job)
-        why = "it lets the pressure grow in a dynamic stage without load steps"
-        rows.append(("load", ("ramp",), idle, why))
+    rows += _idle_of_load(job, breaks) if load else []
     service = any(each.kind == "service" for each in job.combinations)
     rows.append(("limits", ("displacement", "slack"), not service, "there is no [[combination]] for service"))
     if form:
-        linear = form.method != "fpm"
-        why = f'method = "{form.method}" is one linear solve'
-        rows.append(("form_finding", ("start", "modulus_factor", "max_iterations"), linear, why))
+        linear = f'method = "{form.method}" is one linear solve'
         weightless = not (load and load.self_weight) and not any(job.loads("dead"))
-        why = "there is neither self weight nor dead load"
-        rows.append(("form_finding", ("loads",), carries_permanent(job) and weightless, why))
-    if wind:
-        generated = wind.speed and not wind.pressures
-        still = generated and intensity(wind) == 0
-        source = "file" if wind.file else "pressures"
-        of_speed = ("air_density", "direction", "profile_exponent", "base_height")
-        none = "roughness" if wind.turbulence is None else "turbulence"
+        none = "there is neither self weight nor dead load"
         rows += [
-            ("wind", ("roughness", "turbulence", *OF_GUSTS), not generated, f"the wind comes from {source}"),
-            ("wind", of_speed, wind.pressures and not air_damps(job), "the wind comes from pressures"),
-            ("wind", ("direction",), wind.pressures and air_damps(job), "the wind comes from pressures"),
-            ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
-            ("wind", ("after_fracture",), not breaks, "nothing can break"),
-            ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
+            ("form_finding", ("start", "modulus_factor", "max_iterations"), form.method != "fpm", linear),
+            ("form_finding", ("loads",), carries_permanent(job) and weightless, none),
         ]
-    return rows
+    return rows + (_idle_of_wind(job, breaks) if job.wind else [])
+
+
+def _idle_in_motion(job: Job, breaks: bool) -> list[tuple]:
+    """Keys of [output] and [dynamics]; breaks : whether anything can."""
+    moves, of_motion = job.dynamics, ("frames", "history", "energy", "probes", "elements", "checkpoint")
+    if not moves:
+        return [("output", of_motion, True, "there is no [dynamics]")]
+    whole, late = not moves.fragments, job.output.checkpoint >= moves.duration
+    fixed = moves.time_step != "auto" and (whole or not breaks)
+    return [
+        ("output", ("checkpoint",), late, "it is not shorter than the duration"),
+        ("dynamics", ("safety",), fixed, "time_step is fixed"),
+        ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
+        ("dynamics", ("fragment_mass",), breaks and whole, "with fragments = false nothing splits off"),
+    ]
+
+
+def _idle_of_load(job: Job, breaks: bool) -> list[tuple]:
+    """Keys of [load]; breaks : whether anything can."""
+    stepless = job.dynamics and not has_statics(job)
+    still = not air_moves(job) or not (job.dynamics or job.output.modes)
+    grown = "it lets the pressure grow in a dynamic stage without load steps"
+    return [
+        ("load", ("tolerance", "max_iterations"), stepless, "steps = 0: no statics"),
+        ("load", ("breaking",), not breaks, "nothing can break"),
+        ("load", ("air_mass",), still, "it is inertia, of what moves or has modes"),
+        ("load", ("ramp",), not grows(job), grown),
+    ]
+
+
+def _idle_of_wind(job: Job, breaks: bool) -> list[tuple]:
+    """Keys of [wind]; breaks : whether anything can."""
+    wind, by_taps = job.wind, "the wind comes from pressures"
+    generated = wind.speed and not wind.pressures
+    source = "file" if wind.file else "pressures"
+    of_speed = ("air_density", "direction", "profile_exponent", "base_height")
+    none = "roughness" if wind.turbulence is None else "turbulence"
+    still = generated and intensity(wind) == 0
+    return [
+        ("wind", ("roughness", "turbulence", *OF_GUSTS), not generated, f"the wind comes from {source}"),
+        ("wind", of_speed, wind.pressures and not air_damps(job), by_taps),
+        ("wind", ("direction",), wind.pressures and air_damps(job), by_taps),
+        ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
+        ("wind", ("after_fracture",), not breaks, "nothing can break"),
+        ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
+    ]
 
 
 def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:

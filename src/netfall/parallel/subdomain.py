@@ -68,31 +68,21 @@ def cut_net(
     held = np.split(held[order], np.searchsorted(holder[order], np.arange(1, ranks)))
     particles = np.argsort(part, kind="stable")
     owned = np.split(particles, np.searchsorted(part[particles], np.arange(1, ranks)))
-    local = np.full(n, -1, np.int64)  # scratch: local row of a particle on the rank in hand
-    halos = []
     jointed = [np.flatnonzero((part[joints] == rank).any(1)) for rank in range(ranks)]
+    halos = []
     for rank in range(ranks):
         ends = distinct(np.concatenate([elements[held[rank]].ravel(), joints[jointed[rank]].ravel()]))
         halo = ends[part[ends] != rank]
         halos.append(halo[np.argsort(part[halo], kind="stable")])
-    wanted = [
-        [(other, halos[other][part[halos[other]] == rank]) for other in np.unique(part[halos[rank]])]
-        for rank in range(ranks)
-    ]
+    local = np.full(n, -1, np.int64)  # scratch: local row of a particle on the rank in hand
     subdomains = []
     for rank in range(ranks):
-        boundary = (
-            among(owned[rank], np.concatenate([rows for _, rows in wanted[rank]]))
-            if wanted[rank]
-            else np.zeros(len(owned[rank]), bool)
-        )
-        local[owned[rank]] = np.arange(len(owned[rank]))
+        wanted = {int(k): halos[k][part[halos[k]] == rank] for k in np.unique(part[halos[rank]])}
         inner = held[rank][(owner[held[rank]] == rank).all(1)]
-        gid = np.concatenate([owned[rank][order_of_rows(boundary, local[elements[inner]])], halos[rank]])
+        gid = np.concatenate([_in_order(owned[rank], wanted, elements[inner], local), halos[rank]])
         local[gid] = np.arange(len(gid))
-        sends = [local[rows] for _, rows in wanted[rank]]
+        sends = [local[rows] for rows in wanted.values()]
         counts = np.bincount(part[halos[rank]], minlength=ranks)
-        neighbours = tuple(int(other) for other, _ in wanted[rank])
         subdomains.append(
             Subdomain(
                 len(owned[rank]),
@@ -100,15 +90,27 @@ def cut_net(
                 held[rank],
                 local[elements[held[rank]]].astype(np.uint32),
                 owner[held[rank], 0] == rank,
-                neighbours,
-                tuple(len(s) for s in sends),
-                tuple(int(counts[other]) for other in neighbours),
+                tuple(wanted),
+                tuple(map(len, sends)),
+                tuple(int(counts[other]) for other in wanted),
                 np.concatenate(sends + [np.zeros(0, np.int64)]).astype(np.uint32),
                 jointed[rank],
                 local[joints[jointed[rank]]].astype(np.uint32),
             )
         )
     return subdomains
+
+
+def _in_order(owned: np.ndarray, wanted: dict, inner: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """The particles that a rank owns, (n_owned,) ascending, in the order of its rows.
+
+    wanted : those of them that each neighbour holds; inner : (k, 2) elements between them; local : scratch
+    """
+    boundary = np.zeros(len(owned), bool)
+    if wanted:
+        boundary = among(owned, np.concatenate(list(wanted.values())))
+    local[owned] = np.arange(len(owned))
+    return owned[order_of_rows(boundary, local[inner])]
 
 
 @allocating_kernel

@@ -116,8 +116,7 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
         for stage in STAGES:
             if stage.required(scene.job) and not scene.failure:
                 outcomes[stage.NAME] = stage.run(scene, desk, outcomes)
-                for line in outcomes[stage.NAME].lines:
-                    desk.progress.say(line)
+                desk.progress.say(*outcomes[stage.NAME].lines)
                 if outcomes[stage.NAME].failure:
                     break
         if dynamics.NAME not in outcomes:

@@ -20,7 +20,7 @@ from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.law.measures import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.stability import Limit
-from netfall.model.layout import Layout, features_of, layout_digest, make_layout
+from netfall.model.layout import features_of, layout_digest, make_layout
 from netfall.model.model import make_model
 from netfall.model.schedule import step_limits, with_slips
 from netfall.model.state import make_state
@@ -61,16 +61,8 @@ def prepare(
     """
     keep_freed()
     with phases.phase("net and partition"):
-        if comm.rank > 0:
-            wake()  # while rank 0 reads the net
-        timed, own = phases.of_steps is not None, memory is FORGETFUL  # of one run: not one of many
-        known = (lambda net: compile_ahead(job, net, timed)) if own else (lambda net: None)
-        layout = on_root(comm, lambda: make_layout(job, comm.size, memory, known))
-        net = layout.net if layout else None
-        n, m, features = comm.bcast((net.n, net.m, features_of(job, net, layout.slides)) if layout else None)
-        cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size, *_joints(layout)))
-        distribution = Distribution(comm, n, m, cut)
-        halo = Halo(comm, distribution.subdomain, 3)
+        layout, features, distribution, halo = _split(comm, job, phases, memory)
+    net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
     stage = comm.bcast(checkpoint and checkpoint.record["stage"])
@@ -111,9 +103,19 @@ def prepare(
         return replace(scene, limits=_limits(scene)), checkpoint
 
 
-def _joints(layout: Layout) -> list[np.ndarray]:
-    """Particles (k, 3) of the joints of chains that bend, if there are any."""
-    return [layout.chains.particles] if layout.chains else []
+def _split(comm: MPI.Comm, job: Job, phases: Phases, memory: Memory) -> tuple:
+    """The layout of the net, on rank 0, its features, and how it is split over the ranks. Collective."""
+    if comm.rank > 0:
+        wake()  # while rank 0 reads the net
+    timed, own = phases.of_steps is not None, memory is FORGETFUL  # of one run: not one of many
+    known = (lambda net: compile_ahead(job, net, timed)) if own else (lambda net: None)
+    layout = on_root(comm, lambda: make_layout(job, comm.size, memory, known))
+    net = layout and layout.net
+    n, m, features = comm.bcast(layout and (net.n, net.m, features_of(job, net, layout.slides)))
+    joints = [layout.chains.particles] if layout and layout.chains else []
+    cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size, *joints))
+    distribution = Distribution(comm, n, m, cut)
+    return layout, features, distribution, Halo(comm, distribution.subdomain, 3)
 
 
 def _check_form(job: Job, reference: float, residual: float) -> None:

@@ -249,38 +249,63 @@ def find_form(
     else:
         elements = given
     if settings.method == "force_density":
-        N = given.densities() * elements.L_start
-        f = np.zeros_like(x) + elements.load
-        add_tensions(x, elements.ends, N, elements.L_start, f)
-        residual, reference = comm.allreduce(largest_residual(f, free, halo.n_owned), MPI.MAX), largest(N)
-        if not residual <= settings.tolerance * reference:
-            raise DivergedError(
-                f"form finding by force density: largest residual {residual:.3g} N, "
-                f"asked {settings.tolerance * reference:.3g} N; the densities are nearly singular"
-            )
-        return Form(x, N, 1, residual, reference)
-    reference = largest(elements.T0)
+        return _of_densities(
+            comm, given.densities(), elements, x, free, halo.n_owned, settings.tolerance, largest
+        )
     if start is not None:
         x[:] = start
     moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
+    reference = largest(elements.T0)
     asked = settings.tolerance * reference
+    found = _of_tensions(
+        comm, net, distribution, halo, moving, elements, settings, asked, report, stop, resume
+    )
+    return Form(x, elements.N, *found, reference)
+
+
+def _of_densities(comm: MPI.Comm, q, elements: Elements, x, free, n_owned, tolerance, largest) -> Form:
+    """The form at x (n, 3) [m] by force densities q (m,) [N/m], which have to hold it. Collective.
+
+    largest(N) : the largest of forces, as of `find_form`
+    """
+    N = q * elements.L_start
+    f = np.zeros_like(x) + elements.load
+    add_tensions(x, elements.ends, N, elements.L_start, f)
+    residual, reference = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX), largest(N)
+    if not residual <= tolerance * reference:
+        raise DivergedError(
+            f"form finding by force density: largest residual {residual:.3g} N, "
+            f"asked {tolerance * reference:.3g} N; the densities are nearly singular"
+        )
+    return Form(x, N, 1, residual, reference)
+
+
+def _of_tensions(
+    comm, net, distribution, halo, moving: RelaxedNet, elements, settings, asked, report, stop, resume
+) -> tuple:
+    """Move moving.x to the form by tensions; iterations and the largest residual [N]. Collective.
+
+    By Newton's method where the net is large, or where nodes ran together in a relaxation, else by that;
+    asked : [N], of the residual; the others as of `find_form`
+    """
     by_newton = lambda: newton_form(comm, distribution, halo, moving, elements, settings, asked, stop)
-    found, begun = None, x.copy(order="K")
+    begun = moving.x.copy(order="K")
     large = distribution.n >= MANY if elements.constant else is_large(distribution)
     if resume is None or resume.iteration == 0:
-        found, resume = by_newton() if large else None, None
-    if found is None:
+        resume = None
+        if large and (found := by_newton()) is not None:
+            return found
+    if elements.constant:
+        report = Watch(comm, distribution, net, elements, report)
+    try:
         most = settings.max_iterations
-        if elements.constant:
-            report = Watch(comm, distribution, net, elements, report)
-        try:
-            found = relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
-        except DivergedError as error:
-            worst, x[:] = worst_nodes(comm, net, distribution, moving), begun
-            found = by_newton() if isinstance(error, RunTogether) and not large else None
-            if found is None:
-                raise DivergedError(f"{error}; {worst}; {ADVICE}") from None
-    return Form(x, elements.N, *found, reference)
+        return relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
+    except DivergedError as error:
+        worst, moving.x[:] = worst_nodes(comm, net, distribution, moving), begun
+        found = by_newton() if isinstance(error, RunTogether) and not large else None
+        if found is None:
+            raise DivergedError(f"{error}; {worst}; {ADVICE}") from None
+        return found
 
 
 def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, moving: RelaxedNet) -> str:

@@ -45,8 +45,7 @@ def study(
             f"{path}: [rare] runs in rounds that need each other; expected no --shard, more --workers"
         )
     net = build_net(plan.read(plan.member(0)))  # what is wrong in the net is said here, once
-    for note in plan.notes:
-        progress.say(note)
+    progress.say(*plan.notes)
     place = place_of(path, output, shard)
     if not place.result.exists() or digests_of(place.result) is None:
         check_place(place.result)
