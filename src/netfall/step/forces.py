@@ -6,7 +6,7 @@ it. `Particles` come as the plan prepares them (`plan.stepped_particles`).
 
 import numpy as np
 
-from netfall.ground.compile import kernel_apart, part_of_kernel, vector_kernel
+from netfall.ground.compile import inner_kernel, kernel_apart, part_of_kernel, vector_kernel
 from netfall.mechanics.air import air_work, damped_mass, with_air
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
@@ -16,6 +16,7 @@ from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import on_guide, spring_force, turned_springs
 from netfall.numerics.arithmetic import dot, fused
+from netfall.step.limits import count_near
 from netfall.step.runs import BORROWING, LANES, ORDERED
 from netfall.step.slots import keep_force
 
@@ -287,14 +288,20 @@ def kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch):
 
     The latter goes on from lane to lane in a register. The former was stored before the block began: a block
     is no longer than the way to the lender, so the compiler finds that loads and stores do not meet.
+
+    Elements near their limits are rare without bars, which are pointed at in each step in which they yield:
+    then the loop finds whether a block has any, which costs less, and whose they are is found behind it.
     """
     s0, s3, one = np.uint64(whole[r, 2]), np.uint64(whole[r, 5]), np.uint64(1)
     x, lent = particles.x, scratch.lent
     first, last = np.uint64(whole[r, 0]), np.uint64(whole[r, 1])
     length = np.uint64(-whole[r, 2] // LANES * LANES)
     q1, b1, past1, _ = density(first, first - one, np.int64(1), None, x, slots, law)
+    if scratch.near is not None and slots.bar is None:
+        clear_near(first, last, origin, past1, scratch)
     for begin in range(first, last, length):
-        for p in range(begin, min(begin + length, last)):
+        end, anywhere = min(begin + length, last), np.int64(0)
+        for p in range(begin, end):
             i, o0, o1 = p - origin, p + s0, p - one
             d0 = x[0][o0] - x[0][p], x[1][o0] - x[1][p], x[2][o0] - x[2][p]
             d1 = x[0][o1] - x[0][p], x[1][o1] - x[1][p], x[2][o1] - x[2][p]
@@ -304,11 +311,64 @@ def kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch):
             band = NO_FORCE
             if lent.band is not None:
                 band = pulled(pulled(pulled(pulled(NO_FORCE, lent.band[o0], d0), b1, d1), b2, d2), b3, d3)
-            if scratch.near is not None:
+            if slots.bar is None:
+                anywhere |= past2 | past3
+            elif scratch.near is not None:
+                lent.near[p] = 1 if past3 < 0 else 0
                 scratch.near[i] = lent.near[o0] | (1 if past1 | past2 | past3 < 0 else 0)
-            lend(p, (q3, b3, past3), lent)
-            q1, b1, past1 = q2, b2, past2
+                past1 = past2
+            lent.density[p] = q3
+            if lent.band is not None:
+                lent.band[p] = b3
+            q1, b1 = q2, b2
             kick_particle(p, i, force, band, kick, particles, law, scratch.f)
+        if scratch.near is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+            if anywhere < 0:
+                mark_near(begin, end, last, origin, s3, x, slots, law, scratch)
+    if scratch.near is not None and slots.bar is None:
+        mark_borrowed(first, last, origin, s0, scratch)
+
+
+@inner_kernel
+def clear_near(first, last, origin, past, scratch):
+    """Of a run that borrows no particle has an element near its limits, unless the first has."""
+    scratch.near[first - origin : last - origin] = 0
+    scratch.lent.near[first:last] = 0
+    if past < 0:
+        scratch.near[first - origin] = 1
+
+
+@inner_kernel
+def mark_near(begin, end, last, origin, s3, x, slots, law, scratch):
+    """Mark who has an element near its limits that the particles of a block lend; s3 : of `kick_borrowing`.
+
+    last : of the run
+    """
+    near, lent, one = scratch.near, scratch.lent.near, np.uint64(1)
+    for p in range(begin, end):
+        if is_past(p, p + one, np.int64(2), x, slots, law):
+            near[p - origin] = 1
+            if p + one < last:
+                near[p + one - origin] = 1
+        if is_past(p, p + s3, np.int64(3), x, slots, law):
+            near[p - origin] = lent[p] = 1
+
+
+@inner_kernel
+def is_past(p, o, s, x, slots, law):
+    """Whether the element in slot s of particle p, whose far end is o, is past its limits."""
+    d = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
+    _, past, _ = force_density(d, s, p, np.int64(0), slots, law)
+    return past < 0
+
+
+@inner_kernel
+def mark_borrowed(first, last, origin, s0, scratch):
+    """Mark who borrows an element near its limits from one before; s0 : of `kick_borrowing`."""
+    lent = scratch.lent.near[first + s0 : last + s0]
+    if count_near(lent, last - first) > 0:
+        for i in range(last - first):
+            scratch.near[first - origin + i] |= lent[i]
 
 
 @part_of_kernel

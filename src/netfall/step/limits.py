@@ -19,7 +19,7 @@ BLOCK = 64  # particles that are passed over at once
 @vector_kernel
 def count_near(near, particles):
     """How many of the first so many particles of a chunk have an element near yield or fracture."""
-    count = 0
+    count = np.int64(0)
     for i in range(np.uint64(particles)):
         count += near[i]
     return count

@@ -128,7 +128,7 @@ def _lent(n: int, features) -> Lent:
     return Lent(
         columns(1, n, float)[0],
         columns(1, n, float, 1)[0] if features.band else None,
-        columns(1, n, np.int32, 2)[0] if features.inelastic else None,
+        columns(1, n, np.uint8, 2)[0] if features.inelastic else None,
     )
 
 
@@ -143,9 +143,9 @@ class Plan:
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
         self.scratch = Scratch(
             tuple(columns(3, CHUNK, float)),
-            np.zeros(CHUNK, np.int32) if state.features.inelastic else None,
+            np.zeros(CHUNK, np.uint8) if state.features.inelastic else None,
             tuple(columns(3, CHUNK + LANES, float)),
-            np.zeros(CHUNK + LANES, np.int32),
+            np.zeros(CHUNK + LANES, np.uint8),
             tuple(columns(3, CHUNK, float)) if state.features.band else None,
             tuple(columns(3, CHUNK + LANES, float)) if state.features.band else None,
             _lent(state.n_owned, state.features),
