@@ -15,6 +15,7 @@ from netfall.checks.cables import Cutting, cutting_columns
 from netfall.checks.codes import read_codes
 from netfall.checks.shop import Piece, chain_of
 from netfall.ground.errors import InputError
+from netfall.plots import utilisation
 from netfall.report.report import Inputs, write_report
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
@@ -477,6 +478,18 @@ def test_what_the_run_noted_is_in_its_result_and_report(workshop):
         said = run_netfall("info", workshop.folder / "result.vtkhdf").stdout
         page = (report_of(workshop.folder) / "summary.md").read_text()
         assert (f"note: {off}" in said, f"- Note: {off}" in page) == (told, told)
+
+
+def test_the_picture_tells_of_checks_that_it_does_not_show(workshop, monkeypatch):
+    """50 kN of 100 kN: 0.75 of what EN 1993-1-11 allows for ultimate loads, 1.11 in service."""
+    told = []
+    draw = utilisation._draw
+    monkeypatch.setattr(utilisation, "_draw", lambda *given: (told.append(given[5]), draw(*given)))
+    nodes = f"id,x,y,z,fixed,load_z{AREAS}\n1,0,0,9,1,0{ROOF}\n2,0,0,0,0,-50e3{ROOF}\n"
+    cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 100e3\n"
+    workshop.run(workshop.job(cable + "[load]\nsteps = 1\n", nodes, "id,start,end\n7,1,2\n")).close()
+    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
+    assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in told[0]
 
 
 @pytest.mark.plain

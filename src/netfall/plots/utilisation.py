@@ -36,7 +36,10 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
     fails = np.logical_or.reduce([checked.fails[name] for name in names])
     values = np.where(fails, np.fmax(values, ABOVE), values)
     if np.isfinite(values).any():
-        label = f"utilisation, {', '.join(names)}; grey: none; magenta: fails"
+        failed = {check.name: checked.fails[check.name].sum() for check in checked.checks}
+        others = ", ".join(f"{n} fail {name}" for name, n in failed.items() if n and name not in names)
+        besides = f" (besides, {others})" if others else ""
+        label = f"utilisation, {', '.join(names)}{besides}; grey: none; magenta: fails"
     else:
         factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
         values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
