@@ -1,5 +1,6 @@
 """Targets reached by lengths, stages of erection: by hand, backwards, on ranks, paused, and what is wrong."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -166,6 +167,20 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
         "run", workshop.job(CABLES + text + cases, NODES, elements), "-o", path, code=2
     )
     assert "settlement: node 2: released in a [[stage]]" in done.stderr
+
+
+def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
+    """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
+    nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"
+    elements = TWO.replace(",unstressed_length", ",prestress").replace(",5\n", ",1e3\n") + "3,3,4,tie,1e3\n"
+    text = CABLES + "[form_finding]\nmodulus_factor = 0\n" + stage("free", release="[4]")
+    path = workshop.folder / "result.vtkhdf"
+    done = run_on_standing_ranks("run", workshop.job(text, nodes, elements), "-o", path)
+    assert done.returncode == 0, done.stderr
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("form: "))
+    told = re.match(r"form: nodes moved by up to ([\d.]+) m \(node 3\), ([\d.]+) m on the mean", line)
+    assert told[1] == told[2] == f"{3 + 4 / 3**0.5:.4g}"
+    assert line in run_on_standing_ranks("info", path).stdout.splitlines()
 
 
 def test_what_is_there_for_a_while_is_shown_so(workshop):

@@ -44,8 +44,8 @@ def before_run(scene: Scene, progress: Progress) -> None:
     progress.say(*(f"note: {note}" for note in model.notes))
     if scene.comm.size > 1:
         progress.say(partition_line(model, scene.comm.size))
-    N = scene.build_up.form.N if scene.build_up and scene.build_up.form else model.N
     if scene.form:
+        N = in_form(scene).N
         told = f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N"
         progress.say(told, *moved_lines(scene))
     progress.say(*(scene.build_up.lines if scene.build_up else ()), *start_notes(scene))
@@ -160,9 +160,14 @@ def form_line(scene: Scene) -> str:
     )
 
 
+def in_form(scene: Scene) -> Model:
+    """The model in its form, before stages of erection change it; on rank 0."""
+    return (scene.build_up and scene.build_up.form) or scene.model
+
+
 def moved_lines(scene: Scene) -> list[str]:
     """What form finding did to the geometry that was given, or which self-stress it has."""
-    model = scene.model
+    model = in_form(scene)
     if scene.form.self_stress is not None:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
     net, area, asked = model.net, float(model.roof.area.sum()), scene.job.form_finding

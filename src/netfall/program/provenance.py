@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 import netfall
-from netfall.messages.run import notes_of
+from netfall.messages.run import moved_lines, notes_of
 from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.stages.scene import Scene
@@ -76,7 +76,7 @@ def provenance_of(scene: Scene) -> dict:
     values["net"] = net_record(model)
     values["notes"] = "\n".join(notes_of(scene))
     if scene.form:
-        values["roof_area_given"] = model.area_given
+        values["form"] = "\n".join(moved_lines(scene))
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
     if scene.schedule:

@@ -12,7 +12,6 @@ from netfall.ground.errors import InputError
 from netfall.job.job import tables_of
 from netfall.mechanics.law.limits import strength_of
 from netfall.numerics.functions import lengths
-from netfall.results.form_lines import form_lines, loose_notes, self_stress_lines
 from netfall.results.losses import broken_at
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.results.states import start_position
@@ -93,20 +92,8 @@ def element_name(f: h5py.File, e: int) -> str:
 
 
 def lines_of_form(f: h5py.File) -> list[str]:
-    """`form_lines` of a result file, or the states of self-stress of a geometry that was kept."""
-    net = f["net"]
-    if "form_finding/self_stress" in f:
-        names = net["group_names"].asstr()[:].tolist()
-        return self_stress_lines(f["form_finding/self_stress"][:], net["group"][:], names)
-    fixed, x, node_id = net["fixed"][:].astype(bool), f["form_finding/position"][:], net["node_id"][:]
-    areas = float(f["provenance"].attrs["roof_area_given"]), float(net["tributary_area"][:].sum())
-    lines = form_lines(net["particles"][:], x, ~fixed.all(1), node_id, *areas)
-    asked = job_of(f).get("form_finding", {})
-    if asked.get("method", "fpm") == "fpm" and asked.get("modulus_factor") == 0.0:
-        held = fixed | (net["spring"][:] > 0.0) if "spring" in net else fixed
-        angle = net["angle"][:] if "angle" in net else None
-        lines += loose_notes(x, net["elements"][:], f["form_finding/tension"][:], held, angle, node_id)
-    return lines
+    """What form finding did to the geometry that was given, or its states of self-stress, as the run told."""
+    return provenance_text(f, "form").splitlines()
 
 
 def carried_in(f: h5py.File) -> Carried:
