@@ -68,7 +68,7 @@ def telling_what_lacks(path: Path) -> Iterator[None]:
     try:
         yield
     except KeyError as error:
-        quoted = re.search(r"'([^']+)'", str(error.args[0]))
+        quoted = re.search(r"(?:object|attribute:) '([^']+)'", str(error.args[0]))
         raise _lacks(path, quoted[1] if quoted else "a group") from None
 
 
