@@ -24,6 +24,7 @@ from netfall.equilibrium.work import Work
 from netfall.ground.compile import kernel, part_of_kernel
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
+from netfall.multigrid.tangent import Tangent
 from netfall.numerics.arithmetic import logarithm
 from netfall.parallel.sums import exact_sums
 
@@ -125,20 +126,17 @@ class Mixed:
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
             raise Stopped
         newton.begin()
-        K, of_law = newton.tangent(), (self.cables, state.elements_now().L, self.gap)
+        K, L = newton.tangent(), state.elements_now().L
+        of_law = self.cables, L, self.gap
         aim_tensions(*of_law, self.now, K.axial, K.across, self.aimed)
         newton.net.forces(state.x, newton.f)
-        more = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
-        add_pulls(state.ends, more[:, None] * K.direction, newton.f)
-        r, more, cycle = newton.not_held(newton.f[newton.owned]), 0.0, newton.cycle(K)
-        if self.work is None:
-            s, count = newton.solve(K, cycle, r, LEFT)
-        else:
-            s, more, count = self.work.solve(K, cycle, r, LEFT)
+        pull = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
+        add_pulls(state.ends, pull[:, None] * K.direction, newton.f)
+        s, more, count = self.answer(K, newton.not_held(newton.f[newton.owned]))
         moved, changed, change = newton.sizes(K, s, state.x_start)
         change_of_tensions(*of_law, self.now, self.aimed, change, self.changes, self.part)
         share, kept = self.longest()
-        (turned,) = newton.largest(most_turned(newton.spread, *of_law[:2], state.ends))
+        (turned,) = newton.largest(most_turned(newton.spread, self.cables, L, state.ends))
         share = min(newton.most_of(s), share, max(TURNED / turned, PARTS[-1]))
         state.x[:] += share * newton.spread
         change_tensions(self.cables, share, self.changes, self.now)
@@ -152,6 +150,13 @@ class Mixed:
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
         if share == 1.0 and kept and size < LARGE:
             self.gap = max(NARROWER * (NARROWER if size < SMALL else 1.0) * self.gap, LEAST * self.energy)
+
+    def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
+        """Correction (n_owned, 3) [m] of a residual, of the factor of `work`, iterations. Collective."""
+        if self.work is not None:
+            return self.work.solve(K, self.newton.cycle(K), r, LEFT)
+        s, count = self.newton.solve(K, self.newton.cycle(K), r, LEFT)
+        return s, 0.0, count
 
     def longest(self) -> tuple[float, bool]:
         """The part of a step that few cables keep from; whether `NEARLY` of it keeps all. Collective."""
