@@ -16,7 +16,6 @@ from netfall.mechanics.loads import external_force, squared_speed, wind_speed
 from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
 from netfall.mechanics.supports import on_guide, spring_force, turned_springs
 from netfall.numerics.arithmetic import dot, fused
-from netfall.step.limits import count_near
 from netfall.step.runs import BORROWING, LANES, ORDERED
 from netfall.step.slots import keep_force
 
@@ -332,8 +331,8 @@ def kick_borrowing(r, origin, kick, whole, particles, slots, law, scratch):
 @inner_kernel
 def clear_near(first, last, origin, past, scratch):
     """Of a run that borrows no particle has an element near its limits, unless the first has."""
-    scratch.near[first - origin : last - origin] = 0
-    scratch.lent.near[first:last] = 0
+    for p in range(first, last):
+        scratch.near[p - origin] = scratch.lent.near[p] = 0
     if past < 0:
         scratch.near[first - origin] = 1
 
@@ -344,14 +343,16 @@ def mark_near(begin, end, last, origin, s3, x, slots, law, scratch):
 
     last : of the run
     """
-    near, lent, one = scratch.near, scratch.lent.near, np.uint64(1)
+    near, one = scratch.near, np.uint64(1)
     for p in range(begin, end):
-        if is_past(p, p + one, np.int64(2), x, slots, law):
+        for s in range(2, SLOTS):
+            if not is_past(p, p + (one if s == 2 else s3), s, x, slots, law):
+                continue
             near[p - origin] = 1
-            if p + one < last:
+            if s == 3:
+                scratch.lent.near[p] = 1
+            elif p + one < last:
                 near[p + one - origin] = 1
-        if is_past(p, p + s3, np.int64(3), x, slots, law):
-            near[p - origin] = lent[p] = 1
 
 
 @inner_kernel
@@ -365,10 +366,8 @@ def is_past(p, o, s, x, slots, law):
 @inner_kernel
 def mark_borrowed(first, last, origin, s0, scratch):
     """Mark who borrows an element near its limits from one before; s0 : of `kick_borrowing`."""
-    lent = scratch.lent.near[first + s0 : last + s0]
-    if count_near(lent, last - first) > 0:
-        for i in range(last - first):
-            scratch.near[first - origin + i] |= lent[i]
+    for p in range(first, last):
+        scratch.near[p - origin] |= scratch.lent.near[p + s0]
 
 
 @part_of_kernel
