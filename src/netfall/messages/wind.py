@@ -15,6 +15,8 @@ MOST_LOST = 0.05  # of the variance
 MOST_OFF = 0.15  # of the spectrum in a half octave
 SLOW_GUSTS = 3.0  # periods of them in the duration, from which on their share of the variance counts
 MUCH_SLOWER = 1.2  # times that share in the spectrum: more is told
+TOO_STRONG = 1.1  # times their load on the whole roof
+EACH = 12  # of the frequencies are enough for that
 SHOWN = 1.0  # Hz: about where roofs of cables have their lowest modes
 FEW_LENGTHS = 10.0  # gust lengths in the duration below which one history says little
 
@@ -63,29 +65,39 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
         f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags {losses.slow:.1%} of it lie "
         f"below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_asked:.1%}; above, the half octave "
         f"from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
-        _place_line(job, model, gust),
+    ] + _place_lines(job, model, gust)
+
+
+def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
+    """How strong means over the roof are at its nodes."""
+    field = model.wind_field
+    if job.wind.gusts == "points":
+        return []
+    share = interpolated_deviation(field.corner, field.weight, field.model.covariance) / gust.deviation
+    return [
+        "gusts: means over the roof around control points; their load on the roof as a whole is that of "
+        f"their coherence, at a node they have {share.min():.0%} to {share.max():.0%} of the deviation"
     ]
 
 
-def _place_line(job: Job, model: Model, gust: Gust) -> str:
-    """How strong gusts are between control points, and on the roof as a whole."""
+def _whole_roof_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+    """That the load of gusts at points is too strong on the roof as a whole."""
     wind, field = job.wind, model.wind_field
     if wind.gusts == "means":
-        share = interpolated_deviation(field.corner, field.weight, field.model.covariance) / gust.deviation
-        return (
-            "gusts: means over the roof around control points; their load on the roof as a whole is that of "
-            f"their coherence, at a node they have {share.min():.0%} to {share.max():.0%} of the deviation"
-        )
-    n = frequency_nodes(gust, wind.time_step)
+        return []
+    n = frequency_nodes(gust, wind.time_step)[::EACH]
     shown = int(np.argmin(np.abs(n - SHOWN)))
     variance = cosine_weights(n, [0], wind.time_step)[0] * gust.spectrum(n)
     sums = np.array([variance, np.arange(len(n)) == shown])
     whole, there = np.sqrt(load_power(model.x, field, wind, n, sums))
-    return (
-        "gusts: as strong at all nodes as at control points, so their load on the roof as a whole is "
-        f"{whole:.3g} times (deviation) what their coherence makes of it, at {n[shown]:.2g} Hz {there:.3g} "
-        'times; gusts = "means" has it right'
-    )
+    if whole < TOO_STRONG:
+        return []
+    return [
+        f'note: [wind] gusts = "points": as strong at all nodes as at {len(field.control_point)} control '
+        f"points, so their load on the whole roof is {whole:.3g} times (deviation) what their coherence "
+        f"makes of it, at {n[shown]:.2g} Hz {there:.3g} times; "
+        '"means" has it right, more control_points come nearer'
+    ]
 
 
 def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
@@ -121,7 +133,7 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             f"note: [wind] ramp = {wind.ramp:g}: longer than the duration, {duration:g} s: gusts never have "
             "their full size"
         )
-    return notes
+    return notes + _whole_roof_notes(job, model, gust)
 
 
 def _tap_line(job: Job, model: Model) -> str:
