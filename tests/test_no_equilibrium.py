@@ -264,6 +264,29 @@ def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
     assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
 
 
+@pytest.mark.parametrize("looks", [40, 60, 80])
+def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
+    """Stopped among steps under a given work; what goes on then comes to the same."""
+    monkeypatch.setattr(finding, "FEWEST", 0)
+    monkeypatch.setattr(settling, "_by_trials", None)
+    entered, limit = [], settling._limit
+    monkeypatch.setattr(settling, "_limit", lambda *to: entered.append(1) or limit(*to))
+    job = read_job(workshop.job(SADDLE.format(steps=1)))
+    result, whole = workshop.folder / "result.vtkhdf", workshop.folder / "whole.vtkhdf"
+    quiet = Progress(False, False)
+    with pytest.raises(DivergedError):
+        run_job(MPI.COMM_WORLD, job, whole, quiet)
+    entered.clear()
+    with pytest.raises(Interrupted):
+        run_job(MPI.COMM_WORLD, job, result, quiet, stop=StopAfter(looks))
+    assert entered
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    with pytest.raises(DivergedError):
+        run_job(MPI.COMM_WORLD, job, result, quiet, restart=checkpoint)
+    with workshop.open("whole.vtkhdf") as one, workshop.open() as again:
+        assert_same_results(one, again)
+
+
 def test_no_step_turns_a_cable_far(workshop, monkeypatch):
     """No end of it moves past the other by more than a share of its length, where a whole step would."""
     monkeypatch.setattr(mixed, "TURNED", 0.2)
