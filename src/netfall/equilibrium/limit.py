@@ -15,12 +15,17 @@ from netfall.equilibrium.overload import SHARP, UNSTRAINED, Strained
 from netfall.equilibrium.work import Work
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
+from netfall.numerics.functions import power
 
-FIRST = 1.02  # times: how closely displacements are found to begin with, by which something gives way
-FARTHEST = 1e3  # times the net's extent: the largest of these
-MOST_HALVINGS = 100  # of that
+FIRST = 1.5  # times: how closely displacements are found to begin with, by which something gives way
+MOST_SIZES = 100  # of these
 ASIDE, FARTHER = 0.01, 0.02  # of what gives way: so far beyond it the next trial is to be, and the first ones
-APART = 0.4  # of `SHARP`: the most that the load is to change over that
+HALF = 0.5  # of what keeps the load within `SHARP` of the other end: how far beyond, where that end is near
+APART = 0.4  # of `SHARP`: the same where it is far
+FAR, POWER = (
+    2.0,
+    1.5,
+)  # of what gives way: from far it grows as so much of the work, where nothing is borne yet
 WITHIN = 0.05  # of what is between two trials: no nearer to either
 MOST_TRIALS = 20
 NEAR = 1e-4  # the last step of a trial, see `Mixed`
@@ -112,8 +117,8 @@ def _begin(newton: Newton, state: State, work: Work, strained: Callable[[], Stra
     (most,) = newton.largest(shape)
     if most == 0.0:
         raise NoConvergence("the load moves nothing")
-    high = part = FARTHEST * newton.extent / most
-    for _ in range(MOST_HALVINGS):
+    part, low, high = newton.extent / most, 0.0, np.inf
+    for _ in range(MOST_SIZES):
         state.x[:] = x + part * shape
         if strained().reason:
             high = part
@@ -121,8 +126,8 @@ def _begin(newton: Newton, state: State, work: Work, strained: Callable[[], Stra
             low = part
         if high <= FIRST * low:
             return
-        part = np.sqrt(low * high) if low else 0.5 * part
-    raise NoConvergence("something gives way at the start")
+        part = 2.0 * low if high == np.inf else np.sqrt(low * high) if low else 0.5 * high
+    raise NoConvergence("no displacements are about those with which something gives way")
 
 
 def _next(before: Trial, low: Trial, high: Trial | None) -> float:
@@ -134,6 +139,11 @@ def _next(before: Trial, low: Trial, high: Trial | None) -> float:
         far = (1.0 + FARTHER - low.most) * (low.work - before.work) / max(low.most - before.most, NIL)
         return low.work + min(far, low.work)
     most, wide = high.most - low.most, high.work - low.work
-    aside = min(ASIDE, APART * SHARP * high.factor * most / (high.factor - low.factor))
-    aim = 1.0 - aside if 1.0 - low.most > high.most - 1.0 else 1.0 + aside
+    enough = SHARP * high.factor * most / (high.factor - low.factor)  # between both ends
+    below, above = 1.0 - low.most, high.most - 1.0
+    room = enough - min(below, above)
+    aside = min(ASIDE, HALF * room if room > 0.0 else APART * enough)
+    aim = 1.0 - aside if below > above else 1.0 + aside
+    if low.work == 0.0 and high.most > FAR:
+        return high.work * float(power(aim / high.most, 1.0 / POWER))
     return low.work + min(max((aim - low.most) / most, WITHIN), 1.0 - WITHIN) * wide
