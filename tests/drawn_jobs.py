@@ -323,6 +323,7 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
             del wind["roughness"]
         wind |= {"time_step": duration / 13.0, "control_points": 6, "ar_order": draw(st.integers(2, 14))}
         wind |= {"seed": draw(st.integers(0, 999)), "air_density": 1.2}
+        wind["gusts"] = ("points", "means")[wind["seed"] % 2]
         wind["spectrum"] = draw(st.sampled_from(("davenport", "kaimal", "von_karman", "en1991")))
         wind["gust_length"] = 60.0  # m; what is longer lasts too many of these samples
         if chance(draw):
