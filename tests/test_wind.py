@@ -189,6 +189,16 @@ def test_check_notes_what_time_step_and_lags_lose(workshop):
     ]
 
 
+def test_gusts_that_load_nothing_have_no_note(workshop):
+    """Coefficients of 0: nothing is too strong."""
+    text = FLAT + BLOW.replace(
+        "roughness = {k}", "coherence_decay = [100.0, 200.0, 100.0]\nturbulence = 0.18"
+    )
+    done = [run_on_standing_ranks("check", workshop.job(text.format(u=u))) for u in (-1.0, 0.0)]
+    assert ['gusts = "points"' in each.stdout for each in done] == [True, False]
+    assert not any("nan" in each.stdout + each.stderr or "Warning" in each.stderr for each in done)
+
+
 def test_result_keeps_what_is_known_of_the_gusts(workshop):
     """In /wind, of the speeds there and of the model."""
     text = FLAT + BLOW.replace("roughness = {k}", "turbulence = 0.6").format(u=-1.0)

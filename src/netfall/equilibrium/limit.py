@@ -22,10 +22,8 @@ MOST_SIZES = 100  # of these
 ASIDE, FARTHER = 0.01, 0.02  # of what gives way: so far beyond it the next trial is to be, and the first ones
 HALF = 0.5  # of what keeps the load within `SHARP` of the other end: how far beyond, where that end is near
 APART = 0.4  # of `SHARP`: the same where it is far
-FAR, POWER = (
-    2.0,
-    1.5,
-)  # of what gives way: from far it grows as so much of the work, where nothing is borne yet
+FAR = 2.0  # of what gives way: from there it grows as a power of the work, where nothing is borne yet
+POWER = 1.5  # that
 WITHIN = 0.05  # of what is between two trials: no nearer to either
 MOST_TRIALS = 20
 NEAR = 1e-4  # the last step of a trial, see `Mixed`

@@ -83,7 +83,7 @@ def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
 def _whole_roof_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     """That the load of gusts at points is too strong on the roof as a whole."""
     wind, field = job.wind, model.wind_field
-    if wind.gusts == "means":
+    if wind.gusts == "means" or not field.force.any():
         return []
     n = frequency_nodes(gust, wind.time_step)[::EACH]
     shown = int(np.argmin(np.abs(n - SHOWN)))
