@@ -6,7 +6,7 @@ from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.record.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.wind.autoregressive import cosine_weights, frequency_nodes
-from netfall.wind.field import interpolated_deviation, load_power
+from netfall.wind.field import WindField, interpolated_deviation, load_power
 from netfall.wind.sectors import bearing
 from netfall.wind.spectra import Gust, gust_of, intensity
 
@@ -16,6 +16,7 @@ MOST_OFF = 0.15  # of the spectrum in a half octave
 SLOW_GUSTS = 3.0  # periods of them in the duration, from which on their share of the variance counts
 MUCH_SLOWER = 1.2  # times that share in the spectrum: more is told
 TOO_STRONG = 1.1  # times their load on the whole roof
+TOO_WEAK = 0.85  # of the deviation, mean over the nodes: less is noted
 EACH = 12  # of the frequencies are enough for that
 SHOWN = 1.0  # Hz: about where roofs of cables have their lowest modes
 FEW_LENGTHS = 10.0  # gust lengths in the duration below which one history says little
@@ -70,21 +71,35 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
 
 def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     """How strong means over the roof are at its nodes."""
-    field = model.wind_field
     if job.wind.gusts == "points":
         return []
-    share = interpolated_deviation(field.corner, field.weight, field.model.covariance) / gust.deviation
+    share = _shares_at_nodes(model.wind_field, gust)
     return [
         "gusts: means over the roof around control points; their load on the roof as a whole is that of "
         f"their coherence, at a node they have {share.min():.0%} to {share.max():.0%} of the deviation"
     ]
 
 
+def _shares_at_nodes(field: WindField, gust: Gust) -> np.ndarray:
+    """Share (n,) of the deviation of gusts that interpolated ones have at the nodes."""
+    return interpolated_deviation(field.corner, field.weight, field.model.covariance) / gust.deviation
+
+
+def _weak_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+    """That means are weak where single nodes load an element."""
+    share = _shares_at_nodes(model.wind_field, gust)
+    if share.mean() >= TOO_WEAK:
+        return []
+    return [
+        f'note: [wind] gusts = "means": at a node they have {share.mean():.0%} of the deviation (mean; '
+        f"{share.min():.0%} at the least), so forces of what a few nodes load come out too low; "
+        'more control_points, or a run with "points" beside'
+    ]
+
+
 def _whole_roof_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     """That the load of gusts at points is too strong on the roof as a whole."""
     wind, field = job.wind, model.wind_field
-    if wind.gusts == "means" or not field.force.any():
-        return []
     n = frequency_nodes(gust, wind.time_step)[::EACH]
     shown = int(np.argmin(np.abs(n - SHOWN)))
     variance = cosine_weights(n, [0], wind.time_step)[0] * gust.spectrum(n)
@@ -133,7 +148,8 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             f"note: [wind] ramp = {wind.ramp:g}: longer than the duration, {duration:g} s: gusts never have "
             "their full size"
         )
-    return notes + _whole_roof_notes(job, model, gust)
+    places = _whole_roof_notes if wind.gusts == "points" else _weak_notes
+    return notes + (places(job, model, gust) if model.wind_field.force.any() else [])
 
 
 def _tap_line(job: Job, model: Model) -> str:
