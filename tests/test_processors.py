@@ -32,6 +32,27 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
     with h5py.File(result) as f:
         if "history" in f:
             assert np.abs(f["history/identity_error"][:]).max() < 1e-10  # of the energy that took part
+        if "events" in f:
+            assert told_of_fractures(JOBS[name]) == found_of_fractures(f)
+    if name == "stadium":
+        said = (ROOT / "README.md").read_text()
+        assert f"collapse with {told_of_fractures(JOBS[name])[1]} broken elements" in said
+
+
+def told_of_fractures(job) -> tuple[str, int, float] | None:
+    """What the head of a job says of them: the time of the first, how many, until when; None: nothing."""
+    head = " ".join(job.read_text().split("\n\n")[0].replace("#", " ").split())
+    first, all_of_them = (
+        re.search(words, head)
+        for words in (r"[Ff]irst fracture at ([\d.]+) s", r"(\d+) broken elements at ([\d.]+) s")
+    )
+    return (first[1], int(all_of_them[1]), float(all_of_them[2])) if first else None
+
+
+def found_of_fractures(result) -> tuple[str, int, float] | None:
+    """The same, of its result."""
+    times = result["events/time"][:]
+    return (f"{times[0]:.2f}", len(times), round(float(result["history/time"][-1]), 9)) if len(times) else None
 
 
 @pytest.mark.long
