@@ -1,13 +1,14 @@
 """From a fragility curve to a year: hazard, reliability, own measures of failure; closed forms."""
 
 import subprocess
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 from conftest import AREAS, BIN, ENVIRONMENT, run_netfall, run_on_standing_ranks
 from scipy import integrate, stats
-from study_files import drawn_members, net, write_study
+from study_files import columns, drawn_members, net, write_study
 from test_study_runs import STUDY, same_studies, wait_for, write
 
 from netfall.plots.study.study import pictures_of
@@ -23,10 +24,11 @@ from netfall.study.answers.hazard import (
     tail_share,
 )
 from netfall.study.answers.info import print_study
-from netfall.study.answers.measures import Failure, failures
+from netfall.study.answers.measures import Failure, failure_section, failures
 from netfall.study.answers.read import read_study
-from netfall.study.answers.subset import Subset
+from netfall.study.answers.subset import Rare, Subset
 from netfall.study.file import read_plan
+from netfall.study.rare import Chains
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
 GUMBEL = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
@@ -116,13 +118,42 @@ def test_the_interval_holds_the_truth(studies, least):
 
 
 def test_own_measures_of_failure_are_those_of_the_columns():
-    """More than a value is a failure, no number is none; what has no rest has failed by all."""
+    """More than a value is a failure, no number tells neither; what has no rest has failed by all."""
     members = drawn_members(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
     members["displacement_max"][0], members["state"][1] = np.nan, "no_rest"
-    measures = failures(members, (Failure("much", "displacement_max", 0.4),))
+    own = (Failure("much", "displacement_max", 0.4), Failure("late", "first_fracture", 3.0))
+    measures = failures(members, own)
     expected = members["displacement_max"] > 0.4
     expected[1] = True
-    assert list(measures)[-1] == "much" and (measures["much"] == expected).all() and not measures["much"][0]
+    failed, judged = measures["much"]
+    assert list(measures)[-2:] == ["much", "late"] and (failed == expected).all() and not failed[0]
+    assert (judged == (np.arange(len(failed)) > 0)).all() and measures["late"].judged.all()
+    rows = curve_sections(members, own)["fragility"]
+    at = np.searchsorted(SPEEDS, members["wind.speed"][0])
+    assert rows["runs"][-2, at] == 9 and rows["runs"][-1, at] == 10 and (rows["runs"][-2] <= 10).all()
+    assert np.array_equal(failure_section(members, own)["runs"], [49, 50])
+
+
+def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rests():
+    """The worst losses have no factor: they counted as those that held."""
+    members = columns({}, np.array([False, True, False, False]), np.zeros(4))
+    members["dynamic_factor_max"] = np.array([1.2, np.nan, np.nan, np.nan])
+    members["rest_after_loss"] = np.array(["equilibrium", "breaks", "unstable", "equilibrium"], object)
+    failed, judged = failures(members, (Failure("swings", "dynamic_factor_max", 2.0),))["swings"]
+    assert failed.tolist() == [False, True, True, False] and judged.tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize("K", [0.2, 0.5])
+def test_years_without_wind_have_the_least_that_a_job_takes(K):
+    """Of annual maxima that may be nothing: those members failed at their input, and counted as failures."""
+    hazard = Hazard("en1991", {"basic_speed": 25.0, "K": K, "n": 0.5})
+    never = np.array([1.0 - 1e-6])
+    assert 0.0 <= hazard.speed_at(never)[0] < 13.0
+    job = SimpleNamespace(groups={}, cable=SimpleNamespace(strength_deviation=0.0), wind=True)
+    calm = Hazard("weibull", {"shape": 1.0, "scale": 1.0})
+    chains = Chains(Rare("displacement_max", 1.0, 2000, 0.1, 1), {}, calm, job)
+    speeds = np.array([chains.values(number)["wind.speed"] for number in range(2000)])
+    assert speeds.min() == 0.1 and abs((speeds == 0.1).mean() - (1.0 - np.exp(-0.1))) < 0.02
 
 
 def test_info_and_pictures_tell_of_the_year(tmp_path):
@@ -311,6 +342,10 @@ of = "displacement_max"
 above = ABOVE
 samples = 100
 level = 0.3
+[[failure]]
+name = "far"
+of = "displacement_max"
+above = ABOVE
 """
 
 
@@ -337,6 +372,7 @@ def test_a_study_of_a_rare_failure_goes_on_to_the_same_bits(tmp_path):
     assert "rare: displacement_max above 0.98 has the probability" in told and "level 2:" in told
     same_studies(*(folder / "storm.study.h5" for folder in folders))
     with h5py.File(folders[0] / "storm.study.h5") as f:
+        assert "failures" not in f and "fragility" not in f  # of members that are chosen near failure
         seeds = f["members/wind.seed"].asstr()[:]
         assert seeds[0].isdigit() and seeds[-1].startswith("[[") and len(f["members/member"]) > 150
 

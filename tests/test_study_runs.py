@@ -29,7 +29,7 @@ from netfall.results.outcomes import NOTHING
 from netfall.study.answers.info import _audit, print_study
 from netfall.study.draws import draw
 from netfall.study.file import read_plan
-from netfall.study.files import Watch
+from netfall.study.files import Watch, place_of
 from netfall.study.journal import Journal, read_journal
 from netfall.study.pool import Pool
 from netfall.study.runs import NET, Runs
@@ -253,6 +253,15 @@ def test_parts_are_joined_and_what_is_missing_is_run(whole, tmp_path):
     study.write_text(STUDY.replace("30.0", "31.0"))
     other = run_on_standing_ranks("study", study, cwd=tmp_path, code=2)
     assert "storm.study.h5: was made before the study file changed" in other.stderr
+
+
+def test_parts_are_those_of_the_name_whatever_stands_in_it(tmp_path):
+    """Names are no patterns, and roof.v2 is another study than roof, whose parts it was taken for."""
+    stem = "roof [1] *"
+    for name in (f"{stem}.2-of-3.study.h5", f"{stem}.1-of-3.study.journal", f"{stem}.v2.1-of-3.study.h5"):
+        (tmp_path / name).touch()
+    place = place_of(Path("roof.toml"), tmp_path / f"{stem}.study.h5", None)
+    assert [part.part for part in place.parts()] == [".1-of-3", ".2-of-3"]
 
 
 def test_files_that_are_kept_are_there_and_those_of_other_parts_stay(tmp_path):

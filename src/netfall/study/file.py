@@ -299,8 +299,7 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
     if len(plan) > sections.MOST:
         raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {sections.MOST} are possible")
     files, nets = dict.fromkeys(plan.files), set()
-    first = plan.member(0).values
-    errors = []
+    first, errors, told = plan.member(0).values, [], set()
     tried = [(axis.name, value) for axis in plan.axes if axis.name != sections.LOST for value in _few(axis)]
     for k, name in enumerate(plan.sampled):
         number = int if name in plan.whole else float
@@ -320,7 +319,9 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
         try:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
         except InputError as error:
-            errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in error.lines]
+            new = [line for line in error.lines if line not in told]
+            errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in new]
+            told.update(new)
         else:
             files |= dict.fromkeys(job.files())
             if job.dynamics is None and not has_statics(job):

@@ -1,6 +1,8 @@
 """Where the files of a study lie."""
 
 import hashlib
+import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,11 +36,9 @@ class Place:
 
     def parts(self) -> list["Place"]:
         """The parts of the study that have been run, whole or not."""
-        found = set()
-        for suffix in (SUFFIX, JOURNAL):
-            for path in self.folder.glob(f"{self.stem}.*-of-*{suffix}"):
-                found.add(path.name.removesuffix(suffix).removeprefix(self.stem))
-        return [Place(self.folder, self.stem, part) for part in sorted(found)]
+        part = re.compile(rf"{re.escape(self.stem)}(\.\d+-of-\d+)({re.escape(SUFFIX)}|{re.escape(JOURNAL)})")
+        names = map(part.fullmatch, os.listdir(self.folder))
+        return [Place(self.folder, self.stem, part) for part in sorted({name[1] for name in names if name})]
 
 
 def place_of(path: Path, output: Path | None, shard: tuple[int, int] | None) -> Place:

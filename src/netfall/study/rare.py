@@ -3,6 +3,7 @@
 import numpy as np
 
 from netfall.job.job import Job
+from netfall.job.schema import SECTIONS
 from netfall.numerics.normal import cdf
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.samples import SPEED
@@ -12,6 +13,8 @@ from netfall.study.draws import LEAST, values_at
 GUSTS, STRENGTH = "wind.seed", "cable.strength_seed"
 STRENGTH_APART = 2**31  # seeds of strengths from those of gusts
 DIGITS = 12  # of the weights of seeds
+# Years whose wind is slower or faster than any that a job takes have the least or the most of these.
+SLOWEST, FASTEST = next((key.low, key.high) for key in SECTIONS["wind"] if f"wind.{key.name}" == SPEED)
 FAILED = ("no_rest", "diverged", "failed")  # states whose response is beyond any value
 
 
@@ -47,7 +50,7 @@ class Chains:
         values = {}
         if self.speeds:
             exceeded = np.clip(cdf(-sample.z[:1]), LEAST, 1.0 - LEAST)
-            values[SPEED] = float(self.hazard.speed_at(exceeded)[0])
+            values[SPEED] = float(np.clip(self.hazard.speed_at(exceeded)[0], SLOWEST, FASTEST))
         for (name, each), one in zip(self.distributions.items(), share[len(self.speeds) :]):
             value = float(values_at(each, np.array([one]))[0])
             values[name] = int(value) if each["distribution"] == "integer" else value

@@ -101,11 +101,13 @@ class Table:
             if self.net:
                 write_columns(f, "net", self.net)
                 self._write_counts(f, rows)
-            if plan.failures:
-                write_columns(f, "failures", failure_section(members, plan.failures))
-            if plan.chains:
-                write_columns(f, "rare", plan.chains.section(self))
-            for name, columns in curve_sections(members, plan.failures, plan.hazard).items():
+            if plan.chains:  # its members are chosen to be near failure: no share of them says anything
+                sections = {"rare": plan.chains.section(self)}
+            else:
+                sections = curve_sections(members, plan.failures, plan.hazard)
+                if plan.failures:
+                    sections["failures"] = failure_section(members, plan.failures)
+            for name, columns in sections.items():
                 write_columns(f, name, columns)
             write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})
         with writing(path):

@@ -56,15 +56,15 @@ def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: H
     curve = _only(curve, counted[curve.rows])
     mine = curve.rows
     at = members[SPEED][mine][:, None] == speed
-    failed = np.array([measures[name][mine] for name in measures]).reshape(len(measures), -1)
-    runs, counts = at.sum(0), failed.astype(int) @ at.astype(int)
-    samples = _resampled(curve, at, failed) if curve.samples >= FEWEST else None
+    failed, judged = (np.array([v[part][mine] for v in measures.values()], bool) for part in (0, 1))
+    ran, counts = judged.astype(int) @ at.astype(int), failed.astype(int) @ at.astype(int)
+    samples = _resampled(curve, at, failed, judged) if curve.samples >= FEWEST else None
     exposure = np.unique(members["duration"][mine])
     missing = (members[SPEED][out][:, None] == speed).sum(0)
     rows = []
     for k, name in enumerate(measures):
-        fit = probit.fit(speed, runs, counts[k])
-        drawn = None if samples is None else probit.fit(speed, samples[0], samples[1 + k])
+        runs, fit = ran[k], probit.fit(speed, ran[k], counts[k])
+        drawn = None if samples is None else probit.fit(speed, samples[0][k], samples[1][k])
         rows.append(
             {"measure": name, "curve": curve.name, "runs": runs, "failed": counts[k], "left_out": len(out)}
             | {"samples": curve.samples, "resampled": curve.resampled}
@@ -83,12 +83,17 @@ def _only(curve: Curve, kept: np.ndarray) -> Curve:
     return Curve(curve.name, curve.rows[kept], renumbered, strata)
 
 
-def _resampled(curve: Curve, at: np.ndarray, failed: np.ndarray) -> np.ndarray:
-    """Counts (1 + k, RESAMPLES, s): how many ran at each speed in each sample, and failed by each measure."""
-    columns = np.concatenate([at, *(at & f[:, None] for f in failed)], axis=1).astype(float)
+def _resampled(curve: Curve, at: np.ndarray, failed: np.ndarray, judged: np.ndarray) -> tuple:
+    """Counts (k, RESAMPLES, s): how many ran at each speed in each sample, by each measure, and failed.
+
+    at : (r, s) the speed of each run; failed, judged : (k, r)
+    """
+    ran, of = np.unique(judged, axis=0, return_inverse=True)  # mostly all runs by all measures
+    columns = np.concatenate([at & rows[:, None] for rows in (*ran, *failed)], axis=1).astype(float)
     # Sums of whole numbers, which are exact in any order.
     counts = np.concatenate([block @ columns for block in weights(curve)])
-    return counts.reshape(RESAMPLES, 1 + len(failed), at.shape[1]).transpose(1, 0, 2)
+    counts = counts.reshape(RESAMPLES, len(ran) + len(failed), at.shape[1]).transpose(1, 0, 2)
+    return counts[of.ravel()], counts[len(ran) :]
 
 
 def _row(speed, grid, runs, failed, fit: Fits, drawn: Fits | None, missing, samples: int) -> dict:

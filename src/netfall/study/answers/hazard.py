@@ -62,7 +62,7 @@ class Hazard(NamedTuple):
         if self.distribution == "gumbel":
             return p["mode"] + p["scale"] * reduced
         once_in_fifty = 1.0 - p["K"] * float(log(-log(0.98)))
-        return p["basic_speed"] * power((1.0 + p["K"] * reduced) / once_in_fifty, p["n"])
+        return p["basic_speed"] * power(np.maximum(1.0 + p["K"] * reduced, 1e-300) / once_in_fifty, p["n"])
 
 
 def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:

@@ -186,10 +186,13 @@ def _failures(study: Study, say) -> None:
     f = study.failures
     if not f or study.fragility:
         return
-    for name, runs, failed in zip(f["measure"], f["runs"], f["failed"]):
-        low, high = wilson(np.array([runs]), np.array([failed]))[:, 0] if runs else (np.nan, np.nan)
-        share = failed / runs if runs else np.nan
-        say(f"failure, {name}: {failed} of {runs} members, {share:.1%} (95 %: {low:.1%} to {high:.1%})")
+    for name, of, runs, failed in zip(f["measure"], f["of"], f["runs"], f["failed"]):
+        if runs:
+            low, high = wilson(np.array([runs]), np.array([failed]))[:, 0]
+            share = f"{failed / runs:.1%} (95 %: {low:.1%} to {high:.1%})"
+            say(f"failure, {name}: {failed} of {runs} members, {share}")
+        else:
+            say(f"failure, {name}: not known, as no member has {of}")
 
 
 def _elements(study: Study, say) -> None:
