@@ -94,7 +94,9 @@ def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypa
     monkeypatch.setattr(setup, "compile_ahead", lambda *scene: known.append(ahead_of(*scene)))
     netfall.run(ROOT / "jobs" / f"{name}.toml", {"dynamics.duration": 0.02}, quiet=True).close()
     [ahead] = known
-    assert types_of(ahead, plan_of(ahead, state_with(ahead))) in time_loop.overloads
+    plan = plan_of(ahead, state_with(ahead))
+    assert types_of(ahead, plan) in time_loop.overloads
+    assert all(entry.kinds in entry.kernel.overloads for entry in plan.apart if entry.kernel)
 
 
 def test_what_others_compile_works_beside_the_kernels():

@@ -267,7 +267,7 @@ def test_loans_change_no_bit(fragments, monkeypatch):
 
         monkeypatch.setattr(plan_module, "find_runs", find)
         state, plan = torn_lattice(fragments)
-        plan.collect_yield(state)
+        plan.collect_yield()
         by_number = np.argsort(state.gid[: state.n_local])
         found.append([a[by_number].tobytes() for a in (state.gid, state.x, state.v, state.work)])
         kept = state.broken, state.eps_p, state.dissipated, state.highest

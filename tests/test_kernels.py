@@ -7,9 +7,11 @@ import pytest
 
 from netfall.ground.columns import LINE, PAGE
 from netfall.ground.compile import kernel
+from netfall.ground.handed import laid
 from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.state import State
+from netfall.parallel.halo import buffers_alone
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
 from netfall.step.limits import count_near
@@ -25,7 +27,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarn
 class NoHalo:
     """One rank: nothing is sent."""
 
-    boundary = 0
+    boundary, buffers = 0, buffers_alone()
 
 
 def random_state(scene: Features, seed: int, n: int = CHUNK + 7) -> State:
@@ -62,10 +64,10 @@ def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, see
 
 
 @kernel
-def run_chunk(c, chunks, particles, slots, unyielded, law, scratch, beside):
+def run_chunk(c, chunks, near, beside):
     """One chunk from rest, without load; what is near, where that is told."""
-    kick(c, 0.0, 0.0, 0.0, chunks, particles, slots, unyielded, law, scratch, beside)
-    return 0 if scratch.near is None else count_near(scratch.near, chunks.high[c] - chunks.low[c])
+    kick(c, 0.0, 0.0, 0.0, chunks, beside)
+    return 0 if near.shape[0] == 0 else count_near(near, chunks.high[c] - chunks.low[c])
 
 
 def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarray]:
@@ -73,22 +75,22 @@ def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarra
     and whether a particle has elements near their limits.
     """
     plan, s = Plan(state, NoHalo()), state
-    chunks, particles, _, slots, unyielded, law, scratch, _, beside = plan.arguments
+    chunks, scratch = plan.chunks, plan.scratch
     runs = chunks.runs
     in_some = [runs.rest[slice(*span)] for span in runs.spans[:, 2:4]]
     in_some += [np.arange(*run[:2]) for span in runs.spans for run in runs.whole[slice(*span[:2])]]
     in_some += [np.arange(*chunk[:2]) for chunk in zip(chunks.low, chunks.high, runs.gathered) if chunk[2]]
     assert np.array_equal(np.sort(np.concatenate(in_some)), np.arange(s.n_owned))
     if not in_runs:
-        chunks = chunks._replace(runs=runs._replace(gathered=np.ones_like(runs.gathered)))
+        runs.gathered[:] = 1
     found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
-        count = run_chunk(c, chunks, particles, slots, unyielded, law, scratch, beside)
+        count = run_chunk(c, laid(chunks), plan.found.near, laid(plan.beside))
         found[low:high] = np.column_stack(scratch.f)[: high - low]
         if s.features.inelastic:
             near[low:high] = scratch.near[: high - low]
             assert count == scratch.near[: high - low].sum()
-    end_all_loans(chunks, slots)
+    end_all_loans(chunks, state.slots)
     return found, near
 
 

@@ -130,6 +130,7 @@ for place in (0, buffers.to_second):
     alone[place + buffers.receive_at[:, None] + np.arange(3)] = 0.0  # forces on the halo; masses stay
 nobody = {"counts": buffers.counts[:0], "requests": buffers.requests[:, :0]}
 halo.buffers = buffers._replace(numbers=alone, **nobody)
+plan.attach(state)
 without = min(advance(0, steps) / steps for _ in range(2))
 halo.buffers = buffers
 held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)

@@ -167,8 +167,8 @@ def lay(value, layout: list, numbers: list) -> None:
     elif isinstance(value, bool):
         layout.append("?")
         numbers.append(value)
-    elif isinstance(value, int | np.int64):
-        layout.append("q")
+    elif isinstance(value, int | np.integer):
+        layout.append("q" if isinstance(value, int) else value.dtype.char)
         numbers.append(value)
     else:  # an entry
         layout.append("P")

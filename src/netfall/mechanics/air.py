@@ -90,7 +90,7 @@ def lose_air(p, particles):
 
     The kinetic energy [J] of that air counts as negative external work.
     """
-    if particles.air is not None:
+    if particles.air is not None and p < particles.air[0].shape[0]:  # else none has any
         particles.air[0][p] = particles.air[1][p] = particles.air[2][p] = 0.0
     if particles.air_mass is not None:
         mass, v = particles.air_mass[p], particles.v

@@ -35,6 +35,11 @@ from netfall.mechanics.stability import ROUNDING, fragment_mass
 
 HAIR = 1e-9  # of the fracture strain, above the rounding of a strain
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
+# Of the particles what is read and written here: scenes that differ in others share kernels.
+BREAKING = (
+    *("x", "v", "x_start", "free", "mass", "per_mass", "load", "spring", "turned", "wind", "air", "air_mass"),
+    *("slip_v", "valence", "work", "ground", "course", "gid", "f"),
+)
 LOOSE = 2  # bits of `Elements.breaks`: ends 0 and 1 break, then, so many places on, which of them are loose
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.ground.compile import inner_kernel, kernel_both_ways, part_of_kernel
 from netfall.mechanics.air import damped_mass
 from netfall.mechanics.fields import OTHER_WORKS
 
@@ -67,7 +67,7 @@ def find_places(time, ground, x):
                 x[c, k] += ((a[3, k] * s + a[2, k]) * s + a[1, k]) * s + a[0, k]
 
 
-@kernel
+@kernel_both_ways
 def move_ground(time, before_dt, after, zeta, ground, particles):
     """Bring `particles.ground` to the step at a time [s].
 

@@ -105,9 +105,9 @@ def wait_for_neighbours(buffers):
 
 
 @inner_kernel
-def send_forces(particles, buffers):
-    """Pack and send the boundary particles' total forces; MPI's error code, and the place of the buffer."""
-    place, width = buffer_in_use(buffers), 3 if particles.valence is None else 5
+def pack_forces(particles, place, buffers):
+    """Pack the boundary particles' total forces. place : `buffer_in_use`"""
+    width = 3 if particles.valence is None else 5
     if particles.valence is not None and particles.air_mass is not None:
         width = 6
     slips = width  # where the velocities of slips stand, if cables slip
@@ -126,12 +126,11 @@ def send_forces(particles, buffers):
         if particles.slip_v is not None:
             for k in range(len(particles.slip_v)):
                 buffers.numbers[row + slips + k] = particles.slip_v[k][p]
-    return send_buffer(buffers), place
 
 
 @inner_kernel
-def receive_forces(n_owned, particles, place, buffers):
-    """Unpack the total forces of the halo particles, which have arrived. place : of `send_forces`"""
+def unpack_forces(n_owned, particles, place, buffers):
+    """Unpack the total forces of the halo particles, which have arrived. place : of `pack_forces`"""
     slips = 3 if particles.valence is None else 5
     if particles.valence is not None and particles.air_mass is not None:
         slips = 6

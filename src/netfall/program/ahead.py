@@ -96,11 +96,10 @@ def main() -> None:
     plan = plan_of(ahead, state)
     second = _work_through(
         [
-            *(entry.prepare for entry in plan.apart[:2]),  # what takes longest first
+            *(entry.prepare for entry in plan.apart),
             lambda: time_loop.compile(types_of(ahead, plan)),
-            *(entry.prepare for entry in plan.apart[2:]),
             lambda: take_snapshot(state, 0.0, 1.0, 0.0, 0.0),
-            lambda: _collect(plan, state),
+            plan.collect_yield,
         ],
         run,
     )
@@ -120,11 +119,6 @@ def _work_through(tasks: list, run: int) -> int:
     if not second:
         os._exit(0)
     return second
-
-
-def _collect(plan: Plan, state: State) -> None:
-    plan.chunks.has_yielded[:] = state.slot_eps_p is not None
-    plan.collect_yield(state)
 
 
 def _end_with(run: int) -> None:
@@ -150,7 +144,7 @@ def plan_of(ahead: Ahead, state: State) -> Plan:
     subdomain = SimpleNamespace(n_owned=2, particle_gid=np.arange(2), element_gid=np.arange(1))
     envelope, probes = Envelope(SimpleNamespace(subdomain=subdomain)), Probes(*[NONE] * 4)
     rows = RowTable(state, np.zeros(1, np.int64), 1.0, 1, subdomain, probes, envelope)
-    alone = SimpleNamespace(boundary=0, buffers=None)  # the exchange of one rank
+    alone = SimpleNamespace(boundary=0, buffers=buffers_alone())  # the exchange of one rank
     return Plan(state, alone, rules if features.fracture else None, rows)
 
 

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from netfall.ground.apart import Entry
 from netfall.ground.columns import vectors
 from netfall.ground.compile import entry_for
-from netfall.ground.handed import Laid, laid
+from netfall.ground.handed import Laid
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
@@ -120,8 +120,8 @@ def make_room(state: State) -> Snapshot:
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(x) if state.features.band else None
     room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band, adding())
-    entry = Entry(observe, *[0.0] * 4, True, subject_of(state), room)
-    return Snapshot(np.zeros(0, np.int64), room, laid(room, entry.kinds[-1]), entry)
+    entry = Entry(observe, *[0.0] * 4, True, given=(subject_of(state), room))
+    return Snapshot(np.zeros(0, np.int64), room, entry.given[-1], entry)
 
 
 def subject_of(state: State) -> Subject:
@@ -144,8 +144,7 @@ def take_snapshot(
     snapshot = before if before is not None and before.fits(state) else make_room(state)
     if len(snapshot.rows) != state.n_local - state.n_halo:
         snapshot.rows = state.owned_rows()
-    subject = laid(subject_of(state), snapshot.observe.kinds[-2])
-    arguments = snapshot.observe, before_dt, dt, zeta, share, subject, snapshot.laid_room
+    arguments = snapshot.observe.on(subject_of(state), snapshot.laid_room), before_dt, dt, zeta, share
     (snapshot.enter or observe_once)(*arguments)
     if snapshot is before and snapshot.enter is None:
         snapshot.enter = entry_for(observe_once, *arguments)

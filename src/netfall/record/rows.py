@@ -91,10 +91,10 @@ class RowTable:
             subject.places,
             particles.slip,
         )
-        if self.take_row is None:
-            self.take_row = Entry(take_row, 0, 0.0, True, seen)
-        due = self.due, self.made, self.every, self.last
-        return Rows(*due, subject, room, self.snapshot.observe, seen, self.take_row)
+        new = self.take_row is None
+        self.take_row = Entry(take_row, 0, 0.0, True, given=(seen,)) if new else self.take_row.on(seen)
+        observe = self.snapshot.observe.on(subject, self.snapshot.laid_room)
+        return Rows(self.due, self.made, self.every, self.last, self.dt, observe, self.take_row)
 
     def is_due(self, number: int) -> bool:
         """Whether a row is due at a step that is not made yet."""

@@ -206,7 +206,7 @@ class Simulation(Stepper):
         """Snapshot of the present step, with the loads at its time, in place of the one before."""
         self.loads.advance(self.state, self.n, self.schedule.step_at)
         share = (self.time - self.loads.time) / self.loads.dt
-        self.plan.collect_yield(self.state)
+        self.plan.collect_yield()
         if self.ground:
             number = self.n // self.stride
             times = number * self.dt, self.before_dt, (number + 1) * self.dt

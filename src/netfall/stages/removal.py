@@ -57,7 +57,7 @@ class Removal:
     def happen(self, simulation) -> None:
         """The loss that is due at the present step. Collective."""
         state, loss = simulation.state, self.losses[self.done]
-        simulation.plan.collect_yield(state)
+        simulation.plan.collect_yield()
         now = state.elements_now()
         self.close(state, now.N)
         simulation.envelope.take_in(simulation.time, state)

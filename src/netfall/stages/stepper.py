@@ -59,7 +59,8 @@ class Stepper:
         self.subdomain = distribution.subdomain
         self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
         self.rows = rows
-        self.plan = Plan(self.state, self.halo, rules if self.state.features.fracture else None, rows)
+        rules = rules if self.state.features.fracture else None
+        self.plan = Plan(self.state, self.halo, rules, rows, self.ground)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
         self.slack, self.stopping = 0, False
@@ -67,10 +68,7 @@ class Stepper:
         if self.after_fracture == "panels":
             self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, stable_dt)
         with self.phases.phase("time loop"):  # compiled, or loaded
-            self.plan.run(
-                Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0, ground=self.ground),
-                self.phases.of_steps,
-            )
+            self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
 
     @property
     def time(self) -> float:
@@ -124,7 +122,7 @@ class Stepper:
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
         sample = self.loads.time, self.loads.dt
         now = first, steps, self.before_dt, self.dt, self.zeta
-        return Interval(*now, *sample, self.stride, trial, self.ground)
+        return Interval(*now, *sample, self.stride, trial)
 
     def advance_to_first_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or to the step in which something is to break on any rank; whether it is."""
@@ -180,7 +178,7 @@ class Stepper:
 
     def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
         """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
-        self.plan.collect_yield(self.state)
+        self.plan.collect_yield()
         count = int(self.plan.events.count[0])
         begin, kept = (self.n, self.made, self.before_dt, count, self.rows.keep()), self.state.copy()
         self.advance_block(stop)

@@ -216,9 +216,9 @@ def count_slack(now, elements):
 
 
 @kernel
-def observe_once(entry, before_dt, dt, zeta, share, subject, room):
-    """`observe` from Python. entry : where it begins"""
-    call(entry, before_dt, dt, zeta, share, True, subject, room)
+def observe_once(entry, before_dt, dt, zeta, share):
+    """`observe` from Python. entry : the kernel, and what it works on"""
+    call(entry, before_dt, dt, zeta, share, True)
 
 
 @kernel_apart

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
+from netfall.ground.compile import inner_kernel, kernel_apart, part_of_kernel, vector_kernel
 from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.law.element import strain, yield_energy
 from netfall.mechanics.law.slot import plastic_strain, squared_length
@@ -26,23 +26,24 @@ def count_near(near, particles):
 
 
 @inner_kernel
-def length_of(p, o, particles):
+def length_of(p, o, moved):
     """Distance [m] of two particles."""
-    x = particles.x
+    x = moved.x
     dx, dy, dz = x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@inner_kernel
-def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
+@kernel_apart
+def look_closer(c, chunks, moved, elements, slots, law, found):
     """Yield of the elements of chunk c at x(n), and those that reach their fracture strain.
 
-    near, f : of `Scratch`; only particles where near is not 0 are looked at, and their forces kept
+    moved, found : of `loop`; only particles where found.near is not 0 are looked at, and their forces kept
 
     The end that `reports` keeps the element's record: the first in number that is not the halo's
     (`slots.own_slot`), whose slot is up to date where the other end borrows.
-    elements.pending : out, elements from place `count` on; the new count, and whether anything yielded
+    elements.pending : out, elements from place found.count[0] on
     """
+    near, f, count = found.near, found.f, found.count[0]
     low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
     any_yield = False
     for begin in range(low, high, BLOCK):
@@ -53,12 +54,12 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
             if near[p - low] == 0:
                 continue
             for k in range(3):
-                particles.f[k][p] = f[k][p - low]
+                moved.f[k][p] = f[k][p - low]
             for s in range(max(chunks.width[c], SLOTS)):
                 if slots.inv_L0[s, p] == 0.0:
                     continue
                 e, o = slots.element[s, p], slots.other[s, p]
-                L = length_of(p, o, particles)
+                L = length_of(p, o, moved)
                 if elements.yield_force is None:  # noqa: SIM102 (the compiler drops a branch on this alone)
                     if elements.eps_c is None:
                         reach = law.reach if slots.reach is None else slots.reach[s, p]
@@ -68,7 +69,7 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
                 eps = strain(L, elements.L0[e], law)
                 if elements.yield_force is not None:
                     before = slots.eps_p[s, p]
-                    eps_p = yielded(p, o, s, particles, slots, law)
+                    eps_p = yielded(p, o, s, moved, slots, law)
                     if eps_p != before:
                         any_yield = True
                         if reports and elements.bar[e]:
@@ -77,7 +78,8 @@ def yield_and_break(c, count, chunks, particles, elements, slots, law, near, f):
                 if elements.eps_u is not None and reports and is_over(e, eps, elements):
                     elements.pending[count] = e
                     count += 1
-    return count, any_yield
+    found.count[0] = count
+    chunks.has_yielded[c] |= any_yield
 
 
 @part_of_kernel
@@ -89,20 +91,20 @@ def is_over(e, eps, elements):
     return eps > elements.eps_u[e]
 
 
-@inner_kernel
-def anything_over(particles, elements, law):
-    """Whether an element has passed its fracture strain at the present positions."""
+@kernel_apart
+def find_over(moved, elements, law, found):
+    """Whether an element has passed its fracture strain at the present positions: into found.count."""
     for e in range(elements.ends.shape[0]):
-        L = length_of(elements.ends[e, 0], elements.ends[e, 1], particles)
+        L = length_of(elements.ends[e, 0], elements.ends[e, 1], moved)
         if elements.EA[e] != 0.0 and is_over(e, strain(L, elements.L0[e], law), elements):
-            return True
-    return False
+            found.count[0] = 1
+            return
 
 
 @inner_kernel
-def yielded(p, o, s, particles, slots, law):
+def yielded(p, o, s, moved, slots, law):
     """Plastic strain of the element in slot s of particle p at x(n), to the bits of the vector loop."""
-    x = particles.x
+    x = moved.x
     square = squared_length((x[0][o] - x[0][p], x[1][o] - x[1][p], x[2][o] - x[2][p]))
     stretch = square * inverse_root(square) * slots.inv_L0[s, p]
     return plastic_strain(stretch, slots.eps_p[s, p], s, p, slots, law)

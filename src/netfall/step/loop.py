@@ -11,6 +11,8 @@ Cables that slip over nodes get their kick. Particles go through it in chunks th
        lengths that follow
     6. elements that reached their fracture strain break at x(n+1) (`tear.py`); the loop returns if there is
        no room for what they leave
+
+It is compiled once for all scenes: all that depends on what a scene has is called by its address.
 """
 
 from typing import NamedTuple
@@ -19,20 +21,11 @@ import numpy as np
 
 from netfall.ground.apart import Entry, call
 from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
-from netfall.mechanics.air import set_air
-from netfall.mechanics.bending import Bends, find_bending_forces
 from netfall.mechanics.events import StepDone
-from netfall.mechanics.ground import Ground, move_ground, velocity_after
-from netfall.mechanics.law.branches import set_branches
-from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kick
-from netfall.mechanics.slip.motion import Places, drift_slips, kick_slips
-from netfall.mechanics.supports import on_guide
-from netfall.parallel.halo import receive_forces, send_forces, wait_for_neighbours
+from netfall.parallel.halo import buffer_in_use, send_buffer, wait_for_neighbours
 from netfall.parallel.mpi_symbols import lap
-from netfall.step.limits import anything_over, count_near, yield_and_break
+from netfall.step.limits import count_near
 from netfall.step.rows import Rows, is_due, make_row
-from netfall.step.slots import collect_branches, collect_extremes, collect_yields, follow_slips
-from netfall.step.tear import has_room
 
 FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # what time goes into; the kick counts with the forces
 
@@ -44,7 +37,6 @@ class Interval(NamedTuple):
     stride : how many of the steps that are counted each of them is
     before_dt : [s] length of the step before the first, 0 at the start
     zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
-    ground : where supports move
     trial : whether nothing breaks yet: the steps are taken back if something reaches its fracture strain
     pending : elements that are still to break in the step before the first, where there are no steps
     row : whether the row of the first step is made, if it is due, and nothing else
@@ -59,25 +51,57 @@ class Interval(NamedTuple):
     sample_dt: float
     stride: int = 1
     trial: bool = False
-    ground: Ground | None = None
     pending: int = 0
     row: bool = False
 
 
-class Beside(NamedTuple):
-    """What is done beside forces, kick and drift; None: it is not.
+class Moved(NamedTuple):
+    """Of the particles: x [m], v [m/s], total force f [N], three of (n,) each."""
 
-    rows : of which those are made that are due before the last step; bends : forces of chains that bend
-    places : at which cables slip; kick_chunk, kick_unyielded : of `forces`, the latter where something may
-        yield; break_elements : of `tear`
+    x: tuple
+    v: tuple
+    f: tuple
+
+
+class Found(NamedTuple):
+    """What forces leave for the loop: f, near of the chunk in hand, as of `plan.Scratch`, and what breaks.
+
+    near : (0,) where all is elastic; count : (1,) elements that are to break in this step
     """
 
-    rows: Rows | None
-    bends: Bends | None
-    places: Places | None
+    f: tuple
+    near: np.ndarray
+    count: np.ndarray
+
+
+class Spare(NamedTuple):
+    """Room for what breaks. rows : (1,) of particles in use, of `most_rows`; events : the same of the log."""
+
+    rows: np.ndarray
+    most_rows: int
+    events: np.ndarray
+    most_events: int
+
+
+class Beside(NamedTuple):
+    """What the loop calls by its address: what a scene lacks is not there, and the call does nothing.
+
+    kick_unyielded : `kick_chunk` without a look at plastic strains, where there are any
+    The others, of `beside` and `limits`, as their kernels; rows : those that are made before the last step
+    """
+
     kick_chunk: Entry
-    kick_unyielded: Entry | None
-    break_elements: Entry | None
+    kick_unyielded: Entry
+    look_closer: Entry
+    find_over: Entry
+    break_elements: Entry
+    pack: Entry
+    unpack: Entry
+    move_ground: Entry
+    begin_step: Entry
+    end_step: Entry
+    collect: Entry
+    rows: Rows
 
 
 @inner_kernel
@@ -85,6 +109,13 @@ def step_done(interval, s):
     """Step number s of an interval."""
     number = interval.first + s
     return StepDone(number * interval.dt, number * interval.stride, interval.dt)
+
+
+@inner_kernel
+def has_room(count, spare):
+    """Whether there is room for what `count` elements can leave: two particles and two events each."""
+    enough = spare.rows[0] + 2 * count <= spare.most_rows
+    return enough and spare.events[0] + 2 * count <= spare.most_events
 
 
 @vector_kernel
@@ -98,22 +129,12 @@ def drift_rows(first, last, dt, x, v):
 
 
 @part_of_kernel
-def is_split(c, chunks):
-    """Whether the particles of chunk c have split off."""
-    if chunks.is_split is None:
-        return False
-    return chunks.is_split[c] != 0
-
-
-@inner_kernel
-def kick(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch, beside):
+def kick(c, kick_dt, zeta, share, chunks, beside):
     """`kick_chunk`, without a look at plastic strains where the chunk has none."""
-    if slots.eps_p is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
-        if not chunks.has_yielded[c] and not is_split(c, chunks):
-            apart = beside.kick_unyielded
-            call(apart, c, kick_dt, zeta, share, chunks, particles, unyielded, law, scratch)
-            return
-    call(beside.kick_chunk, c, kick_dt, zeta, share, chunks, particles, slots, law, scratch)
+    if chunks.has_yielded[c] or chunks.is_split[c]:
+        call(beside.kick_chunk, c, kick_dt, zeta, share)
+    else:
+        call(beside.kick_unyielded, c, kick_dt, zeta, share)
 
 
 @vector_kernel
@@ -126,138 +147,79 @@ def keep_forces(low, high, f_chunk, f):
         f[2][p] = f_chunk[2][p - low]
 
 
-@part_of_kernel
-def move_axis(p, kick, axis, f, per_mass, dt):
-    """Kick and drift of particle p along one axis, under the total force f [N]."""
-    new = velocity_after(p, axis.v[p], kicked(axis.v[p], f * per_mass[p], kick), axis)
-    axis.v[p] = new
-    axis.x[p] += dt * new
-
-
-@vector_kernel
-def move_halo(first, last, kick_dt, dt, zeta, particles):
-    """Kick and drift of halo particles, whose total force f the owner has sent."""
-    first, last = np.uint64(first), np.uint64(last)
-    f, per_mass = particles.f, particles.per_mass
-    kick = make_kick(kick_dt, zeta, 0.0)
-    for p in range(first, last):
-        fx, fy, fz = on_guide(p, (f[0][p], f[1][p], f[2][p]), particles)
-        move_axis(p, kick, along_x(particles), fx, per_mass, dt)
-        move_axis(p, kick, along_y(particles), fy, per_mass, dt)
-        move_axis(p, kick, along_z(particles), fz, per_mass, dt)
-
-
-@inner_kernel
-def collect_slots(chunks, elements, slots, law):
-    """Bring the elements up to date with what their slots have of their own."""
-    n_owned, first_split = chunks.n_owned, chunks.n_owned + chunks.n_halo
-    if slots.eps_p is not None and chunks.has_yielded.any():
-        collect_yields(n_owned, first_split, elements, slots, law)
-    if slots.highest is not None:
-        collect_extremes(n_owned, first_split, elements, slots)
-    if slots.branch_a is not None:
-        collect_branches(n_owned, first_split, elements, slots)
-
-
 @kernel
-def time_loop(
-    interval, chunks, particles, elements, slots, unyielded, law, scratch, fractures, beside, buffers, seconds
-):
+def time_loop(interval, chunks, moved, found, spare, beside, buffers, seconds):
     """The steps of an interval; steps done, elements that are still to break, MPI error.
 
     In a trial the second is the number of steps up to and with the one at whose begin the first element has
     passed its fracture strain, one more than there are where it is at the end of the last; 0 if none has.
 
-    chunks, scratch : of `Plan`; particles : `Particles` as `plan.stepped_particles` prepares them
-    elements, slots, law : of `State`; unyielded : the slots without plastic strains, for chunks that
-        have none
-    fractures : `Fractures`; None: nothing breaks
-    beside : `Beside`; buffers : `HaloBuffers`
+    chunks : of `Plan`; moved : `Moved`; found : `Found`; spare : `Spare`; beside : `Beside`
+    buffers : `HaloBuffers`
     seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; None: not measured
     """
     before_dt, dt, zeta = interval.before_dt, interval.dt, interval.zeta
-    n_owned, n_halo = chunks.n_owned, chunks.n_halo
-    tried, air_dt = 0, -1.0  # of the kick for which the air is set
-    if fractures is not None and interval.pending > 0:
-        when = step_done(interval, -1)
-        call(beside.break_elements, interval.pending, when, chunks, elements, slots, law, fractures)
+    tried, place, kicked_dt = 0, np.int64(0), -1.0  # kicked_dt: of the kick before, if nothing broke
+    if interval.pending > 0:
+        call(beside.break_elements, interval.pending, step_done(interval, -1))
     for s in range(max(interval.steps, int(interval.row))):
         kick_dt = 0.5 * (before_dt + dt)
-        if interval.ground is not None:
-            n = interval.first + s
-            move_ground(n * dt, before_dt, (n + 1) * dt, zeta, interval.ground, particles)
-        if beside.rows is not None:
-            number = (interval.first + s) * interval.stride
-            if is_due(number, beside.rows):
-                mark = lap(seconds, -1, 0.0)
-                collect_slots(chunks, elements, slots, law)
-                sample = interval.sample_time, interval.sample_dt
-                make_row(number, before_dt, dt, zeta, sample[0], sample[1], beside.rows)
-                mark = lap(seconds, ROWS, mark)
+        n = interval.first + s
+        call(beside.move_ground, n * dt, before_dt, (n + 1) * dt, zeta)
+        if is_due(n * interval.stride, beside.rows):
+            mark = lap(seconds, -1, 0.0)
+            call(beside.collect)
+            sample = interval.sample_time, interval.sample_dt
+            make_row(n * interval.stride, before_dt, dt, zeta, sample[0], sample[1], beside.rows)
+            mark = lap(seconds, ROWS, mark)
         if interval.row:
             break
-        if law.branches is not None:
-            set_branches(before_dt, dt, law)
-        if particles.air is not None and kick_dt != air_dt:
-            set_air(kick_dt, zeta, particles)
-            air_dt = kick_dt
-        if beside.bends is not None:
-            find_bending_forces(beside.bends)
-        before_dt = dt
         # of the step's number alone, wherever the loop was entered
         share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt
-        if beside.places is not None:
-            time = (interval.first + s) * dt
-            kick_slips(time, kick_dt, share, beside.places, particles, elements, law)
-        count, place = np.int64(0), np.int64(0)
+        call(beside.begin_step, n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt)
+        before_dt, kicked_dt, found.count[0] = dt, kick_dt, 0
         error, drifted = 0, chunks.front
         mark = lap(seconds, -1, 0.0)
         for c in range(chunks.low.shape[0]):
             low, high = chunks.low[c], chunks.high[c]
-            kick(c, kick_dt, zeta, share, chunks, particles, slots, unyielded, law, scratch, beside)
-            near = 0
-            if scratch.near is not None:
-                near = count_near(scratch.near, high - low)
-                if near > 0:
-                    count, yielded = yield_and_break(
-                        c, count, chunks, particles, elements, slots, law, scratch.near, scratch.f
-                    )
-                    chunks.has_yielded[c] |= yielded
-            if c < chunks.own and not is_split(c, chunks):  # sent; `yield_and_break` keeps those that count
-                keep_forces(low, high, scratch.f, particles.f)
+            kick(c, kick_dt, zeta, share, chunks, beside)
+            if found.near.shape[0] > 0 and count_near(found.near, high - low) > 0:
+                call(beside.look_closer, c)
+            if c < chunks.own and not chunks.is_split[c]:  # sent; `look_closer` keeps those that count
+                keep_forces(low, high, found.f, moved.f)
             mark = lap(seconds, FORCES, mark)
             if c == chunks.own - 1:
-                error, place = send_forces(particles, buffers)
+                place = buffer_in_use(buffers)
+                call(beside.pack, place)
+                error = send_buffer(buffers)
                 if error != 0:
                     return s, 0, error
                 mark = lap(seconds, EXCHANGE, mark)
             while drifted <= c and chunks.last_use[drifted] <= c:
-                drift_rows(chunks.low[drifted], chunks.high[drifted], dt, particles.x, particles.v)
+                drift_rows(chunks.low[drifted], chunks.high[drifted], dt, moved.x, moved.v)
                 drifted += 1
             mark = lap(seconds, INTEGRATION, mark)
         for c in range(chunks.front):  # any chunk may need them
-            drift_rows(chunks.low[c], chunks.high[c], dt, particles.x, particles.v)
+            drift_rows(chunks.low[c], chunks.high[c], dt, moved.x, moved.v)
         mark = lap(seconds, INTEGRATION, mark)
         error = wait_for_neighbours(buffers)
         mark = lap(seconds, EXCHANGE, mark)
         if error != 0:
             return s, 0, error
-        receive_forces(n_owned, particles, place, buffers)
-        if n_halo > 0:
-            move_halo(n_owned, n_owned + n_halo, kick_dt, dt, zeta, particles)
-        if beside.places is not None:
-            drift_slips(dt, beside.places, particles)
-            follow_slips(beside.places, n_owned, n_owned + n_halo, particles, elements, slots)
+        call(beside.unpack, place, kick_dt, dt, zeta)
+        call(beside.end_step, dt)
         mark = lap(seconds, INTEGRATION, mark)
-        if fractures is not None and count > 0:
+        count = found.count[0]
+        if count > 0:
             if interval.trial:
                 tried = s + 1 if tried == 0 else tried
-            elif has_room(count, fractures):
-                when = step_done(interval, s)
-                call(beside.break_elements, count, when, chunks, elements, slots, law, fractures)
-                air_dt = -1.0  # masses have changed
+            elif has_room(count, spare):
+                call(beside.break_elements, count, step_done(interval, s))
+                kicked_dt = -1.0  # masses have changed
             else:
                 return s + 1, count, 0
-    if fractures is not None and interval.trial and tried == 0:
-        tried = interval.steps + 1 if anything_over(particles, elements, law) else 0
+    if interval.trial and tried == 0:
+        found.count[0] = 0
+        call(beside.find_over)
+        tried = interval.steps + 1 if found.count[0] > 0 else 0
     return interval.steps, tried, 0

@@ -10,14 +10,20 @@ from netfall.ground.compile import entry_for
 from netfall.ground.handed import handed, laid, types_of
 from netfall.mechanics.bending import Bends
 from netfall.mechanics.events import StepDone, events_with_room
-from netfall.mechanics.fields import SLOTS, Particles
-from netfall.mechanics.fracture import FractureRules, Fractures
+from netfall.mechanics.fields import SLOTS, Elements, Particles, Slots
+from netfall.mechanics.fracture import BREAKING, FractureRules, Fractures
+from netfall.mechanics.ground import Ground, move_ground
+from netfall.mechanics.law.law import Law
+from netfall.mechanics.slip.motion import Places
 from netfall.mechanics.state import State, axes
-from netfall.parallel.halo import Halo, check
+from netfall.parallel.halo import Halo, HaloBuffers, check
+from netfall.step.beside import EXCHANGED, begin_step, collect, collect_now, end_step, pack, unpack
 from netfall.step.forces import kick_chunk, kick_unyielded
-from netfall.step.loop import Beside, Interval, time_loop
+from netfall.step.limits import find_over, look_closer
+from netfall.step.loop import Beside, Found, Interval, Moved, Spare, time_loop
+from netfall.step.rows import no_rows
 from netfall.step.runs import LANES, Runs, end_all_loans, find_runs, make_runs
-from netfall.step.slots import collect_branches, collect_extremes, collect_yields, fill_slots
+from netfall.step.slots import fill_slots
 from netfall.step.tear import break_elements
 
 MOVING = (  # where nothing breaks
@@ -26,6 +32,7 @@ MOVING = (  # where nothing breaks
 )
 SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # where cables slip, besides
 CHUNK = 2048  # particles, 300 KB; fewer end the runs too often, more leave the second cache
+FAR_OFF = 1 << 62  # more rows than there can be
 FAR = 16  # chunks: what is farther away in number leaves the third cache before it is needed
 
 
@@ -38,7 +45,7 @@ class Chunks(NamedTuple):
     then the owned ones, each behind the split ones whose far ends begin there: these are in the cache.
     n_owned, n_halo : particles; inner : the first one after the boundary chunks; size : of a whole chunk
     own : chunks up to and with the last boundary one; place : (chunks,) of each number
-    is_split : (chunks,) 1 for particles that split off; None: none ever does
+    is_split : (chunks,) 1 for particles that split off; for `kick_chunk` None where none ever does
     low, high : (chunks,) particles of each chunk
     width : (chunks,) most elements at one of them
     last_use : (chunks,) the last chunk that reads positions of the chunk, itself if none comes after it
@@ -94,6 +101,37 @@ class Scratch(NamedTuple):
     lent_rest: Lent
 
 
+class Work(NamedTuple):
+    """What the kernels of a step work on, see `Plan`; None: the scene has no such thing.
+
+    kicked_chunks : chunks, for `kick_chunk`; particles : as `stepped_particles` prepares them, of which
+        `exchanged` are some fields, and `grounded` all; unyielded : slots without plastic strains
+    """
+
+    chunks: Chunks
+    kicked_chunks: Chunks
+    particles: Particles
+    exchanged: Particles
+    moved: Moved
+    elements: Elements
+    slots: Slots
+    unyielded: Slots
+    law: Law
+    scratch: Scratch
+    found: Found
+    fractures: Fractures | None
+    buffers: HaloBuffers
+    bends: Bends | None
+    places: Places | None
+    ground: Ground | None
+    grounded: Particles | None
+
+    @property
+    def of_elements(self) -> tuple:
+        """Elements, slots and law."""
+        return self.elements, self.slots, self.law
+
+
 def halo_width(state: State) -> int:
     """Numbers sent for each boundary particle, as `halo.send_forces` packs them."""
     if not state.features.fracture:
@@ -116,6 +154,19 @@ def stepped_particles(state: State) -> Particles:
     )
 
 
+def with_fields(particles: Particles, names: tuple) -> Particles:
+    """Particles of which all other fields are None: scenes that differ in those then share kernels."""
+    return particles._replace(**dict.fromkeys(set(particles._fields) - set(names)))
+
+
+def breaking_particles(state: State) -> Particles:
+    """The particles as fractures take them. Where a wind may end there is air, if of no particle."""
+    particles = with_fields(state.particles, BREAKING)
+    if particles.wind is not None and particles.air is None:
+        particles = particles._replace(air=(np.zeros(0),) * 3)
+    return particles if state.features.air_mass else particles._replace(work=None)
+
+
 def kinds(arguments):
     """What tells the types of a plan's arguments apart when its state has changed: they take much longer."""
     if isinstance(arguments, tuple):
@@ -135,10 +186,20 @@ def _lent(n: int, features) -> Lent:
 class Plan:
     """The arguments of the time loop for a state, brought up to date when something else changes it."""
 
-    def __init__(self, state: State, halo: Halo, rules: FractureRules | None = None, rows=None):
-        """rules : of fractures; None: nothing breaks; rows : as `record.rows.RowTable`, None: no history"""
+    def __init__(
+        self,
+        state: State,
+        halo: Halo,
+        rules: FractureRules | None = None,
+        rows=None,
+        ground: Ground | None = None,
+    ):
+        """rules : of fractures; None: nothing breaks; rows : as `record.rows.RowTable`, None: no history
+
+        ground : where supports move
+        """
         before, after = np.arange(0, halo.boundary, CHUNK), np.arange(halo.boundary, state.n_owned, CHUNK)
-        self.halo, self.boundary, self.rules, self.rows = halo, len(before), rules, rows
+        self.halo, self.boundary, self.rules, self.rows, self.ground = halo, len(before), rules, rows, ground
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
         self.scratch = Scratch(
@@ -159,10 +220,14 @@ class Plan:
         chunk = chunk_of(state.ends[(state.ends < state.n_owned).all(1)])
         np.maximum.at(self._last_use, chunk[:, 0], chunk[:, 1])
         np.maximum.at(self._last_use, chunk[:, 1], chunk[:, 0])
+        near = self.scratch.near if state.features.inelastic else np.zeros(0, np.uint8)
+        self.found = Found(self.scratch.f, near, np.zeros(1, np.int64))
         self.events, self.state = events_with_room(0), None
-        self._entries: dict = {}
-        self._apart: dict = {}
+        # By the kinds of the arrays that kernels work on: their types, and these kernels; then of the loop.
         self._types: dict = {}
+        self._calls: dict = {}
+        self._types_of_loop = None
+        self._loops: dict = {}  # by whether its parts are timed
         self.attach(state)
 
     def attach(self, state: State, filled: bool = False) -> None:
@@ -171,7 +236,7 @@ class Plan:
         filled : whether the slots are so already
         """
         if self.state is not None:
-            self.collect_yield(state)
+            self.collect_yield()
         self.state = state
         state.renew_law()
         if filled:
@@ -182,47 +247,76 @@ class Plan:
         state.place_springs()
         self.chunks = self._chunks_of(state)
         find_runs(self.chunks, state.other, state.inv_L0)
-        fractures = self.rules and Fractures(self.rules, state.particles, state.rows, self.events)
-        bends = None if state.joints is None else Bends(state.x, state.joints, state.bend)
-        rows = self.rows and self.rows.of(state)
-        arguments = (
+        rows = self.rows.of(state) if self.rows else no_rows()
+        self.beside = Beside(*self._entries(self._work(state)), rows)
+        fragments = self.rules is not None and state.features.fragments
+        most_rows = len(state.x) if fragments else FAR_OFF
+        spare = Spare(state.rows, most_rows, self.events.count, len(self.events.step))
+        moved = Moved(state.particles.x, state.particles.v, state.particles.f)
+        arguments = self.chunks, moved, self.found, spare, self.beside
+        self._types_of_loop = self._types_of_loop or list(map(handed, types_of(arguments)))
+        self.laid = tuple(map(laid, arguments, self._types_of_loop))
+
+    def _work(self, state: State) -> Work:
+        """What the kernels of a step work on, of known types."""
+        split, whole = state.features.fracture and state.features.fragments, state.particles
+        stepped = stepped_particles(state)
+        work = Work(
             self.chunks,
-            stepped_particles(state),
+            self.chunks if split else self.chunks._replace(is_split=None),
+            stepped,
+            with_fields(stepped, EXCHANGED),
+            Moved(whole.x, whole.v, whole.f),
             state.elements,
             state.slots,
             state.slots._replace(eps_p=None, yield_strain=None),
             state.law,
             self.scratch,
-            fractures,
+            self.found,
+            self.rules and Fractures(self.rules, breaking_particles(state), state.rows, self.events),
+            self.halo.buffers,
+            None if state.joints is None else Bends(state.x, state.joints, state.bend),
+            state.places,
+            self.ground,
+            whole if self.ground else None,
         )
-        self._kinds = kinds((arguments, rows, bends, state.places))
+        self._kinds = kinds(work)
         if self._kinds not in self._types:
-            found = tuple(map(handed, types_of(arguments)))
-            self._apart[self._kinds] = self._entries_of(map(laid, arguments, found))
-            beside = Beside(rows, bends, state.places, *self._apart[self._kinds])
-            self._types[self._kinds] = *found, *map(handed, types_of([beside]))
-        self.arguments = *arguments, Beside(rows, bends, state.places, *self._apart[self._kinds])
-        self.laid = tuple(map(laid, self.arguments, self._types[self._kinds]))
+            self._types[self._kinds] = tuple(map(handed, types_of(work)))
+        return Work(*map(laid, work, self._types[self._kinds]))
 
-    def _entries_of(self, arguments) -> tuple:
-        """`kick_chunk`, `kick_unyielded`, `break_elements` for the time loop to call; None: it does not."""
-        chunks, particles, elements, slots, unyielded, law, scratch, fractures = arguments
-        of_chunk, when = (0, 0.0, 0.0, 0.0, chunks, particles), StepDone(0.0, 0, 0.0)
-        broken = 0, when, chunks, elements, slots, law, fractures
-        return (
-            Entry(kick_chunk, *of_chunk, slots, law, scratch),
-            Entry(kick_unyielded, *of_chunk, unyielded, law, scratch)
-            if self.state.features.plastic
-            else None,
-            Entry(break_elements, *broken) if self.rules else None,
+    def _entries(self, work: Work) -> list[Entry]:
+        """What the time loop calls, in the order of `Beside`: each kernel and what it works on."""
+        features, w = self.state.features, work
+        keeps = features.plastic or features.peaks or features.band
+        begins = features.band or features.air or features.bending or w.places
+        when, of_kick, real = StepDone(0.0, 0, 0.0), (w.kicked_chunks, w.particles), 0.0
+        calls = (  # the kernel, unless there is nothing to do; arguments like those of a call; what is given
+            (kick_chunk, (0, real, real, real), (*of_kick, w.slots, w.law, w.scratch)),
+            (kick_unyielded, (0, real, real, real), (*of_kick, w.unyielded, w.law, w.scratch)),
+            (features.inelastic and look_closer, (0,), (w.chunks, w.moved, *w.of_elements, w.found)),
+            (features.fracture and find_over, (), (w.moved, w.elements, w.law, w.found)),
+            (self.rules and break_elements, (0, when), (w.chunks, *w.of_elements, w.fractures)),
+            (pack, (0,), (w.exchanged, w.buffers)),
+            (unpack, (0, real, real, real), (w.chunks, w.exchanged, w.buffers)),
+            (self.ground and move_ground, (real,) * 4, (w.ground, w.grounded)),
+            (begins and begin_step, (*[real] * 6, True), (w.bends, w.places, w.particles, w.elements, w.law)),
+            (w.places and end_step, (real,), (w.chunks, w.places, w.particles, w.elements, w.slots)),
+            (keeps and collect, (), (w.chunks, *w.of_elements)),
         )
+        known = self._calls.get(self._kinds)
+        found = [
+            known[k].on(*given) if known else Entry(kernel or None, *like, given=given)
+            for k, (kernel, like, given) in enumerate(calls)
+        ]
+        self._calls[self._kinds] = found
+        return found if features.plastic else [found[0], found[0], *found[2:]]
 
     @property
     def apart(self) -> list[Entry]:
-        """All that the time loop calls by its address."""
-        rows = self.arguments[-1].rows
-        entries = *self._apart[self._kinds], rows and rows.observe, rows and rows.take_row
-        return [entry for entry in entries if entry]
+        """All that the time loop calls by its address, what takes longest to compile first."""
+        kick_chunk, kick_unyielded, *others, rows = self.beside
+        return [kick_chunk, kick_unyielded, rows.observe, *others, rows.take_row]
 
     def _chunks_of(self, state: State) -> Chunks:
         """The chunks, of which those split off come where most of their far ends are."""
@@ -241,7 +335,7 @@ class Plan:
         place = np.empty_like(order)
         place[order] = np.arange(len(order))
         low, high = low[order], high[order]
-        has_yielded, features = np.zeros(len(low), np.uint8), state.features
+        has_yielded = np.zeros(len(low), np.uint8)
         if state.slot_eps_p is not None:
             has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
         return Chunks(
@@ -254,7 +348,7 @@ class Plan:
             int(np.count_nonzero(before < 0.0)),
             int(place[splits + self.boundary - 1]) + 1 if self.boundary else 0,
             place,
-            (order < splits).astype(np.uint8) if features.fracture and features.fragments else None,
+            (order < splits).astype(np.uint8),
             low,
             high,
             np.concatenate([np.full(splits, SLOTS), self._width])[order],
@@ -263,16 +357,9 @@ class Plan:
             make_runs(len(low), state.n_owned),
         )
 
-    def collect_yield(self, state: State) -> None:
+    def collect_yield(self) -> None:
         """Bring plastic strains, heat and extremes of the elements up to date: else slots alone change."""
-        if self.chunks.has_yielded.any():
-            _, _, elements, slots, _, law, *_ = self._types[self._kinds]
-            arrays = laid(state.elements, elements), laid(state.slots, slots), laid(state.law, law)
-            collect_yields(state.n_owned, state.first_split, *arrays)
-        if state.highest is not None:
-            collect_extremes(state.n_owned, state.first_split, laid(state.elements), laid(state.slots))
-        if state.branch_a is not None:
-            collect_branches(state.n_owned, state.first_split, laid(state.elements), laid(state.slots))
+        collect_now(self.beside.collect)
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Advance the state by up to the steps of an interval; how many were done.
@@ -308,11 +395,10 @@ class Plan:
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
         """`time_loop` with these arguments."""
         arguments, timed = (interval, *self.laid, self.halo.buffers, seconds), seconds is not None
-        version = self._kinds, timed
-        if version in self._entries:
-            return self._entries[version](*arguments)
+        if timed in self._loops:
+            return self._loops[timed](*arguments)
         found = time_loop(*arguments)
-        self._entries[version] = entry_for(time_loop, *arguments)
+        self._loops[timed] = entry_for(time_loop, *arguments)
         return found
 
     def take_back(self) -> None:

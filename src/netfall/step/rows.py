@@ -17,7 +17,6 @@ from netfall.mechanics.bending import Joints, joint_moment
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.slip.motion import Places
 from netfall.numerics.arithmetic import bits_of, number_of
-from netfall.step.audit import Room, Subject
 
 MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
 NO_BENDING = -2  # in place of a joint, as `net.chains` has it
@@ -109,9 +108,9 @@ class Seen(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """What rows are made of.
+    """Which rows are made, and what makes them.
 
-    due : (rows,) numbers of the steps of all rows of the stage; made, last : of `Seen`
+    due : (rows,) numbers of the steps of all rows of the stage; made, last, dt : of `Seen`
     every : steps, as they are counted, after which the envelope is widened where no row is made
     observe : of `audit`; take_row : for what has been `seen`
     """
@@ -120,11 +119,17 @@ class Rows(NamedTuple):
     made: np.ndarray
     every: int
     last: np.ndarray
-    subject: Subject
-    room: Room
+    dt: float
     observe: Entry
-    seen: Seen
     take_row: Entry
+
+
+def no_rows() -> Rows:
+    """Where none are made."""
+    none, nothing, never = np.zeros(0, np.int64), np.zeros(2, np.int64), 1 << 62
+    observe = Entry(None, *[0.0] * 4, True, given=(None, None))
+    take = Entry(None, 0, 0.0, True, given=(None,))
+    return Rows(none, nothing, never, nothing[:1], 1.0, observe, take)
 
 
 @part_of_kernel
@@ -147,9 +152,9 @@ def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
     Its arguments as of `loop.Interval`.
     """
     due = has_row(number, rows)
-    share = (number * rows.seen.dt - sample_time) / sample_dt
-    call(rows.observe, before_dt, dt, zeta, share, due, rows.subject, rows.room)
-    call(rows.take_row, number, before_dt if before_dt > 0.0 else dt, due, rows.seen)
+    share = (number * rows.dt - sample_time) / sample_dt
+    call(rows.observe, before_dt, dt, zeta, share, due)
+    call(rows.take_row, number, before_dt if before_dt > 0.0 else dt, due)
 
 
 @kernel_apart

@@ -95,9 +95,8 @@ def find_runs(chunks, other, inv_L0):
     gathered, spans, whole, rest, loose = runs.gathered, runs.spans, runs.whole, runs.rest, runs.loose
     wholes = rests = stretches = 0
     for c in range(chunks.low.shape[0]):
-        if chunks.is_split is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
-            if chunks.is_split[c]:
-                continue
+        if chunks.is_split[c]:
+            continue
         low, high = chunks.low[c], chunks.high[c]
         gathered[c] = is_torn(low, high, chunks.width[c], other, inv_L0)
         if gathered[c]:

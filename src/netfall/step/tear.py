@@ -13,14 +13,6 @@ from netfall.step.runs import end_loans
 from netfall.step.slots import collect_branch, collect_extreme, collect_yield, empty_slot, fill_slot, slot_of
 
 
-@inner_kernel
-def has_room(count, fractures):
-    """Whether there is room for what `count` elements can leave: two particles and two events each."""
-    if fractures.rules.stable_dt > 0.0 and fractures.rows[0] + 2 * count > fractures.particles.gid.shape[0]:
-        return False
-    return fractures.events.count[0] + 2 * count <= fractures.events.step.shape[0]
-
-
 @kernel_apart
 def break_elements(count, when, chunks, elements, slots, law, fractures):
     """Break the `count` elements in elements.pending; what is left of a broken one grows longer.
