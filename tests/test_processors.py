@@ -52,7 +52,8 @@ def told_of_fractures(job) -> tuple[str, int, float] | None:
 def found_of_fractures(result) -> tuple[str, int, float] | None:
     """The same, of its result."""
     times = result["events/time"][:]
-    return (f"{times[0]:.2f}", len(times), round(float(result["history/time"][-1]), 9)) if len(times) else None
+    end = round(float(result["history/time"][-1]), 9)
+    return (f"{times[0]:.2f}", len(times), end) if len(times) else None
 
 
 @pytest.mark.long
