@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, assert_same_results, run_netfall, run_on_standing_ranks
+from conftest import BIN, ENVIRONMENT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
 from kill_runs import JOB
 from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
@@ -157,6 +157,17 @@ def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
                 content = (disk.folder / name).read_bytes()
                 assert not name.startswith(".") and content
                 assert content.endswith(b"IEND\xaeB`\x82" if name.endswith(".png") else b"\n"), name
+
+
+def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
+    """Of a job that did not fit a part stayed, and ended the next `netfall init` as one that is there."""
+    (tmp_path / "roof.toml").write_text('[net]\ngenerator = "saddle"\ncells = 60\n' + STEEL)
+    for kilobytes, *words in ((4, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
+        command = ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', BIN / "netfall", *words]
+        there = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python leaves what it cannot write, cut off
+        done = subprocess.run(command, cwd=tmp_path, env=there, capture_output=True, text=True)
+        without_room(done, "File too large")
+        assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["roof.toml"]
 
 
 def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):

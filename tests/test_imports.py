@@ -54,7 +54,7 @@ MAY_IMPORT = {
     "exchange": ["job", "net.parts", *LAW, "write.locks", "results", "plots"],
     "cli": [
         *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
-        *("view", "exchange"),
+        *("view", "exchange", "write.locks"),
     ],
     "__main__": ["cli"],
 }

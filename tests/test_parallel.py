@@ -2,14 +2,20 @@
 partitions are read, written, and refused when foreign.
 """
 
+import atexit
+import os
+import shutil
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import ENVIRONMENT, ROOT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
 
 from netfall.net.generators import generate as generators
+from netfall.parallel import alone
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
 from netfall.parallel.subdomain import cut_net
 
@@ -314,3 +320,19 @@ def test_memory_that_arrays_leave_stays_for_those_that_follow():
     done = subprocess.run([sys.executable, "-c", TOUCH], env=ENVIRONMENT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) < 1000
+
+
+def test_a_place_that_a_kill_has_left_goes_with_the_next_start(tmp_path, monkeypatch):
+    """Each kill left one for good; those that are held, or were just made, stay."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(atexit, "register", lambda *done, **how: None)
+    held, left, young = (Path(alone.own_place()) for _ in range(3))
+    for place in (left, young):
+        shutil.copytree(place, tmp_path / "copy")  # that nobody holds
+        place.rmdir()
+        (tmp_path / "copy").rename(place)
+    (left / "ompi.host.0").mkdir()
+    for place in (held, left):
+        os.utime(place, (0, 0))
+    alone.own_place()
+    assert held.is_dir() and young.is_dir() and not left.exists()

@@ -15,9 +15,12 @@ OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plo
 
 def init(arguments) -> None:
     """netfall init JOB"""
-    from netfall.job.template import write_template
+    from netfall.job.template import new_template
+    from netfall.write.locks import whole
 
-    write_template(arguments.job)
+    text = new_template(arguments.job)
+    with whole(arguments.job) as place:
+        place.write_text(text, encoding="utf-8")
     print(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
 
 
@@ -38,12 +41,14 @@ def partition(arguments) -> None:
     from netfall.job.read import read_job
     from netfall.net.build import build_net
     from netfall.parallel import partition as p
+    from netfall.write.locks import writing
 
     if arguments.parts < 1:
         raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
     job = read_job(arguments.job, arguments.overrides)
     net = build_net(job)
-    part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
+    with writing(p.FOLDER / f"{job.name}.graph"):
+        part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
     print(
         f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: "
         f"{net.n} particles, {net.m} elements in {arguments.parts} parts, "

@@ -31,13 +31,13 @@ HEAD = """\
 COLUMN = 38  # where comments begin
 
 
-def write_template(path: Path) -> None:
-    """Write the job. Raises InputError if there is such a file."""
+def new_template(path: Path) -> str:
+    """The text of a job that is to be written there. Raises InputError if there is such a file."""
     if path.exists():
         raise InputError(f"{path}: is there already; give another name")
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it")
-    path.write_text(template(path.name), encoding="utf-8")
+    return template(path.name)
 
 
 def template(name: str) -> str:

@@ -1,9 +1,13 @@
 """The start of MPI in a process that no launcher has started."""
 
 import atexit
+import contextlib
+import fcntl
 import os
 import shutil
 import tempfile
+import time
+from pathlib import Path
 
 from netfall.ground.launch import RANK_NAMES
 
@@ -13,6 +17,7 @@ ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_
 # Where it keeps what it shares with nobody. By default all such processes of a user have one place, which
 # each takes away as it ends: files that another one opened then failed.
 PLACE = "OMPI_MCA_orte_tmpdir_base"
+LEFT = 600.0  # s after which a place that no process holds is one that a kill has left
 
 
 def start_alone() -> None:
@@ -23,8 +28,7 @@ def start_alone() -> None:
     if any(name in os.environ for name in RANK_NAMES):
         yield_where_all_share()
         return
-    settings = ALONE | {PLACE: tempfile.mkdtemp(prefix="netfall-")}
-    atexit.register(shutil.rmtree, settings[PLACE], ignore_errors=True)
+    settings = ALONE | {PLACE: own_place()}
     added = {name: value for name, value in settings.items() if name not in os.environ}
     os.environ.update(added)
     from mpi4py import MPI  # noqa: F401 (which starts it)
@@ -42,3 +46,30 @@ def yield_where_all_share() -> None:
     sizes = [os.environ.get(f"OMPI_COMM_WORLD_{name}SIZE") for name in ("", "LOCAL_")]
     if sizes[0] is not None and sizes[0] == sizes[1]:
         os.environ.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
+
+
+def own_place() -> str:
+    """A folder that goes with this process; those that killed ones have left on this machine go now."""
+    prefix = f"netfall-{os.uname().nodename}-"
+    for there in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):  # another user's, or held
+            if time.time() - there.stat().st_mtime > LEFT:
+                held = _hold(there)
+                shutil.rmtree(there, ignore_errors=True)
+                os.close(held)
+    place = tempfile.mkdtemp(prefix=prefix)
+    with contextlib.suppress(OSError):  # a file system without locks: nobody takes it away there either
+        _hold(place)
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    return place
+
+
+def _hold(place: str | Path) -> int:
+    """Lock a folder, until what is returned is closed. Raises OSError if another process has it."""
+    held = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(held)
+        raise
+    return held

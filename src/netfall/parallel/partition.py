@@ -81,8 +81,11 @@ def write_partition(name: str, n: int, elements: np.ndarray, parts: int, folder:
         (folder / f"{name}.graph.part.{parts}", "".join(f"{p}\n" for p in part)),
     ):
         new = path.with_name(path.name + ".new")
-        new.write_text(text)
-        new.replace(path)
+        try:
+            new.write_text(text)
+            new.replace(path)
+        finally:
+            new.unlink(missing_ok=True)
     return part
 
 
