@@ -13,6 +13,7 @@ from netfall.equilibrium import limit as limits
 from netfall.equilibrium import mixed
 from netfall.equilibrium.find import MIXED
 from netfall.equilibrium.overload import UNDECIDED, GivesWay, strained
+from netfall.equilibrium.relaxation import net_of
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER
@@ -193,6 +194,64 @@ def test_a_fan_bears_its_plastic_limit_load(workshop, load):
     assert sorted(label["elements"].tolist()) == [11, 12, 13]
     assert tension[:3] == pytest.approx(YIELD, rel=0.01)
     assert tension[3] == pytest.approx(label["load_factor"] * load, rel=1e-6)
+
+
+SIDEWAYS = "id,x,y,z,fixed,load_x\n1,0,0,0,1,0\n2,0,0,-10,0,0\n3,0,0,-20,0,{load}\n"
+ROPE = "id,start,end\n1,1,2\n2,2,3\n"
+
+
+@pytest.mark.parametrize("few", [0, 10**9])
+def test_what_swings_far_on_the_way_is_not_lost(workshop, monkeypatch, few):
+    """A rope pulled sideways bears its yield force, by steps with tensions as unknowns and by relaxation."""
+    job = workshop.job(PLASTIC.format(steps=1), SIDEWAYS.format(load=3.0 * YIELD), ROPE)
+    with monkeypatch.context() as only:
+        only.setattr(finding, "FEWEST", few)
+        scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+        path = StaticPath()
+        find_equilibria(scene, Mock(stop=NEVER), path)
+    assert path.steps[-1]["load_factor"] == pytest.approx(1.0 / 3.0, rel=4e-3)
+
+
+@pytest.mark.parametrize("spring", [0.0, 1.0])
+def test_no_load_that_is_borne_is_lost_whatever_way_the_net_moves(workshop, spring):
+    """Far away a rope is lost under more than its yield force, as its end goes on; not if it is sprung."""
+    table = SIDEWAYS.format(load=0.0).replace("load_x", "spring_x").replace("-20,0,0.0", f"-20,0,{spring}")
+    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(PLASTIC.format(steps=0), table, ROPE)), Phases())
+    state, load = scene.state, np.zeros((3, 3))
+    state.x[:] = [[0, 0, 0], [30, 0, -1], [60, 0, -2]]
+    onward, rng = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.random.default_rng(1)
+    for share in (0.999, 1.001):
+        load[2, 0] = share * YIELD
+        lost = net_of(state, load).lost
+        assert lost(scene.comm, onward) == (share > 1.0 and not spring)
+        assert not any(lost(scene.comm, rng.normal(size=(3, 3))) for _ in range(100))
+    state.x[:] = state.x_start
+    assert not lost(scene.comm, onward)  # it has not run away
+
+
+LINE = """id,x,y,z,fixed,load_x,load_y,load_z
+1,0.02,0,0.04,1,0,0,0
+2,4.03,0.07,0.02,0,{0},{1},{2}
+3,8,0.05,-0.06,0,{3},{4},{5}
+4,11.92,-0.08,0,0,0,0,0
+5,15.98,-0.06,-0.03,0,0,0,0
+6,20.03,0.04,0.05,0,0,0,0
+7,23.96,-0.1,0.05,1,0,0,0
+"""
+AREAS = 144e-6, 147e-6, 145e-6, 120e-6, 104e-6, 129e-6
+
+
+@pytest.mark.parametrize("times", [0.8, 1.05, 1.2])
+def test_nothing_gives_way_in_what_is_told_to_be_borne(workshop, times):
+    """A line that bears little, then moves far under hardly more: the state found is not beyond that."""
+    loads = (round(times * load) for load in (120.8e3, 2.4e3, 38.9e3, 106.9e3, -11.3e3, 36.1e3))
+    ends = "id,start,end,area\n" + "".join(f"{i},{i},{i + 1},{A}\n" for i, A in enumerate(AREAS, 1))
+    text = PLASTIC.format(steps=1).replace("1e9", "1e8").replace("2e11", '1.6e11\nstrain = "logarithmic"')
+    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(text, LINE.format(*loads), ends)), Phases())
+    path = StaticPath()
+    find_equilibria(scene, Mock(stop=NEVER), path)
+    assert path.steps[-1]["load_factor"] * times == pytest.approx(0.06, rel=0.02)
+    assert strained(scene.comm, scene.distribution, scene.state, False).most <= 1.0
 
 
 def by_work(monkeypatch, job, few=0, **instead):

@@ -202,7 +202,7 @@ class Finder:
                 state.x[:] = before
             if goals[stage] <= asked:
                 found, last = self._relaxed(newton, total, residual, last), (before, state.elements_now().N)
-                if found.error <= tolerance or (goal is not None and np.isnan(found.error)):
+                if found.error <= tolerance:
                     break
                 enough = enough or replace(not_begun(before), stage=stage, total=total)
         return found

@@ -44,7 +44,6 @@ BEYOND = 1.5  # times so far are the others taken
 KEPT = 0.03  # of what would reach zero
 LEAST = 1e-12  # of that energy: the last gap
 LEFT = 0.02  # of the residual, that a correction leaves
-LOST = 2.0  # times as far as `overload.run_away` has it: there is no equilibrium
 
 
 class Cables(NamedTuple):
@@ -142,7 +141,7 @@ class Mixed:
         change_tensions(self.cables, share, self.changes, self.now)
         if self.work is not None:
             self.work.factor += share * more
-        elif newton.net.away is not None and newton.net.away(newton.comm) > LOST:
+        elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
             raise RunsAway("what yields stretches without end")
         size = max(moved, changed)
         in_place, of_tensions = still_missing((moved, changed), share, self.size)

@@ -11,10 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from netfall.mechanics.elements import nodal_stiffness
 from netfall.mechanics.state import State
+from netfall.mechanics.supports import keep_on_guides
 from netfall.numerics.functions import lengths
 from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
+from netfall.parallel.sums import exact_sums
 
 GIVEN_WAY = 1.0  # strain of what yields, if its fracture strain is not larger
 WITH_IT = 0.5  # of the largest strain of what yields so far: elements strained more give way together
@@ -74,6 +77,36 @@ def run_away(comm: MPI.Comm, state: State) -> float:
     most = np.array([*mine, moved.max(initial=0.0), yield_strains(state).max(initial=0.0)])
     comm.Allreduce(MPI.IN_PLACE, most, MPI.MAX)
     return float(min(most[7], most[6] / (most[:3] + most[3:6]).max()))
+
+
+def is_lost(comm: MPI.Comm, state: State, load: np.ndarray, held: np.ndarray, ways, residual: float) -> bool:
+    """Whether what yields has run away, and there is no equilibrium to come back to. Collective.
+
+    load : (n, 3) [N]; held : (n,) of particles at springs and joints; ways : displacements (k, n, 3), of any
+    size, by which the net moves on; residual : largest [N]
+
+    In an equilibrium, wherever it is, the load does as much work along any displacements as elements take up,
+    at most their largest forces times how far their ends are moved apart (the upper bound theorem). If it
+    does more along one of the ways, nothing held, there is none. What never yields is taken to bear a strain
+    of 1. Nor is there a way back where the net is in equilibrium under nearly that load.
+    """
+    away = run_away(comm, state)
+    if away <= 1.0:
+        return False
+    largest = comm.allreduce(float(np.abs(load).max(initial=0.0, where=state.free != 0)), MPI.MAX)
+    if away > SURELY and residual <= SHARP * largest:
+        return True
+    moves, limit = (state.free != 0) & ~held[:, None], np.minimum(state.yield_force, state.EA)
+    terms, own = [], slice(state.n_owned)
+    for way in ways:
+        u, taken = np.where(moves, way, 0.0), np.zeros(len(moves))
+        if state.turned is not None:
+            keep_on_guides(state.turned, u)
+        apart = lengths(u[state.ends[:, 1]] - u[state.ends[:, 0]])
+        nodal_stiffness(state.ends, 0.5 * limit * apart, taken)  # half at either end
+        terms += [(load * u)[own], taken[own]]
+    sums = exact_sums(comm, *terms)
+    return any(given > most for given, most in zip(sums[::2], sums[1::2]))
 
 
 def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: bool) -> Strained:

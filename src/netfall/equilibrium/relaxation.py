@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.overload import run_away
+from netfall.equilibrium.overload import is_lost
 from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
@@ -30,7 +30,6 @@ MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two pe
 OF_JOINTS = 1.5  # virtual mass for their size, of three particles, where elements of two have 1
 LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
 LOOK_FAR_EVERY = 100  # between looks at whether the net runs away
-FAR = 1.25  # times as far as `run_away` has it, in motion
 
 
 @dataclass
@@ -107,7 +106,7 @@ class Net(NamedTuple):
     stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
     support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
     bound(x, out) : adds to out (n,) what joints that bend add to that of elements, None: there are none
-    away(comm) : as `overload.run_away`, collective; None: nothing yields
+    lost(comm, u, residual) : as `overload.is_lost`, for displacements u (n, 3); None: nothing yields
     turned : (n, 3) of supports in axes of their own, None: there are none; `forces` has nothing along lines
         on which they hold
     """
@@ -119,7 +118,7 @@ class Net(NamedTuple):
     stiffness: Callable[[np.ndarray], np.ndarray]
     support: np.ndarray | None = None
     bound: Callable[[np.ndarray, np.ndarray], None] | None = None
-    away: Callable[[MPI.Comm], float] | None = None
+    lost: Callable[..., bool] | None = None
     turned: np.ndarray | None = None
 
 
@@ -166,7 +165,7 @@ def relax(
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
-        if net.away is not None and iteration % LOOK_FAR_EVERY == 0 and net.away(comm) > FAR:
+        if net.lost is not None and iteration % LOOK_FAR_EVERY == 0 and net.lost(comm, v, residual):
             raise RunsAway(f"{what}: what yields stretches without end")
         halo.update(f)
         if rested:
@@ -230,9 +229,15 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
 
     support = largest_springs(state.spring, state.turned) if state.features.springs else None
     bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)
-    away = (lambda comm: run_away(comm, state)) if state.features.plastic else None
-    beside = support, bound, away, state.turned
-    return Net(state.x, state.free, state.ends, forces, stiffness, *beside)
+
+    def lost(comm, u, residual=np.inf):
+        stiffness = np.zeros(len(u)) if support is None else support.copy()
+        if bound is not None:
+            bound(state.x, stiffness)
+        return is_lost(comm, state, load, stiffness > 0.0, (u, state.x - state.x_start), residual)
+
+    more = support, bound, lost if state.features.plastic else None, state.turned
+    return Net(state.x, state.free, state.ends, forces, stiffness, *more)
 
 
 def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:

@@ -50,7 +50,7 @@ BORNE = 1.0, UNSTRAINED, None
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 MOST_NAMED = 100  # elements where a net gives way
 SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter than relaxation
-BACK = 4  # shares of a load, each less by `SHARP`, that are tried for an exact equilibrium
+BACK = 0, 1, 2, 3, 5, 10, 20, 50  # times `SHARP` less of a load: tried for an exact equilibrium
 ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
@@ -366,18 +366,21 @@ def _by_trials(
 def _exact(scene: Scene, part, share: float, reference: float, stop) -> tuple[float, Equilibrium | None]:
     """The equilibrium near where the state is, under a share of a load or hardly less; the share. Collective.
 
-    part(share) : that load. None, and the state as it was: none is found.
+    part(share) : that load. None, and the state as it was: none is found in which nothing gives way.
     """
     near = committed(scene.state)
-    for back in range(BACK):
+    for back in BACK:
+        less = part(share * (1.0 - back * SHARP))
         try:
-            less = share * (1.0 - back * SHARP)
-            return less, _found(scene, part(less), reference, stop)
+            found = _found(scene, less, reference, stop)
+            if not _strained(scene, less).reason:
+                return share * (1.0 - back * SHARP), found
         except RunsAway:  # within the error of the search it seemed to be at rest
-            put_back(scene.state, near)
+            pass
         except DivergedError:
             put_back(scene.state, near)
             break
+        put_back(scene.state, near)
     return share, None
 
 
