@@ -429,6 +429,19 @@ def test_the_expected_run_time_is_that_of_the_head(name):
     assert ("on several ranks, mostly slower" in told) == ("equilibria" in told)
 
 
+def test_the_expected_run_time_counts_erection_targets_and_losses():
+    """Eight stages, three targets; of the clamps two stages, the rest and that after the loss."""
+    told = {}
+    for name in ("wheel_erection", "dome_rings", "clamps"):
+        line = run_on_standing_ranks("check", ROOT / "jobs" / f"{name}.toml").stdout
+        parts = (re.search(rf"{part} ([0-9.]+) s", line) for part in ("erection", "equilibria"))
+        told[name] = [float(found[1]) for found in parts]
+        assert "is relaxed, for seconds" in line
+    assert told["wheel_erection"][0] == pytest.approx(8 * 480 * 2.5e-4, rel=0.05)
+    assert told["dome_rings"][0] == pytest.approx(8 * 600 * 2.5e-4, rel=0.05)
+    assert told["clamps"] == pytest.approx([2 * 480 * 2.5e-4, 2 * 480 * 1e-4], rel=0.05)
+
+
 def test_the_expected_run_time_counts_checkpoints(workshop):
     """Of a small net some 26 ms each: 299 within 6 s, one each 20 ms."""
     told = run_netfall("check", ROOT / "jobs" / "saddle.toml", "--set", "output.checkpoint=0.02").stdout

@@ -36,7 +36,9 @@ STEP_NS, STEP_US = 8.0, 2.0
 ROW_S = 5e-4  # of a row of the history, and of a frame
 CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # of a checkpoint, and of each element in it
 EQUILIBRIUM_S = 1e-4  # for each element of a small net: slack and compression take more or less
+STAGE_S, TRIALS = 2.5e-4, 8  # the same of a stage of erection; equilibria until targets are reached, about
 NEAR_S, FAR_S = 4.5e-6, 4e-5  # the same of a larger net, whose tangent foresees it, or does not (jobs/bench)
+RELAXED = "; a stage whose nodes hang far from where they are held taut is relaxed, for seconds"
 UNFORESEEN = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
 NOT_BORNE = 5  # times as long, until it is told how much of a load is borne
 START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
@@ -150,8 +152,12 @@ def _describe_time(scene: Scene, say) -> None:
     """What a run takes on one core, by its parts."""
     job, schedule, m = scene.job, scene.schedule, scene.model.net.m
     parts, more = {"start, net and form": START_S + NET_S * m}, ""
+    if job.stages or job.targets:
+        parts["erection"] = STAGE_S * m * (len(job.stages) + TRIALS * bool(job.targets))
+        more = RELAXED
     if has_statics(job):
-        parts["equilibria"], more = equilibria_time(scene)
+        parts["equilibria"], unknown = equilibria_time(scene)
+        more += unknown
     if schedule:
         parts["steps"] = schedule.steps // schedule.stride * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
         parts["output"] = ROW_S * (len(schedule.history) + len(schedule.frames))
@@ -172,17 +178,18 @@ def equilibria_time(scene: Scene) -> tuple[float, str]:
     Of a larger net by whether the tangent foresees the last of them, from where the net is, and the first.
     """
     job, m, wanted = scene.job, scene.distribution.m, equilibria(scene)
+    count = len(wanted) + len(job.removes) * bool(job.dynamics)  # with the rest after each loss
     if scene.distribution.n < FEWEST:
-        return EQUILIBRIUM_S * m * len(wanted), ""
+        return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and scene.form is None:
-        return NEAR_S * m * len(wanted), "; what goes slack or yields takes up to ten times as long at rest"
+        return NEAR_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
     foreseen = lambda want: scene.finder.foresees(loaded(scene, want).load)
     if foreseen(wanted[-1]):
-        return NEAR_S * m * len(wanted), ""
+        return NEAR_S * m * count, ""
     near = sum(each.kind == "permanent" for each, _ in wanted) if foreseen(wanted[0]) else 0
     limits = scene.state.features.plastic or scene.state.features.fracture
     more = f"; where a load is not borne, up to {NOT_BORNE} times its equilibrium" if limits else ""
-    return m * (NEAR_S * near + FAR_S * (len(wanted) - near)), UNFORESEEN + more
+    return m * (NEAR_S * near + FAR_S * (count - near)), UNFORESEEN + more
 
 
 def _describe_memory(job: Job, scene: Scene, say) -> None:
