@@ -199,6 +199,27 @@ def test_a_study_of_equilibria_has_the_largest_of_all_cases(tmp_path):
     assert failed == 2 + (rows["displacement_max"][[1, 3]] > 0.3).sum()
     told = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
     assert "equilibria without a dynamic stage" in told and "no equilibrium under a load" in told
+    assert "strength: passed" not in told and used[1] < 1.0
+
+
+def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_breaks(tmp_path):
+    """In a study of equilibria nothing breaks: 0 broken of all was no answer, and more than the strength
+    no word.
+    """
+    job = STATIC.replace("breaking = true", "breaking = false")
+    (tmp_path / "static.toml").write_text(job)
+    study = tmp_path / "cases.toml"
+    study.write_text('job = "static.toml"\n[vary]\n"cable.breaking_load" = [1.5e5, 4.9e6]\n')
+    run_on_standing_ranks("study", study, "--workers", 1, cwd=tmp_path)
+    with h5py.File(tmp_path / "cases.study.h5") as f:
+        used = f["members/utilisation_max"][:]
+    assert used[0] > 1.1 and used[1] < 1.0
+    told = run_on_standing_ranks("info", tmp_path / "cases.study.h5", cwd=tmp_path).stdout
+    assert f"strength: passed in 1 of the 2 members that finished, {used[0]:.3g} times at most" in told
+    with study.open("a") as file:
+        file.write('[[failure]]\nname = "tears"\nof = "broken"\nabove = 0\n')
+    error = run_on_standing_ranks("study", study, cwd=tmp_path, code=2).stderr
+    assert '[[failure]] tears: of = "broken": of a dynamic stage' in error
 
 
 def wait_for(there) -> None:

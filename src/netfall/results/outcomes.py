@@ -12,6 +12,7 @@ class MemberColumn(NamedTuple):
     of_losses : there if members are lost
     of_depth : there if a depth is given
     of_run : a run gives it; else the table of the study adds it
+    of_motion : of a dynamic stage: equilibria have none
     """
 
     name: str
@@ -20,6 +21,7 @@ class MemberColumn(NamedTuple):
     of_losses: bool = False
     of_depth: bool = False
     of_run: bool = True
+    of_motion: bool = False
 
     @property
     def dtype(self) -> type:
@@ -37,17 +39,17 @@ NO_MEASURE = (
     *("gusts", "seconds"),
 )
 OUTCOMES = (
-    MemberColumn("first_fracture", NAN, "s"),
+    MemberColumn("first_fracture", NAN, "s", of_motion=True),
     MemberColumn("first_element", -1),
     MemberColumn("first_element_id", -1),
-    MemberColumn("broken", 0),
-    MemberColumn("roof_lost", NAN),
+    MemberColumn("broken", 0, of_motion=True),
+    MemberColumn("roof_lost", NAN, of_motion=True),
     MemberColumn("displacement_max", NAN, "m"),
     MemberColumn("tension_max", NAN, "N"),
     MemberColumn("utilisation_max", NAN),
     MemberColumn("utilisation_before_break", NAN),
     MemberColumn("sunk_area", NAN, of_depth=True),
-    MemberColumn("balance_error", NAN),
+    MemberColumn("balance_error", NAN, of_motion=True),
     MemberColumn("dynamic_factor_max", NAN, of_losses=True),
     MemberColumn("dynamic_factor_element", -1, of_losses=True),
     MemberColumn("dynamic_factor_element_id", -1, of_losses=True),

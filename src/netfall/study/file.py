@@ -17,6 +17,7 @@ from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validation
 from netfall.job.values import nearest, shown
 from netfall.net.build import build_net
+from netfall.results.outcomes import BY_NAME
 from netfall.study import sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
@@ -334,6 +335,13 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
                 errors.append(f"{plan.path}: {what} takes a dynamic stage; expected [dynamics] in {plan.job}")
             elif name.startswith("net."):
                 nets.add(_net_key(job))
+    if math.isnan(plan.exposure):
+        errors += [
+            f"{plan.path}: [[failure]] {each.name}: of = {shown(each.of)}: of a dynamic stage, and nothing "
+            f"breaks in equilibria; expected another outcome, or [dynamics] in {plan.job}"
+            for each in plan.failures
+            if BY_NAME[each.of].of_motion
+        ]
     if len(nets) > 1 and plan.loss:
         errors.append(
             f"{plan.path}: [vary] remove: keys of [net] that vary change the elements, each of which "

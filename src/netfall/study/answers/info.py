@@ -106,6 +106,13 @@ def _time(study: Study, say) -> None:
 def _broken(study: Study, say) -> None:
     m, ran = study.members, study.finished
     if not study.moves:
+        beyond = ran & (m["utilisation_max"] > 1.0)
+        if beyond.any():
+            most = m["utilisation_max"][beyond].max()
+            say(
+                f"strength: passed in {beyond.sum()} of the {ran.sum()} members that finished, "
+                f"{most:.3g} times at most; nothing breaks in equilibria"
+            )
         return
     broke = ran & (m["broken"] > 0)
     if not broke.any():
