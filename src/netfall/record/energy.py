@@ -21,7 +21,7 @@ from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
 from netfall.parallel.sums import LIMBS, adding, rounded_of_all
-from netfall.step.audit import Room, Subject, observe, observe_once
+from netfall.step.audit import Bodies, Room, Subject, observe, observe_once, observe_particles
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,14 @@ class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
     laid_room : the room by its address
-    observe : what fills it; enter : the way there, once its types are known
+    observe, observe_particles : what fills it; enter : the way there, once its types are known
     """
 
     rows: np.ndarray
     room: Room
     laid_room: Laid
     observe: Entry
+    observe_particles: Entry
     enter: Callable | None = None
 
     @property
@@ -98,6 +99,16 @@ class Snapshot:
         """Whether a state has as many rows as this has room for."""
         return self.room.terms.shape[1] == len(state.x)
 
+    @property
+    def apart(self) -> list[Entry]:
+        """All that fills the room."""
+        return [self.observe, self.observe_particles]
+
+    def of(self, state: State) -> Entry:
+        """What fills the room from a state that it fits, as long as the arrays of the state stay."""
+        particles = self.observe_particles.on(bodies_of(state), self.laid_room)
+        return self.observe.on(subject_of(state, particles), self.laid_room)
+
 
 def with_rows(array: np.ndarray | None) -> np.ndarray | None:
     """An array (n, 3) of a state, or two rows in its order where it has none.
@@ -120,17 +131,23 @@ def make_room(state: State) -> Snapshot:
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(x) if state.features.band else None
     room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band, adding())
-    entry = Entry(observe, *[0.0] * 4, True, given=(subject_of(state), room))
-    return Snapshot(np.zeros(0, np.int64), room, entry.given[-1], entry)
+    of_particles = Entry(observe_particles, *[0.0] * 4, given=(bodies_of(state), room))
+    entry = Entry(observe, *[0.0] * 4, True, given=(subject_of(state, of_particles), room))
+    return Snapshot(np.zeros(0, np.int64), room, entry.given[-1], entry, of_particles)
 
 
-def subject_of(state: State) -> Subject:
-    """What is looked at, as long as the arrays of the state stay."""
+def bodies_of(state: State) -> Bodies:
+    """The particles that are looked at."""
+    return Bodies(state.n_owned, state.first_split, state.rows, state.particles._replace(valence=None))
+
+
+def subject_of(state: State, particles: Entry) -> Subject:
+    """What is looked at; particles : `observe_particles` on them."""
     s = state
     springs = tuple(map(with_rows, (s.x_start, s.spring, s.spring_rest, s.turned)))
     springs = springs if s.features.springs else None
-    besides = springs, s.joints, s.places, s.particles._replace(valence=None)
-    return Subject(s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, *s.of_a_moment)
+    besides = springs, s.joints, s.places, None if s.places is None else s.particles
+    return Subject(s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, *s.of_a_moment, particles)
 
 
 def take_snapshot(
@@ -144,7 +161,7 @@ def take_snapshot(
     snapshot = before if before is not None and before.fits(state) else make_room(state)
     if len(snapshot.rows) != state.n_local - state.n_halo:
         snapshot.rows = state.owned_rows()
-    arguments = snapshot.observe.on(subject_of(state), snapshot.laid_room), before_dt, dt, zeta, share
+    arguments = snapshot.of(state), before_dt, dt, zeta, share
     (snapshot.enter or observe_once)(*arguments)
     if snapshot is before and snapshot.enter is None:
         snapshot.enter = entry_for(observe_once, *arguments)

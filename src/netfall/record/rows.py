@@ -8,7 +8,7 @@ from netfall.mechanics.state import State
 from netfall.model.probes import Probes
 from netfall.parallel.subdomain import Subdomain
 from netfall.parallel.sums import LIMBS, rounded_of_all
-from netfall.record.energy import make_room, subject_of
+from netfall.record.energy import make_room, with_rows
 from netfall.record.envelope import Envelope
 from netfall.step.rows import Bending, Local, Rows, Seen, Table, take_row
 
@@ -58,15 +58,14 @@ class RowTable:
         """What the time loop takes, as long as the arrays of the state stay."""
         if not self.snapshot.fits(state):
             self.snapshot, self.take_row = make_room(state), None
-        subject, room = subject_of(state), self.snapshot.room
-        particles, elements = subject.particles, subject.elements
+        room, particles, elements = self.snapshot.room, state.particles, state.elements
         seen = Seen(
             self.dt,
             self.made,
             self.last,
-            subject.n_owned,
-            subject.first_split,
-            subject.rows,
+            state.n_owned,
+            state.first_split,
+            state.rows,
             room.velocity,
             room.now,
             room.slack,
@@ -87,14 +86,14 @@ class RowTable:
             state.highest,
             state.lowest,
             state.eps_u,
-            subject.joints and Bending(subject.x, subject.joints, state.joint_at),
-            subject.places,
+            state.joints and Bending(with_rows(state.x), state.joints, state.joint_at),
+            state.places,
             particles.slip,
         )
         new = self.take_row is None
         self.take_row = Entry(take_row, 0, 0.0, True, given=(seen,)) if new else self.take_row.on(seen)
-        observe = self.snapshot.observe.on(subject, self.snapshot.laid_room)
-        return Rows(self.due, self.made, self.every, self.last, self.dt, observe, self.take_row)
+        due = self.due, self.made, self.every, self.last, self.dt
+        return Rows(*due, self.snapshot.of(state), self.take_row)
 
     def is_due(self, number: int) -> bool:
         """Whether a row is due at a step that is not made yet."""

@@ -30,7 +30,8 @@ class Subject(NamedTuple):
 
     n_owned, first_split : particles; rows : (1,) of them in use; x : (n, 3) [m]
     springs : x_start, spring, spring_rest, turned; None: no elastic supports; joints : None: no chain bends
-    places : at which cables slip; None: nowhere
+    places : at which cables slip, and the particles, for those alone; None: nowhere
+    observe_particles : apart, for scenes that differ in what acts on particles share the rest
     """
 
     n_owned: int
@@ -40,9 +41,19 @@ class Subject(NamedTuple):
     springs: tuple | None
     joints: Joints | None
     places: Places | None
-    particles: Particles
+    particles: Particles | None
     elements: Elements
     law: Law
+    observe_particles: Entry
+
+
+class Bodies(NamedTuple):
+    """The particles of one rank, as `Subject` has them."""
+
+    n_owned: int
+    first_split: int
+    rows: np.ndarray
+    particles: Particles
 
 
 class Room(NamedTuple):
@@ -222,6 +233,18 @@ def observe_once(entry, before_dt, dt, zeta, share):
 
 
 @kernel_apart
+def observe_particles(part, kick_dt, zeta, share, bodies, room):
+    """Velocities and energy terms of the particles; arguments as of `particle_energies`."""
+    n_owned, first_split, particles = bodies.n_owned, bodies.first_split, bodies.particles
+    if particles.air is not None:
+        set_air(kick_dt, zeta, particles)
+    of = particles, room.f_int, room.f_band, room.velocity, room.terms
+    particle_energies(0, n_owned, 0, part, kick_dt, zeta, share, *of)
+    halo = first_split - n_owned
+    particle_energies(first_split, bodies.rows[0], halo, part, kick_dt, zeta, share, *of)
+
+
+@kernel_apart
 def observe(before_dt, dt, zeta, share, whole, subject, room):
     """Fill the room; unless it is to be the whole, of elements the state alone.
 
@@ -230,7 +253,7 @@ def observe(before_dt, dt, zeta, share, whole, subject, room):
     element_state(subject.x, subject.elements, subject.law, room.now)
     if not whole:
         return
-    f_int, velocity, now, heat, f_band = room.f_int, room.velocity, room.now, room.heat, room.f_band
+    f_int, now, heat, f_band = room.f_int, room.now, room.heat, room.f_band
     terms, stored, sums = room.terms, room.stored, room.sums
     n_owned, first_split, n_local = subject.n_owned, subject.first_split, subject.rows[0]
     halo, owned = first_split - n_owned, n_owned + n_local - first_split
@@ -247,11 +270,7 @@ def observe(before_dt, dt, zeta, share, whole, subject, room):
         add_springs(subject.x, start, spring, rest, turned, f_int)
         spring_energies(0, n_owned, 0, subject.x, start, spring, rest, turned, room.sprung)
         spring_energies(first_split, n_local, halo, subject.x, start, spring, rest, turned, room.sprung)
-    if subject.particles.air is not None:
-        set_air(kick_dt, zeta, subject.particles)
-    of = subject.particles, f_int, f_band, velocity, terms
-    particle_energies(0, n_owned, 0, part, kick_dt, zeta, share, *of)
-    particle_energies(first_split, n_local, halo, part, kick_dt, zeta, share, *of)
+    call(subject.observe_particles, part, kick_dt, zeta, share)
     element_energies(subject.elements, now, subject.law, stored, heat)
     sums[:] = 0
     last, all_of_them = terms.shape[0], subject.elements.owned[:0]

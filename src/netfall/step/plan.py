@@ -316,7 +316,8 @@ class Plan:
     def apart(self) -> list[Entry]:
         """All that the time loop calls by its address, what takes longest to compile first."""
         kick_chunk, kick_unyielded, *others, rows = self.beside
-        return [kick_chunk, kick_unyielded, rows.observe, *others, rows.take_row]
+        of_rows = [*(self.rows.snapshot.apart if self.rows else ()), rows.take_row]
+        return [kick_chunk, kick_unyielded, *of_rows, *others]
 
     def _chunks_of(self, state: State) -> Chunks:
         """The chunks, of which those split off come where most of their far ends are."""

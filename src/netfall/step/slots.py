@@ -27,7 +27,7 @@ def fill_slots(state: State, chunks) -> None:
     s = state
     filled = np.zeros(s.n_local, np.int32)
     element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
-    attach_elements(s.n_owned, s.first_split, s.n_local, s.elements, s.other, element, filled)
+    attach_elements(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, element, filled)
     for low, high in chunks:
         align_slots(low + 1, high, 1, s.n_local, s.other, element, filled)
         align_slots(high - 2, low - 1, -1, s.n_local, s.other, element, filled)
@@ -43,9 +43,10 @@ def fill_slots(state: State, chunks) -> None:
 
 
 @kernel
-def attach_elements(n_owned, first_split, n_local, elements, other, slot_element, filled):
+def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element, filled):
     """Put every element into a slot of each of its ends that this rank steps, in ascending order.
 
+    ends, EA : of the elements
     other : (slots, n), out, far ends, the particle's own in an empty slot; slot_element : (slots, n), out,
         EMPTY there; filled : (n,), out, slots in use, the first ones
     """
@@ -53,14 +54,14 @@ def attach_elements(n_owned, first_split, n_local, elements, other, slot_element
         for p in range(n_local):
             other[s, p], slot_element[s, p] = p, EMPTY
     filled[:n_local] = 0
-    for e in range(elements.ends.shape[0]):
-        if elements.EA[e] == 0.0:
+    for e in range(ends.shape[0]):
+        if EA[e] == 0.0:
             continue  # another rank has kept it, or it is out of the net
         for end in range(2):
-            p = elements.ends[e, end]
+            p = ends[e, end]
             if n_owned <= p and p < first_split:
                 continue
-            other[filled[p], p], slot_element[filled[p], p] = elements.ends[e, 1 - end], e
+            other[filled[p], p], slot_element[filled[p], p] = ends[e, 1 - end], e
             filled[p] += 1
 
 
