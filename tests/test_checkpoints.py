@@ -103,12 +103,16 @@ def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
 
 
 def test_what_a_killed_run_left_of_open_files_goes_with_the_next(workshop):
-    """Locks of Open MPI beside the run's own result, segment and checkpoint; another run's stay."""
+    """The run's own result, segment and checkpoint as far as they were written, and locks of Open MPI beside
+    them; another run's stay.
+    """
     job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
     own = (".r.vtkhdf", "..r.vtkhdf.segment-0123abcd-000002", ".r.checkpoint-5-000000000036.h5")
     of_others = (".r.b.vtkhdf", "..r2.vtkhdf.segment-0123abcd-000002", ".r2.checkpoint-5-000000000036.h5")
+    parts = (".part", ".part-1310064641-8956.lock")
     for name in own + of_others:
-        (workshop.folder / f"{name}.part-1310064641-8956.lock").touch()
+        for part in parts:
+            (workshop.folder / f"{name}{part}").touch()
     workshop.run(job, output="r.vtkhdf").close()
     left = {path.name for path in workshop.folder.glob(".*")}
-    assert left == {f"{name}.part-1310064641-8956.lock" for name in of_others}
+    assert left == {name + part for name in of_others for part in parts}

@@ -54,11 +54,13 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> 
 
 
 def _left_by_runs(path: Path) -> re.Pattern:
-    """Names of the segments of a result, and of what Open MPI leaves beside a file at a kill."""
+    """Names of the segments of a result, of files that were being written at a kill, and of what Open MPI
+    leaves beside these.
+    """
     name, stem = re.escape(path.name), re.escape(path.stem)
     segment = rf"\.{name}\.segment-[0-9a-f]{{8}}-(\d{{6,}}|recovered)"
     checkpoint = rf"({stem}\.|{name}-)checkpoint-\d-\d{{12,}}\.h5"
-    return re.compile(rf"{segment}|\.({name}|{segment}|{checkpoint})\.part-\d+-\d+\.lock")
+    return re.compile(rf"{segment}|\.({name}|{segment}|{checkpoint})\.part(-\d+-\d+\.lock)?")
 
 
 def find_segments(
