@@ -172,6 +172,18 @@ def test_info_and_pictures_tell_of_the_year(tmp_path):
     assert (tmp_path / "hazard.png").stat().st_size > 10_000
 
 
+def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
+    """Ten runs that hold at 60 m/s bound a year's probability by that speed's alone, though 26 % may fail."""
+    members = drawn_members(np.random.default_rng(3), 10, (50.0, 60.0), 500.0, 0.01)
+    sections = curve_sections(members, (), GUMBEL)
+    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    said = []
+    print_study(tmp_path / "a.study.h5", said.append)
+    text = "\n".join(said)
+    assert sections["hazard"]["interval"][0, 1] == pytest.approx(GUMBEL.exceedance(60.0), rel=1e-12)
+    assert "no curve (< 8.3e-07)" in text and "10 independent samples alone leave up to 25.9% of" in text
+
+
 def test_a_picture_tells_where_intervals_go_on(tmp_path):
     """A bar that is shorter than its interval ends in an arrow, and the axis says so; others do not."""
     members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)

@@ -32,6 +32,14 @@ def tell_hazard(study: Study, say) -> None:
             "  note: more than half of a probability comes from its tail: more runs at lower speeds would "
             "say whether the curve holds there"
         )
+    bounded = ~np.isfinite(h["annual_probability"]) & np.isfinite(h["interval"][:, 0])
+    if bounded.any():
+        samples = study.fragility["samples"][bounded].min()
+        say(
+            "  note: without a curve the bounds take it that nothing fails up to a speed at which none "
+            f"of the runs did; {samples} independent samples alone leave up to "
+            f"{1.0 - 0.05 ** (1.0 / samples):.1%} of failures there (95 %)"
+        )
     exposure = study.fragility["exposure"]
     if (exposure < CODES).any():
         say(
