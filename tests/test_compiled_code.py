@@ -1,7 +1,9 @@
 """Compiled code that several processes keep on disk at the same time."""
 
+import inspect
 import multiprocessing
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,10 +18,14 @@ import netfall
 from netfall.ground.apart import Entry, call
 from netfall.ground.compile import FileForEach, allocating_kernel, kernel, kernel_apart, turn
 from netfall.ground.handed import laid
-from netfall.mechanics.fields import Features
+from netfall.mechanics.fields import Features, Particles
+from netfall.mechanics.fracture import BREAKING
 from netfall.program import setup
 from netfall.program.ahead import Ahead, ahead_of, plan_of, state_with, types_of
+from netfall.step.beside import EXCHANGED, pack, unpack
+from netfall.step.forces import KICKED, kick_chunk
 from netfall.step.loop import time_loop
+from netfall.step.tear import break_elements
 
 
 def keep(folder: Path, start, mine: str, repeats: int) -> None:
@@ -97,6 +103,37 @@ def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypa
     plan = plan_of(ahead, state_with(ahead))
     assert types_of(ahead, plan) in time_loop.overloads
     assert all(entry.kinds in entry.kernel.overloads for entry in plan.apart if entry.kernel)
+
+
+def functions_of(kernel, known: dict) -> dict:
+    """A kernel and all that it calls of netfall, by their names."""
+    function = getattr(kernel, "py_func", kernel)
+    known[f"{function.__module__}.{function.__qualname__}"] = function
+    for name in function.__code__.co_names:
+        called = function.__globals__.get(name)
+        called = getattr(called, "py_func", called)
+        ours = inspect.isfunction(called) and called.__module__.startswith("netfall")
+        if ours and f"{called.__module__}.{called.__qualname__}" not in known:
+            functions_of(called, known)
+    return known
+
+
+OF_AXES = {"spring", "spring_zero", "load_before", "load_after", "wind"}  # not read of the halo
+READS = [
+    ((kick_chunk,), KICKED, set()),
+    ((pack, unpack), EXCHANGED, OF_AXES),
+    ((break_elements,), BREAKING, set()),
+]
+
+
+@pytest.mark.parametrize("kernels, fields, besides", READS, ids=["kick", "exchange", "fracture"])
+def test_kernels_that_scenes_share_are_given_all_that_they_read(kernels, fields, besides):
+    """A field that is not given is None, and what a kernel does with it would be left out in silence."""
+    read = set()
+    for one in kernels:
+        for function in functions_of(one, {}).values():
+            read |= set(re.findall(r"\bparticles\.(\w+)", inspect.getsource(function)))
+    assert (read & set(Particles._fields)) - besides == set(fields)
 
 
 def test_what_others_compile_works_beside_the_kernels():

@@ -21,6 +21,13 @@ from netfall.step.slots import keep_force
 
 NO_FORCE = (0.0, 0.0, 0.0)
 
+# Of the particles what is read and written here: scenes that differ in others share kernels.
+KICKED = (
+    *("x", "v", "free", "mass", "per_mass", "load", "spring", "spring_zero", "turned", "ground", "bend"),
+    *("load_before", "load_after", "wind", "speed_before", "speed_after", "tapped"),
+    *("air", "air_pull", "air_mass", "work", "other_work"),
+)
+
 
 @part_of_kernel
 def density(p, o, s, keeps, x, slots, law):

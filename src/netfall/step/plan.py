@@ -18,7 +18,7 @@ from netfall.mechanics.slip.motion import Places
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, HaloBuffers, check
 from netfall.step.beside import EXCHANGED, begin_step, collect, collect_now, end_step, pack, unpack
-from netfall.step.forces import kick_chunk, kick_unyielded
+from netfall.step.forces import KICKED, kick_chunk, kick_unyielded
 from netfall.step.limits import find_over, look_closer
 from netfall.step.loop import Beside, Found, Interval, Moved, Spare, time_loop
 from netfall.step.rows import no_rows
@@ -104,18 +104,20 @@ class Scratch(NamedTuple):
 class Work(NamedTuple):
     """What the kernels of a step work on, see `Plan`; None: the scene has no such thing.
 
-    kicked_chunks : chunks, for `kick_chunk`; particles : as `stepped_particles` prepares them, of which
-        `exchanged` are some fields, and `grounded` all; unyielded : slots without plastic strains
+    kicked_... : what `kick_chunk` reads of them; unyielded : these slots without plastic strains
+    particles : as `stepped_particles` prepares them, of which `exchanged` are some fields, and `grounded` all
     """
 
     chunks: Chunks
     kicked_chunks: Chunks
+    kicked_particles: Particles
+    kicked_slots: Slots
+    unyielded: Slots
     particles: Particles
     exchanged: Particles
     moved: Moved
     elements: Elements
     slots: Slots
-    unyielded: Slots
     law: Law
     scratch: Scratch
     found: Found
@@ -260,16 +262,18 @@ class Plan:
     def _work(self, state: State) -> Work:
         """What the kernels of a step work on, of known types."""
         split, whole = state.features.fracture and state.features.fragments, state.particles
-        stepped = stepped_particles(state)
+        stepped, kicked_slots = stepped_particles(state), state.slots._replace(element=None)
         work = Work(
             self.chunks,
             self.chunks if split else self.chunks._replace(is_split=None),
+            with_fields(stepped, KICKED),
+            kicked_slots,
+            kicked_slots._replace(eps_p=None, yield_strain=None),
             stepped,
             with_fields(stepped, EXCHANGED),
             Moved(whole.x, whole.v, whole.f),
             state.elements,
             state.slots,
-            state.slots._replace(eps_p=None, yield_strain=None),
             state.law,
             self.scratch,
             self.found,
@@ -290,9 +294,9 @@ class Plan:
         features, w = self.state.features, work
         keeps = features.plastic or features.peaks or features.band
         begins = features.band or features.air or features.bending or w.places
-        when, of_kick, real = StepDone(0.0, 0, 0.0), (w.kicked_chunks, w.particles), 0.0
+        when, of_kick, real = StepDone(0.0, 0, 0.0), (w.kicked_chunks, w.kicked_particles), 0.0
         calls = (  # the kernel, unless there is nothing to do; arguments like those of a call; what is given
-            (kick_chunk, (0, real, real, real), (*of_kick, w.slots, w.law, w.scratch)),
+            (kick_chunk, (0, real, real, real), (*of_kick, w.kicked_slots, w.law, w.scratch)),
             (kick_unyielded, (0, real, real, real), (*of_kick, w.unyielded, w.law, w.scratch)),
             (features.inelastic and look_closer, (0,), (w.chunks, w.moved, *w.of_elements, w.found)),
             (features.fracture and find_over, (), (w.moved, w.elements, w.law, w.found)),
