@@ -417,9 +417,9 @@ def test_result_keeps_the_old_file_until_the_new_one_is_whole(workshop):
     assert {p.name for p in workshop.folder.iterdir()} == {"job.toml", "result.vtkhdf"}
 
 
-@pytest.mark.parametrize("name", ["saddle", "stadium", "stadium_whole", "olympia", "ring", "dome", "wheel"])
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "jobs").glob("*.toml")))
 def test_the_expected_run_time_is_that_of_the_head(name):
-    """Within a factor of two: start, net, form and equilibria included, not the steps alone."""
+    """Within a factor of two: start, net, form, erection and equilibria included, not the steps alone."""
     text = (ROOT / "jobs" / f"{name}.toml").read_text()
     least, most = re.search(r"# Takes +([0-9.]+)(?: to ([0-9.]+))? s", text).groups()
     told = run_on_standing_ranks("check", ROOT / "jobs" / f"{name}.toml").stdout

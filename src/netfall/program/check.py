@@ -31,9 +31,9 @@ from netfall.wind.sectors import bearing
 from netfall.write.h5 import CHUNK_BYTES
 from netfall.write.locks import writing
 
-# For an element and step, and for a step, on one core with all features on (jobs/bench).
-STEP_NS, STEP_US = 8.0, 2.0
-ROW_S = 5e-4  # of a row of the history, and of a frame
+# For an element and step, and for a step, on one core: less for each in long rows, more where nets tear.
+STEP_NS, STEP_US = 5.0, 1.0
+ROW_S, FRAME_S = 3e-5, 7e-4  # of a row of the history, of a frame
 CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # of a checkpoint, and of each element in it
 EQUILIBRIUM_S = 1e-4  # for each element of a small net: slack and compression take more or less
 STAGE_S, TRIALS = 2.5e-4, 8  # the same of a stage of erection; equilibria until targets are reached, about
@@ -160,7 +160,7 @@ def _describe_time(scene: Scene, say) -> None:
         more += unknown
     if schedule:
         parts["steps"] = schedule.steps // schedule.stride * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
-        parts["output"] = ROW_S * (len(schedule.history) + len(schedule.frames))
+        parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
             parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + SAVED_S * m)
     say(
