@@ -199,11 +199,11 @@ def test_gusts_that_load_nothing_have_no_note(workshop):
     assert not any("nan" in each.stdout + each.stderr or "Warning" in each.stderr for each in done)
 
 
-@pytest.mark.parametrize("points, weak", [(25, True), (400, False)])
+@pytest.mark.parametrize("points, weak", [(9, True), (49, False)])
 def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
     """With the shares that check tells; not where there are points enough."""
     said = checked(
-        workshop, f'coherence_decay = [70.0, 200.0, 100.0]\ngusts = "means"\ncontrol_points = {points}\n'
+        workshop, f'coherence_decay = [24.0, 60.0, 10.0]\ngusts = "means"\ncontrol_points = {points}\n'
     )
     least = re.search(r"at a node they have (\d+%) to", " ".join(said))[1]
     notes = [line for line in said if line.startswith("note") and '"means"' in line]
