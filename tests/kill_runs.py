@@ -6,7 +6,7 @@ every final file must be the undisturbed one.
 A run is killed with SIGKILL: one of its ranks, its mpirun, or all of them at once; at a random moment, mostly
 after some of its checkpoints, with frames and checkpoints written so often that many kills fall into a
 writing. It is then restarted from its newest whole checkpoint (or begun again, if there is none yet) on one
-to four ranks, maybe killed again, and at last left alone.
+to four ranks (--ranks), maybe killed again, and at last left alone.
 """
 
 import argparse
@@ -137,12 +137,12 @@ def wait_for_a_moment(
     time.sleep(choice.uniform(0.0, 0.1))
 
 
-def one_story(folder: Path, choice: random.Random, longest: float, kills_left: int) -> int:
+def one_story(folder: Path, choice: random.Random, longest: float, kills_left: int, most_ranks: int) -> int:
     """Run with one to three kills and restarts until the result is there; the number of kills."""
     done = 0
     wanted = choice.randint(1, min(3, kills_left))
     while True:
-        ranks, restart = choice.randint(1, 4), newest_checkpoint(folder)
+        ranks, restart = choice.randint(1, most_ranks), newest_checkpoint(folder)
         process = subprocess.Popen(
             command(folder, ranks, restart),
             env=ENVIRONMENT,
@@ -177,6 +177,7 @@ def main() -> None:
     )
     options.add_argument("--kills", type=int, default=20)
     options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--ranks", type=int, default=4, help="the most")
     arguments = options.parse_args()
     choice = random.Random(arguments.seed)
     with tempfile.TemporaryDirectory(prefix="netfall-kill-") as top:
@@ -191,7 +192,7 @@ def main() -> None:
             folder = Path(top) / f"story{story}"
             folder.mkdir()
             (folder / "job.toml").write_text(JOB)
-            kills += one_story(folder, choice, longest, arguments.kills - kills)
+            kills += one_story(folder, choice, longest, arguments.kills - kills, arguments.ranks)
             with h5py.File(calm / "result.vtkhdf") as one, h5py.File(folder / "result.vtkhdf") as other:
                 datasets = assert_same_results(one, other)
             left = sorted(p.name for p in folder.iterdir() if ".part" in p.name or ".segment" in p.name)
