@@ -175,7 +175,7 @@ def time_loop(interval, chunks, moved, found, spare, beside, buffers, seconds):
         if interval.row:
             break
         # of the step's number alone, wherever the loop was entered
-        share = ((interval.first + s) * dt - interval.sample_time) / interval.sample_dt
+        share = (n * dt - interval.sample_time) / interval.sample_dt
         call(beside.begin_step, n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt)
         before_dt, kicked_dt, found.count[0] = dt, kick_dt, 0
         error, drifted = 0, chunks.front

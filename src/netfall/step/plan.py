@@ -135,7 +135,7 @@ class Work(NamedTuple):
 
 
 def halo_width(state: State) -> int:
-    """Numbers sent for each boundary particle, as `halo.send_forces` packs them."""
+    """Numbers sent for each boundary particle, as `halo.pack_forces` packs them."""
     if not state.features.fracture:
         return 3 + state.features.sliding
     return (6 if state.features.air_mass else 5) + state.features.sliding

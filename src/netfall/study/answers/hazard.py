@@ -19,6 +19,7 @@ from netfall.study.answers import probit
 from netfall.study.answers.probit import Fits
 
 FASTEST = 1e4  # m/s, that no wind exceeds
+STILL = 1e-300  # of a square of speeds: of years that EN 1991 gives less than none
 YEARS = 50
 TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
 Z = np.linspace(-9.0, 9.0, 1801)  # of the normal variable; the trapezoidal rule is exact to rounding here
@@ -62,7 +63,8 @@ class Hazard(NamedTuple):
         if self.distribution == "gumbel":
             return p["mode"] + p["scale"] * reduced
         once_in_fifty = 1.0 - p["K"] * float(log(-log(0.98)))
-        return p["basic_speed"] * power(np.maximum(1.0 + p["K"] * reduced, 1e-300) / once_in_fifty, p["n"])
+        squared = np.maximum(1.0 + p["K"] * reduced, STILL)
+        return p["basic_speed"] * power(squared / once_in_fifty, p["n"])
 
 
 def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
