@@ -28,10 +28,10 @@ ROOMS = (  # from the ground up: a room imports from those before it
     *(
         "multigrid",
         "equilibrium",
-        "prestress",
         "model",
         "record",
         "write",
+        "form",
         "stages",
         "erection",
         "messages",

@@ -12,11 +12,11 @@ from mpi4py import MPI
 
 from netfall.equilibrium import newton
 from netfall.equilibrium.newton import NoConvergence
+from netfall.form import tensions
 from netfall.ground.errors import Interrupted
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.program.setup import prepare
-from netfall.stages import form
 
 
 @pytest.mark.parametrize("start", ["given", "force_density"])
@@ -205,7 +205,7 @@ def form_of(monkeypatch):
 
     def find(job, large, *settings, **options):
         monkeypatch.setattr(newton, "LARGE", large)
-        monkeypatch.setattr(form, "MANY", large)
+        monkeypatch.setattr(tensions, "MANY", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
         return prepare(MPI.COMM_SELF, job, Phases(), **options)[0].form
 
@@ -234,7 +234,7 @@ def test_what_newton_s_method_does_not_find_is_relaxed(form_of, monkeypatch):
         newton.net.x[:] += 1.0
         raise NoConvergence
 
-    monkeypatch.setattr(form.Newton, "find", give_up)
+    monkeypatch.setattr(newton.Newton, "find", give_up)
     for factor in 0, 1e-3:
         settings = f"form_finding.modulus_factor={factor}"
         relaxed, found = form_of("ring", NEVER_LARGE, settings), form_of("ring", 0, settings)

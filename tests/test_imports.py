@@ -25,13 +25,13 @@ MAY_IMPORT = {
     "step": ["mechanics", "parallel.halo", "parallel.mpi_symbols", "parallel.sums"],
     "multigrid": ["mechanics", "parallel"],
     "equilibrium": ["mechanics", "parallel", "multigrid"],
-    "prestress": ["job", "net"],
     "model": ["job", "net", "roof", "wind", "mechanics", "parallel"],
     "record": ["job", "wind", "mechanics", "parallel", "model", "step"],
     "write": ["net", "roof", "mechanics", "parallel", "record.columns", "results.datasets"],
+    "form": ["job", "net", "mechanics", "parallel", "multigrid", "equilibrium", "model", "write"],
     "stages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),
-        *("prestress", "model", "record", "write", "results.loss_lines", "results.notes"),
+        *("form", "model", "record", "write", "results.loss_lines", "results.notes"),
     ],
     "erection": [
         *("job", "net", "mechanics", "parallel.agree", "equilibrium", "model", "stages", "results.notes"),
@@ -41,7 +41,7 @@ MAY_IMPORT = {
     ],
     "program": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write"),
-        *("step", "stages", "erection", "messages", "results", "plots.job", "__main__"),
+        *("form", "step", "stages", "erection", "messages", "results", "plots.job", "__main__"),
     ],
     "results": ["job", *LAW, "record.columns"],
     "checks": ["job", *LAW, "results"],
@@ -62,7 +62,7 @@ MAY_IMPORT = {
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
     "mpi4py": [
-        *("parallel", "step", "multigrid", "equilibrium", "record", "write", "stages", "program"),
+        *("parallel", "step", "multigrid", "equilibrium", "record", "write", "form", "stages", "program"),
         *("api.run", "cli.commands", "__main__"),
     ],
     "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.taps"],

@@ -10,13 +10,13 @@ from test_validation_opensees import tensions_in_opensees
 
 from netfall.checks.reactions import reaction_columns
 from netfall.exchange.export import Wanted, export
+from netfall.form.self_stress import self_stress
 from netfall.ground.errors import InputError
 from netfall.job.read import read_job
 from netfall.job.table import write_table
 from netfall.net.build import build_net
 from netfall.numerics.functions import lengths
 from netfall.numerics.rotation import from_own
-from netfall.prestress.self_stress import self_stress
 from netfall.stages.modes import modes_at
 
 ANGLE = 37.0  # degrees

@@ -247,6 +247,7 @@ def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
 
 
+RELAXATION = "relaxation"  # in checkpoints
 RELAXED = ("x", "v", "mass", "start")  # arrays of a relaxation
 
 

@@ -12,6 +12,8 @@ from netfall.erection.erect import Erection, erect, restored
 from netfall.erection.settings import Setting, check_stages
 from netfall.erection.targets import Reached, reach_targets
 from netfall.erection.tension import of_form
+from netfall.form.find import Form
+from netfall.form.initial import FORM, INITIAL, initial_record
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import carries_permanent
@@ -22,8 +24,7 @@ from netfall.model.model import Model, make_model
 from netfall.model.state import make_state
 from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
-from netfall.stages.initial import FORM, INITIAL, initial_record
-from netfall.stages.scene import BuildUp, Form, Scene
+from netfall.stages.scene import BuildUp, Scene
 from netfall.stages.settle import NONE, by_ids
 from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
 
@@ -206,7 +207,8 @@ def _pause(scene: Scene, erection: Erection, result: Path, given: Path | None) -
     """Write a checkpoint of an erection between two stages; its path. Collective."""
     path = checkpoint_path(result, 1, BEHIND + erection.done)
     record = {"job": scene.digest, "name": scene.job.title or scene.job.name, "stage": FORM}
-    parts = scene.build_up.records | {INITIAL: initial_record(scene), ERECTION: erection.record()}
+    initial = initial_record(scene.form, scene.build_up.base)
+    parts = scene.build_up.records | {INITIAL: initial, ERECTION: erection.record()}
     write_checkpoint(scene.comm, path, None, None, record, parts)
     if scene.comm.rank == 0:
         remove_older(path, result, scene.digest, given)

@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 import netfall
+from netfall.form.initial import FORM, INITIAL, initial_record
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
@@ -26,7 +27,6 @@ from netfall.program.restart import register_result, restore_state
 from netfall.program.setup import prepare
 from netfall.record.energy import take_snapshot
 from netfall.stages import dynamics, modes, rests, statics
-from netfall.stages.initial import FORM, INITIAL, initial_record
 from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
 from netfall.stages.settle import NONE
 from netfall.write.checkpoint import Checkpoint
@@ -154,7 +154,9 @@ def take_up(scene: Scene, desk: Desk) -> None:
     """Have saved what belongs to no stage; taken up where the run goes on from a checkpoint. Collective."""
     if desk.saver.given:
         desk.progress.say(f"going on from {desk.saver.given}")
-    desk.saver.register(INITIAL, lambda: initial_record(scene), lambda *_: None)  # `prepare` has taken it up
+    in_form = scene.build_up.base if scene.build_up else scene.model
+    initial = lambda: initial_record(scene.form, in_form)
+    desk.saver.register(INITIAL, initial, lambda *_: None)  # `prepare` has taken it up
     for name, record in (scene.build_up.records if scene.build_up else {}).items():
         desk.saver.register(name, lambda record=record: record, lambda *_: None)
     register_result(scene.comm, desk.result, desk.saver)

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
+from netfall.form.initial import FORM, form_of, kept_form
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
 from netfall.ground.room import keep_freed
@@ -29,7 +30,6 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.program.ahead import compile_ahead
 from netfall.program.build_up import built_up
-from netfall.stages.initial import FORM, form_of, kept_form
 from netfall.stages.scene import Scene, let_slip
 from netfall.stages.step_limit import assembled_limit
 from netfall.write.checkpoint import Checkpoint

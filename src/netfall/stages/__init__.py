@@ -1,1 +1,1 @@
-"""The stages of a run: form, statics, rests, modes, dynamics, and what belongs to one of them."""
+"""The stages of a run: statics, rests, modes, dynamics, and what belongs to one of them."""

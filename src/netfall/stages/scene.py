@@ -10,6 +10,7 @@ from mpi4py import MPI
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.slip import Slips
 from netfall.equilibrium.strands import cable_chains_of
+from netfall.form.find import Form
 from netfall.ground.errors import DivergedError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
@@ -25,23 +26,6 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution
 from netfall.write.result import Result
 from netfall.write.saver import Saver
-
-
-@dataclass
-class Form:
-    """Result of form finding.
-
-    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
-    reference : largest prestress [N] of what can move, which the tolerance refers to
-    self_stress : (k, m) states of self-stress of a geometry that is kept, on rank 0; None: not looked for
-    """
-
-    x: np.ndarray
-    N: np.ndarray
-    iterations: int
-    residual: float
-    reference: float
-    self_stress: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from netfall.equilibrium.overload import (
     strained,
 )
 from netfall.equilibrium.relaxation import (
+    RELAXATION,
     Paused,
     Relaxation,
     RunsAway,
@@ -42,7 +43,6 @@ from netfall.results.notes import AT_LIMIT, MOST_MARKED, NOT_STABLE
 from netfall.stages.scene import Desk, Scene
 from netfall.write.saver import Record, Saver
 
-RELAXATION = "relaxation"  # in checkpoints
 COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"

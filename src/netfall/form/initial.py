@@ -5,19 +5,17 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from netfall.equilibrium.relaxation import Paused, relaxation_record, restored_relaxation
+from netfall.equilibrium.relaxation import RELAXATION, Paused, relaxation_record, restored_relaxation
+from netfall.form.find import Form, find_form
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.model.layout import Layout
-from netfall.model.model import permanent_load
+from netfall.model.model import Model, permanent_load
 from netfall.net.net import joined, spaced
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.stages.form import find_form
-from netfall.stages.scene import Form, Scene
-from netfall.stages.settle import RELAXATION
 from netfall.write.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
 
 FORM, INITIAL, FORM_LOAD = "form finding", "initial", "form load"  # names in checkpoints
@@ -120,9 +118,8 @@ def pause_form_finding(
     return path
 
 
-def initial_record(scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
-    """What is kept of the initial state and of how its form was found."""
-    form, model = scene.form, scene.build_up.base if scene.build_up else scene.model
+def initial_record(form: Form | None, model: Model | None) -> tuple[dict, dict[str, np.ndarray]]:
+    """What is kept of the state in a form and of how that was found; model : of the net in it, on rank 0."""
     names = ("iterations", "residual", "reference")
     small = {"form": {name: getattr(form, name) for name in names} if form else None}
     if model is None:

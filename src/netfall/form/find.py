@@ -1,0 +1,125 @@
+"""The form of a net by the job's method (paper 2.5, steps 1 and 2).
+
+The shape in which it is in equilibrium under its prestress; the unstressed lengths of the real material
+follow in closed form.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from netfall.equilibrium.relaxation import Net as RelaxedNet
+from netfall.equilibrium.relaxation import Relaxation, largest_force
+from netfall.form.densities import force_density_form
+from netfall.form.elements import Elements
+from netfall.form.self_stress import self_stress
+from netfall.form.tensions import form_by_tensions
+from netfall.ground.columns import placed
+from netfall.ground.errors import DivergedError
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.elements import add_tensions
+from netfall.mechanics.supports import largest_residual
+from netfall.net.net import Net
+from netfall.net.turned import held_along, is_guided, turned_column
+from netfall.numerics.functions import lengths
+from netfall.parallel.agree import on_root
+from netfall.parallel.halo import Halo
+from netfall.parallel.subdomain import Distribution
+
+
+@dataclass
+class Form:
+    """Result of form finding.
+
+    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
+    reference : largest prestress [N] of what can move, which the tolerance refers to
+    self_stress : (k, m) states of self-stress of a geometry that is kept, on rank 0; None: not looked for
+    """
+
+    x: np.ndarray
+    N: np.ndarray
+    iterations: int
+    residual: float
+    reference: float
+    self_stress: np.ndarray | None = None
+
+
+def find_form(
+    comm: MPI.Comm,
+    net: Net | None,
+    distribution: Distribution,
+    settings,
+    halo: Halo,
+    report,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
+    load: np.ndarray | None = None,
+    start: np.ndarray | None = None,
+) -> Form:
+    """The form of the net by the job's method.
+
+    Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`
+    load : (n, 3) [N], all particles, on rank 0, that the form carries, None: none; start : positions (n, 3)
+        [m] of this rank from which to relax, None: those that are given
+    """
+    if net is not None and load is not None:
+        load = load[: net.n]
+    carried = distribution.particles(load) if comm.bcast(load is not None) else None
+    # columns stand apart, as in a state: what is compiled for the form then serves for equilibria too
+    particles = lambda rows: placed(distribution.particles(rows))
+    x = particles(None if net is None else net.x)
+    free = 1 - particles(None if net is None else held_along(net, net.held)).astype(np.uint8)
+    guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
+    turned = particles(net and turned_column(net, net.held)) if guided else None
+    if settings.method == "keep":
+        return form_as_given(comm, net, distribution, settings, x, free, load)
+    given = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+    mine = None if carried is None else carried[: halo.n_owned]
+    largest = lambda N: largest_force(comm, N, given.ends, free, mine)
+    if settings.method == "force_density" or settings.start == "force_density":
+        x = particles(on_root(comm, lambda: force_density_form(net, load)))
+        elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+    else:
+        elements = given
+    if settings.method == "force_density":
+        return _of_densities(
+            comm, given.densities(), elements, x, free, halo.n_owned, settings.tolerance, largest
+        )
+    if start is not None:
+        x[:] = start
+    moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
+    reference = largest(elements.T0)
+    asked = settings.tolerance * reference
+    found = form_by_tensions(
+        comm, net, distribution, halo, moving, elements, settings, asked, report, stop, resume
+    )
+    return Form(x, elements.N, *found, reference)
+
+
+def _of_densities(comm: MPI.Comm, q, elements: Elements, x, free, n_owned, tolerance, largest) -> Form:
+    """The form at x (n, 3) [m] by force densities q (m,) [N/m], which have to hold it. Collective.
+
+    largest(N) : the largest of forces, as of `find_form`
+    """
+    N = q * elements.L_start
+    f = np.zeros_like(x) + elements.load
+    add_tensions(x, elements.ends, N, elements.L_start, f)
+    residual, reference = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX), largest(N)
+    if not residual <= tolerance * reference:
+        raise DivergedError(
+            f"form finding by force density: largest residual {residual:.3g} N, "
+            f"asked {tolerance * reference:.3g} N; the densities are nearly singular"
+        )
+    return Form(x, N, 1, residual, reference)
+
+
+def form_as_given(
+    comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, x, free, load
+) -> Form:
+    """The geometry as given, x (n, 3) [m], and its self-stress; load : as in `find_form`. Collective."""
+    found = on_root(comm, lambda: self_stress(net, load, settings.tolerance))
+    N = distribution.elements(found and found.N)
+    residual = comm.bcast(found and float(lengths(found.residual).max()))
+    reference = largest_force(comm, N, distribution.subdomain.ends, free)
+    return Form(x, N, 1, residual, reference, found and found.states)

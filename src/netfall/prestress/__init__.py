@@ -1,1 +1,0 @@
-"""The prestress of a geometry that is given: its states of self-stress; sparse systems solved directly."""
