@@ -14,7 +14,8 @@ from netfall.job.values import shown
 from netfall.mechanics.slip.law import set_strands
 from netfall.net.net import Net
 from netfall.stages.scene import Scene
-from netfall.stages.settle import NONE, reference_force, settle
+from netfall.stages.settle import reference_force, settle
+from netfall.stages.static_outcome import NONE
 
 NAMED = 3  # pieces that matter most
 

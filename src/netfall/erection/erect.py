@@ -20,6 +20,7 @@ from netfall.numerics.functions import lengths
 from netfall.results.notes import error_words, limit_notes, stop_notes
 from netfall.stages import settle
 from netfall.stages.scene import Scene, let_slip
+from netfall.stages.static_outcome import NONE, StaticOutcome, by_ids
 
 MOST_TURNS = 10  # of forces at jacks
 
@@ -150,7 +151,7 @@ def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tu
             return found.outcome, setting
         each = each._replace(load=load)
     reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
-    return found.outcome._replace(state=settle.NONE, reason=reason), setting
+    return found.outcome._replace(state=NONE, reason=reason), setting
 
 
 def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
@@ -163,7 +164,7 @@ def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
 
 
 def _note(
-    scene: Scene, erection: Erection, stage, setting: Setting | None, x, outcome: settle.StaticOutcome
+    scene: Scene, erection: Erection, stage, setting: Setting | None, x, outcome: StaticOutcome
 ) -> None:
     """Keep what came of a stage, and what is said of it. Collective."""
     state, found, model = scene.state, outcome.equilibrium, scene.model
@@ -212,9 +213,7 @@ def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarr
     return on_held(net, (setting.fixed | (net.spring > 0)) & setting.there(net)[:, None], force)
 
 
-def _lines(
-    model, erection: Erection, stage, setting: Setting, x, N, outcome: settle.StaticOutcome
-) -> list[str]:
+def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
     """What is said of a stage: its equilibrium, how far nodes went, forces at the jacks."""
     if not outcome.carries:
         return [f"stage {stage.name}: NO EQUILIBRIUM: {outcome.reason}"]
@@ -235,4 +234,4 @@ def _lines(
             f"{setting.L0[rows].sum():.6g} m in all"
         )
     lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
-    return lines + limit_notes(f"stage {stage.name}", settle.by_ids(outcome.labels(), net.element_id))
+    return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))

@@ -20,6 +20,7 @@ from netfall.model.actions import StaticLoad
 from netfall.numerics.functions import lengths
 from netfall.stages import settle
 from netfall.stages.scene import Scene
+from netfall.stages.static_outcome import MOST_NAMED, NONE, StaticOutcome
 
 REACHED = 1e-6  # of the value that is wanted, or of the largest force
 MOST_EQUILIBRIA = 40
@@ -36,7 +37,7 @@ class Tensioned(NamedTuple):
 
     L0: np.ndarray | None
     influence: np.ndarray | None
-    outcome: settle.StaticOutcome
+    outcome: StaticOutcome
     equilibria: int
 
 
@@ -67,7 +68,7 @@ def tension_to(
     for count in range(1, MOST_EQUILIBRIA + 1):
         set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
         outcome = settle.settle(scene, each, reference, stop)
-        if outcome.state == settle.NONE:
+        if outcome.state == NONE:
             size = np.inf
         else:
             now = _measure(scene, wanted)
@@ -77,7 +78,7 @@ def tension_to(
         if size > WORSE * best or size == np.inf:
             if before is None:
                 reason = outcome.reason or "the forces are no numbers"
-                return Tensioned(L0, None, outcome._replace(state=settle.NONE, reason=reason), count)
+                return Tensioned(L0, None, outcome._replace(state=NONE, reason=reason), count)
             settle.put_back(scene.state, before[0])
             tried = 0.5 * tried
             L0 = scene.model and _changed(jacks, before[1], tried)
@@ -93,18 +94,18 @@ def tension_to(
     now = _measure(scene, wanted)
     lines = comm.bcast(now and missed(wanted, now.values))
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
-    nothing = settle.StaticOutcome(settle.NONE, np.nan, reason, (), settle.as_it_began(scene))
+    nothing = StaticOutcome(NONE, np.nan, reason, (), settle.as_it_began(scene))
     return Tensioned(before[1], influence, nothing, count)
 
 
-def elastic(scene: Scene, outcome: settle.StaticOutcome) -> settle.StaticOutcome:
+def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
     """What came of it; no equilibrium where elements yield in it: what is built is elastic. Collective."""
     over = settle.yielded(scene)
     if not over:
         return outcome
     ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(over)]))
     reason = f"{ids} yield in it; an erection is computed elastically"
-    return settle.StaticOutcome(settle.NONE, np.nan, reason, over[: settle.MOST_NAMED], outcome.equilibrium)
+    return StaticOutcome(NONE, np.nan, reason, over[:MOST_NAMED], outcome.equilibrium)
 
 
 class _Now(NamedTuple):

@@ -25,7 +25,7 @@ from netfall.model.state import make_state
 from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.stages.scene import BuildUp, Scene
-from netfall.stages.settle import NONE, by_ids
+from netfall.stages.static_outcome import NONE, by_ids
 from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints

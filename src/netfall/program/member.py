@@ -23,8 +23,9 @@ from netfall.program.run import desk_for, raise_failure, run_stages, scheduled
 from netfall.program.setup import prepare
 from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
 from netfall.results.outcomes import NOTHING
-from netfall.stages import dynamics, settle, statics
+from netfall.stages import dynamics, statics
 from netfall.stages.scene import Scene
+from netfall.stages.static_outcome import NONE
 from netfall.write.locks import check_place
 from netfall.write.result import Result
 from netfall.write.unwritten import Unwritten
@@ -108,7 +109,7 @@ def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, d
         return None
     found = NOTHING | _of_net(scene.model.net, scene.model.roof.area, extremes, depth)
     groups = path.labels.items()
-    failed = [f"{group}: {each['reason']}" for group, each in groups if each["state"] == settle.NONE]
+    failed = [f"{group}: {each['reason']}" for group, each in groups if each["state"] == NONE]
     if failed or path.failed:
         found |= {"state": "no_rest", "reason": path.failed or "; ".join(failed)}
     return found | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model.net, extremes)}

@@ -28,7 +28,7 @@ from netfall.program.setup import prepare
 from netfall.record.energy import take_snapshot
 from netfall.stages import dynamics, modes, rests, statics
 from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
-from netfall.stages.settle import NONE
+from netfall.stages.static_outcome import NONE
 from netfall.write.checkpoint import Checkpoint
 from netfall.write.locks import check_place, claim, release
 from netfall.write.result import Result, net_section, slide_section

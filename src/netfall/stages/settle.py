@@ -29,85 +29,36 @@ from netfall.equilibrium.relaxation import (
 from netfall.equilibrium.slip import find_slipping
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
-from netfall.job.asks import rests_at_loss, rests_in_wind, settings_of, tears
-from netfall.job.job import Job
+from netfall.job.asks import settings_of, tears
 from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
-from netfall.model.actions import ALL_LOADS, StaticLoad
+from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
 from netfall.record.rest import at_limit_in, beyond_euler
-from netfall.results.notes import AT_LIMIT, MOST_MARKED, NOT_STABLE
+from netfall.results.notes import NOT_STABLE
 from netfall.stages.scene import Desk, Scene
+from netfall.stages.static_outcome import (
+    EQUILIBRIUM,
+    MOST_NAMED,
+    NONE,
+    UNSTABLE,
+    Equilibrium,
+    StaticOutcome,
+)
 from netfall.write.saver import Record, Saver
 
 COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
-EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 BORNE = 1.0, UNSTRAINED, None
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
-MOST_NAMED = 100  # elements where a net gives way
 SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter than relaxation
 BACK = 0, 1, 2, 3, 5, 10, 20, 50  # times `SHARP` less of a load: tried for an exact equilibrium
 ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
-
-
-class Equilibrium(NamedTuple):
-    """An equilibrium, and the state in it; slack : cables of the net.
-
-    at_limit : elements, global numbers, of each of `AT_LIMIT` that there is: beyond a fracture strain, ...
-    slip : (k,) [m] of each place where a cable slips, None: none does
-    stopped : elements of such cables that their end stops, global numbers
-    """
-
-    snapshot: Snapshot
-    slack: int
-    solution: Solution
-    at_limit: dict[str, tuple[int, ...]]
-    slip: list[float] | None = None
-    stopped: tuple[int, ...] = ()
-
-    def numbers(self) -> dict:
-        """What is kept of it besides the state."""
-        slip = {} if self.slip is None else {"slip": self.slip}
-        return {"slack": self.slack, **self.solution._asdict(), **slip}
-
-
-class StaticOutcome(NamedTuple):
-    """What came of the search for an equilibrium under one load. The state stands in `equilibrium`.
-
-    state : "equilibrium"; "unstable": one in which compressed bars buckle; or "no_equilibrium"
-    load_factor : reached, see `StaticLoad.factor`; nan: not known
-    reason : in words, ""; elements : global numbers, where it gives way, at most `MOST_NAMED`
-    equilibrium : that under `load_factor`; where none was found, the state from which it began
-    """
-
-    state: str
-    load_factor: float
-    reason: str
-    elements: tuple[int, ...]
-    equilibrium: Equilibrium
-
-    @property
-    def carries(self) -> bool:
-        """Whether there is an equilibrium under the whole load."""
-        return self.state != NONE
-
-    def labels(self) -> dict:
-        """Attributes of its group of the file, elements by their global numbers."""
-        names = ("state", "load_factor", "reason", "elements")
-        at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
-        return {name: getattr(self, name) for name in names} | at_limit
-
-
-def by_ids(labels: dict, element_id: np.ndarray) -> dict:
-    """Attributes of a group of the file, as of `StaticOutcome.labels`, with elements by their ids (m,)."""
-    names = [name for name in ("elements", *AT_LIMIT) if name in labels]
-    return labels | {name: element_id[list(labels[name])] for name in names}
 
 
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
@@ -396,25 +347,6 @@ def yielded(scene: Scene) -> tuple[int, ...]:
     if not scene.state.features.plastic:
         return ()
     return all_of(scene.comm, scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0].tolist())
-
-
-def no_equilibrium(scene: Scene, each: StaticLoad, outcome: StaticOutcome) -> str:
-    """That a load has no equilibrium, what gives way, how far it was borne, what to do."""
-    factor = outcome.load_factor
-    reached = f" (load factor reached {factor:.4g})" if factor == factor else ""
-    what = f"under {each.words} " if outcome.elements else f"{each.words}: "
-    return f"{what}{outcome.reason}{reached}{_advice(scene.job, each)}"
-
-
-def _advice(job: Job, each: StaticLoad) -> str:
-    if each.kind == "case" or each.kind == "rest":
-        return f": there is no equilibrium under {'it' if each.words != ALL_LOADS else 'them'}"
-    keys = ["[load] steps = 0"] * bool(job.load and job.load.steps)
-    keys += ['[wind] onset = "sudden"'] * rests_in_wind(job)
-    at_once = job.dynamics and not job.cases and not rests_at_loss(job)
-    return ": there is no static equilibrium to start from; lower the load" + (
-        f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else ""
-    )
 
 
 def set_net(state: State, each: StaticLoad) -> None:

@@ -29,12 +29,7 @@ from netfall.results import notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
     APART,
-    EQUILIBRIUM,
-    NONE,
-    StaticOutcome,
-    by_ids,
     committed,
-    no_equilibrium,
     paused,
     put_back,
     reference_force,
@@ -42,6 +37,7 @@ from netfall.stages.settle import (
     settle,
     taken_up,
 )
+from netfall.stages.static_outcome import EQUILIBRIUM, NONE, StaticOutcome, by_ids, no_equilibrium
 from netfall.stages.wanted import equilibria, loaded
 from netfall.write.result import texts
 
@@ -178,7 +174,7 @@ def find_equilibria(
         outcome = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
         resume = None
         if not outcome.carries and each.kind not in APART:
-            path.failed = no_equilibrium(scene, each, outcome)
+            path.failed = no_equilibrium(scene.job, each, outcome)
             if each.kind == "rest" and rests_in_wind(scene.job):
                 path.failed += f"; {_borne(scene.job, outcome.load_factor)}"
         if each.kind == "permanent":
