@@ -317,8 +317,9 @@ def test_a_node_that_two_ranks_take_apart_is_loose_for_both(workshop, owners):
     way = 5.0 * np.sqrt(1.002**2 - 1.0)
     assert one["events/time"][0] == pytest.approx(np.sqrt(2.0 * way / (2e4 / 0.5)), rel=0.04)
     ends = np.array([[0, 1], [1, 2]])
-    write_partition(job.stem, 3, ends, 2, workshop.folder / "partitions")
-    (workshop.folder / "partitions" / f"{job.stem}.graph.part.2").write_text("\n".join(owners) + "\n")
+    folder = workshop.folder / "partitions"
+    folder.mkdir()
+    write_partition(folder, job.stem, ends, np.array(owners, int), 2)
     assert_same_results(one, workshop.run(job, ranks=2, output="two.vtkhdf"))
 
 

@@ -242,7 +242,7 @@ def test_partition_files_are_metis_own(tmp_path):
     the part file has a line for each vertex.
     """
     net = generators.saddle(40.0, 2.0, 5)
-    write_partition("x", net.n, net.elements, 2, tmp_path)
+    write_partition(tmp_path, "x", net.elements, metis_partition(net.n, net.elements, 2), 2)
     lines = [line.split() for line in (tmp_path / "x.graph").read_text().splitlines()]
     rows = [[int(word) for word in line[1::2]] for line in lines[1:]]
     assert all(

@@ -41,14 +41,15 @@ def partition(arguments) -> None:
     from netfall.job.read import read_job
     from netfall.net.build import build_net
     from netfall.parallel import partition as p
-    from netfall.write.locks import writing
+    from netfall.write.locks import whole_folder
 
     if arguments.parts < 1:
         raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
     job = read_job(arguments.job, arguments.overrides)
     net = build_net(job)
-    with writing(p.FOLDER / f"{job.name}.graph"):
-        part = p.write_partition(job.name, net.n, net.elements, arguments.parts)
+    part = p.metis_partition(net.n, net.elements, arguments.parts)
+    with whole_folder(p.FOLDER) as folder:
+        p.write_partition(folder, job.name, net.elements, part, arguments.parts)
     print(
         f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: "
         f"{net.n} particles, {net.m} elements in {arguments.parts} parts, "

@@ -72,21 +72,10 @@ def imbalance(elements: np.ndarray, part: np.ndarray, parts: int) -> float:
     return float(load.max() / max(load.mean(), 1e-300))
 
 
-def write_partition(name: str, n: int, elements: np.ndarray, parts: int, folder: Path = FOLDER) -> np.ndarray:
-    """Partition the net and write NAME.graph and NAME.graph.part.P; the part of each particle (n,)."""
-    part = metis_partition(n, elements, parts)
-    folder.mkdir(parents=True, exist_ok=True)
-    for path, text in (
-        (folder / f"{name}.graph", graph_text(n, elements)),
-        (folder / f"{name}.graph.part.{parts}", "".join(f"{p}\n" for p in part)),
-    ):
-        new = path.with_name(path.name + ".new")
-        try:
-            new.write_text(text)
-            new.replace(path)
-        finally:
-            new.unlink(missing_ok=True)
-    return part
+def write_partition(folder: Path, name: str, elements: np.ndarray, part: np.ndarray, parts: int) -> None:
+    """Write NAME.graph and NAME.graph.part.P of a net whose particles have these parts (n,)."""
+    (folder / f"{name}.graph").write_text(graph_text(len(part), elements))
+    (folder / f"{name}.graph.part.{parts}").write_text("".join(f"{p}\n" for p in part))
 
 
 def read_partition(
