@@ -73,10 +73,6 @@ class Solution(NamedTuple):
         return max(self.displacement_error, self.tension_error)
 
 
-def _silent(words: str) -> None:
-    """Report nothing."""
-
-
 @dataclass
 class Finder:
     """Finds equilibria of one state; keeps the approximate inverse of its first tangent.
@@ -95,7 +91,7 @@ class Finder:
     slips: Slips | None = None
     serving: Factors | None = field(default=None, init=False)
     goal: int = field(default=0, init=False)
-    report: Callable[[str], None] = field(default_factory=lambda: _silent, init=False)
+    report: Callable[[str], None] = field(default_factory=lambda: lambda words: None, init=False)
     _first: tuple[Tangent, list[float], Cycle] | None = field(default=None, init=False)
     _pattern: Pattern | None = field(default=None, init=False)
     _structure: Structure | None = field(default=None, init=False)
@@ -141,25 +137,11 @@ class Finder:
         if resume is not None and (resume.iteration > 0 or resume.stage > 0):
             first, total, start = resume.stage, resume.total, resume.start
         else:
-            resume = None
-            start = before = state.x.copy(order="K")
-            guessed = guess is not None and self._begin_at(guess, newton)
-            self.goal = 0
-            try:
-                if goal and goal != MIXED:
-                    raise NoConvergence("it would not be found")
-                return self._by_newton(newton, tolerance, stop, watch, before, goal)
-            except Stopped:
-                state.x[:] = before
-                raise Paused(not_begun(before)) from None
-            except GivesWay:
-                if not guessed:  # from where shares are of what is missing, not of the load
-                    raise
-                state.x[:] = before
-                return self.find(load, tolerance, reference, max_iterations, what, stop, watch=watch)
-            except NoConvergence:
-                state.x[:] = before
-        asked, found, last, enough = tolerance * reference, None, None, None
+            resume, start = None, state.x.copy(order="K")
+            by_newton = self._begun_by_newton(newton, tolerance, stop, guess, watch, goal)
+            if by_newton is not None:
+                return by_newton
+        asked, before, found, last, enough = tolerance * reference, start, None, None, None
         goals = [*(share * reference for share in NEARER if share > tolerance), asked]
         goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
         if goal and goal != MIXED and resume is None:  # of a finer search there may be more
@@ -206,6 +188,32 @@ class Finder:
                     break
                 enough = enough or replace(not_begun(before), stage=stage, total=total)
         return found
+
+    def _begun_by_newton(
+        self, newton: Newton, tolerance: float, stop: StopRequest, guess, watch, goal: int | None
+    ) -> Solution | None:
+        """By Newton's method; None, and the state as it was: not found. Collective.
+
+        The rest as of `find`. Raises Paused, GivesWay.
+        """
+        x, self.goal = self.state.x, 0
+        before = x.copy(order="K")
+        guessed = guess is not None and self._begin_at(guess, newton)
+        try:
+            if not goal or goal == MIXED:  # else it would not be found
+                return self._by_newton(newton, tolerance, stop, watch, before, goal)
+        except Stopped:
+            x[:] = before
+            raise Paused(not_begun(before)) from None
+        except GivesWay:
+            if not guessed:  # from where shares are of what is missing, not of the load
+                raise
+            x[:] = before
+            return self._begun_by_newton(newton, tolerance, stop, None, watch, goal)
+        except NoConvergence:
+            pass
+        x[:] = before
+        return None
 
     def residual(self, load: np.ndarray) -> np.ndarray:
         """Residual forces (n, 3) [N] on the free axes under a load, 0 at halo particles."""
@@ -407,18 +415,15 @@ class Finder:
     def _tangent_at_first(self) -> Tangent:
         """Before anything has moved or yielded, the same in a run that is taken up."""
         state = self.state
-        x = state.x.copy(order="K")
-        eps_p = None if state.eps_p is None else state.eps_p.copy()
+        now = [(rows, rows.copy(order="K")) for rows in (state.x, state.L0, state.eps_p) if rows is not None]
         state.x[:] = state.x_start
-        if eps_p is not None:
-            state.eps_p[:] = 0.0
-        L0 = state.L0.copy()
         if state.strand is not None:
             state.L0[:] = state.strand
+        if state.eps_p is not None:
+            state.eps_p[:] = 0.0
         first = tangent_of(state)
-        state.x[:], state.L0[:] = x, L0
-        if eps_p is not None:
-            state.eps_p[:] = eps_p
+        for rows, values in now:
+            rows[:] = values
         return first
 
     def _unstable_at(self, newton: Newton) -> int:

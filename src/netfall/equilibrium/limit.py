@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.mixed import Mixed
+from netfall.equilibrium.mixed import NIL, Mixed
 from netfall.equilibrium.newton import LEFT, Newton, NoConvergence
 from netfall.equilibrium.overload import SHARP, UNSTRAINED, Strained
 from netfall.equilibrium.work import Work
@@ -27,7 +27,6 @@ POWER = 1.5  # that
 WITHIN = 0.05  # of what is between two trials: no nearer to either
 MOST_TRIALS = 20
 NEAR = 1e-4  # the last step of a trial, see `Mixed`
-NIL = 1e-300  # in place of 0
 
 
 class Trial(NamedTuple):
