@@ -13,7 +13,7 @@ from netfall.ground.errors import InputError
 from netfall.job.schema import SECTIONS
 from netfall.wind.autoregressive import AtPoints, GustRecursion, fit_gust_model, root_of
 from netfall.wind.coherence import along_wind, davenport_coherence
-from netfall.wind.field import interpolated_deviation, load_power, make_wind_field
+from netfall.wind.field import load_power, make_wind_field
 from netfall.wind.spectra import KARMAN, SHAPES, gust_of
 
 DECAY = (8.0, 16.0, 10.0)
@@ -208,7 +208,7 @@ def test_means_load_the_roof_as_its_coherence_does(direction):
         if wave.all() and not np.ptp(wave):
             told = load_power(x, points, settings(**common), n, np.eye(len(n))[some])
             assert told == pytest.approx(at[1], rel=0.18)
-    share = interpolated_deviation(means.corner, means.weight, means.model.covariance) / gust.deviation
+    share = means.deviation / gust.deviation
     assert 0.7 < share.min() < share.max() < 1.1
 
 

@@ -6,7 +6,7 @@ from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.record.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.wind.autoregressive import cosine_weights, frequency_nodes
-from netfall.wind.field import WindField, interpolated_deviation, load_power
+from netfall.wind.field import load_power
 from netfall.wind.sectors import bearing
 from netfall.wind.spectra import Gust, gust_of, intensity
 
@@ -73,21 +73,16 @@ def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     """How strong means over the roof are at its nodes."""
     if job.wind.gusts == "points":
         return []
-    share = _shares_at_nodes(model.wind_field, gust)
+    share = model.wind_field.deviation / gust.deviation
     return [
         "gusts: means over the roof around control points; their load on the roof as a whole is that of "
         f"their coherence, at a node they have {share.min():.0%} to {share.max():.0%} of the deviation"
     ]
 
 
-def _shares_at_nodes(field: WindField, gust: Gust) -> np.ndarray:
-    """Share (n,) of the deviation of gusts that interpolated ones have at the nodes."""
-    return interpolated_deviation(field.corner, field.weight, field.model.covariance) / gust.deviation
-
-
 def _weak_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     """That means are weak where single nodes load an element."""
-    share = _shares_at_nodes(model.wind_field, gust)
+    share = model.wind_field.deviation / gust.deviation
     if share.mean() >= TOO_WEAK:
         return []
     return [

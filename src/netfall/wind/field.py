@@ -7,6 +7,7 @@ than their coherence makes them. Means over the roof around each point (`means`)
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,6 +46,11 @@ class WindField:
     def varies(self) -> bool:
         """Whether it blows in gusts: generated ones, or those of a table, of which a field has no mean."""
         return self.model is not None or not self.control_mean.any()
+
+    @cached_property
+    def deviation(self) -> np.ndarray:
+        """Standard deviation (n,) [m/s] of the gusts on each particle."""
+        return interpolated_deviation(self.corner, self.weight, self.model.covariance)
 
     def mean_square(self, mean_gust: np.ndarray) -> np.ndarray:
         """Square (n,) [m2/s2] of the mean speed; mean_gust : (c,) [m/s], what the history adds to it."""
