@@ -102,6 +102,18 @@ def test_how_far_saddles_and_clamps_are_used(workshop):
     assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
 
 
+@pytest.mark.parametrize("slide, strand", [("", 17.0), ("friction = 0.1\n", 7.0)])
+def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, strand):
+    """T = 2 pi sqrt(m L0 / EA), L0 of 10 m behind the node and 7 m before it; of 7 m where it sticks."""
+    EA, T, m = 1e8, 9810.0, 1000.0
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,0,0,0,1,1,1,0\n2,0,0,10,1,1,1,0\n3,0,0,3,1,1,0,1000\n"
+    job = rope() + f'[[slide]]\ngroup = "rope"\nnodes = [2]\n{slide}[dynamics]\nduration = 1e-3\n'
+    job += "[output]\nmodes = 1\nframes = 1\n"
+    f = workshop.run(workshop.job(job, nodes, f"start,end,group,prestress\n1,2,rope,{T}\n2,3,rope,{T}\n"))
+    expected = 2.0 * np.pi * np.sqrt(m * strand / (1.0 + T / EA) / EA)
+    assert f["modes/period"][0] == pytest.approx(expected, rel=1e-6)  # half of the rope's mass is 4e-9 of m
+
+
 def catenary(a, c, count):
     """Points (count + 1, 2) of a catenary of half span a and parameter c, equally far apart on it."""
     half = c * np.sinh(a / c)

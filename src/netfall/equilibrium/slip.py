@@ -219,6 +219,15 @@ class Slips:
             self, w.way.copy(), np.where(taut, w.coupling, 0.0), w.stiffness.copy(), strands.direction
         )
 
+    def tangent_at_rest(self) -> SlipTangent:
+        """Where the net is, with what pulleys let pass; what has friction or a clamp sticks. Collective."""
+        self.begin()
+        w, loose = self.work, (self.chains.friction == 0.0) & (self.chains.resistance == 0.0)
+        coupling = np.where(w.T > 0.0, w.coupling, 0.0)
+        return SlipTangent(
+            self, loose.astype(np.int64), coupling, w.stiffness.copy(), self._strands().direction
+        )
+
     def stopped(self) -> tuple[int, ...]:
         """Global numbers of elements that their end stops, after an equilibrium."""
         return tuple(self.chains.element[self.work.L0 < LEAST * self.sections[:, 1]].tolist())

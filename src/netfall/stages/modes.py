@@ -4,15 +4,17 @@ Small vibrations about the rest: K u = omega^2 M u, K the tangent stiffness of a
 
     k = dN/dL of the elastic law along an element, N / L across it, the springs of supports,
 
-none of a slack cable; what has yielded answers elastically. Shift-invert Lanczos (ARPACK) about a shift just
-below zero, on rank 0, from a start vector that is always the same. Mass-proportional damping, v' = -zeta v,
-has the share of the critical zeta / (2 omega) = zeta T / (4 pi).
+none of a slack cable; what has yielded answers elastically. Cables run over pulleys, and stick where there
+is friction or a clamp. Shift-invert Lanczos (ARPACK) about a shift just below zero, on rank 0, from a start
+vector that is always the same. Mass-proportional damping, v' = -zeta v, has the share of the critical
+zeta / (2 omega) = zeta T / (4 pi).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.equilibrium.slip import SlipTangent
 from netfall.ground.stop import NEVER
 from netfall.job.asks import air_moves, has_statics, rests_at_loss
 from netfall.job.job import Job
@@ -34,6 +36,7 @@ STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rou
 SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
 DENSE = 300  # free axes up to which all modes are found at once
 SPARE = 4  # modes looked for beyond those asked: equal periods come in pairs, of which none must be missed
+LOOSE = 1e-9  # of the stiffness of a strand: so much holds a closed cable that could run round
 GOLDEN = 0.6180339887498949
 
 
@@ -68,10 +71,21 @@ class Modes:
         return zeta * self.period / (4.0 * np.pi)
 
 
-def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering", joints=None) -> Modes:
+def modes_at(
+    x,
+    net: Net,
+    N,
+    L0,
+    mass,
+    count: int,
+    strain: str = "engineering",
+    joints=None,
+    slip: SlipTangent | None = None,
+) -> Modes:
     """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
 
     L0 : (m,) [m]; count : how many, at most; strain : its measure; joints : `Joints` of chains that bend
+    slip : `SlipTangent` of cables that slip over nodes
     """
     from scipy.sparse import diags_array  # here: it takes 0.2 s to load
 
@@ -91,6 +105,8 @@ def modes_at(x, net: Net, N, L0, mass, count: int, strain: str = "engineering", 
     )
     if joints is not None:
         K = with_joints(K, joint_tangent(x, joints, np.zeros(net.n)), free, number)
+    if slip is not None:
+        K = _with_slips(K, slip, net.elements)
     unit, K = _in_own_axes(net, K)
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
@@ -117,6 +133,33 @@ def _in_own_axes(net: Net, K):
         whole = bsr_array((turn, np.arange(net.n), np.arange(net.n + 1)))
         K = whole @ K @ whole.T
     return turn.reshape(-1, 3), K
+
+
+def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
+    """The stiffness K (3 n, 3 n) of a net whose cables stick, less what slips; elements : (m, 2).
+
+    See `equilibrium.slip`. Weights do not follow, as in the dynamic stage.
+    """
+    from scipy.sparse import coo_array, diags_array, eye_array
+    from scipy.sparse.linalg import spsolve
+
+    chains, q, k = slip.slips.chains, len(slip.coupling), len(slip.way)
+    sides, e = np.concatenate([chains.into, chains.out]), np.tile(np.arange(q), 2)
+    there = (sides >= 0) & (slip.way[sides] != 0)
+    longer = np.repeat([1.0, -1.0], q)  # by what passes at the begin of an element, and at its end
+    passed = coo_array((longer[there], (e[there], sides[there])), (q, k)).tocsr()
+    ends = np.where(chains.along[:, None] > 0, elements[chains.element], elements[chains.element, ::-1])
+    pull = slip.coupling[:, None] * slip.direction
+    axes = (3 * ends[:, :, None] + np.arange(3)).ravel()
+    pulls = (np.stack([-pull, pull], axis=1).ravel(), (axes, np.repeat(np.arange(q), 6)))
+    at = coo_array(pulls, (K.shape[0], q)).tocsr() @ passed
+    moved = np.flatnonzero(np.diff(at.indptr))
+    if not len(moved):
+        return K
+    own = passed.T @ diags_array(slip.stiffness) @ passed
+    own = own + LOOSE * own.diagonal().max() * eye_array(k)
+    less = (at[moved] @ spsolve(own.tocsc(), at[moved].T.tocsc())).tocoo()
+    return K - coo_array((less.data, (moved[less.row], moved[less.col])), K.shape)
 
 
 def _effective_mass(vectors: np.ndarray, root: np.ndarray, unit: np.ndarray) -> np.ndarray:
@@ -195,10 +238,11 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
     """The lowest modes of the net as it stands, on rank 0, None elsewhere. Collective."""
     distribution, state, model = scene.distribution, scene.state, scene.model
     x = distribution.gather_particles(state.x)
-    N = distribution.gather_elements(state.elements_now().N)
+    N, L0 = (distribution.gather_elements(each) for each in (state.elements_now().N, state.L0))
+    slip = scene.finder.slips and scene.finder.slips.tangent_at_rest()
     if model is None:
         return None
-    return modes_at(x, model.net, N, model.L0, model.mass, count, state.features.strain, model.joints)
+    return modes_at(x, model.net, N, L0, model.mass, count, state.features.strain, model.joints, slip)
 
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
