@@ -183,6 +183,7 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
         ("displacement = 'm.csv'\nspeed = 100.0\n", "travel: missing"),
         ("acceleration = 'bad.AT2'\n", "direction: missing"),
         ("acceleration = 'bad.AT2'\ndirection = [1.0, 0.0, 0.0]\n", "NPTS = 3"),
+        ("acceleration = 'gal.AT2'\ndirection = [1.0, 0.0, 0.0]\n", "CM/S/S; expected UNITS OF G"),
     ],
 )
 def test_wrong_motions_are_refused(workshop, entry, message):
@@ -194,6 +195,8 @@ def test_wrong_motions_are_refused(workshop, entry, message):
     (job.parent / "m.csv").write_text("time,x\n0,0\n1,1\n")
     (job.parent / "late.csv").write_text("time,x\n0,0.5\n1,1\n")
     (job.parent / "bad.AT2").write_text("a\nb\nc\nNPTS= 3, DT= .01 SEC\n0.1 0.2\n")
+    head = "ACCELERATION TIME SERIES IN UNITS OF CM/S/S"
+    (job.parent / "gal.AT2").write_text(f"a\nb\n{head}\nNPTS= 3, DT= .01 SEC\n10 20 30\n")
     done = workshop.run(job, code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
 

@@ -263,6 +263,17 @@ def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
     ]
 
 
+def _check_unit(path: Path, line: str) -> None:
+    """The third line of a record may name its unit: that has to be g. Raises InputError."""
+    named = re.search(r"\bunits?\b(?:\s+of|\s*[:=])?\s*(\S+)", line, re.I)
+    unit = named[1].strip(".,;()").lower() if named else "g"
+    if unit not in ("g", "g's"):
+        raise InputError(
+            f"{path}: line 3: {line.strip()[:60]!r}: the unit is {named[1]}; expected UNITS OF G: divide the "
+            "values (cm/s2: by 981), or give a table of time, acceleration in m/s2"
+        )
+
+
 def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Times (r,) [s] and accelerations (r,) [g] of a record of PEER's: four lines of head, then numbers.
 
@@ -272,6 +283,7 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray]:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+    _check_unit(path, lines[2] if len(lines) > 2 else "")
     head = lines[3] if len(lines) > 3 else ""
     points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", head, re.I) for name in ("NPTS", "DT"))
     if not (points and step):
