@@ -184,6 +184,18 @@ def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
     assert "no curve (< 8.3e-07)" in text and "10 independent samples alone leave up to 25.9% of" in text
 
 
+def test_a_year_by_directions_is_told_to_have_all_wind_in_each(tmp_path):
+    """Rows for two directions have the same annual maxima each; of two densities no such thing is told."""
+    for key, told in (("wind.direction", True), ("wind.air_density", False)):
+        members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+        members |= {key: np.where(np.arange(len(members["wind.seed"])) % 2, 90.0, 0.0)}
+        sections = curve_sections(members, (), GUMBEL)
+        write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+        said = []
+        print_study(tmp_path / "a.study.h5", said.append)
+        assert ("all wind of a year blows in its wind.direction" in "\n".join(said)) == told
+
+
 def test_a_picture_tells_where_intervals_go_on(tmp_path):
     """A bar that is shorter than its interval ends in an arrow, and the axis says so; others do not."""
     members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)

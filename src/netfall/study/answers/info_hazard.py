@@ -32,6 +32,11 @@ def tell_hazard(study: Study, say) -> None:
             "  note: more than half of a probability comes from its tail: more runs at lower speeds would "
             "say whether the curve holds there"
         )
+    if any("wind.direction = " in str(curve) for curve in h["curve"]):
+        say(
+            "  note: each row takes it that all wind of a year blows in its wind.direction; for one "
+            "probability of all directions, draw wind.direction in [sample]"
+        )
     bounded = ~np.isfinite(h["annual_probability"]) & np.isfinite(h["interval"][:, 0])
     if bounded.any():
         samples = study.fragility["samples"][bounded].min()
