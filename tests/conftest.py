@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import h5py
@@ -131,6 +132,24 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None, co
     )
     assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
     return done
+
+
+def begun(job: Path, output: Path, ranks: int = 1) -> subprocess.Popen:
+    """A run with processes of its own, whose dynamic stage has begun."""
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    line = [*on_ranks(ranks), str(BIN / "netfall"), "run", str(job), "-o", str(output)]
+    process = subprocess.Popen(line, env=ENVIRONMENT, text=True, **pipes)
+    while "dynamics:" not in process.stdout.readline():
+        assert process.poll() is None, process.stderr.read()
+    return process
+
+
+def wait_for(there) -> None:
+    """Until something is there; a failure after two minutes."""
+    end = time.monotonic() + 120
+    while not there():
+        assert time.monotonic() < end
+        time.sleep(0.02)
 
 
 STANDING = {}  # by their number, and whether their kernels are plain Python

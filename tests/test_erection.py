@@ -237,14 +237,14 @@ def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(shared_workshop)
 
 
 @pytest.mark.parametrize("name, ranks", [("dome_rings", 3), ("two_cables", 2)])
-def test_targets_and_stages_have_the_same_bits_on_ranks(shared_workshop, name, ranks):
-    """Every dataset of shipped jobs."""
-    results = []
-    for count in (1, ranks):
-        path = shared_workshop.folder / f"{name}-{count}.vtkhdf"
-        run_on_standing_ranks("run", ROOT / "jobs" / f"{name}.toml", "-o", path, ranks=count)
-        results.append(shared_workshop.open(path.name))
-    assert assert_same_results(*results) > 20
+def test_targets_and_stages_have_the_same_bits_on_ranks(workshop, name, ranks):
+    """Every dataset of shipped jobs; of the dome without snow and the targets of two hoops, for time."""
+    job = ROOT / "jobs" / f"{name}.toml"
+    if name == "dome_rings":
+        head, hoop, _, _, crown = job.read_text().split("\n[[target]]")
+        job = workshop.job("\n[[target]]".join([head, hoop, crown.partition("[[case]]")[0]]))
+    one, several = (workshop.run(job, ranks=count, output=f"{count}.vtkhdf") for count in (1, ranks))
+    assert assert_same_results(one, several) > 20
 
 
 def test_the_wheel_is_let_down_as_it_was_lifted(workshop):

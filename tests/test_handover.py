@@ -238,13 +238,12 @@ def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
 
 
 def test_it_has_the_same_bits_on_any_ranks_and_through_a_pause(both_ways):
-    """Also from a checkpoint while the tension fades, in which what grows has been handed over."""
-    text = HUNG.replace("ramp = 0.2", "ramp = 0.5").replace(
-        "history = 0.01", "history = 0.01\ncheckpoint = 0.11"
-    )
-    job = hung_job(both_ways, 3, text)
+    """From checkpoints at 0.33 s, while the tension fades and what grows has been handed over."""
+    text = HUNG.replace("ramp = 0.2", "ramp = 0.5").replace("duration = 0.6", "duration = 0.4")
+    job = hung_job(both_ways, 2, text.replace("history = 0.01", "history = 0.01\ncheckpoint = 0.11"))
     one = both_ways.run(job, ranks=3)
-    for checkpoint, ranks in zip(sorted(both_ways.folder.glob("*.checkpoint*")), (2, 1, 3, 1)):
+    for kept, ranks in (("ranks-result", 1), ("result", 2)):
+        checkpoint = max(both_ways.folder.glob(f"{kept}.checkpoint*"))
         again = super(type(both_ways), both_ways).run(
             job, "--restart", checkpoint, ranks=ranks, output="b.vtkhdf"
         )
@@ -255,7 +254,7 @@ def test_it_has_the_same_bits_on_any_ranks_and_through_a_pause(both_ways):
 # --- a roof
 
 ROOF = (
-    BREAKING.format(parts=3, strain=0.0047)
+    BREAKING.format(parts=2, strain=0.0047)
     + """dead = 60.0
 pressure = -100.0
 ramp = 0.4
@@ -276,21 +275,23 @@ time = 0.3
 duration = 0.1
 [output]
 history = 0.02
-checkpoint = 0.13
+checkpoint = 0.15
+probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]
+elements = [40, 20, 33]
 """
 )
 
 
 @pytest.mark.parametrize("what_leaves", ["particle", "panels"])
 def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_leaves):
-    """Among them cables of which a part had broken before; on 1 and 3 ranks and from each checkpoint.
-
-    With panels from the last alone.
+    """Among them cables of which a part had broken before; on 1 and 3 ranks and from each checkpoint: in the
+    middle of a fade, in the very step of a loss, and among fractures. With panels from the last alone.
     """
     text, later = ROOF.replace("seed = 3", f'seed = 3\nafter_fracture = "{what_leaves}"'), (2, 1)
     if what_leaves == "panels":  # no load that grows, nor, for the scene is that of the other, along x or y
         later = (2,)
         text = text.replace("pressure = -100.0\nramp = 0.4", "pressure = [0.0, 0.0, 100.0]")
+        text = text.replace(LOSSES, LOSSES[LOSSES.index("[[remove]]", 1) :])  # each takes a rest
     job = workshop.job(text)
     with workshop.run(job) as one, workshop.run(job, ranks=3, output="three.vtkhdf") as three:
         assert_same_results(one, three)
@@ -357,9 +358,10 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
                     f["envelope/displacement_max"][:][nodes],
                 )
             )
-        outcome = run_member(MPI.COMM_WORLD, lambda: read_job(job), None, Memory())
-        lost.append((outcome["state"], outcome["roof_lost"]))
-    assert lost == [("finished", 0.0)] * 5
+        if parts < 8:
+            outcome = run_member(MPI.COMM_WORLD, lambda job=job: read_job(job), None, Memory())
+            lost.append((outcome["state"], outcome["roof_lost"]))
+    assert lost == [("finished", 0.0)] * 3
     for values in list(zip(*found))[:3]:
         steps = [np.abs(b - a).max() for a, b in pairwise(values)]
         ratios = np.array(steps[:-1]) / steps[1:]

@@ -1,12 +1,11 @@
 """Runs of tens of millions of steps: they come to their end, and stop soon when asked to."""
 
 import signal
-import subprocess
 import time
 
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, assert_same_results
+from conftest import assert_same_results, begun
 
 from netfall.model.schedule import step_at
 
@@ -52,15 +51,10 @@ def test_fifty_million_steps_in_wind_come_to_their_end(workshop):
 
 def stopped_after(workshop, job, ranks: int, number: int, wait: float) -> int:
     """The step of the checkpoint that a signal leaves, sent some seconds after a run's dynamics begin."""
-    line = [str(BIN / "netfall"), "run", str(job), "-o", str(workshop.folder / "result.vtkhdf")]
-    line = [str(BIN / "mpirun"), "-n", str(ranks), *line] if ranks > 1 else line
-    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    process = subprocess.Popen(line, env=ENVIRONMENT, text=True, **pipes)
-    while "dynamics:" not in process.stdout.readline():
-        assert process.poll() is None
+    process = begun(job, workshop.folder / "result.vtkhdf", ranks)
     time.sleep(wait)
     process.send_signal(number)
-    _, error = process.communicate(timeout=30)  # without a look between the rows it would be minutes
+    _, error = process.communicate(timeout=100)  # without a look between the rows it would be minutes
     assert process.returncode == 4, error
     assert "interrupted at t =" in error
     newest = max(workshop.folder.glob("*.checkpoint-*"))

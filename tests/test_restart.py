@@ -6,15 +6,23 @@ import random
 import signal
 import subprocess
 import sys
-import time
 
 import h5py
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, StopAfter, assert_same_results, run_on_standing_ranks
+from conftest import (
+    ENVIRONMENT,
+    ROOT,
+    StopAfter,
+    assert_same_results,
+    begun,
+    run_on_standing_ranks,
+    wait_for,
+)
 from kill_runs import JOB
 
-# Fewer steps where none has to be met in the middle of them: three ranks on two cores wait for one another.
+# Fewer steps and frames where none has to be met in the middle of them: ranks wait for one another in each.
 SLOW = JOB.replace("checkpoint = 0.02", "checkpoint = 0.1").replace("time_step = 2e-5", "time_step = 1e-4")
+SLOW = SLOW.replace("frames = 80", "frames = 8").replace("history = 0.005", "history = 0.02")
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +39,6 @@ def calm_slow(shared_workshop):
     return shared_workshop.run(job, output="calm_slow.vtkhdf")
 
 
-def same_but_for_the_job(calm, other):
-    """Equal in every dataset; the two job texts differ in their checkpoint interval only."""
-    return assert_same_results(calm, other)
-
-
 @pytest.mark.processes
 @pytest.mark.parametrize(
     "ranks, later",
@@ -48,15 +51,13 @@ def test_restart_on_other_ranks_gives_the_same_bits(workshop, calm_slow, ranks, 
     job = workshop.job(SLOW)
     first = workshop.run(job, ranks=ranks)
     assert len(first["events/step"]) > 3
-    same_but_for_the_job(calm_slow, first)
+    assert_same_results(calm_slow, first)
     kept = sorted(workshop.folder.glob("*checkpoint*"))
     # steps of 1e-4 s: the last two of 0.1, 0.2, 0.3 s
     assert [int(p.stem.split("-")[-1]) for p in kept] == [2000, 3000]
     first.close()
-    for checkpoint in kept:
-        same_but_for_the_job(
-            calm_slow, workshop.run(job, "--restart", checkpoint, ranks=later, output="result.vtkhdf")
-        )
+    for checkpoint, again in zip(kept, (later, 1)):
+        assert_same_results(calm_slow, workshop.run(job, "--restart", checkpoint, ranks=again))
     assert not list(workshop.folder.glob(".*"))
 
 
@@ -84,33 +85,17 @@ def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     """Exit code 4, a line that names the checkpoint, no result file; taken up, the same bits."""
     job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
-    line = [str(BIN / "netfall"), "run", str(job), "-o", str(workshop.folder / "result.vtkhdf")]
-    if ranks > 1:
-        line = [str(BIN / "mpirun"), "-n", str(ranks), *line]
-    process = subprocess.Popen(
-        line,
-        env=ENVIRONMENT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    while "dynamics:" not in process.stdout.readline():
-        assert process.poll() is None
-    time.sleep(0.02)
+    process = begun(job, workshop.folder / "result.vtkhdf", ranks)
     if ranks == 1 or number == signal.SIGUSR1:
         process.send_signal(number)  # mpirun hands SIGUSR1 on to the ranks
     else:
         subprocess.run(["pkill", f"-{int(number)}", "-f", f"python.*netfall run {job}"], check=True)
     _, error = process.communicate(timeout=60)
     assert process.returncode == 4, error
-    assert (
-        "interrupted at t =" in error
-        and "--restart" in error
-        and not (workshop.folder / "result.vtkhdf").exists()
-    )
+    assert "interrupted at t =" in error and "--restart" in error
+    assert not (workshop.folder / "result.vtkhdf").exists()
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
-    same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, ranks=3 - ranks))
+    assert_same_results(calm, workshop.run(job, "--restart", checkpoint, ranks=3 - ranks))
 
 
 def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
@@ -119,7 +104,7 @@ def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
     assert "interrupted in form finding, iteration 0" in done.stderr
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
-    same_but_for_the_job(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
+    assert_same_results(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
 
 
 def test_statics_are_not_lost_in_a_restart(workshop):
@@ -234,23 +219,10 @@ def test_kills_change_no_bit(kills):
     """kill -9 of a rank, of mpirun, of all, at random moments; restarted on other ranks (kill_runs.py;
     --kills 100 by hand). Few kills on two ranks at most: four on two processors take minutes beside others.
     """
-    done = subprocess.run(
-        [
-            sys.executable,
-            str(ROOT / "tests" / "kill_runs.py"),
-            "--kills",
-            str(kills),
-            "--seed",
-            str(random.randrange(10**6)),
-            "--ranks",
-            "2" if kills < 20 else "4",
-        ],
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=900,
-    )
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    line = [sys.executable, ROOT / "tests" / "kill_runs.py", "--kills", str(kills)]
+    line += ["--seed", str(random.randrange(10**6)), "--ranks", "2" if kills < 20 else "4"]
+    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, (line, done.stdout[-3000:] + done.stderr[-3000:])
     assert done.stdout.splitlines()[-1].startswith(f"{kills} kills")
 
 
@@ -334,8 +306,7 @@ def test_a_script_of_slurm_is_submitted_again_for_its_time_alone(tmp_path, name,
         (tools / tool).chmod(0o755)
     environment = ENVIRONMENT | {"PATH": f"{tools}:{os.environ['PATH']}", "SLURM_NTASKS": "1"}
     script = subprocess.Popen(["bash", ROOT / "jobs" / f"{name}.slurm"], cwd=tmp_path, env=environment)
-    while not (tmp_path / "started").exists():
-        time.sleep(0.02)
+    wait_for((tmp_path / "started").exists)
     script.send_signal(number)
     assert script.wait(30) == (0 if again else 4)
     assert (tmp_path / "submitted").exists() == again

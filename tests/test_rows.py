@@ -38,7 +38,7 @@ def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
 def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch):
     """Rows every 5 steps, 32 in a table, a look every 233: stopped at step 2097, where 14 rows wait."""
     text = SLOW.replace("duration = 0.4", "duration = 0.3").replace("checkpoint = 0.1", "checkpoint = 0")
-    job = workshop.job(text.replace("history = 0.005", "history = 5e-4").replace("frames = 80", "frames = 1"))
+    job = workshop.job(text.replace("history = 0.02", "history = 5e-4").replace("frames = 8", "frames = 1"))
     whole = workshop.run(job, output="whole.vtkhdf")
     assert len(whole["history/time"]) == 601 and len(whole["events/step"]) > 3
     stop, report = SimpleNamespace(wanted=False), dynamics.Simulation.report

@@ -42,7 +42,7 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     """Atwood's machine; with friction T1 = T2 exp(mu pi), and its heat is the difference times the way."""
     text, nodes, elements, a, _ = atwood(mu)
     assert a == pytest.approx(published, rel=1e-4)  # the inertia of the slip is little
-    f = both_ways.run(both_ways.job(text, nodes, elements))
+    f = both_ways.run(both_ways.job(text, nodes, elements), ranks=2 if mu else 1)
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     assert 2.0 * fallen == pytest.approx(a, rel=1e-4)
     history = f["history"]
@@ -51,6 +51,7 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     assert abs(history["balance_error"][:]).max() < 1e-4
 
 
+@pytest.mark.plain
 def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
     """Two weights let go on a rope without tension, which swings up to twice the mean one, and breaks.
 
@@ -73,7 +74,7 @@ def test_a_rope_that_runs_out_stops(both_ways):
     The other weight then falls on a rope that is held: N = W + sqrt(W^2 + k m v^2) at most, by energy.
     """
     text, nodes, elements, a, T = atwood(0.0, 2.4)
-    f = both_ways.run(both_ways.job(text.replace("history = 0.1", "history = 1e-3"), nodes, elements))
+    f = both_ways.run(both_ways.job(text.replace("history = 0.1", "history = 0.02"), nodes, elements))
     at, way = f["slide/stopped"][0], 0.8 * LOW
     assert at == pytest.approx(np.sqrt(2.0 * way / a), abs=1e-3)  # s of a rope that stretches
     slip, time = f["slide/slip"][:, 0], f["history/time"][:]
@@ -125,7 +126,7 @@ def clamped_ring(resistance, duration=0.5, step=1e-4, density=1e-3):
     return text, table(*rows), table(*lines)
 
 
-@pytest.mark.parametrize("share, ranks", [(0.05, 1), (0.1, 3), (0.2, 1), (0.0, 2)])
+@pytest.mark.parametrize("share, ranks", [(0.05, 1), (0.1, 3), (0.0, 2)])
 def test_tension_is_rebuilt_from_clamp_to_clamp_beside_a_lost_segment(both_ways, share, ranks):
     """Each clamp holds its resistance R: the k-th segment from the gap has k R, up to what was there.
 

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks
+from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks, wait_for
 from mpi4py import MPI
 
 from netfall.ground import room
@@ -220,14 +220,6 @@ def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_break
         file.write('[[failure]]\nname = "tears"\nof = "broken"\nabove = 0\n')
     error = run_on_standing_ranks("study", study, cwd=tmp_path, code=2).stderr
     assert '[[failure]] tears: of = "broken": of a dynamic stage' in error
-
-
-def wait_for(there) -> None:
-    """Until something is there; a failure after two minutes."""
-    end = time.monotonic() + 120
-    while not there():
-        assert time.monotonic() < end
-        time.sleep(0.02)
 
 
 def workers_of(pid: int) -> list[int]:
@@ -511,7 +503,7 @@ def test_the_start_of_a_worker_is_no_part_of_a_run():
     """A time limit is of the run."""
     tasks, done = [("a", 0, {"what": "go"})], []
     take = lambda _: tasks.pop() if tasks else None
-    Pool([sys.executable, "-c", FAKE, "0.8"], 1, 0.5, take, lambda number, _: done.append(number), None).run(
+    Pool([sys.executable, "-c", FAKE, "3.0"], 1, 2.0, take, lambda number, _: done.append(number), None).run(
         NEVER
     )
     assert done == [0]

@@ -12,7 +12,7 @@ import browser
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, run_netfall
+from conftest import STEEL, run_netfall, wait_for
 from study_files import columns, write_study
 
 from netfall import Net, run
@@ -162,8 +162,7 @@ def test_the_page_draws_and_plays(its_page, broken):
         assert seen.picture() != first
         seen.run("document.getElementById('play').click()")
         one = seen.run("return netfall.then(s => s.frame)")
-        time.sleep(1.0)
-        assert seen.run("return netfall.then(s => s.frame)") != one
+        wait_for(lambda: seen.run("return netfall.then(s => s.frame)") != one)
         seen.run("return netfall.then(s => choose(s, 1))")
         assert seen.run("return document.getElementById('foot').style.display") == "none"
         assert seen.run("return performance.getEntriesByType('resource').map(r => r.name)") == []
@@ -215,12 +214,10 @@ def test_from_each_side_all_is_in_sight_and_a_click_marks_an_element(its_page):
         seen.open(its_page)
         for side in ("plan", "front", "side", "space"):
             seen.run(f"return netfall.then(() => document.querySelector('[data-view={side}]').click())")
-            time.sleep(0.5)
-            assert np.abs(np.array(seen.run(points))).max() < 1.0
-            told = seen.run(shown)
-            assert len(told) > 8 and not any(
-                "1000px" in each for each in told
-            )  # where k3d puts what is hidden
+            time.sleep(0.5)  # until it is drawn, or somewhat later
+            wait_for(lambda: np.abs(np.array(seen.run(points))).max() < 1.0)
+            in_sight = lambda told: len(told) > 8 and not any("1000px" in each for each in told)
+            wait_for(lambda: in_sight(seen.run(shown)))  # there k3d puts what is hidden
         seen.run("return netfall.then(s => { s.picked = 3; draw(s); })")
         marked, drawn = (f"return netfall.then(s => [...s.kinds[{k}].vertices])" for k in ("PICKED", "TAUT"))
         assert seen.run(marked) == seen.run(drawn)[18:24]
