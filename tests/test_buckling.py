@@ -177,6 +177,20 @@ def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
     assert f["statics/displacement"][-1][1] == pytest.approx([0.0, 0.0, -sunk], rel=1e-6)
 
 
+@pytest.mark.parametrize("load, stiffness", [(500.0, 5e6 + 1e5), (20e3, 1e5)])
+def test_a_bar_that_has_buckled_has_no_stiffness_in_modes(workshop, load, stiffness):
+    """A mass on a post of EA / L = 5e6 N/m, N_E = 1 kN, and on a spring of 1e5 N/m: straight, and buckled."""
+    nodes = (
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,mass,load_z\n1,0,0,0,1,1,1,0,0,0\n"
+        f"2,0,0,4,1,1,0,1e5,2000,{-load}\n"
+    )
+    post = '[cable]\nkind = "bar"\nmodulus = 2e11\narea = 1e-4\ndensity = 1e-3\nsecond_moment = 8.1e-9\n'
+    text = post + "buckling = true\n[load]\nsteps = 1\n[dynamics]\nduration = 1e-3\n[output]\nmodes = 1\n"
+    with workshop.run(workshop.job(text, nodes, "start,end\n1,2\n")) as f:
+        period = f["modes/period"][0]
+    assert period == pytest.approx(2.0 * np.pi * np.sqrt(2000.0 / stiffness), rel=1e-6)
+
+
 def test_what_buckles_and_yields_at_rest_is_named(both_ways):
     """P = 1.5 N_E on a post that buckles below a cable that yields and one that holds what is left of P: by
     hand; the run, `info`, the report and the file name both, the check by Euler's load fails; nothing is
