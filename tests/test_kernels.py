@@ -18,7 +18,7 @@ from netfall.step.limits import count_near
 from netfall.step.loop import kick
 from netfall.step.plan import CHUNK, Plan
 from netfall.step.runs import BORROWING, end_all_loans
-from netfall.step.slots import collect_extremes, collect_yields
+from netfall.step.slots import collect_elements
 
 # Numbers of far ends wrap where kernels run as plain Python, as unsigned ones do.
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
@@ -152,7 +152,7 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
         over = np.zeros(state.m, bool)
         if scene.plastic:  # bars are pointed at, cables yield
             over |= (eps_p != state.eps_p) & (state.bar == 1)
-            collect_yields(state.n_owned, state.first_split, state.elements, state.slots, state.law)
+            collect_elements(state.n_owned, state.first_split, state.elements, state.slots, state.law)
             cable = state.bar == 0
             assert np.abs(state.eps_p - eps_p)[cable].max() < 1e-12 and (eps_p > 0.004)[cable].any()
         if scene.fracture:
@@ -192,7 +192,7 @@ def test_runs_keep_the_extreme_forces_of_each_element():
         inside = (runs.whole[:, 1] - runs.whole[:, 0]) @ (runs.whole[:, -1] == kind)
         assert inside > 1200 and runs.rest.any()
         forces_of(state)
-        collect_extremes(state.n_owned, state.first_split, state.elements, state.slots)
+        collect_elements(state.n_owned, state.first_split, state.elements, state.slots, state.law)
         N = state.elements_now().N
         for kept, expected in ((state.highest, np.maximum(N, 0.0)), (state.lowest, np.minimum(N, 0.0))):
             assert np.abs(kept - expected).max() <= ROUNDING * np.abs(N).max()

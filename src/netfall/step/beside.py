@@ -16,7 +16,7 @@ from netfall.mechanics.motion import along_x, along_y, along_z, kicked, make_kic
 from netfall.mechanics.slip.motion import drift_slips, kick_slips
 from netfall.mechanics.supports import on_guide
 from netfall.parallel.halo import pack_forces, unpack_forces
-from netfall.step.slots import collect_branches, collect_extremes, collect_yields, follow_slips
+from netfall.step.slots import collect_elements, follow_slips
 
 # Of the particles what the exchange and the motion of the halo read, so that scenes share them.
 EXCHANGED = (
@@ -89,13 +89,9 @@ def move_halo(first, last, kick_dt, dt, zeta, particles):
 @kernel_apart
 def collect(chunks, elements, slots, law):
     """Bring the elements up to date with what their slots have of their own."""
-    n_owned, first_split = chunks.n_owned, chunks.n_owned + chunks.n_halo
-    if slots.eps_p is not None and chunks.has_yielded.any():
-        collect_yields(n_owned, first_split, elements, slots, law)
-    if slots.highest is not None:
-        collect_extremes(n_owned, first_split, elements, slots)
-    if slots.branch_a is not None:
-        collect_branches(n_owned, first_split, elements, slots)
+    changed = slots.eps_p is not None and chunks.has_yielded.any()
+    if changed or slots.highest is not None or slots.branch_a is not None:
+        collect_elements(chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
 
 
 @kernel

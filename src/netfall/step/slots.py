@@ -155,23 +155,33 @@ def own_slot(e, n_owned, first_split, elements, slots):
 
 
 @inner_kernel
-def collect_yield(e, n_owned, first_split, elements, slots, law):
-    """Bring plastic strain and heat of element e up to date with its slots; of a bar they always are.
+def collect_element(e, n_owned, first_split, elements, slots, law):
+    """Bring element e up to date with its slots: plastic strain and heat, extremes, branches.
 
-    The heat of a cable, whose plastic strain only grows, follows from that.
+    The heat of a cable, whose plastic strain only grows, follows from that; a bar's stands already. Extremes
+    until it breaks: what is left of it then has no strength, and rings on a light end.
     """
     s, p = own_slot(e, n_owned, first_split, elements, slots)
-    elements.eps_p[e] = slots.eps_p[s, p]
-    if not elements.bar[e] and elements.eps_p[e] != 0.0:  # else its heat stands already
-        elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
+    if slots.eps_p is not None:
+        elements.eps_p[e] = slots.eps_p[s, p]
+        if not elements.bar[e] and elements.eps_p[e] != 0.0:
+            elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
+    if slots.highest is not None and elements.broken[e] == 0:
+        elements.highest[e] = max(elements.highest[e], slots.highest[s, p])
+        if elements.lowest is not None:
+            elements.lowest[e] = min(elements.lowest[e], slots.lowest[s, p])
+    if slots.branch_a is not None:
+        elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
+        if elements.branch_c is not None:
+            elements.branch_c[e] = slots.branch_c[s, p]
 
 
 @kernel
-def collect_yields(n_owned, first_split, elements, slots, law):
-    """`collect_yield` of all elements that this rank steps."""
+def collect_elements(n_owned, first_split, elements, slots, law):
+    """`collect_element` of all elements that this rank steps."""
     for e in range(elements.ends.shape[0]):
         if elements.EA[e] != 0.0:
-            collect_yield(e, n_owned, first_split, elements, slots, law)
+            collect_element(e, n_owned, first_split, elements, slots, law)
 
 
 @part_of_kernel
@@ -183,45 +193,6 @@ def keep_force(q, d, s, p, slots):
     if slots.lowest is not None:
         least = slots.lowest[s, p]
         slots.lowest[s, p] = N if N < least else least
-
-
-@inner_kernel
-def collect_extreme(e, n_owned, first_split, elements, slots):
-    """Bring the extremes of the axial force of element e up to date with its slots, until it breaks.
-
-    What is left of it then has no strength, and rings on a light end.
-    """
-    if elements.broken[e] != 0:
-        return
-    s, p = own_slot(e, n_owned, first_split, elements, slots)
-    elements.highest[e] = max(elements.highest[e], slots.highest[s, p])
-    if elements.lowest is not None:
-        elements.lowest[e] = min(elements.lowest[e], slots.lowest[s, p])
-
-
-@kernel
-def collect_extremes(n_owned, first_split, elements, slots):
-    """`collect_extreme` of all elements that this rank steps."""
-    for e in range(elements.ends.shape[0]):
-        if elements.EA[e] != 0.0:
-            collect_extreme(e, n_owned, first_split, elements, slots)
-
-
-@inner_kernel
-def collect_branch(e, n_owned, first_split, elements, slots):
-    """Bring the branches of element e up to date with its slots."""
-    s, p = own_slot(e, n_owned, first_split, elements, slots)
-    elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
-    if elements.branch_c is not None:
-        elements.branch_c[e] = slots.branch_c[s, p]
-
-
-@kernel
-def collect_branches(n_owned, first_split, elements, slots):
-    """`collect_branch` of all elements that this rank steps."""
-    for e in range(elements.ends.shape[0]):
-        if elements.EA[e] != 0.0:
-            collect_branch(e, n_owned, first_split, elements, slots)
 
 
 @inner_kernel

@@ -10,7 +10,7 @@ import numpy as np
 from netfall.ground.compile import inner_kernel, kernel_apart
 from netfall.mechanics.fracture import break_element, decide, lengthen, owns
 from netfall.step.runs import end_loans
-from netfall.step.slots import collect_branch, collect_extreme, collect_yield, empty_slot, fill_slot, slot_of
+from netfall.step.slots import collect_element, empty_slot, fill_slot, slot_of
 
 
 @kernel_apart
@@ -32,12 +32,7 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
                 if owns(p, fractures.rules):  # one end is the halo's where nothing has split off
                     slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
             continue
-        if slots.eps_p is not None:
-            collect_yield(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
-        if slots.highest is not None:
-            collect_extreme(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots)
-        if slots.branch_a is not None:
-            collect_branch(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots)
+        collect_element(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
         break_element(e, when, elements, law, fractures)
         follow_end(e, 0, a, chunks, elements, slots, fractures)
