@@ -43,9 +43,9 @@ class Coarser:
         self.order = np.argsort(number, kind="stable")
         self.own = _ProductRows(self.order[self.order < len(matrix.rows.mine)], parts, slot)
         self.lent = _ProductRows(np.concatenate(asked), parts, slot)
-        self.ends = self.lent.start[np.cumsum([len(each) for each in asked])[:-1]]
-        counts = np.split(np.diff(self.lent.start), np.cumsum([len(each) for each in asked])[:-1])
-        counts = np.concatenate(self.comm.alltoall(counts))
+        ends = np.cumsum([len(each) for each in asked])[:-1]
+        self.ends = self.lent.start[ends]
+        counts = np.concatenate(self.comm.alltoall(np.split(np.diff(self.lent.start), ends)))
         self.products = starts_of(counts), self._from_others(self.lent.column)
         others = self.others.start, self.others.column
         members, ghosts = (down.start, down.local), (others, self.products)
@@ -54,15 +54,12 @@ class Coarser:
         column = np.empty(start[-1], np.int32)
         coarse_columns(*members, parts, self.products, slot, start, column)
         self.pattern = Pattern(self.comm, *ascending(start, column, columns.n), columns, columns)
-        of_rows = (
-            self.order,
-            parts[1],
-            ghosts,
-            (self.own.start, self.own.column),
-            place_here(self.comm, columns),
-        )
-        self.place = np.empty(count_products(*of_rows[:4]), np.int32)
-        place_products(*of_rows, self.pattern.start, self.pattern.column, self.place)
+        own, here = (self.own.start, self.own.column), place_here(self.comm, columns)
+        of_own = np.diff(up.start)[self.own.places] @ np.diff(self.own.start)
+        of_ghosts = np.diff(self.others.start) @ np.diff(self.products[0])
+        self.place = np.empty(of_own + of_ghosts, np.int32)
+        into = self.pattern.start, self.pattern.column, self.place
+        place_products(self.order, parts[1], ghosts, own, here, *into)
 
     def _from_others(self, lent: np.ndarray) -> np.ndarray:
         """What others lend this rank, of columns or blocks that it lends. Collective."""
@@ -165,21 +162,6 @@ def coarse_columns(begin, member, parts, products, slot, start, column):
                 else:
                     end = _note_columns(a, beyond[0], beyond[1], j - ups, slot, column, end)
     start[-1] = end
-
-
-@kernel
-def count_products(order, up, ghosts, own):
-    """The length of `place` of `Coarser`; up, ghosts, own : as of `place_products`."""
-    others, products = ghosts
-    n, count, i = up[0].shape[0] - 1, 0, 0
-    for r in order:
-        if r < n:
-            count += (up[0][r + 1] - up[0][r]) * (own[0][i + 1] - own[0][i])
-            i += 1
-        else:
-            g = r - n
-            count += (others[0][g + 1] - others[0][g]) * (products[0][g + 1] - products[0][g])
-    return count
 
 
 @kernel
