@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
-from netfall.cli.examples import EXAMPLES
-from netfall.cli.parser import VERBS, parser
+from netfall.cli.parser import EXAMPLES, VERBS, parser
 from netfall.ground.errors import InputError
 from netfall.job.entries import LISTS
 from netfall.job.read import read_job

@@ -1,7 +1,7 @@
 """The formats of `netfall export`: a file for each, named after its ending. No file knows of another.
 
 A format has
-    HOLDS      what of `lacking.of_net` it holds, None: all
+    HOLDS      what of `export.of_net` it holds, None: all
     FOLDER     whether it is a folder of files
     UNITS      whether coordinates may be in another unit than metres
     AT_REST    whether it holds an equilibrium alone, not a state in motion
