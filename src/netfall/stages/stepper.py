@@ -9,7 +9,6 @@ from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.fracture import FractureRules
 from netfall.mechanics.law.branches import stiffening
 from netfall.mechanics.slip.motion import STEP
-from netfall.mechanics.state import State
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
 from netfall.record.rows import RowTable
@@ -110,10 +109,15 @@ class Stepper:
 
     def advance_through_fractures(self, stop: int) -> None:
         """Step to number `stop` with the short step, whatever breaks."""
-        if self.after_fracture == "all" and not len(self.log):
-            self.advance_until_first_fracture(stop)
+        known = len(self.log)
+        if self.after_fracture == "all" and not known:
+            if self.advance_to_fracture(stop):
+                lose_all_wind(self.state)
         elif self.tearing:
-            self.advance_with_tearing(stop)
+            while self.n < stop and self.advance_to_fracture(stop):
+                self.tearing.tear(self.state, np.unique(self.log.element[known:]))
+                self.plan.attach(self.state)
+                known = len(self.log)
         else:
             self.advance_block(stop)
 
@@ -146,52 +150,30 @@ class Stepper:
         while self.n < stop:
             self._stepped(self.plan.run(self.interval(stop), self.phases.of_steps))
 
-    def advance_until_first_fracture(self, stop: int) -> None:
-        """For after_fracture = "all": all wind ends with the first fracture, at the same step on all ranks.
+    def advance_to_fracture(self, stop: int) -> bool:
+        """Step to number `stop`, or just behind the first fracture on any rank; whether there is one.
 
-        A rank learns of a fracture elsewhere only at the end of a block. The block that holds the first one
-        is therefore taken back and stepped again to just behind it; no step waits for a reduction.
+        What a fracture does to the whole net it does on all ranks in the same step, but a rank learns of one
+        elsewhere only at the end of a block. The block that holds the first one is therefore taken back and
+        stepped again to just behind it; no step waits for a reduction.
         """
-        first, begin, kept = self.first_fracture(stop)
-        if first < stop:
-            self.take_back(begin, kept)
-            self.advance_block(first + 1)
-            lose_all_wind(self.state)
-            self.share_events()
-
-    def advance_with_tearing(self, stop: int) -> None:
-        """For after_fracture = "panels": panels leave in the step of the fracture, on all ranks.
-
-        A block with fractures is stepped again to just behind the first; see `advance_until_first_fracture`.
-        """
-        while self.n < stop:
-            first, begin, kept = self.first_fracture(stop)
-            if first >= stop:
-                return
-            if first + 1 < self.n:
-                self.take_back(begin, kept)
-                self.advance_block(first + 1)
-            known = len(self.log)
-            self.share_events()
-            self.tearing.tear(self.state, np.unique(self.log.element[known:]))
-            self.plan.attach(self.state)
-
-    def first_fracture(self, stop: int) -> tuple[int, tuple, State]:
-        """A block up to `stop`: the step of the first fracture in it, and how it began, for `take_back`."""
         self.plan.collect_yield()
-        count = int(self.plan.events.count[0])
-        begin, kept = (self.n, self.made, self.before_dt, count, self.rows.keep()), self.state.copy()
+        begin, kept = (self.n, self.made, self.before_dt, int(self.plan.events.count[0])), self.state.copy()
+        rows = self.rows.keep()
         self.advance_block(stop)
         events = self.plan.events
         mine = int(events.step[: events.count[0]].min(initial=stop))
-        return self.comm.allreduce(mine, MPI.MIN), begin, kept
-
-    def take_back(self, begin: tuple, kept: State) -> None:
-        """To where a block began."""
-        self.n, self.made, self.before_dt, self.plan.events.count[0], rows = begin
-        self.rows.put_back(rows)
-        self.state = kept
-        self.plan.attach(kept)
+        first = self.comm.allreduce(mine, MPI.MIN)
+        if first >= stop:
+            return False
+        if first + 1 < self.n:
+            self.n, self.made, self.before_dt, events.count[0] = begin
+            self.rows.put_back(rows)
+            self.state = kept
+            self.plan.attach(kept)
+            self.advance_block(first + 1)
+        self.share_events()
+        return True
 
     def share_events(self) -> None:
         """Broadcast the fractures since the last time, so that every rank knows all of them.
