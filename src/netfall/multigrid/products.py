@@ -296,10 +296,9 @@ class Transposed:
         parts = [(matrix.row[entries], matrix.column[entries]) for entries in self.entries]
         row, column = (np.concatenate(each) for each in zip(*self.comm.alltoall(parts)))
         number = np.concatenate([mine, row]).astype(np.int32)
-        start, place = np.zeros(len(matrix.columns.mine) + 1, np.int64), place_here(self.comm, matrix.columns)
-        count_columns(matrix.column, place, start)
-        count_columns(column, place, start)
-        np.cumsum(start, out=start)
+        place = place_here(self.comm, matrix.columns)
+        here = place[np.concatenate([matrix.column, column])]
+        start = starts_of(np.bincount(here[here >= 0], minlength=len(matrix.columns.mine)))
         row, self.source = np.empty((2, start[-1]), np.int32)
         order = np.argsort(number, kind="stable")
         transpose_rows(
@@ -313,15 +312,6 @@ class Transposed:
         block = np.empty((len(self.source), 3, 3), np.float32)
         transpose_blocks(self.source, matrix.block, more, block)
         return BlockRows(self.pattern, block)
-
-
-@kernel
-def count_columns(column, place, start):
-    """Add the entries of each column, by its place, to start[place + 1]."""
-    for k in range(column.shape[0]):
-        c = place[column[k]]
-        if c >= 0:
-            start[c + 1] += 1
 
 
 @kernel
