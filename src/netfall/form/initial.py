@@ -44,7 +44,11 @@ def form_of(
         try:
             return find_form(comm, as_given, distribution, settings, halo, report, stop, resume, load, start)
         except Paused as pause:
-            path = pause_form_finding(job, result, digest, distribution, pause, restart, load)
+            parts = {RELAXATION: relaxation_record(distribution, pause.at)}
+            if loaded:
+                parts[FORM_LOAD] = {}, {} if load is None else {"load": load}
+            step = pause.at.iteration
+            path = write_before_stages(comm, job, result, digest, step, parts, restart)
             raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
 
     try:
@@ -94,26 +98,17 @@ def _loaded(
     )
 
 
-def pause_form_finding(
-    job: Job,
-    result: Path,
-    digest: str,
-    distribution: Distribution,
-    pause: Paused,
-    given: Path | None,
-    load: np.ndarray | None = None,
+def write_before_stages(
+    comm: MPI.Comm, job: Job, result: Path, digest: str, step: int, parts: dict, given: Path | None
 ) -> Path:
-    """Write a checkpoint of the form finding where it was paused; its path. Collective.
+    """Write a checkpoint of a run that has no stage behind it, in place of older ones; its path. Collective.
 
-    load : (n, 3) [N] that the form carries, on rank 0
+    step : by which checkpoints are told apart; the others as of `form_of`
     """
-    path = checkpoint_path(result, 1, pause.at.iteration)
+    path = checkpoint_path(result, 1, step)
     record = {"job": digest, "name": job.title or job.name, "stage": FORM}
-    parts = {RELAXATION: relaxation_record(distribution, pause.at)}
-    if carries_permanent(job):
-        parts[FORM_LOAD] = {}, {} if load is None else {"load": load}
-    write_checkpoint(distribution.comm, path, None, None, record, parts)
-    if distribution.comm.rank == 0:
+    write_checkpoint(comm, path, None, None, record, parts)
+    if comm.rank == 0:
         remove_older(path, result, digest, given)
     return path
 

@@ -13,7 +13,7 @@ from netfall.erection.settings import Setting, check_stages
 from netfall.erection.targets import Reached, reach_targets
 from netfall.erection.tension import of_form
 from netfall.form.find import Form
-from netfall.form.initial import FORM, INITIAL, initial_record
+from netfall.form.initial import INITIAL, initial_record, write_before_stages
 from netfall.ground.errors import DivergedError, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import carries_permanent
@@ -26,7 +26,6 @@ from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.stages.scene import BuildUp, Scene
 from netfall.stages.static_outcome import NONE, by_ids
-from netfall.write.checkpoint import checkpoint_path, remove_older, write_checkpoint
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
 MOST_TURNS = 10  # of targets under the permanent load
@@ -205,11 +204,7 @@ def _as_erected(job: Job, model: Model, x: np.ndarray, setting: Setting) -> Mode
 
 def _pause(scene: Scene, erection: Erection, result: Path, given: Path | None) -> Path:
     """Write a checkpoint of an erection between two stages; its path. Collective."""
-    path = checkpoint_path(result, 1, BEHIND + erection.done)
-    record = {"job": scene.digest, "name": scene.job.title or scene.job.name, "stage": FORM}
     initial = initial_record(scene.form, scene.build_up.base)
     parts = scene.build_up.records | {INITIAL: initial, ERECTION: erection.record()}
-    write_checkpoint(scene.comm, path, None, None, record, parts)
-    if scene.comm.rank == 0:
-        remove_older(path, result, scene.digest, given)
-    return path
+    step = BEHIND + erection.done
+    return write_before_stages(scene.comm, scene.job, result, scene.digest, step, parts, given)
