@@ -183,18 +183,15 @@ def _note(
         numbers["slip"] = numbers["slip"] + (last[0]["slip"] if last else 0.0)
         erection.labels[group]["clamps"] = setting.clamps
     reaction = reactions(model, setting, x, N) if outcome.carries else np.full_like(x, np.nan)
-    erection.sections[group] = (
-        numbers
-        | bends
-        | {
-            "displacement": x - model.x,
-            "tension": N,
-            "unstressed_length": setting.L0,
-            "active": setting.active.astype(np.uint8),
-            "held": (setting.fixed & setting.there(model.net)[:, None]).astype(np.uint8),
-            "reaction": reaction,
-        }
-    )
+    there = {
+        "displacement": x - model.x,
+        "tension": N,
+        "unstressed_length": setting.L0,
+        "active": setting.active.astype(np.uint8),
+        "held": (setting.fixed & setting.there(model.net)[:, None]).astype(np.uint8),
+        "reaction": reaction,
+    }
+    erection.sections[group] = numbers | bends | there
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
 
 

@@ -137,10 +137,8 @@ def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: 
     ends = distribution.gather_elements(d.particle_gid[ends])
     x, free = distribution.gather_particles(x), distribution.gather_particles(free)
     start, node, element, touching = comm.bcast(on_root(comm, lambda: all_lines(ends, x, free != 0)))
-    particles, elements = (
-        Owners(comm, d.particle_gid[: d.n_owned]),
-        Owners(comm, d.element_gid[d.element_owned]),
-    )
+    particles = Owners(comm, d.particle_gid[: d.n_owned])
+    elements = Owners(comm, d.element_gid[d.element_owned])
     counts = np.diff(start)
     mine = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
     counts, own = entries_of(counts, mine)

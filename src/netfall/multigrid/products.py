@@ -36,10 +36,8 @@ class Coarser:
         self.comm, self.matrix, asked, columns = matrix.comm, matrix, down.ghosts.asked, up.columns
         self.beyond, self.others = Borrowed(up, matrix.ghosts.asked), Borrowed(up, asked)
         parts = (matrix.start, matrix.local), (up.start, up.column), (self.beyond.start, self.beyond.column)
-        number, slot = (
-            np.concatenate([matrix.rows.mine, down.ghosts.number]),
-            np.full(columns.n, -1, np.int32),
-        )
+        number = np.concatenate([matrix.rows.mine, down.ghosts.number])
+        slot = np.full(columns.n, -1, np.int32)
         self.order = np.argsort(number, kind="stable")
         self.own = _ProductRows(self.order[self.order < len(matrix.rows.mine)], parts, slot)
         self.lent = _ProductRows(np.concatenate(asked), parts, slot)

@@ -265,27 +265,24 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
     zones = roof.zones
     shared = {} if zones.share is None else {"zone_share": zones.shares()}
     shared |= {} if net.second_moment is None else _bar_section(net, cut_length)
-    return (
-        _strength_section(net)
-        | shared
-        | {
-            "particles": net.x,
-            "elements": net.elements,
-            "fixed": net.fixed.astype(np.uint8),
-            "group": net.group.astype(np.int32),
-            "group_names": texts(net.group_names),
-            "tributary_area": roof.area,
-            "plan_area": roof.plan_area,
-            "vector_area": roof.vector,
-            "node_id": net.node_id,
-            "element_id": net.element_id,
-            "unstressed_length": cut_length,
-            "cable": net.cable.astype(np.int32),
-            "cable_names": texts(net.cable_names),
-            "zone": zones.of_node.astype(np.int32),
-            "zone_names": texts(zones.names),
-        }
-    )
+    found = {
+        "particles": net.x,
+        "elements": net.elements,
+        "fixed": net.fixed.astype(np.uint8),
+        "group": net.group.astype(np.int32),
+        "group_names": texts(net.group_names),
+        "tributary_area": roof.area,
+        "plan_area": roof.plan_area,
+        "vector_area": roof.vector,
+        "node_id": net.node_id,
+        "element_id": net.element_id,
+        "unstressed_length": cut_length,
+        "cable": net.cable.astype(np.int32),
+        "cable_names": texts(net.cable_names),
+        "zone": zones.of_node.astype(np.int32),
+        "zone_names": texts(zones.names),
+    }
+    return _strength_section(net) | shared | found
 
 
 def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
