@@ -15,7 +15,7 @@ from netfall.mechanics.loss import Carried, join, leave, lose_elements
 from netfall.model.handover import HandOver
 from netfall.model.losses import Loss, leaving_then
 from netfall.parallel.subdomain import rows_of
-from netfall.stages.rests import Rest, RestsAfter, local_rows
+from netfall.stages.rests import Rest, RestsAfter
 from netfall.stages.scene import Scene
 from netfall.stages.varying import FadingLoad
 from netfall.write.result import texts
@@ -63,7 +63,8 @@ class Removal:
         simulation.envelope.take_in(simulation.time, state)
         self._keep("before", self.done, state, now.N)
         subdomain = self.distribution.subdomain
-        rows = local_rows(subdomain.element_gid, loss.elements)
+        rows = rows_of(subdomain.element_gid, loss.elements)
+        rows = rows[rows >= 0]
         force = self._forces(state, loss, rows, now)
         simulation.share_events()
         particles, handed = self._leaving(self.done)

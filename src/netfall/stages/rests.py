@@ -12,6 +12,7 @@ from netfall.job.job import Job
 from netfall.job.values import counted, listed
 from netfall.model.actions import StaticLoad
 from netfall.model.losses import Loss, comes_loose, losses_of
+from netfall.parallel.subdomain import rows_of
 from netfall.results.loss_lines import SOMETHING_BREAKS
 from netfall.results.notes import error_words
 from netfall.stages.scene import Desk, Outcome, Scene
@@ -26,11 +27,6 @@ from netfall.stages.settle import (
 )
 
 MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
-
-
-def local_rows(gid: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Rows of those of the wanted numbers that are among gid; both ascending."""
-    return np.searchsorted(gid, wanted[np.isin(wanted, gid)])
 
 
 NAME = "rests"
@@ -129,7 +125,8 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
     search = Search(start, tension=[mine(state.elements_now().N)])
     resume = _taken_up(scene, desk, search)
     for k, (loss, no_rest, whole) in enumerate(zip(losses, loose, loads[1:])):
-        rows = local_rows(distribution.subdomain.element_gid, loss.elements)
+        rows = rows_of(distribution.subdomain.element_gid, loss.elements)
+        rows = rows[rows >= 0]
         state.EA[rows], state.broken[rows] = 0.0, 1  # not slack: gone
         if k < len(search.rests):
             continue

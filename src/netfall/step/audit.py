@@ -150,13 +150,11 @@ def particle_energies(
             terms[1, i] = terms[2, i] = terms[3, i] = math.nan
         if particles.other_work is not None:
             air, band, support = particles.other_work
-            along_band = 0.0
-            if f_band is not None:
-                v = particles.v
-                along_band = (v[0][p] + vx) * f_band[p, 0]
-                along_band += (v[1][p] + vy) * f_band[p, 1] + (v[2][p] + vz) * f_band[p, 2]
-            v = particles.v
+            v, along_band = particles.v, 0.0
             twice = (v[0][p] + vx, v[1][p] + vy, v[2][p] + vz)
+            if f_band is not None:
+                along_band = twice[0] * f_band[p, 0]
+                along_band += twice[1] * f_band[p, 1] + twice[2] * f_band[p, 2]
             terms[4, i] = air[p] + air_work(p, part * kick_dt, pull, twice, particles)
             terms[5, i] = band[p] - 0.5 * part * kick_dt * along_band
             terms[6, i] = support[p] + dx + dy + dz
