@@ -42,7 +42,8 @@ def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
     """Euler's load (m,) [N] of bars of unstressed lengths L0 (m,) [m]; nan: without a second moment."""
     if net.second_moment is None:
         return np.full(net.m, np.nan)
-    return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
+    with np.errstate(divide="ignore"):  # of a form that has collapsed, which is told by its element
+        return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
 
 
 def bar_errors(job: Job, net: Net) -> list[str]:
