@@ -209,31 +209,48 @@ def test_what_is_there_for_a_while_is_shown_so(workshop):
             assert motion.exists() and shown.n_frames == 2
 
 
-def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(shared_workshop):
+WHEEL = (ROOT / "jobs" / "wheel_erection.toml").read_text().partition("[[case]]")[0]
+
+
+@pytest.fixture(scope="module")
+def wheel(shared_workshop):
+    """The shipped wheel, lifted and let down again: what was told, and the result."""
+    back = "{upper = {change = 0.05}, lower = {change = 0.05}}"
+    text = WHEEL + "".join(stage(f"down {k}", lengths=back) for k in range(7, 0, -1))
+    path = shared_workshop.folder / "wheel.vtkhdf"
+    done = run_on_standing_ranks("run", shared_workshop.job(text, name="wheel"), "-o", path)
+    with shared_workshop.open(path.name) as f:
+        yield done.stdout, f
+
+
+def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(wheel, workshop):
     """Ring forces grow from stage to stage; its last one has the forces of the wheel under its weight."""
-    job, path = ROOT / "jobs" / "wheel_erection.toml", shared_workshop.folder / "wheel.vtkhdf"
-    done = run_on_standing_ranks("run", job, "-o", path)
-    text = job.read_text()
-    direct = text[: text.index("[[stage]]")] + '[[case]]\nname = "weight"\nset = {"load.snow" = 0.0}\n'
-    with shared_workshop.run(
-        shared_workshop.job(direct.replace("[cable]", "[cable]", 1)), output="d.vtkhdf"
-    ) as f:
-        expected, sunk = f["cases/weight/tension"][:], f["cases/weight/displacement"][:]
-    with shared_workshop.open("wheel.vtkhdf") as f:
-        names = f["net/group_names"].asstr()[:].tolist()
-        rows = {
-            name: f["net/group"][:] == names.index(name)
-            for name in ("ring_outer", "ring_lower", "ring_upper")
-        }
-        stages = [f[f"stages/lift {k}"] for k in range(1, 9)]
-        N, x = stages[-1]["tension"][:], stages[-1]["displacement"][:]
-        assert np.abs(N - expected).max() < FOUND * np.abs(expected).max()
-        assert np.abs(x - sunk).max() < FOUND
-        for name, sign in (("ring_outer", -1), ("ring_lower", 1), ("ring_upper", 1)):
-            forces = np.array([sign * each["tension"][:][rows[name]].mean() for each in stages])
-            assert (np.diff(forces) >= 0).all() and forces[-1] > 2 * forces[3]
-        assert not stages[0]["stable"][()] and stages[-1]["stable"][()]  # struts without bending tip over
-    assert "stage lift 1: in equilibrium" in done.stdout and "NOT STABLE" in done.stdout
+    told, f = wheel
+    direct = WHEEL[: WHEEL.index("[[stage]]")] + '[[case]]\nname = "weight"\nset = {"load.snow" = 0.0}\n'
+    with workshop.run(workshop.job(direct)) as found:
+        expected, sunk = found["cases/weight/tension"][:], found["cases/weight/displacement"][:]
+    names = f["net/group_names"].asstr()[:].tolist()
+    stages = [f[f"stages/lift {k}"] for k in range(1, 9)]
+    N, x = stages[-1]["tension"][:], stages[-1]["displacement"][:]
+    assert np.abs(N - expected).max() < FOUND * np.abs(expected).max()
+    assert np.abs(x - sunk).max() < FOUND
+    for name, sign in (("ring_outer", -1), ("ring_lower", 1), ("ring_upper", 1)):
+        there = f["net/group"][:] == names.index(name)
+        forces = np.array([sign * each["tension"][:][there].mean() for each in stages])
+        assert (np.diff(forces) >= 0).all() and forces[-1] > 2 * forces[3]
+    assert not stages[0]["stable"][()] and stages[-1]["stable"][()]  # struts without bending tip over
+    assert "stage lift 1: in equilibrium" in told and "NOT STABLE" in told
+
+
+def test_the_wheel_is_let_down_as_it_was_lifted(wheel):
+    """From its last stage back to where it hangs in its lower radials: 1e-6 of the largest force, 1e-6 m."""
+    for k in range(7, 0, -1):
+        up, down = (wheel[1][f"stages/{way} {k}"] for way in ("lift", "down"))
+        N, x = up["tension"][:], up["displacement"][:]
+        assert np.abs(down["tension"][:] - N).max() < FOUND * np.abs(N).max(), k
+        assert np.abs(down["displacement"][:] - x).max() < FOUND, k
+        for each in (up, down):
+            assert max(each["tension_error"][()], each["displacement_error"][()]) <= FOUND, k
 
 
 @pytest.mark.parametrize("name, ranks", [("dome_rings", 3), ("two_cables", 2)])
@@ -245,24 +262,6 @@ def test_targets_and_stages_have_the_same_bits_on_ranks(workshop, name, ranks):
         job = workshop.job("\n[[target]]".join([head, hoop, crown.partition("[[case]]")[0]]))
     one, several = (workshop.run(job, ranks=count, output=f"{count}.vtkhdf") for count in (1, ranks))
     assert assert_same_results(one, several) > 20
-
-
-def test_the_wheel_is_let_down_as_it_was_lifted(workshop):
-    """From its last stage back to where it hangs in its lower radials: 1e-6 of the largest force, 1e-6 m."""
-    text = (ROOT / "jobs" / "wheel_erection.toml").read_text()
-    back = "{upper = {change = 0.05}, lower = {change = 0.05}}"
-    text = text[: text.index("[[case]]")] + "".join(stage(f"down {k}", lengths=back) for k in range(7, 0, -1))
-    path = workshop.folder / "back.toml"
-    path.write_text(text)
-    run_on_standing_ranks("run", path, "-o", path.with_suffix(".vtkhdf"))
-    with workshop.open("back.vtkhdf") as f:
-        for k in range(7, 0, -1):
-            up, down = (f[f"stages/{way} {k}"] for way in ("lift", "down"))
-            N, x = up["tension"][:], up["displacement"][:]
-            assert np.abs(down["tension"][:] - N).max() < FOUND * np.abs(N).max(), k
-            assert np.abs(down["displacement"][:] - x).max() < FOUND, k
-            for each in (up, down):
-                assert max(each["tension_error"][()], each["displacement_error"][()]) <= FOUND, k
 
 
 def drawn_in():

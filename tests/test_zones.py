@@ -225,16 +225,6 @@ def test_set_reaches_the_values_of_zones(workshop):
     assert found.spread(job.wind, "shape_coefficient").tolist().count(-2.0) == 4
 
 
-def test_zones_are_part_of_the_digest(workshop):
-    """A corner that moves, and a value of a zone, make another job."""
-    text = "[load]\n[load.zone.a]\nsnow = 750.0\n" + square("a", 0, 0, 1, 1)
-    digests = {
-        zones(workshop, *case)[0].digest()
-        for case in ((text,), (text.replace("[1, 1]", "[1, 1.1]"),), (text, "load.zone.a.snow=751"))
-    }
-    assert len(digests) == 3
-
-
 def test_a_zone_without_nodes_is_told(workshop):
     """A polygon beside the roof."""
     _, _, found = zones(workshop, square("a", 0, 0, 1, 1) + square("off", 100, 0, 101, 1))
@@ -470,12 +460,6 @@ def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop)
     assert make_layout(job, 1).shape_coefficient.tolist() == [-1.5] * SIDE**2
     job = sectors_job(workshop, BY_SECTORS, table, "wind.zone.Edge.shape_coefficient=-3")
     assert sorted(set(make_layout(job, 1).shape_coefficient)) == [-3.0, -1.0]
-
-
-def test_sectors_are_part_of_the_digest(workshop):
-    """A checkpoint of another table is refused."""
-    digests = {sectors_job(workshop, BY_SECTORS, t).digest() for t in (SECTORS, SECTORS.replace("30", "31"))}
-    assert len(digests) == 2
 
 
 @pytest.mark.parametrize(
