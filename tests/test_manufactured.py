@@ -319,7 +319,7 @@ def test_a_node_that_two_ranks_take_apart_is_loose_for_both(workshop, owners):
     ends = np.array([[0, 1], [1, 2]])
     folder = workshop.folder / "partitions"
     folder.mkdir()
-    write_partition(folder, job.stem, ends, np.array(owners, int), 2)
+    write_partition(folder, job.stem, ends, np.array(list(owners), int), 2)
     assert_same_results(one, workshop.run(job, ranks=2, output="two.vtkhdf"))
 
 

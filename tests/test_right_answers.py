@@ -37,9 +37,7 @@ def test_a_collapsed_form_is_refused(workshop):
     nodes = "id,x,y,z,fixed\n1,-2,0,0,1\n2,2,0,0,1\n3,0,1,0,0\n7,0,2,0,0\n8,0.5,2.5,0,0\n"
     elements = "id,start,end\n11,1,3\n12,2,3\n13,3,7\n14,7,8\n15,8,3\n"
     of_bars = 'prestress = 1e4\nkind = "bar"\nsecond_moment = 1e-6\n'  # Euler's load at no length: no warning
-    job = workshop.job(
-        SECTION + of_bars + '[form_finding]\nmethod = "force_density"\n', nodes, elements
-    )
+    job = workshop.job(SECTION + of_bars + '[form_finding]\nmethod = "force_density"\n', nodes, elements)
     line = refused("run", job)
     assert "the form has collapsed: element 1" in line and "m as given" in line
     assert not list(workshop.folder.glob("*.vtkhdf"))
