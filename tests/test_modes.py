@@ -115,6 +115,19 @@ def test_a_mode_along_a_cable_has_the_tangent_of_the_law(workshop, strain):
     assert period == pytest.approx(2.0 * np.pi * np.sqrt(M * length / (2.0 * EA)), rel=1e-8)
 
 
+def test_a_prop_that_was_struck_has_no_stiffness_in_modes(workshop):
+    """A mass between two taut cables, across them: omega^2 = 2 T / A / m, whatever held it before."""
+    nodes = f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,{-A},0,0,1,1,1,\n2,0,0,0,1,1,0,{M}\n3,{A},0,0,1,1,1,\n"
+    text = (
+        f'[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[cable.prop]\nkind = "bar"\n'
+    )
+    text += 'prestress = 0.0\n[[stage]]\nname = "struck"\nactive = ["rope"]\n[dynamics]\nduration = 1e-3\n'
+    text += "[output]\nmodes = 1\nframes = 1\n"
+    pairs = "start,end,group\n1,2,rope\n2,3,rope\n2,4,prop\n"
+    with workshop.run(workshop.job(text, nodes + "4,0,0,-3,1,1,1,\n", pairs)) as f:
+        assert f["modes/period"][0] == pytest.approx(2.0 * np.pi * np.sqrt(M * A / (2.0 * T)), rel=1e-6)
+
+
 def test_the_damping_ratio_is_that_of_the_oscillator():
     """v' = -zeta v, so m u'' + zeta m u' + k u = 0: the ratio is zeta / (2 omega)."""
     modes = modes_of(string(20), T, 4)

@@ -4,10 +4,11 @@ Small vibrations about the rest: K u = omega^2 M u, K the tangent stiffness of a
 
     k = dN/dL of the elastic law along an element, N / L across it, the springs of supports,
 
-none of a slack cable, nor along a bar at Euler's load that buckles; what has yielded answers elastically.
-Cables run over pulleys, and stick where there is friction or a clamp. Shift-invert Lanczos (ARPACK) about a
-shift just below zero, on rank 0, from a start vector that is always the same. Mass-proportional damping,
-v' = -zeta v, has the share of the critical zeta / (2 omega) = zeta T / (4 pi).
+none of a slack cable or of what a stage of erection took out, nor along a bar that has buckled at Euler's
+load; what has yielded answers elastically. Cables run over pulleys, and stick where there is friction or a
+clamp. Shift-invert Lanczos (ARPACK) about a shift just below zero, on rank 0, from a start vector that is
+always the same. Mass-proportional damping, v' = -zeta v, has the share of the critical zeta / (2 omega) =
+zeta T / (4 pi).
 """
 
 from dataclasses import dataclass
@@ -82,12 +83,12 @@ def modes_at(
     strain: str = "engineering",
     joints=None,
     slip: SlipTangent | None = None,
-    euler=np.inf,
+    carries=True,
 ) -> Modes:
     """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
 
     L0 : (m,) [m]; count : how many, at most; strain : its measure; joints : `Joints` of chains that bend
-    slip : `SlipTangent` of cables that slip over nodes; euler : (m,) [N], compression at which bars buckle
+    slip : `SlipTangent` of cables that slip over nodes; carries : (m,) bool, what is there, not buckled
     """
     from scipy.sparse import diags_array  # here: it takes 0.2 s to load
 
@@ -97,7 +98,7 @@ def modes_at(
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     L = np.linalg.norm(along, axis=1)
     stiffness = elastic_stiffness(net.EA, L0, L, strain)
-    axial = np.where((N > 0.0) | (net.bar & (-N < REACHED * euler)), stiffness, 0.0)
+    axial = np.where(((N > 0.0) | net.bar) & carries, stiffness, 0.0)
     free = np.ones((net.n, 3), bool)  # held axes are left out below
     number = np.arange(net.n)
     K = block_matrix(
@@ -240,12 +241,14 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
     """The lowest modes of the net as it stands, on rank 0, None elsewhere. Collective."""
     distribution, state, model = scene.distribution, scene.state, scene.model
     x = distribution.gather_particles(state.x)
-    N, L0 = (distribution.gather_elements(each) for each in (state.elements_now().N, state.L0))
+    own = state.elements_now().N, state.L0, state.EA
+    N, L0, EA = (distribution.gather_elements(each) for each in own)
     slip = scene.finder.slips and scene.finder.slips.tangent_at_rest()
     if model is None:
         return None
-    of_law = state.features.strain, model.joints, slip, model.euler
-    return modes_at(x, model.net, N, L0, model.mass, count, *of_law)
+    carries = (EA > 0.0) & (-N < REACHED * model.euler)  # else taken out in a stage of erection, or buckled
+    more = state.features.strain, model.joints, slip, carries
+    return modes_at(x, model.net, N, L0, model.mass, count, *more)
 
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
