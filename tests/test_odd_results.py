@@ -128,7 +128,7 @@ def test_every_shipped_job_is_answered(path, tmp_path, request):
 
 
 def test_what_is_no_result_is_refused_by_all(workshop):
-    """What a run that was interrupted leaves, a file cut short, a text, nothing: a line each, exit code 2."""
+    """What an interrupted run leaves, a file cut short, a text, other HDF5, nothing: a line each, code 2."""
     job = workshop.job(SADDLE + FOUND + WIND + SHORT + "[output]\ncheckpoint = 0.01\nframes = 4\n")
     workshop.run(job, "--walltime", "00:00:00", code=4)
     places = {path.suffix or path.name: path for path in workshop.folder.iterdir() if path != job}
@@ -140,6 +140,8 @@ def test_what_is_no_result_is_refused_by_all(workshop):
     for name, content in (("cut", Path(whole).read_bytes()[:4000]), ("empty", b""), ("text", b"a,b\n1,2\n")):
         odd[name] = workshop.folder / f"{name}.vtkhdf"
         odd[name].write_bytes(content)
+    odd["other"] = workshop.folder / "other.vtkhdf"
+    h5py.File(odd["other"], "w").close()
     odd |= {"missing": workshop.folder / "missing.vtkhdf", "folder": workshop.folder, "job": job}
     there = {*workshop.folder.rglob("*")}
     for path in odd.values():

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 from processors import EMULATED, JOBS, LIKE, TOGETHER, digest, kept, no_emulator, run, run_emulated
+from test_output import size_is_told, told_of
 
 FEATURES = [name for name, here in llvmlite.binding.get_host_cpu_features().items() if here]
 SHORT = ("olympia", "dome", "ring")  # half a minute each where it is emulated
@@ -34,6 +35,8 @@ def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
             assert np.abs(f["history/identity_error"][:]).max() < 1e-10  # of the energy that took part
         if "events" in f:
             assert told_of_fractures(JOBS[name]) == found_of_fractures(f)
+    if name in ("quake", "ring_storm", "wheel"):
+        size_is_told(told_of(name), result)
     if name == "stadium":
         said = (ROOT / "README.md").read_text()
         assert f"collapse with {told_of_fractures(JOBS[name])[1]} broken elements" in said

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_slipping import table
 
 from netfall.checks.slides import slide_columns
 from netfall.plots.utilisation import slips
@@ -13,11 +14,6 @@ MU = 0.1
 def rope(area=1e-3, density=1e-3):
     """A section of 1e11 Pa."""
     return ROPE.format(area=area, density=density)
-
-
-def table(*rows):
-    """Rows of a table as text."""
-    return "\n".join(",".join(str(value) for value in row) for row in rows) + "\n"
 
 
 def weight_on_a_ring(slide):
