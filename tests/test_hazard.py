@@ -184,16 +184,25 @@ def test_a_bound_of_runs_that_all_held_is_told_to_rest_on_their_speed(tmp_path):
     assert "no curve (< 8.3e-07)" in text and "10 independent samples alone leave up to 25.9% of" in text
 
 
-def test_a_year_by_directions_is_told_to_have_all_wind_in_each(tmp_path):
-    """Rows for two directions have the same annual maxima each; of two densities no such thing is told."""
-    for key, told in (("wind.direction", True), ("wind.air_density", False)):
-        members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-        members |= {key: np.where(np.arange(len(members["wind.seed"])) % 2, 90.0, 0.0)}
-        sections = curve_sections(members, (), GUMBEL)
-        write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
-        said = []
-        print_study(tmp_path / "a.study.h5", said.append)
-        assert ("all wind of a year blows in its wind.direction" in "\n".join(said)) == told
+@pytest.mark.parametrize(
+    "key, ways, told",
+    [
+        ("wind.direction", 2, "all wind of a year blows in its wind.direction"),
+        ("wind.direction", 12, "runs of every wind.direction count alike"),
+        ("wind.air_density", 2, ""),
+        ("wind.air_density", 12, ""),
+    ],
+)
+def test_a_year_tells_how_it_takes_directions(tmp_path, key, ways, told):
+    """Two have a curve each, with all annual maxima; twelve have one; of densities no such thing is told."""
+    members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
+    members |= {key: 30.0 * (np.arange(len(members["wind.seed"])) % ways)}
+    sections = curve_sections(members, (), GUMBEL)
+    write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
+    said = []
+    print_study(tmp_path / "a.study.h5", said.append)
+    lines = [line for line in said if "wind.direction" in line and "note: " in line]
+    assert len(lines) == bool(told) and told in "".join(lines)
 
 
 def test_a_picture_tells_where_intervals_go_on(tmp_path):

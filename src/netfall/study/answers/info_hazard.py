@@ -37,6 +37,11 @@ def tell_hazard(study: Study, say) -> None:
             "  note: each row takes it that all wind of a year blows in its wind.direction; for one "
             "probability of all directions, draw wind.direction in [sample]"
         )
+    if "wind.direction" in study.fragility["pooled"]:
+        say(
+            "  note: runs of every wind.direction count alike: the probabilities are of a year in which the "
+            "wind blows each way as often as these do"
+        )
     bounded = ~np.isfinite(h["annual_probability"]) & np.isfinite(h["interval"][:, 0])
     if bounded.any():
         samples = study.fragility["samples"][bounded].min()
