@@ -169,6 +169,25 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
     assert "settlement: node 2: released in a [[stage]]" in done.stderr
 
 
+@pytest.mark.parametrize("cable, dynamics", [("", "mass_scaling = 0.2\n"), ("fracture_strain = 0.05\n", "")])
+def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, dynamics):
+    """Steps and added inertia are those of a rope of four that never had a prop, 100 times as stiff."""
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n"
+    nodes += "".join(f"{k},{2 * k},0,0,{int(k in (0, 4))},1,{int(k in (0, 4))}\n" for k in range(5))
+    pairs = "start,end,group\n" + "".join(f"{k},{k + 1},rope\n" for k in range(4))
+    text = f"{CABLES}prestress = 1e4\n{cable}[dynamics]\nduration = 0.1\n{dynamics}"
+    prop = '[cable.prop]\nkind = "bar"\narea = 5e-2\nprestress = 0.0\n' + stage("struck", active=["rope"])
+    told = []
+    for more, node, pair in (("", "", ""), (prop, "9,4,0,-1,1,1,1\n", "2,9,prop\n")):
+        job = workshop.job(text + more, nodes + node, pairs + pair)
+        lines = run_on_standing_ranks("check", job).stdout.splitlines()
+        known = ("stable step", "steps:", "mass scaling:")
+        told.append(
+            [re.sub(r"of \d+ particles|, set by.*", "", each) for each in lines if each.startswith(known)]
+        )
+    assert told[0] == told[1] and len(told[0]) == 4
+
+
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
     nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"

@@ -236,8 +236,8 @@ def _scaled(job: Job, net: Net, L0: np.ndarray, mass: np.ndarray) -> tuple[np.nd
     """Masses (n,) [kg] with what mass scaling adds, and this."""
     if job.dynamics is None or not job.dynamics.mass_scaling:
         return mass, None
-    share = job.dynamics.mass_scaling
-    scaled = scaled_mass(net.elements, net.EA, L0, mass, net.moves, net.support, share)
+    share, there = job.dynamics.mass_scaling, net.is_there
+    scaled = scaled_mass(net.elements[there], net.EA[there], L0[there], mass, net.moves, net.support, share)
     return scaled, scaled - mass
 
 

@@ -109,20 +109,22 @@ def stride_of(ratio: float) -> int:
 
 def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[str, Limit]:
     """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
-    elements, L0, mass = model.net.elements, model.L0, model.own_mass
-    EA = model.net.EA * stiffening(features.band) if features.band else model.net.EA
-    support, of_net = model.net.support, (elements, EA, L0, mass, model.net.moves, model.net.bar)
-    chains = None
+    there, mass = model.net.is_there, model.own_mass
+    elements, L0, EA = (each[there] for each in (model.net.elements, model.L0, model.net.EA))
+    EA = EA * stiffening(features.band) if features.band else EA
+    support, of_net = model.net.support, (elements, EA, L0, mass, model.net.moves, model.net.bar[there])
+    rows, chains = np.flatnonzero(there), None
     if model.joints is not None:
         sizes = np.zeros(model.net.n)  # of joints, of angles that grow too
         add_joint_bounds(model.x, model.joints, TURNED, sizes)
         support = support + sizes
-        chains = model.joints.particles, model.layout.chains.elements[:, 0]
+        chains = model.joints.particles, np.searchsorted(rows, model.layout.chains.elements[:, 0])
     limits = any_shape_limits(*of_net, support, chains)
     if features.fracture and features.fragments:
-        of_ends = elements, EA, L0, model.half_mass, mass, ~model.net.moves, model.eps_u
+        of_ends = elements, EA, L0, model.half_mass[there], mass, ~model.net.moves, model.eps_u[there]
         limits.append(after_fracture_limit(*of_ends, support, fragment_mass))
-    return {limit.name: limit for limit in limits}
+    number = lambda limit: int(rows[limit.element]) if limit.element >= 0 else -1
+    return {limit.name: replace(limit, element=number(limit)) for limit in limits}
 
 
 def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:

@@ -163,6 +163,11 @@ class Net:
         return min(SAME_PLACE, SAME_SHARE * self.parts * float(np.median(self.lengths()))) if self.m else 0.0
 
     @property
+    def is_there(self) -> np.ndarray:
+        """(m,) bool, elements but those that a stage of erection took out, which have no density."""
+        return self.density > 0.0
+
+    @property
     def EA(self) -> np.ndarray:
         """(m,) [N], axial stiffness."""
         return self.modulus * self.section
