@@ -188,6 +188,19 @@ def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, d
     assert told[0] == told[1] and len(told[0]) == 4
 
 
+def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
+    """Of a prop that was struck; of a cable that is there no word."""
+    nodes = "id,x,y,z,fixed\n1,-4,0,0,1\n2,0,0,0,0\n3,4,0,0,1\n4,0,0,-3,1\n"
+    text = CABLES + 'prestress = 1e4\n[cable.prop]\nkind = "bar"\nprestress = 0.0\n'
+    text += stage("struck", active=["rope"]) + "[dynamics]\nduration = 0.1\n"
+    text += "[[remove]]\nelements = [7, 8]\ntime = 0.05\n[[remove]]\nelements = [9]\ntime = 0.06\n"
+    job = workshop.job(text, nodes, "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
+    told = [line for line in run_on_standing_ranks("check", job).stdout.splitlines() if "[[remove]]" in line]
+    assert told == [
+        "note: [[remove]] 1: element 8 that a stage of erection took out: nothing is lost",
+    ]
+
+
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
     nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"

@@ -8,7 +8,7 @@ from netfall.ground.errors import InputError
 from netfall.job.asks import moves_supports
 from netfall.job.entries import LOST
 from netfall.job.job import Job
-from netfall.job.values import MOST_NAMED, listed, shown
+from netfall.job.values import MOST_NAMED, counted, listed, shown
 from netfall.model.handover import HandOver, hand_over
 from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
@@ -60,6 +60,16 @@ def _of_ids(net: Net, asked: list[int]) -> tuple[np.ndarray, list[str]]:
     unknown = sorted(set(asked) - set(ids[rows].tolist()))
     wrong = [f"no element {listed(unknown)}; ids are {ids.min()} to {ids.max()}"] if unknown else []
     return rows, wrong
+
+
+def absent_notes(job: Job, net: Net) -> list[str]:
+    """Losses of what a stage of erection took out before. net : as the last stage left it"""
+    gone = [net.element_id[rows[~net.is_there[rows]]] for rows in named_elements(job, net)]
+    return [
+        f"[[remove]] {number}: {counted('element', ids)} that a stage of erection took out: nothing is lost"
+        for number, ids in enumerate(gone, 1)
+        if len(ids)
+    ]
 
 
 def shaken_notes(job: Job, varies: bool) -> list[str]:

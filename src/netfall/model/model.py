@@ -20,7 +20,7 @@ from netfall.model.air import damping_air, kappa_area, moving_air
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
 from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
-from netfall.model.losses import shaken_notes
+from netfall.model.losses import absent_notes, shaken_notes
 from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
 from netfall.net.bars import euler_load
@@ -164,7 +164,7 @@ def make_model(
     notes += motion.notes if motion else []
     if field:
         notes += low_notes(job, net, x, field.force)
-    notes += shaken_notes(job, bool(field and field.varies))
+    notes += absent_notes(job, net) + shaken_notes(job, bool(field and field.varies))
     tears = field and job.wind.after_fracture == "panels"
     return Model(
         layout,
