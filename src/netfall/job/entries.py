@@ -31,7 +31,7 @@ direction | vector | -1e9 to 1e9 | | of an acceleration of one component
 scale | number | -1e6 to 1e6 | 1.0 | by which it is multiplied
 speed [m/s] | number | > 0 to 1e6 | | of a wave that travels; absent: all at once
 travel | vector | -1e9 to 1e9 | | direction in which it travels
-baseline | flag | | true | baseline correction of a record (.AT2)
+baseline | flag | | | baseline correction of a record (.AT2); absent: true
 [slide]
 group | text | | | group whose cables may slip over nodes
 cables | words | | | or the names of the pieces of cable that may

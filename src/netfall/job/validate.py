@@ -203,6 +203,8 @@ class Validation:
                 self.wrong(place, "direction: a displacement has x, y and z in its table; remove it")
             if is_record(entry) and entry.direction is None:
                 self.wrong(place, "direction: missing; a record has one component: [x, y, z] of it")
+            if entry.baseline is not None and not is_record(entry):
+                self.wrong(place, "baseline: is of records (.AT2); a table is taken as it stands: remove it")
             if (entry.speed is None) != (entry.travel is None):
                 missing = "travel" if entry.travel is None else "speed"
                 self.wrong(place, f"{missing}: missing; a wave has a speed and a travel = [x, y, z]")

@@ -172,7 +172,7 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
     time, a = read_at2(path)
     a = entry.scale * GRAVITY * a[:, None] * _unit(entry.direction)
     notes = []
-    if entry.baseline:
+    if entry.baseline is not False:
         time, rows = _integrated(time, a)
         slope = _parabola(time, rows[:, 1])
         a = a - (slope[0] + 2.0 * time[:, None] * slope[1])
