@@ -18,12 +18,14 @@ from netfall.erection import erect
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
+from netfall.job.memory import Memory
 from netfall.job.read import read_job
 from netfall.net.build import build_net
 from netfall.net.net import GRAVITY
 from netfall.plots.film import animate
 from netfall.plots.states import stages as stages_picture
 from netfall.program import build_up
+from netfall.program.member import run_member
 from netfall.program.run import run_job
 from netfall.program.setup import prepare
 from netfall.results.cases import cases_of
@@ -199,6 +201,37 @@ def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
     assert told == [
         "note: [[remove]] 1: element 8 that a stage of erection took out: nothing is lost",
     ]
+
+
+def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
+    """What breaks and where it goes are those of a net that never had it; what hangs on it alone has no rest;
+    utilisation in equilibria is that of the ropes.
+    """
+    nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,0\n2,0,0,-3,0,0,0\n3,0,0,-6,1,0,0\n"
+    elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,3\n"
+    text = CABLES + "fracture_strain = 0.01\n" + stage("struck", active=["rope"])
+    prop, move = (
+        '[cable.prop]\nkind = "bar"\n',
+        '[[motion]]\ndisplacement = "up.csv"\n[dynamics]\nduration = 0.1\n',
+    )
+    (workshop.folder / "up.csv").write_text("time,z\n0,0\n0.001,0.08\n")
+    with workshop.run(workshop.job(text + prop + move, nodes, elements)) as f:
+        one = f["events/new_particle"][:], f["final/position"][:2]
+    job = workshop.job(text + move, nodes.partition("3,0,0,-6")[0], elements.partition("2,3,prop")[0])
+    with workshop.run(job, output="other.vtkhdf") as f:
+        assert one[0].tolist() == [3, -1] and f["events/new_particle"][:].tolist() == [2, -1]
+        assert (one[1] == f["final/position"][:2]).all()
+    nodes = nodes.replace("2,0,0,-3,0,0,0", f"2,0,0,-3,0,-{WEIGHT},100")
+    lost = "[dynamics]\nduration = 0.1\n[[remove]]\nelements = [0]\ntime = 0.05\n"
+    told = run_on_standing_ranks(
+        "run", workshop.job(text + prop + lost, nodes, elements), cwd=workshop.folder
+    )
+    assert "no rest: a part of the net without element 0 is connected to no support" in told.stdout
+    job = workshop.job(
+        text + prop + '[[case]]\nname = "all"\nset = {"load.temperature" = 0.0}\n', nodes, elements
+    )
+    found = run_member(MPI.COMM_SELF, lambda: read_job(job), None, Memory(1))
+    assert found["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
 
 
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):

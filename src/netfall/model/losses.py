@@ -96,7 +96,7 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
     model : `model.Model`; schedule : `schedule.Schedule`. An element is lost once, to the first entry.
     """
     step = [schedule.step_at(entry.time) for entry in job.removes]
-    there = np.ones(model.net.m, bool)
+    there = model.net.is_there
     found = []
     for at in sorted(s for s in set(step) if s < schedule.steps):
         entries = tuple(k for k, s in enumerate(step) if s == at)
@@ -130,7 +130,7 @@ def leaving_with(model, elements: np.ndarray, there: np.ndarray, torn=()) -> tup
 
 def leaving_then(model, losses: list[Loss], k: int, torn) -> tuple[np.ndarray, HandOver]:
     """As `leaving_with`, at loss k of a run in which some elements had broken before. Rank 0."""
-    there = np.ones(model.net.m, bool)
+    there = model.net.is_there
     for loss in losses[: k + 1]:
         there[loss.elements] = False
     return leaving_with(model, losses[k].elements, there, torn)

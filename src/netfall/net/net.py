@@ -139,8 +139,8 @@ class Net:
 
     @property
     def valence(self) -> np.ndarray:
-        """(n,) elements attached."""
-        return np.bincount(self.elements.ravel(), minlength=self.n)
+        """(n,) elements attached, that are there."""
+        return np.bincount(self.elements[self.is_there].ravel(), minlength=self.n)
 
     @property
     def support(self) -> np.ndarray:

@@ -22,12 +22,17 @@ class Extremes(NamedTuple):
     sunk: np.ndarray
 
 
+def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
+    """Of forces N (m,) [N]; 0 of what is not there any more."""
+    return np.divide(N, EA, out=np.zeros(len(N)), where=EA > 0.0)
+
+
 def extremes_of_motion(scene: Scene, simulation) -> Extremes:
     """Of a dynamic stage. The plastic strain of a cable only grows, so its last one counts. Collective."""
     spread, state, n = scene.distribution, simulation.state, simulation.state.n_owned
     mine, tension = state.owned.astype(bool), simulation.envelope.tension[0]
     plastic = 0.0 if state.eps_p is None else state.eps_p
-    strain = np.divide(tension, state.EA, out=np.zeros(state.m), where=state.EA > 0.0) + plastic
+    strain = elastic_strain(tension, state.EA) + plastic
     return Extremes(
         spread.gather_elements(tension, mine),
         spread.gather_elements(strain, mine),
@@ -49,7 +54,7 @@ class Watched:
         """An equilibrium."""
         step = (state.x - state.x_start)[snapshot.rows]
         np.fmax(self._tension, snapshot.N, out=self._tension)
-        np.fmax(self._strain, snapshot.N / state.EA + snapshot.eps_p, out=self._strain)
+        np.fmax(self._strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=self._strain)
         np.maximum(self._moved, np.sqrt((step * step).sum(1))[:, None], out=self._moved)
         np.maximum(self._sunk, -step[:, 2:], out=self._sunk)
 

@@ -210,7 +210,7 @@ def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
 
     gone : (m,) bool, elements that broke or were removed; nan: there is no roof
     """
-    label = parts_of(net.elements[~gone], net.n)
+    label = parts_of(net.elements[net.is_there & ~gone], net.n)
     supported = np.zeros(net.n, bool)
     supported[label[net.held.any(1)]] = True
     total = float(area.sum())

@@ -223,7 +223,7 @@ def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
 
 def loose_after(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
     """After each loss, whether a part of the net hangs on no support; loads : of `loads_after`. Rank 0."""
-    there, gone = np.ones(model.net.m, bool), np.zeros(model.net.n, bool)
+    there, gone = model.net.is_there, np.zeros(model.net.n, bool)
     found = []
     for loss, load in zip(losses, loads[1:]):
         there[loss.elements], gone[loss.particles] = False, True
