@@ -10,6 +10,7 @@ from netfall.job.cases import in_zone
 from netfall.job.toml_text import toml_text
 from netfall.results.file import job_of, provenance_text
 from netfall.results.result import Result
+from netfall.results.states import last_stage
 
 FILES = ("catalogue", "file", "points", "pressures", "taps", "sectors", "pressure_table")  # keys of paths
 HEAD = """\
@@ -30,11 +31,12 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
     for table in [job["cable"], *job["cable"].values()]:
         if isinstance(table, dict):
-            table.pop("prestress", None)
+            for key in ("prestress", "length_deviation"):  # both are in the unstressed lengths
+                table.pop(key, None)
     if faces:
         job["roof"] = {"faces": "faces.csv"}
     _zones(job, _used_zones(result))
-    told = _lost_cables(result, job) + _parts(state, job)
+    told = _lost_cables(result, job) + _bent(result) + _parts(result, state, job)
     kept = hasattr(result, "history") and "probe_particle" in result.history
     if kept and "probes" in job.get("output", {}):  # a place may be nearer to another node in the form
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
@@ -67,17 +69,45 @@ def _zones(job: dict, used: set[str]) -> None:
         case["set"] = {key: value for key, value in case.get("set", {}).items() if not of_idle(key)}
 
 
-def _parts(state: State, job: dict) -> list[str]:
-    """Ids of elements that were subdivided: all their parts are named in their place."""
+def _bent(result: Result) -> list[str]:
+    """That tables have no moments, where stages of erection left some."""
+    if "bending" not in result.file["net"] or not last_stage(result.file):
+        return []
+    return ["note: bars that bend have moments after the last stage of erection, which start from zero here"]
+
+
+def _parts(result: Result, state: State, job: dict) -> list[str]:
+    """What was subdivided: ids of elements name all their parts, bars buckle as long as they did."""
     if len(np.unique(state.cable)) == len(state.cable):
         return []
     for table in [*job.get("remove", []), job.get("output", {})]:
         if "elements" in table:
             table["elements"] = state.element_id[np.isin(state.cable, table["elements"])].tolist()
-    return [
+    told = _buckling_lengths(result, job)
+    return told + [
         f"note: the parts of the {len(np.unique(state.cable))} subdivided elements are elements of their own "
         "here; where one is lost, the nodes between its parts are nodes like others"
     ]
+
+
+def _buckling_lengths(result: Result, job: dict) -> list[str]:
+    """Give groups of bars in parts the buckling length that they had, of the whole element of the table."""
+    net, told = result.file["net"], []
+    if "second_moment" not in net or "buckling_length" in job["cable"]:
+        return []
+    length, group = net["buckling_length"][:], net["group"][:]
+    for g, name in enumerate(net["group_names"].asstr()[:].tolist()):
+        own = length[(group == g) & np.isfinite(net["euler_load"][:])]
+        table = job["cable"].setdefault(name, {}) if name else job["cable"]
+        if not len(own) or "buckling_length" in table:
+            continue
+        table["buckling_length"] = float(own.max())
+        if own.min() < own.max():
+            told.append(
+                f"note: bars of group {name or '(none)'} have buckling lengths of {own.min():.6g} to "
+                f"{own.max():.6g} m: here all have that of the longest"
+            )
+    return told
 
 
 def _lost_cables(result: Result, job: dict) -> list[str]:
