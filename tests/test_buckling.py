@@ -5,10 +5,14 @@ import csv
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_bits_on, run_on_standing_ranks
+from mpi4py import MPI
 
 from netfall.checks.buckling import IMPERFECTION, reduction, slenderness
 from netfall.checks.codes import read_codes
 from netfall.ground.errors import InputError
+from netfall.job.memory import Memory
+from netfall.job.read import read_job
+from netfall.program.member import run_member
 from netfall.report.report import Inputs, write_report
 
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.
@@ -261,6 +265,27 @@ def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
     until = f["history/time"][:] < f["events/time"][0]
     assert f["history/plastic_dissipation"][until][-1] == pytest.approx(heat, rel=3e-2)
     assert abs(f["history/identity_error"][:]).max() < 1e-10
+
+
+def used_by(job):
+    """The utilisation that a study is told of a job."""
+    return run_member(MPI.COMM_SELF, lambda: read_job(job), None, Memory(1))["utilisation_before_break"]
+
+
+def test_a_study_is_told_of_what_breaks_in_compression(workshop):
+    """As far as the post was compressed: beyond its strength where it broke, in motion at least Euler's load
+    where it held, at rest by its force.
+    """
+    nodes, post = FREE + f"2,0,0,4,1,1,0,{M},{-LOAD}\n", "id,start,end,group\n7,1,2,post\n"
+    drop = DROP.replace("checkpoint = 0.02\n", "")
+    used = lambda strain: used_by(workshop.job(f"{drop}fracture_strain = {strain}\n", nodes, post))
+    assert used(1.5e-3) == pytest.approx(1.0, abs=5e-3) and used(1.5e-3) > 1.0
+    assert EULER / EA / 0.1 * (1 - 1e-9) < used(0.1) < 1.0
+    case = '[[case]]\nname = "all"\nset = {"load.temperature" = 0.0}\n'
+    text = STATICS + case + POST + "fracture_strain = 1e-3\nbuckling = true\n"
+    assert used_by(workshop.job(text, NODES, ELEMENTS)) == pytest.approx(
+        200e3 / (2.1e11 * 3e-3 * 1e-3), rel=1e-6
+    )
 
 
 def test_above_eulers_load_it_does_not_break_by_a_breaking_load_beyond(workshop):

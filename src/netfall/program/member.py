@@ -15,6 +15,7 @@ from netfall.job.job import Job
 from netfall.job.memory import Memory
 from netfall.mechanics.events import EventLog
 from netfall.model.model import Model
+from netfall.model.state import crushing_strain
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
 from netfall.parallel.agree import on_root
@@ -111,7 +112,7 @@ def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, d
     failed = [f"{group}: {each['reason']}" for group, each in groups if each["state"] == NONE]
     if failed or path.failed:
         found |= {"state": "no_rest", "reason": path.failed or "; ".join(failed)}
-    return found | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model.net, extremes)}
+    return found | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model, extremes)}
 
 
 def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict:
@@ -135,7 +136,7 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
     removal = simulation.removal.columns() if simulation.removal else None
     gone = np.zeros(net.m, bool)
     gone[log.broken] = True
-    used = utilisation(net, extremes)
+    used = utilisation(model, extremes)
     found = {
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
@@ -143,7 +144,7 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
         "balance_error": simulation.history.largest("balance_error"),
     }
     if len(log):
-        used = float(log.strain[0] / net.fracture_strain[log.element[0]])
+        used = abs(float(log.strain[0] / net.fracture_strain[log.element[0]]))  # bars that buckle, both ways
         first = int(log.element[0])
         found |= {"first_fracture": float(log.time[0]), "first_element": first}
         found["first_element_id"] = int(net.element_id[first])
@@ -158,13 +159,15 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
     return found | _of_net(net, area, extremes, depth)
 
 
-def utilisation(net: Net, extremes: Extremes) -> float:
+def utilisation(model: Model, extremes: Extremes) -> float:
     """Largest strain over that at which the element breaks; at a breaking load that is tension over it.
 
-    nan: nothing can break
+    Of bars that break in compression the shortening too. nan: nothing can break
     """
-    can = np.isfinite(net.fracture_strain)
-    return float(np.max(extremes.strain[can] / net.fracture_strain[can])) if can.any() else np.nan
+    strain, can = extremes.strain, np.isfinite(model.eps_u)
+    if model.net.buckling is not None:
+        strain = np.fmax(strain, np.where(np.isfinite(crushing_strain(model)), extremes.compressed, 0.0))
+    return float(np.max(strain[can] / model.eps_u[can])) if can.any() else np.nan
 
 
 def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:
