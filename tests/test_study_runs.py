@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -349,6 +350,30 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
         assert f["members/dynamic_factor_max"][:] == pytest.approx([2.0, 2.0], rel=2e-3)
         assert f["members/dynamic_factor_element_id"][:].tolist() == [9, 7]
     assert (tmp_path / "lost.members" / "000001.vtkhdf").exists()
+
+
+@pytest.mark.parametrize(
+    "more, lost",
+    [
+        ("", [7, 9]),
+        (', group = "rope"', [7, 9]),
+        (', group = "prop"', "no element has the group prop after the last [[stage]]; groups: rope"),
+        (", ids = [9, 8]", "ids: no element 8"),
+    ],
+)
+def test_what_a_stage_took_out_is_no_loss_of_a_study(tmp_path, more, lost):
+    """Its members counted as held."""
+    (tmp_path / "nodes.csv").write_text("id,x,y,z,fixed\n1,-4,0,0,1\n2,0,0,0,0\n3,4,0,0,1\n4,0,0,-3,1\n")
+    (tmp_path / "elements.csv").write_text("id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
+    stages = '[[stage]]\nname = "struck"\nactive = ["rope"]\n[[stage]]\nname = "after"\nrelease = [2]\n'
+    (tmp_path / "job.toml").write_text(COLUMN.replace("post", "prop") + stages)
+    path = write(tmp_path, f'job = "job.toml"\n[vary]\nremove = {{each = "element", time = 0.0{more}}}\n')
+    if isinstance(lost, str):
+        with pytest.raises(InputError, match=re.escape(lost)):
+            read_plan(path)
+    else:
+        (axis,) = read_plan(path).axes
+        assert axis.values == lost
 
 
 COLUMN = """

@@ -252,14 +252,17 @@ def _draws(there: Sections) -> tuple[np.ndarray | None, list[str]]:
 def _pieces_of(job, each: str, group: str | list[str] | None, ids: list | None) -> list:
     """Ids of elements, or names of cables, that are lost one after another. Raises InputError.
 
+    Not of what a stage of erection takes out before.
     group : of these groups alone; ids : of these alone, in their order
     """
     net = build_net(job)
-    there = {net.group_names[k] for k in net.group}
+    active = next((stage.active for stage in reversed(job.stages) if stage.active is not None), None)
+    there = {net.group_names[k] for k in net.group if active is None or net.group_names[k] in active}
     groups = there if group is None else {group} if isinstance(group, str) else set(group)
     if groups - there:
         known = ", ".join(sorted(filter(None, there))) or "none"
-        raise InputError(f"{job.path}: no element has the group {min(groups - there)}; groups: {known}")
+        when = "" if active is None else " after the last [[stage]]"
+        raise InputError(f"{job.path}: no element has the group {min(groups - there)}{when}; groups: {known}")
     rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
     if each == "element":
         pieces = list(dict.fromkeys(int(net.element_id[e]) for e in rows))
