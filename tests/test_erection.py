@@ -234,6 +234,23 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
     assert found["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
 
 
+def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
+    """As given a rope is 1 cm too short: no word of that. A stage at another temperature than [load]: what
+    the warm rope, which is slack, leaves of the weight.
+    """
+    text = CABLES + "[load]\ntemperature = WARM\n[dynamics]\nduration = 0.1\n"
+    text += stage("cold", set='{"load.temperature" = 0.0}')
+    told = []
+    for warm in ("0.0", "1e3"):
+        job = workshop.job(text.replace("WARM", warm), NODES, TWO.replace("left,5", "left,4.99"))
+        lines = run_on_standing_ranks("check", job).stdout.splitlines()
+        told.append([line for line in lines if "not in equilibrium" in line])
+    assert told == [
+        [],
+        [f"note: the start is not in equilibrium: largest residual {WEIGHT:.3g} N, largest tension 0 N"],
+    ]
+
+
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
     nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"

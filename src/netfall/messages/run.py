@@ -178,10 +178,15 @@ def moved_lines(scene: Scene) -> list[str]:
 
 
 def start_notes(scene: Scene) -> list[str]:
-    """That a net as given is not in equilibrium, where nothing is done about it before it is loaded."""
+    """That a net as given is not in equilibrium, where nothing is done about it before it is loaded; or a net
+    that was erected, under other loads than those of its last stage.
+    """
     there, force = has_statics(scene.job), max(scene.reference, 1e-300)
     warm = scene.job.load is not None and scene.job.load.temperature and not there
-    if scene.form or not (warm or scene.residual > (FAR_OFF if there else AT_REST) * force):
+    built = scene.build_up is not None
+    if scene.form or (there and built):
+        return []
+    if not ((warm and not built) or scene.residual > (FAR_OFF if there or built else AT_REST) * force):
         return []
     told = f"largest residual {scene.residual:.3g} N, largest tension {scene.reference:.3g} N"
     if not there:
