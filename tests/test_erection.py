@@ -10,8 +10,10 @@ from mpi4py import MPI
 from PIL import Image
 from scipy.optimize import fsolve
 
+from netfall.checks.cables import Cutting, cutting_columns
 from netfall.checks.cases import slack_cables
 from netfall.checks.reactions import pull_at, reaction_columns
+from netfall.checks.shop import Deduction, pieces_of
 from netfall.checks.slides import slide_columns
 from netfall.equilibrium import find
 from netfall.erection import erect
@@ -251,6 +253,24 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     ]
 
 
+def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop):
+    """Not zero in stages without it; a stay that is gone is made as it was, with plates at its ends."""
+    elements = TWO.rstrip() + "\n3,1,3,stay,4.9\n4,2,3,tie,4.9\n"
+    text = stage("first", active=["left", "right", "stay"]) + stage("second", active=["left", "right", "tie"])
+    text += stage("moved", move="{2 = [-3.0, 0.0, 0.0]}")
+    with workshop.run(workshop.job(CABLES + text, NODES, elements)) as f:
+        envelope, rows = envelope_of(f, np.ones(4)), cutting_columns(f, Cutting())
+        N = [f[f"stages/{name}/tension"][:] for name in ("first", "second", "moved")]
+        assert envelope.least[2] == envelope.most[2] == N[0][2] > 100.0
+        assert envelope.least[3] == min(N[1][3], N[2][3]) and envelope.of_least[2] == 0
+        assert np.isnan(rows["length_in_form"]).tolist() == [False, False, True, False]
+        assert rows["mass"] == pytest.approx(rows["unstressed_length"])  # 1 kg/m
+        (stay,) = (
+            piece for piece in pieces_of(f, Cutting(), [Deduction("", "", 0.0, 0.2)]) if piece.cable == 2
+        )
+        assert stay.cut == pytest.approx(4.5) and stay.mass == pytest.approx(4.5)
+
+
 def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     """A node that the last stage lets go falls by metres; form finding moved the other one, to 30 degrees."""
     nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"
@@ -281,7 +301,8 @@ def test_what_is_there_for_a_while_is_shown_so(workshop):
         assert f["VTKHDF/CellData/broken"][:3].tolist() == [0, 0, 2] and not frames.broken(0).any()
         assert frames.present(0).tolist() == [True, True, False]
         assert [stages.present(k).all() for k in (0, 1)] == [True, False]
-        assert not envelope_of(f, np.ones(3)).slack[-1].any()
+        envelope = envelope_of(f, np.ones(3))
+        assert not envelope.slack[-1].any()
         assert [state.slack.sum() for state in states_shown(f, drawn_part(f))[0]] == [0, 3, 0]
         figure = stages_picture(f)
         assert [len(axes.lines[0].get_xdata()) for axes in figure.axes[:2]] == [3, 2]  # squares

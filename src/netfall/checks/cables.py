@@ -204,7 +204,7 @@ def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, n
 
 
 def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
-    """A row for each cable: its lengths [m] in the form, unstressed, and as it is measured.
+    """A row for each cable: its lengths [m] in the form, nan: it is not there, unstressed, and as measured.
 
     At the temperature T above that of form finding and the load N a piece of unstressed length L0 measures
     L0 (1 + expansion T) (1 + N / EA), with the logarithmic strain L0 (1 + expansion T) exp(N / EA). A load
@@ -213,6 +213,7 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     total = lambda values: np.bincount(cable, values, count)
     x, elements, L0 = states.start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
+    L = np.where(states.absent(f), np.nan, np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1))
     load, warm, stretched = measured_lengths(f, cutting)
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
@@ -220,7 +221,7 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
         "type": _words_of(types_of(f), cable, count),
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": total(L0),
-        "length_in_form": total(np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)),
+        "length_in_form": total(L),
         "temperature": np.full(count, float(cutting.temperature)),
         "unstressed_length_at_temperature": total(warm),
         "measuring_load": load,

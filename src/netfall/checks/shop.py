@@ -16,7 +16,7 @@ from netfall.checks.cables import Cutting, groups_of, measured_lengths, types_of
 from netfall.ground.errors import InputError
 from netfall.job.table import Table
 from netfall.job.values import nearest
-from netfall.results.states import start_position
+from netfall.results.states import absent, start_position
 
 MM = 1e3
 ALIKE = 0.5e-3  # m: cables whose lengths and marks differ by no more are equal
@@ -124,7 +124,8 @@ def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, 
 def pieces_of(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
     """Every piece of cable as it is made. Raises InputError where nothing of one is left."""
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
-    L = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+    there = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+    L = np.where(absent(f), f["net/unstressed_length"][:], there)  # its nodes are where it does not hold them
     load, _, measured = measured_lengths(f, cutting)
     mass, group, kind = f["net/unstressed_length"][:] * f["net/mass_per_length"][:], groups_of(f), types_of(f)
     order = np.argsort(cable, kind="stable")

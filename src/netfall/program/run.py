@@ -176,13 +176,14 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
     model, form = scene.model, scene.form
     if model is None:
         return {}
-    sections = {"net": net_section(model.net, model.roof, model.cut_length)}
+    build_up = scene.build_up or BuildUp(model)
+    net = replace(model.net, density=build_up.base.net.density)  # of what an erection took out too
+    sections = {"net": net_section(net, model.roof, model.cut_length)}
     sections["load"] = load_section(scene.job, model.roof.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
     if model.layout.slides:
         sections["slide"] = slide_section(model.net, model.layout.slides)
-    build_up = scene.build_up or BuildUp(model)
     if form:
         model = build_up.form or model
         of_prestress = lambda force: np.float64(force / form.reference if form.reference else 0.0)

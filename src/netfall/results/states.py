@@ -295,14 +295,17 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
         high, low, when = (f[f"envelope/tension_{name}"][:] for name in ("max", "min", "max_time"))
         gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | out
         rows.append((MOTION, high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
-    most, least = rows[0][1], rows[0][2]
-    of_most, of_least, time = np.zeros(m, int), np.zeros(m, int), nan.copy()
-    for k, (_, high, low, when, _) in enumerate(rows):
-        above = high > most + ALIKE * np.abs(most)
-        below = low < least - ALIKE * np.abs(least)
+    most, least, time = nan, nan, nan
+    of_most, of_least = np.zeros(m, int), np.zeros(m, int)
+    for k, (_, high, low, when, gone) in enumerate(rows):
+        away = gone if k < len(places) else out  # it has no force there, not one of zero
+        high, low = np.where(away, np.nan, high), np.where(away, np.nan, low)
+        above = (high > most + ALIKE * np.abs(most)) | (np.isnan(most) & ~np.isnan(high))
+        below = (low < least - ALIKE * np.abs(least)) | (np.isnan(least) & ~np.isnan(low))
         of_most, time = np.where(above, k, of_most), np.where(above, when, time)
         of_least = np.where(below, k, of_least)
         most, least = np.fmax(most, high), np.fmin(least, low)
+    most, least = np.nan_to_num(most), np.nan_to_num(least)  # of what is never there
     bar = f["net/bar"][:].astype(bool)
     slack = np.array([(low <= 0.0) & ~bar & ~gone for _, _, low, _, gone in rows])
     slack_time = f["envelope/slack_time"][:] if moves else None
