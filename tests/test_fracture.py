@@ -212,6 +212,9 @@ def test_a_part_that_is_held_along_other_axes_only_is_loose():
     assert not comes_loose(net, np.array([True]), load, gone)
     assert comes_loose(net, np.array([False]), load, gone)
     assert not comes_loose(net, np.array([False]), load[:, [0, 2, 1]], gone)
+    net.fixed[1], net.angle = [True, False, True], np.array([0.0, 90.0])  # held along y, by its angle
+    assert not comes_loose(net, np.array([False]), load[:, [0, 2, 1]], gone)
+    assert comes_loose(net, np.array([False]), load[:, [2, 0, 1]], gone)
 
 
 def torn_lattice(fragments: bool) -> tuple[State, Plan]:

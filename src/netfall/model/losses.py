@@ -12,6 +12,7 @@ from netfall.job.values import MOST_NAMED, counted, listed, shown
 from netfall.model.handover import HandOver, hand_over
 from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
+from netfall.net.turned import borne_along
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray)
     there : (m,) bool, the elements that remain; load : (n, 3) [N]; gone : (n,) bool, particles that left
     """
     label = parts_of(net.elements[there], net.n)
-    supported = np.zeros((net.n, 3), bool)
+    supported, borne = np.zeros((net.n, 3), bool), borne_along(net)
     for axis in range(3):
-        supported[label[net.held[:, axis]], axis] = True
+        supported[label[borne[:, axis]], axis] = True
     return bool(((load != 0.0) & ~gone[:, None] & ~supported[label]).any())

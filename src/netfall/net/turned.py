@@ -10,6 +10,8 @@ import numpy as np
 from netfall.net.net import Net
 from netfall.numerics.rotation import directions, from_own, to_own
 
+NIL = 1e-9  # of a unit vector: a part along an axis below that is rounding
+
 
 def is_turned(net: Net) -> np.ndarray:
     """(n,) bool, supports that would be others without their angle."""
@@ -30,6 +32,16 @@ def held_along(net: Net, held: np.ndarray) -> np.ndarray:
     """(n, 3) bool, whether a node is held along x, y and z; held : as of `is_guided`."""
     along = held.copy()
     along[is_guided(net, held), :2] = False
+    return along
+
+
+def borne_along(net: Net) -> np.ndarray:
+    """(n, 3) bool, along which of x, y and z supports of either kind bear anything, a guided one too."""
+    along = net.held.copy()
+    if net.angle is not None:
+        first, second = net.held[:, 0], net.held[:, 1]
+        c, s = (np.abs(directions(net.angle)) > NIL).T
+        along[:, 0], along[:, 1] = first & c | second & s, first & s | second & c
     return along
 
 
