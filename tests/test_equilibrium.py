@@ -285,11 +285,25 @@ def test_few_cables_do_not_shorten_a_step(workshop, monkeypatch):
     method, state, _ = hung(workshop, "engineering", False)
     way = mixed.Mixed(method, state, NEVER)
     way.part[:] = 0.3, np.inf, 0.4
-    assert way.longest() == (pytest.approx(0.5**1.5), False)  # of the parts below 0.45
+    assert way.longest() == pytest.approx(0.5**1.5)  # of the parts below 0.45
     monkeypatch.setattr(mixed, "FEW", 0.4)  # one of the three cables
-    assert way.longest() == (pytest.approx(0.5), False)  # below 0.6
+    assert way.longest() == pytest.approx(0.5)  # below 0.6
     way.part[:] = 0.6, np.inf, 0.7
-    assert way.longest() == (1.0, True)
+    assert way.longest() == 1.0
+
+
+def test_few_cables_do_not_keep_the_gap(workshop, monkeypatch):
+    """It is made smaller where all but a few are settled: not kept from half a step, tensions nearly so."""
+    method, state, _ = hung(workshop, "engineering", False)
+    way, little, much = mixed.Mixed(method, state, NEVER), np.full(3, 50.0), np.array([50.0, 70.0, -70.0])
+    way.part[:] = 0.4, np.inf, 0.6
+    assert not way.settled(little, 100.0)
+    monkeypatch.setattr(mixed, "FEW", 0.4)  # one of the three cables
+    assert way.settled(little, 100.0)
+    assert not way.settled(much, 100.0)
+    monkeypatch.setattr(mixed, "FEW", 0.7)
+    way.part[:] = np.inf
+    assert way.settled(much, 100.0)
 
 
 def test_tensions_off_the_law_are_missing(workshop, monkeypatch):

@@ -32,14 +32,15 @@ MOST_STEPS = 60
 STRETCHED = 1e-4  # strain to begin with, at least, in choosing the gap
 ELASTIC, YIELDING = 0.2, 100.0  # times the energy of an element: the gap to begin with; flow is many strains
 BEGUN = 0.1  # of a limit or a tension: tension to begin with, at least
-LARGE, SMALL = 0.3, 0.01  # steps, as shares of the largest displacement and tension
-NARROWER = 0.1  # times: the gap after a step that is not `LARGE`, twice if it is `SMALL`
+LARGE, SMALL = 0.6, 0.01  # steps, as shares of the largest displacement and tension
+NARROWER = 0.1  # times: the gap after a whole step that is not `LARGE`, twice if it is `SMALL`
 AGAIN = 0.01  # of the energy of an element: the gap to begin with near an equilibrium
 NIL = 1e-300  # in place of 0
 TURNED = 1.0  # of its length: the most that a step moves one end of an element past the other
-NEARLY = 0.5  # of a step that keeps all inequalities: with less the gap stays
+NEARLY = 0.5  # of a step that keeps the inequalities of a cable: with less it is not `settled`
 PARTS = np.sqrt(0.5) ** np.arange(12)  # of a step that are tried, the largest first
-FEW = 1e-3  # of all cables: those that a part may take beyond zero, of what would reach it less is kept
+FEW = 5e-3  # of all cables: those that a part may take beyond zero, of what would reach it less is kept;
+# those that may be unsettled where the gap is made smaller, or it would wait for the last of a large net
 BEYOND = 1.5  # times so far are the others taken
 KEPT = 0.03  # of what would reach zero
 LEAST = 1e-12  # of that energy: the last gap
@@ -134,7 +135,7 @@ class Mixed:
         s, more, count = self.answer(K, newton.not_held(newton.f[newton.owned]))
         moved, changed, change = newton.sizes(K, s, state.x_start)
         change_of_tensions(*of_law, self.now, self.aimed, change, self.changes, self.part)
-        share, kept = self.longest()
+        share = self.longest()
         (turned,) = newton.largest(most_turned(newton.spread, self.cables, L, state.ends))
         share = min(newton.most_of(s), share, max(TURNED / turned, PARTS[-1]))
         state.x[:] += share * newton.spread
@@ -147,7 +148,7 @@ class Mixed:
         in_place, of_tensions = still_missing((moved, changed), share, self.size)
         self.missing = in_place, max(of_tensions, self.off())
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
-        if share == 1.0 and kept and size < LARGE:
+        if share == 1.0 and moved < LARGE and self.settled(change, newton.largest(K.N[self.owned])[0]):
             self.gap = max(NARROWER * (NARROWER if size < SMALL else 1.0) * self.gap, LEAST * self.energy)
 
     def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
@@ -157,13 +158,20 @@ class Mixed:
         s, count = self.newton.solve(K, self.newton.cycle(K), r, LEFT)
         return s, 0.0, count
 
-    def longest(self) -> tuple[float, bool]:
-        """The part of a step that few cables keep from; whether `NEARLY` of it keeps all. Collective."""
+    def longest(self) -> float:
+        """The part of a step that few cables keep from. Collective."""
         until = self.part[self.owned]
-        beyond = [np.count_nonzero(until < part) for part in (NEARLY, *PARTS / BEYOND)]
-        all_beyond = self.newton.comm.allreduce(np.array(beyond))
-        few = PARTS[all_beyond[1:] <= FEW * self.count]
-        return float(few.max(initial=PARTS[-1])), all_beyond[0] == 0
+        beyond = [np.count_nonzero(until < part) for part in PARTS / BEYOND]
+        few = PARTS[self.newton.comm.allreduce(np.array(beyond)) <= FEW * self.count]
+        return float(few.max(initial=PARTS[-1]))
+
+    def settled(self, change: np.ndarray, most: float) -> bool:
+        """Whether few cables are unsettled: kept from half a step, or tensions change much. Collective.
+
+        change : (m,) [N] by what ends move; most : largest tension [N]
+        """
+        unsettled = (self.part[self.owned] < NEARLY) | (np.abs(change[self.owned]) > LARGE * most)
+        return self.newton.comm.allreduce(np.count_nonzero(unsettled)) <= FEW * self.count
 
 
 @part_of_kernel
