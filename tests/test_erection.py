@@ -251,6 +251,13 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         [],
         [f"note: the start is not in equilibrium: largest residual {WEIGHT:.3g} N, largest tension 0 N"],
     ]
+    drawn = (
+        CABLES + "length_deviation = 1e-3\n[load]\nsteps = 1\n"
+    )  # errors of length alone bring no equilibrium
+    lines = run_on_standing_ranks(
+        "check", workshop.job(drawn, NODES, TWO.replace("left,5", "left,4.9"))
+    ).stdout
+    assert "note: the net as given is not in equilibrium" in lines
 
 
 def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop):

@@ -183,7 +183,7 @@ def start_notes(scene: Scene) -> list[str]:
     """
     there, force = has_statics(scene.job), max(scene.reference, 1e-300)
     warm = scene.job.load is not None and scene.job.load.temperature and not there
-    built = scene.build_up is not None
+    built = bool(scene.job.stages)
     if scene.form or (there and built):
         return []
     if not ((warm and not built) or scene.residual > (FAR_OFF if there or built else AT_REST) * force):

@@ -100,19 +100,15 @@ def prepare(
                 L0 = warm_length(model.cut_length, model.net.expansion, job.load.temperature)
                 scene = replace(scene, model=replace(model, L0=L0))
             set_strands(scene.state, distribution.elements(scene.model and scene.model.L0))
-        if scene.build_up and scene.form is None:
-            scene = _built(scene)
+        if job.stages and scene.form is None:
+            scene = _erected(scene)
         return replace(scene, limits=_limits(scene)), checkpoint
 
 
-def _built(scene: Scene) -> Scene:
-    """A scene without a form, with residual and tension where it was built up to. Collective.
-
-    Stages of erection bear the loads; errors of length alone none.
-    """
-    state, comm, load = scene.state, scene.comm, np.zeros_like(scene.state.x)
-    if scene.job.stages:
-        load = scene.distribution.particles(scene.model and scene.model.load)
+def _erected(scene: Scene) -> Scene:
+    """A scene without a form, with residual and tension under [load] after its last stage. Collective."""
+    state, comm = scene.state, scene.comm
+    load = scene.distribution.particles(scene.model and scene.model.load)
     largest = comm.allreduce(float(np.abs(state.elements_now().N).max(initial=0.0)), MPI.MAX)
     return replace(scene, residual=state_residual(comm, state, load), reference=largest)
 
