@@ -68,6 +68,15 @@ def test_a_post_is_checked_as_by_hand(workshop):
     assert "chi N_y / gamma_M1: largest" in page and "compression, not checked" not in page
 
 
+def test_a_check_of_compression_of_a_post_that_is_pulled_says_why_it_is_empty(workshop):
+    """It has a resistance, and no compression."""
+    workshop.run(workshop.job(STATICS + POST, NODES.replace("-200e3", "200e3"), ELEMENTS)).close()
+    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
+    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "gamma_M1: empty, no element that has a strength for it is in compression" in page
+    assert "Empty: no element that has a strength for it is in compression." in page
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize("more, told", [("", False), ("buckling_length = 8.0\n", True)])
 def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ranks):

@@ -177,7 +177,7 @@ def test_the_cutting_list_of_the_stadium_is_what_form_finding_gave(workshop):
     assert column(rows, "unstressed_length") == pytest.approx(by_hand, rel=1e-11)  # digits of the table
     used = rows_of(folder / "cables.csv")
     assert {row["utilisation_en1993"] for row in used} == {""}
-    assert "empty, no cable has a strength for it" in (folder / "summary.md").read_text()
+    assert "empty, no element has a strength for it" in (folder / "summary.md").read_text()
     assert (folder / "utilisation.png").stat().st_size > 20_000
 
 

@@ -55,6 +55,12 @@ class Checked:
         used = np.where(self.fails[check], np.fmax(self.utilisation[check], ABOVE), self.utilisation[check])
         return _by(used, self.force[check])
 
+    def why_empty(self, check: Check) -> str:
+        """Why no element has a utilisation in a check."""
+        if np.isfinite(self.resistance[check.name]).any():
+            return f"no element that has a strength for it is in {check.of}"
+        return "no element has a strength for it"
+
 
 def groups_of(f) -> np.ndarray:
     """Names (m,) of the elements' groups."""

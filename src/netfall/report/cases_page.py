@@ -66,7 +66,7 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
         lines += [f"**FAILS: {state_words(f, place)} is not stable.**" for place in failed]
         lines += [""] if lines[-1] else []
         if not len(mine):
-            lines += ["Empty: no group has a strength for it.", ""]
+            lines += [f"Empty: {checked.why_empty(check)}.", ""]
             continue
         header = ["group", "type", "worst member", "alike", "N_Ed", "in", "N_Rd", "N_Ed / N_Rd", ""]
         lines += [*as_table(header, [_group_row(table, k) for k in mine]), ""]

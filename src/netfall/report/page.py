@@ -136,7 +136,7 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
                 f"{len(values) - len(known)} without"
             )
         else:
-            lines.append(f"- {check.title}: empty, no cable has a strength for it")
+            lines.append(f"- {check.title}: empty, {checked.why_empty(check)}")
     without = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if without.any():
         lines.append(
