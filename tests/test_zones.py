@@ -411,6 +411,9 @@ def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
         ]
     with workshop.run(workshop.job(STEEL, *grid())) as f:
         assert titles(f) == ["tributary area, of the surface: 0.25 to 1 m2"]
+        assert "as given" not in roof(f).get_suptitle()
+    with workshop.run(workshop.job(STEEL + "[form_finding]\n", *grid())) as f:
+        assert "in plan as given, with the areas of the form" in roof(f).get_suptitle()
 
 
 def test_mean_pressure_of_a_table_is_that_of_its_mean_speed(workshop):

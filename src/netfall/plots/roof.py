@@ -40,7 +40,8 @@ def roof(f):
         _draw_values(f, axes, *row)
     each = "each node its part of the faces" if has_faces(f) else "each node a square of its area"
     words = f"({each}; dots: supports; a positive pressure presses)"
-    heading(figure, title_of(f), f": roof in plan\n{words}")
+    drawn = " as given, with the areas of the form" if "form_finding" in f else ""
+    heading(figure, title_of(f), f": roof in plan{drawn}\n{words}")
     return figure
 
 
