@@ -128,6 +128,25 @@ def test_a_prop_that_was_struck_has_no_stiffness_in_modes(workshop):
         assert f["modes/period"][0] == pytest.approx(2.0 * np.pi * np.sqrt(M * A / (2.0 * T)), rel=1e-6)
 
 
+def test_what_stands_still_in_a_mode_is_not_drawn_white_upon_the_net_at_rest(workshop):
+    """Two strings, the one of the larger mass moves: in space two lines of four are coloured, in plan all."""
+    from netfall.plots.modes import modes
+
+    row = lambda first, y, mass: "".join(
+        f"{first + k},{k * A},{y},0,{int(k != 1)},{mass}\n" for k in range(3)
+    )
+    nodes = "id,x,y,z,fixed,mass\n" + row(1, 0, M) + row(4, 5, 2 * M)
+    text = f"[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[dynamics]\n"
+    text += "duration = 1e-3\n[output]\nmodes = 1\nframes = 1\n"
+    with workshop.run(workshop.job(text, nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n")) as f:
+        space, plan = modes(f).axes[:2]
+    drawn = [
+        [len(lines.get_array()) for lines in axes.collections if lines.get_array() is not None]
+        for axes in (space, plan)
+    ]
+    assert drawn == [[2], [4]]
+
+
 def test_the_damping_ratio_is_that_of_the_oscillator():
     """v' = -zeta v, so m u'' + zeta m u' + k u = 0: the ratio is zeta / (2 omega)."""
     modes = modes_of(string(20), T, 4)

@@ -9,6 +9,7 @@ from netfall.results.file import title_of
 
 DRAWN, COLUMNS = 6, 3  # modes, and those beside each other
 SWING = 0.06  # of the net's length: the largest displacement drawn
+STILL = 0.05  # of the largest displacement: what moves by less is the net at rest, in space
 WIDTH, HIGHEST = 4.6, 3.6  # inches of a column, of a plan at most
 HEAD, BELOW = 1.2, 1.1  # inches for title and scale
 COLOURS = "RdBu_r"
@@ -29,7 +30,8 @@ def modes(f):
         axis = int((u**2).sum(0).argmax())
         part, moved = u[:, axis][lines].mean(1), (x + swing * u)[lines]
         canvas.add_lines(space, x[lines], colors=canvas.NOTHING, linewidths=0.5)
-        canvas.add_coloured(space, moved, part, norm, COLOURS, width)
+        moves = np.abs(u[lines]).max((1, 2)) > STILL  # the rest would be white upon the net
+        canvas.add_coloured(space, moved[moves], part[moves], norm, COLOURS, width)
         canvas.add_lines(plan, x[lines][..., :2], colors=canvas.NOTHING, linewidths=0.5)
         canvas.add_coloured(plan, moved[..., :2], part, norm, COLOURS, 1.4 * width)
         plan.set_facecolor("0.93")  # what does not move is white
