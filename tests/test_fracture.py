@@ -1,6 +1,7 @@
 """Fracture by splitting particles: who parts, what is kept, what follows."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from netfall.model.schedule import stride_of
 from netfall.net.net import Net
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import cut_net
+from netfall.report.info import print_info
 from netfall.step import plan as plan_module
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan
@@ -103,6 +105,13 @@ def test_mass_and_energy_through_a_collapse(workshop):
 LIGHT = ("--set", "load.dead=500", "--set", "dynamics.fragment_mass=0")  # fragments on a heavy roof
 
 
+def info_of(f) -> str:
+    """What `netfall info` tells of a result."""
+    lines = []
+    print_info(Path(f.filename), lines.append)
+    return "\n".join(lines)
+
+
 def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
     """Rows before the first fracture have the long step, those after it the short one; it breaks as with
     steps of a fifth, and a fixed step stays as it is.
@@ -114,9 +123,12 @@ def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
     assert long / short == pytest.approx(round(long / short), rel=1e-12) and long > 1.5 * short
     assert (step[time < first] == long).all() and step[time > first][0] == short
     assert 0.6 / long < attributes["steps"] < 0.6 / short
+    told = f"{attributes['steps']} steps of {long:.4g} s, or of {short:.4g} s after fractures;"
+    assert told in info_of(f)
     fine = workshop.run(workshop.folder / "job.toml", *LIGHT, "--set", f"dynamics.time_step={short / 5:.9g}")
     assert abs(fine["events/time"][0] - first) < short and fine["events/element"][0] == f["events/element"][0]
     assert fine["provenance"].attrs["steps"] == round(0.6 / float(f"{short / 5:.9g}"))
+    assert "after fractures" not in info_of(fine)
 
 
 def test_frames_and_checkpoints_move_no_step(workshop):

@@ -105,8 +105,10 @@ def _equilibria(f):
 
 def _dynamics(f):
     h, p = f["history"], f["provenance"].attrs
+    mixed = p["steps"] > round(h["time"][-1] / p["time_step"])  # shorter ones after fractures among them
+    shorter = f", or of {p['shortest_time_step']:.4g} s after fractures" if mixed else ""
     yield (
-        f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s; "
+        f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s{shorter}; "
         f"{len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
     )
     if "added_mass" in p:

@@ -85,7 +85,7 @@ AT_LIMIT = {  # attributes of an equilibrium: what it means for the elements tha
     "buckled": "at Euler's load: buckled, and a bar that is not quite straight carries less",
     "beyond_euler": "compressed beyond Euler's load, which buckles none without buckling = true",
     "yielding": "at the yield force",
-    "yielded": "have yielded by its end",
+    "yielded": "yielded by its end",
 }
 
 
