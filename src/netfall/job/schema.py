@@ -166,8 +166,8 @@ onset | choice static sudden | | static | static: the roof rests under its loads
     gusts grow in; sudden: all of the wind at t = 0
 ramp [s] | number | 0 to 1e9 | 2.0 | time over which the gusts grow in after a static onset; 0: at once
 after_fracture | choice particle panels all none | | particle | on what the wind no longer acts after a
-    fracture; particle: the node where an element broke; panels: the torn faces; all: the whole roof; none: it
-    acts on as before
+    fracture; particle: the node where an element broke; panels: the torn faces, which leave with the weight
+    and mass of their loads; all: the whole roof; none: it acts on as before
 [dynamics]
 duration [s] | number | > 0 to 1e9 | required | simulated time
 time_step [s] | number auto | > 0 to 1e9 | auto | time step of the dynamic stage; auto: from the stable step
