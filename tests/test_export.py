@@ -243,6 +243,31 @@ def test_what_a_format_cannot_hold_is_named(tmp_path):
     assert told["plain", "json"].endswith(f"net's stiffness, {chain}")
 
 
+def test_files_of_the_job_come_along_and_take_the_place_of_no_table(tmp_path):
+    """Taps in a file nodes.csv, their pressures in events.csv; supports that move, two by one file."""
+    (tmp_path / "tunnel").mkdir()
+    names, places = "ABCDE", [(0, 0), (9, 9), (-9, 9), (9, -9), (-9, -9)]
+    taps = "".join(f"{name},{x},{y}\n" for name, (x, y) in zip(names, places))
+    (tmp_path / "tunnel" / "nodes.csv").write_text("name,x,y\n" + taps)
+    (tmp_path / "tunnel" / "events.csv").write_text("time,A,B,C,D,E\n0,-1,-2,-3,-4,-5\n9,-5,-4,-3,-2,-1\n")
+    (tmp_path / "move.csv").write_text("time,z\n0,0\n0.1,0.01\n")
+    wind = {
+        of: str(tmp_path / "tunnel" / f"{name}.csv")
+        for of, name in (("taps", "nodes"), ("pressures", "events"))
+    }
+    move = [{"nodes": [node], "displacement": str(tmp_path / "move.csv")} for node in (1, 2)]
+    job = cross(wind=wind, motion=move, dynamics={"duration": 0.05})
+    job["net"]["node_columns"] |= {"area": 1.0, "normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}
+    netfall.run(job, output=tmp_path / "first.vtkhdf", quiet=True).close()
+    told = written(tmp_path / "first.vtkhdf", tmp_path / "a")
+    copies = [line.split(":")[0].rpartition("/")[2] for line in told if ": copied from" in line]
+    assert sorted(copies) == ["move.csv", "other_events.csv", "other_nodes.csv"]
+    netfall.run(tmp_path / "a" / "job.toml", output=tmp_path / "again.vtkhdf", quiet=True).close()
+    first, again = (values_of(tmp_path / f"{run}.vtkhdf", ("rest", "final")) for run in ("first", "again"))
+    for key in first:
+        assert np.array_equal(first[key], again[key]), key
+
+
 def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path):
     """A folder with nodes.csv that netfall did not export: exit code 2, nothing written."""
     (tmp_path / "mine").mkdir()

@@ -7,12 +7,20 @@ import numpy as np
 
 from netfall.exchange.state import MARK, State
 from netfall.job.cases import in_zone
+from netfall.job.entries import LISTS
+from netfall.job.schema import SECTIONS
 from netfall.job.toml_text import toml_text
 from netfall.results.file import job_of, provenance_text
 from netfall.results.result import Result
 from netfall.results.states import last_stage
 
-FILES = ("catalogue", "file", "points", "pressures", "taps", "sectors", "pressure_table")  # keys of paths
+TABLES = ("net", "roof")  # sections whose files are those of the form
+FILES = {
+    key.name
+    for section, keys in [*SECTIONS.items(), *LISTS.items()]
+    for key in keys
+    if key.kind == "path" and section not in TABLES
+}
 HEAD = """\
 # {mark}: {title}, in its form
 #
@@ -22,8 +30,11 @@ HEAD = """\
 """
 
 
-def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[str]:
-    """Write job.toml and the files that it reads; what is said of them. faces : whether there is faces.csv"""
+def job_again(result: Result, state: State, folder: Path, faces: bool, own: tuple[str, ...]) -> list[str]:
+    """Write job.toml and the files that it reads; what is said of them.
+
+    faces : whether there is faces.csv; own : names of the files of the export, which no copy takes
+    """
     job = job_of(result.file)
     job["title"] = result.title
     for section in ("form_finding", "target", "stage"):  # the tables hold what came of them
@@ -40,7 +51,7 @@ def job_again(result: Result, state: State, folder: Path, faces: bool) -> list[s
     kept = hasattr(result, "history") and "probe_particle" in result.history
     if kept and "probes" in job.get("output", {}):  # a place may be nearer to another node in the form
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
-    told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, set())
+    told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(own))
     head = HEAD.format(mark=MARK, title=" ".join(result.title.split()))
     order = {name: job[name] for name in ("title", "net", "cable")} | job
     (folder / "job.toml").write_text(head + toml_text(order), encoding="utf-8")
@@ -118,8 +129,11 @@ def _lost_cables(result: Result, job: dict) -> list[str]:
     return []
 
 
-def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:
-    """Copy the files that a job names into the folder, and say so. source : the folder of the job"""
+def _files(table, source: Path, folder: Path, taken: dict[str, Path | None]) -> list[str]:
+    """Copy the files that a job names into the folder, and say so.
+
+    source : the folder of the job; taken : what each name in the folder is a copy of, None: of nothing
+    """
     told = []
     items = table.items() if isinstance(table, dict) else enumerate(table)
     for key, value in list(items):
@@ -127,11 +141,12 @@ def _files(table, source: Path, folder: Path, taken: set[str]) -> list[str]:
             told += _files(value, source, folder, taken)
         elif isinstance(value, str) and str(key).rpartition(".")[2] in FILES:
             name = Path(value).name
-            while name in taken:
+            while taken.get(name, source / value) != source / value:
                 name = f"other_{name}"
-            taken.add(name)
             table[key] = name
-            told.append(_copied(source / value, folder / name, key))
+            if name not in taken:
+                told.append(_copied(source / value, folder / name, key))
+            taken[name] = source / value
     return told
 
 

@@ -47,7 +47,7 @@ def _written(result: Result, state: State, folder: Path) -> list[str]:
         write_table(folder / f"{name}.csv", columns)
         told.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
     if state.is_form:
-        told += job_again(result, state, folder, "faces" in tables)
+        told += job_again(result, state, folder, "faces" in tables, OWN)
         told.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
         told.append(f"note: {state.name}, without loads, masses, springs and sections: those are of the form")

@@ -117,7 +117,7 @@ def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndar
         length = place["unstressed_length"][:] if "unstressed_length" in place else warm
         return state.name, x + place["displacement"][:], place["tension"][:], length
     if hasattr(result, "rest"):
-        what = "rest under all constant loads and the mean wind"
+        what = "rest under all constant loads" + " and the mean wind" * ("wind" in result.file)
         return what, result.rest["position"], result.rest["tension"], warm
     if hasattr(result, "statics"):
         moved, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
