@@ -20,7 +20,7 @@ from netfall.mechanics.state import State
 from netfall.model.probes import Probes
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.record.energy import take_snapshot, total_energies
+from netfall.record.energy import total_energies
 from netfall.record.envelope import Envelope
 from netfall.record.rows import MOST_ROWS, RowTable
 from netfall.step.loop import Interval
@@ -72,9 +72,8 @@ def measure(N: int) -> dict:
         step(observed)
         rows.take_up(MPI.COMM_SELF)
 
-    rows.snapshot = take_snapshot(state, net.DT, net.DT, 0.5, 0.0)
     audit = lambda: total_energies(
-        MPI.COMM_SELF, state, take_snapshot(state, net.DT, net.DT, 0.5, 0.0, rows.snapshot)
+        MPI.COMM_SELF, state, rows.snapshot.take(state, net.DT, net.DT, 0.5, 0.0)
     )
     found = {"N": N, "elements": m, "step": best(step) / steps, "audit": best(audit)}
     found["row"] = best(step_with_rows) / steps - found["step"]

@@ -8,8 +8,7 @@ What the called kernel works on is bound to its address. So the caller need not 
 is compiled once for all scenes; where a scene has nothing to call, the call does nothing.
 """
 
-from copy import copy
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from llvmlite import ir
@@ -18,7 +17,7 @@ from numba.core.typing import signature
 from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import lower_builtin, models, register_model, typeof_impl, unbox
 
-from netfall.ground.handed import address_of, handed, laid, types_of
+from netfall.ground.handed import address_of, laid, types_of
 
 ADDRESS = ir.IntType(64)
 
@@ -33,20 +32,9 @@ class Entry:
 
     def __init__(self, kernel, *arguments, given=()):
         """arguments : like those of a call"""
-        self.kernel, self.kinds = kernel, tuple(map(handed, types_of((*arguments, *given))))
-        self.type = EntryType(self.kinds[: len(arguments)], len(given))
-        self.given = self._laid(given)
-        self.begins: list = []  # where it begins, once that is known; one list with all of `on`
-
-    def _laid(self, given) -> list:
-        return list(map(laid, given, self.kinds[len(self.kinds) - len(given) :]))
-
-    def on(self, *given) -> "Entry":
-        """The same kernel, to work on other things of the same types."""
-        other = copy(self)
-        other.__dict__.pop("table", None)
-        other.given = self._laid(given)
-        return other
+        self.kernel, self.kinds = kernel, tuple(types_of((*arguments, *given)))
+        self.given = list(map(laid, given, self.kinds[len(arguments) :]))
+        self.type, self.begins = _met(kernel, self.kinds, len(arguments))
 
     def prepare(self) -> None:
         """Compile it, or load it."""
@@ -69,6 +57,15 @@ class Entry:
         """Where kernels run as plain Python."""
         if self.kernel is not None:
             self.kernel(*arguments, *self.given)
+
+
+@cache
+def _met(kernel, kinds: tuple, of_call: int) -> tuple:
+    """Type of an entry, and a list of where the kernel begins, once that is known; for all that are alike.
+
+    of_call : kinds that are of a call's arguments
+    """
+    return EntryType(kinds[:of_call], len(kinds) - of_call), []
 
 
 class EntryType(types.Type):

@@ -30,6 +30,10 @@ from numba.extending import (
     unbox,
 )
 
+# Of the flags of an array: in order of C, of Fortran, aligned, writable.
+LAYOUT = 0x1 | 0x2 | 0x100 | 0x400
+_TYPES: dict = {}  # that were met, by `_mark`
+
 
 class Handed(types.Type):
     """Type of a named tuple that is handed on by its address. tuple_type : its type"""
@@ -118,7 +122,7 @@ class Laid:
     """
 
     def __init__(self, value, kind=None):
-        self.value, self.kind = value, kind or Handed(numba.typeof(value))
+        self.value, self.type = value, kind or Handed(type_of(value))
 
     @cached_property
     def memory(self) -> np.ndarray:
@@ -133,9 +137,26 @@ class Laid:
         return self.memory.ctypes.data
 
 
+def type_of(value):
+    """numba's type of a value. Of what is like one that was met it is known: numba looks at each array."""
+    mark = _mark(value)
+    if mark not in _TYPES:
+        _TYPES[mark] = numba.typeof(value)
+    return _TYPES[mark]
+
+
+def _mark(value):
+    """What values of one type have in common."""
+    if isinstance(value, tuple):
+        return type(value), *map(_mark, value)
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.ndim, value.flags.num & LAYOUT
+    return getattr(value, "type", type(value))
+
+
 def types_of(values) -> list:
-    """The type of each of some values."""
-    return list(map(numba.typeof, values))
+    """The types of some values, named tuples `handed` on."""
+    return [handed(type_of(value)) for value in values]
 
 
 def laid(value, kind=None):
@@ -177,7 +198,7 @@ def lay(value, layout: list, numbers: list) -> None:
 
 @typeof_impl.register(Laid)
 def _type_of_laid(laid, context):
-    return laid.kind
+    return laid.type
 
 
 def address_of(thing, c) -> NativeValue:

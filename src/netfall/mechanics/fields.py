@@ -19,7 +19,7 @@ TAKEN_OUT = 2  # in `broken`, of what an erection has taken out of the net
 OTHER_WORKS = ("air", "band", "support")  # beside external, internal and damping: of few scenes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Field:
     """One array: what it holds, for each particle or element, and which scenes have it.
 

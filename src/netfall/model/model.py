@@ -4,6 +4,7 @@ What is a constant of a particle or an element is computed here once, and sent t
 the same bits on any number of ranks.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -150,7 +151,8 @@ def make_model(
     L = np.sqrt(np.sum((x[net.elements[:, 1]] - x[net.elements[:, 0]]) ** 2, axis=1))
     N, L0 = _unstressed(job, net, L, net.prestress if N is None else N)
     notes = check_start(job, net, N, L, L0)
-    areas = _areas(layout, x)
+    here = key_of(job), x.tobytes()
+    areas = memory.once("areas", here, lambda: _areas(layout, x))
     roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
     notes += bare_zones(layout.zones, roof.area) if asks.loads_the_roof(job) else []
     _check_normals(job, net, roof)
@@ -158,7 +160,8 @@ def make_model(
     loading = loading_of(job, roof, own, net.load)
     carried = loading.permanent if asks.carries_permanent(job) else None  # by the form
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
-    field, history = _wind(job, layout, x, roof, memory)
+    find = lambda *asked: memory.once("wind", here, lambda: make_wind_field(x, roof.vector, *asked))
+    field, history = _wind(job, layout, find)
     air_mass = moving_air(job, roof)
     motion = motion_of(job, net, x) if asks.moves_supports(job) else None
     notes += motion.notes if motion else []
@@ -241,14 +244,13 @@ def _scaled(job: Job, net: Net, L0: np.ndarray, mass: np.ndarray) -> tuple[np.nd
     return scaled, scaled - mass
 
 
-def _wind(job: Job, layout: Layout, x: np.ndarray, roof: Roof, memory: Memory) -> tuple:
-    """The field of the wind and its history; None, None without wind. Raises InputError."""
+def _wind(job: Job, layout: Layout, find: Callable) -> tuple:
+    """The field of the wind, as `find` makes it, and its history; None, None without. Raises InputError."""
     if job.wind is None:
         return None, None
     measured, settings = layout.measured, by_node(job, layout.shape_coefficient)
     places = measured.places if measured else None
-    find = lambda: make_wind_field(x, roof.vector, settings, places)
-    field = memory.once("wind", (key_of(job), x.tobytes()), find)
+    field = find(settings, places)
     return field, measured or GeneratedHistory(field, job.wind)
 
 

@@ -223,6 +223,8 @@ def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
 class Unwritten:
     """Takes what a run reports, as `result.Result` does, and keeps none of it."""
 
+    kept = False
+
     def __init__(self, comm):
         self.comm, self.file = comm, self
         self.losses = 0

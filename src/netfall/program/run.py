@@ -123,7 +123,8 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
             snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
             desk.result.write_frame(0.0, scene.state, snapshot)
             desk.result.write_final(scene.state, snapshot)
-        sections, provenance, labels = {}, provenance_of(scene), {}
+        sections, labels = {}, {}
+        provenance = provenance_of(scene) if desk.result.kept else {}
         for outcome in outcomes.values():
             sections |= outcome.sections
             provenance |= outcome.attributes

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from netfall.ground.apart import Entry
 from netfall.ground.columns import vectors
 from netfall.ground.compile import entry_for
-from netfall.ground.handed import Laid
+from netfall.ground.handed import Laid, laid
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
@@ -54,15 +54,12 @@ class Energies:
 class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
-    laid_room : the room by its address
-    observe, observe_particles : what fills it; enter : the way there, once its types are known
+    laid_room : the room by its address; enter : the way to what fills it, once its types are known
     """
 
     rows: np.ndarray
     room: Room
     laid_room: Laid
-    observe: Entry
-    observe_particles: Entry
     enter: Callable | None = None
 
     @property
@@ -104,10 +101,22 @@ class Snapshot:
         """All that fills the room."""
         return [self.observe, self.observe_particles]
 
-    def of(self, state: State) -> Entry:
+    def look_at(self, state: State) -> Entry:
         """What fills the room from a state that it fits, as long as the arrays of the state stay."""
-        particles = self.observe_particles.on(bodies_of(state), self.laid_room)
-        return self.observe.on(subject_of(state, particles), self.laid_room)
+        bodies, none = bodies_of(state), [0.0] * 4
+        self.observe_particles = Entry(observe_particles, *none, given=(bodies, self.laid_room))
+        subject = subject_of(state, self.observe_particles)
+        self.observe = Entry(observe, *none, True, given=(subject, self.laid_room))
+        return self.observe
+
+    def take(self, state: State, *step: float) -> "Snapshot":
+        """The present step of the state that it looks at; step : as of `take_snapshot`."""
+        if len(self.rows) != state.n_local - state.n_halo:
+            self.rows = state.owned_rows()
+        arguments = self.observe, *step
+        (self.enter or observe_once)(*arguments)
+        self.enter = self.enter or entry_for(observe_once, *arguments)
+        return self
 
 
 def with_rows(array: np.ndarray | None) -> np.ndarray | None:
@@ -119,7 +128,7 @@ def with_rows(array: np.ndarray | None) -> np.ndarray | None:
 
 
 def make_room(state: State) -> Snapshot:
-    """A snapshot that is yet to be taken."""
+    """A snapshot that is yet to be taken, and of what."""
     n, m, sprung = len(state.x), state.m, None
     if state.features.springs:
         sprung = np.empty(n)
@@ -131,9 +140,7 @@ def make_room(state: State) -> Snapshot:
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(x) if state.features.band else None
     room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band, adding())
-    of_particles = Entry(observe_particles, *[0.0] * 4, given=(bodies_of(state), room))
-    entry = Entry(observe, *[0.0] * 4, True, given=(subject_of(state, of_particles), room))
-    return Snapshot(np.zeros(0, np.int64), room, entry.given[-1], entry, of_particles)
+    return Snapshot(np.zeros(0, np.int64), room, laid(room))
 
 
 def bodies_of(state: State) -> Bodies:
@@ -150,22 +157,15 @@ def subject_of(state: State, particles: Entry) -> Subject:
     return Subject(s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, *s.of_a_moment, particles)
 
 
-def take_snapshot(
-    state: State, before_dt: float, dt: float, zeta: float, share: float, before: Snapshot | None = None
-) -> Snapshot:
+def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
     """Forces, velocities and energies at the present step.
 
     before_dt, dt : [s] the steps before and after it
-    before : a snapshot that is of no more use, and whose arrays are
+    zeta, share : of `motion.Kick`
     """
-    snapshot = before if before is not None and before.fits(state) else make_room(state)
-    if len(snapshot.rows) != state.n_local - state.n_halo:
-        snapshot.rows = state.owned_rows()
-    arguments = snapshot.of(state), before_dt, dt, zeta, share
-    (snapshot.enter or observe_once)(*arguments)
-    if snapshot is before and snapshot.enter is None:
-        snapshot.enter = entry_for(observe_once, *arguments)
-    return snapshot
+    snapshot = make_room(state)
+    snapshot.look_at(state)
+    return snapshot.take(state, before_dt, dt, zeta, share)
 
 
 def energies_of(state: State, sums: np.ndarray) -> Energies:

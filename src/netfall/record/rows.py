@@ -42,7 +42,7 @@ class RowTable:
             number, count = slips
             self.local = self.local._replace(slip=values + number, difference=values + count + number)
             values += 2 * count
-        self.snapshot, self.take_row = make_room(state), None
+        self.snapshot = make_room(state)
         whole, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
         self.table = Table(
             whole(k),
@@ -57,7 +57,7 @@ class RowTable:
     def of(self, state: State) -> Rows:
         """What the time loop takes, as long as the arrays of the state stay."""
         if not self.snapshot.fits(state):
-            self.snapshot, self.take_row = make_room(state), None
+            self.snapshot = make_room(state)
         room, particles, elements = self.snapshot.room, state.particles, state.elements
         seen = Seen(
             self.dt,
@@ -90,10 +90,9 @@ class RowTable:
             state.places,
             particles.slip,
         )
-        new = self.take_row is None
-        self.take_row = Entry(take_row, 0, 0.0, True, given=(seen,)) if new else self.take_row.on(seen)
+        self.take_row = Entry(take_row, 0, 0.0, True, given=(seen,))
         due = self.due, self.made, self.every, self.last, self.dt
-        return Rows(*due, self.snapshot.of(state), self.take_row)
+        return Rows(*due, self.snapshot.look_at(state), self.take_row)
 
     def is_due(self, number: int) -> bool:
         """Whether a row is due at a step that is not made yet."""

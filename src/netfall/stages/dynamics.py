@@ -212,8 +212,7 @@ class Simulation(Stepper):
             times = number * self.dt, self.before_dt, (number + 1) * self.dt
             move_ground(*times, self.zeta, self.ground, self.state.particles)
         step = self.before_dt, self.dt, self.zeta, share
-        self.rows.snapshot = take_snapshot(self.state, *step, self.rows.snapshot)
-        return self.rows.snapshot
+        return self.rows.snapshot.take(self.state, *step)
 
     def record(self) -> tuple[dict, dict]:
         """Where the run stands, for `restore`. Collective."""

@@ -7,7 +7,7 @@ import numpy as np
 from netfall.ground.apart import Entry
 from netfall.ground.columns import columns
 from netfall.ground.compile import entry_for
-from netfall.ground.handed import handed, laid, types_of
+from netfall.ground.handed import laid, types_of
 from netfall.mechanics.bending import Bends
 from netfall.mechanics.events import StepDone, events_with_room
 from netfall.mechanics.fields import SLOTS, Elements, Particles, Slots
@@ -169,13 +169,6 @@ def breaking_particles(state: State) -> Particles:
     return particles if state.features.air_mass else particles._replace(work=None)
 
 
-def kinds(arguments):
-    """What tells the types of a plan's arguments apart when its state has changed: they take much longer."""
-    if isinstance(arguments, tuple):
-        return tuple(map(kinds, arguments))
-    return arguments.flags.c_contiguous if isinstance(arguments, np.ndarray) else type(arguments)
-
-
 def _lent(n: int, features) -> Lent:
     """`Lent` of n particles."""
     return Lent(
@@ -225,10 +218,6 @@ class Plan:
         near = self.scratch.near if state.features.inelastic else np.zeros(0, np.uint8)
         self.found = Found(self.scratch.f, near, np.zeros(1, np.int64))
         self.events, self.state = events_with_room(0), None
-        # By the kinds of the arrays that kernels work on: their types, and these kernels; then of the loop.
-        self._types: dict = {}
-        self._calls: dict = {}
-        self._types_of_loop = None
         self._loops: dict = {}  # by whether its parts are timed
         self.attach(state)
 
@@ -256,11 +245,10 @@ class Plan:
         spare = Spare(state.rows, most_rows, self.events.count, len(self.events.step))
         moved = Moved(state.particles.x, state.particles.v, state.particles.f)
         arguments = self.chunks, moved, self.found, spare, self.beside
-        self._types_of_loop = self._types_of_loop or list(map(handed, types_of(arguments)))
-        self.laid = tuple(map(laid, arguments, self._types_of_loop))
+        self.laid = tuple(map(laid, arguments, types_of(arguments)))
 
     def _work(self, state: State) -> Work:
-        """What the kernels of a step work on, of known types."""
+        """What the kernels of a step work on, by its address."""
         split, whole = state.features.fracture and state.features.fragments, state.particles
         stepped, kicked_slots = stepped_particles(state), state.slots._replace(element=None)
         work = Work(
@@ -284,10 +272,7 @@ class Plan:
             self.ground,
             whole if self.ground else None,
         )
-        self._kinds = kinds(work)
-        if self._kinds not in self._types:
-            self._types[self._kinds] = tuple(map(handed, types_of(work)))
-        return Work(*map(laid, work, self._types[self._kinds]))
+        return Work(*map(laid, work, types_of(work)))
 
     def _entries(self, work: Work) -> list[Entry]:
         """What the time loop calls, in the order of `Beside`: each kernel and what it works on."""
@@ -308,12 +293,7 @@ class Plan:
             (w.places and end_step, (real,), (w.chunks, w.places, w.particles, w.elements, w.slots)),
             (keeps and collect, (), (w.chunks, *w.of_elements)),
         )
-        known = self._calls.get(self._kinds)
-        found = [
-            known[k].on(*given) if known else Entry(kernel or None, *like, given=given)
-            for k, (kernel, like, given) in enumerate(calls)
-        ]
-        self._calls[self._kinds] = found
+        found = [Entry(kernel or None, *like, given=given) for kernel, like, given in calls]
         return found if features.plastic else [found[0], found[0], *found[2:]]
 
     @property

@@ -33,6 +33,8 @@ class Result:
     log : of the fractures, which numbers the rows of particles; it belongs to the run, as the history does
     """
 
+    kept = True
+
     def __init__(
         self, comm: MPI.Comm, path: Path, distribution: Distribution, net: Net | None, log: EventLog
     ):
