@@ -72,9 +72,7 @@ def measure(N: int) -> dict:
         step(observed)
         rows.take_up(MPI.COMM_SELF)
 
-    audit = lambda: total_energies(
-        MPI.COMM_SELF, state, rows.snapshot.take(state, net.DT, net.DT, 0.5, 0.0)
-    )
+    audit = lambda: total_energies(MPI.COMM_SELF, state, rows.snapshot.take(state, net.DT, net.DT, 0.5, 0.0))
     found = {"N": N, "elements": m, "step": best(step) / steps, "audit": best(audit)}
     found["row"] = best(step_with_rows) / steps - found["step"]
     return found
