@@ -20,7 +20,7 @@ from PIL import Image
 
 from netfall.exchange.export import Wanted, export
 from netfall.ground.errors import InputError
-from netfall.plots.canvas import VIEWS, charts
+from netfall.plots.canvas import VIEWS, charts, heading
 from netfall.plots.collapse import collapse, stage_steps
 from netfall.plots.film import Shot, animate, format_of
 from netfall.plots.force import ForceScale, edge_of
@@ -679,3 +679,15 @@ def test_a_balance_that_is_off_is_told_with_its_time(last, words):
     (note,) = balance_notes(np.arange(4.0), np.array([0.0, -0.02, 0.03, last]), np.zeros(4))
     assert f"off by up to 3.0% of the energy that took part, by more than 1% {words}:" in note
     assert balance_notes(np.arange(4.0), np.full(4, 0.009), np.zeros(4)) == []
+
+
+@pytest.mark.parametrize("width", [4.6, 5.4, 12.0])
+def test_a_title_stays_within_a_narrow_picture(width):
+    """In as many lines as it takes."""
+    figure = plt.figure(figsize=(width, 4.0))
+    heading(
+        figure, "Roof over the Market Hall", ": what was drawn, and what came of it (grey: within chance)"
+    )
+    box = figure._suptitle.get_window_extent(figure.canvas.get_renderer())
+    assert box.x0 >= 0.0 and box.x1 <= width * figure.dpi
+    plt.close(figure)

@@ -1,6 +1,7 @@
 """The canvas of all pictures: sizes, fonts, colours; figures opened and saved; the net in space and plan."""
 
 from pathlib import Path
+from textwrap import fill
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -35,6 +36,7 @@ BROKEN = "#d62728"  # what is broken, lost or at fault; no group has this red
 GUIDED = "#7a4b00"  # supports that are held along some axes
 SPRING = "#6a0dad"  # supports on springs
 LONGEST_TITLE = 90  # characters
+CHARACTERS = 12.0  # of a title in an inch
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
 ALONE, PANEL, NARROW = (9.0, 4.9), (5.5, 3.4), (4.2, 2.9)  # inches of a panel in space: of one, two, more
 IN_TWOS, IN_THREES = 6, 12  # panels in space, up to which two or three stand in a row, else four
@@ -56,10 +58,11 @@ def save(figure, path: Path) -> Path:
 
 
 def heading(figure, title: str, words: str) -> None:
-    """The title of a job or study, cut to what fits above a picture, and what is shown."""
+    """The title of a job or study, cut to what fits above a picture, and what is shown, in lines that fit."""
     title = " ".join(title.split())
     title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
-    figure.suptitle(f"{title}{words}")
+    most = int(CHARACTERS * figure.get_figwidth())
+    figure.suptitle("\n".join(fill(line, most) for line in f"{title}{words}".split("\n")))
 
 
 def unit_of(largest: float, unit: str) -> tuple[float, str]:
