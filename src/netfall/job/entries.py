@@ -15,8 +15,8 @@ set | loads | | {} | what it sets: keys of [load] (snow, pressure, dead, tempera
 pressure_table [N/m2] | path | | | path of a table x, y, z (optional), pressure or coefficient: points in the
     axes of the net
 factor [N/m2] | number | -1e9 to 1e9 | | of the table: a pressure for coefficients; a number else
-settlement [m] | shifts | | {} | of a held axis or of a spring's foot, from the form, by ids; z upwards: [0,
-    0, -0.05] sinks
+settlement [m] | shifts | | {} | of a held axis or of a spring's foot, from the form or the last stage of
+    erection, by ids; z upwards: [0, 0, -0.05] sinks
 [combination]
 name | name | | required | name of the combination; no case bears it
 factors | factors | -1e3 to 1e3 | required | of permanent, prestress (not named: 1), temperature, load,

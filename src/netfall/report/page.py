@@ -13,7 +13,14 @@ from netfall.results.file import lines_of_form, notes_of_run, overloads_of, prov
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
 from netfall.results.notes import NOT_STABLE, displacement_notes_of, limit_notes_of
-from netfall.results.states import Envelope, no_equilibrium, not_stable, state_groups, state_words
+from netfall.results.states import (
+    Envelope,
+    no_equilibrium,
+    not_stable,
+    start_words,
+    state_groups,
+    state_words,
+)
 
 WORST = 10
 ROUNDING = 1e-10  # of the forces that a sum is of: what rests is not exactly at rest
@@ -32,7 +39,7 @@ COLUMNS = {
     "cases.csv": "a row for each case or combination and group: smallest and largest force [N], largest "
     "displacement [m], cables without tension, state, load factor that was reached, reason",
     "forces.csv": "elements by states: their force [N] in the form and in each case and stage",
-    "displacements.csv": "nodes by states: their displacement [m] from the form and its components",
+    "displacements.csv": "nodes by states: their displacement [m] from {start} and its components",
     "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
     "case that governs, N_Ed and N_Rd [N], utilisation, result",
     "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
@@ -64,7 +71,7 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         ["## Reactions", "", *_reactions(tables["reactions.csv"])],
         ["## Cutting list", "", *_cutting(tables["cutting_list.csv"], cutting)],
         ["## Shop list", "", *_shop(tables["shop_list.csv"])],
-        ["## Tables", "", *_tables()],
+        ["## Tables", "", *_tables(f)],
     ]
     return "\n".join("\n".join(lines) + "\n" for lines in parts)
 
@@ -329,6 +336,6 @@ def _shop(table: dict) -> list[str]:
     ]
 
 
-def _tables() -> list[str]:
-    lines = [f"- `{name}`: {what}" for name, what in COLUMNS.items()]
+def _tables(f) -> list[str]:
+    lines = [f"- `{name}`: {what.format(start=start_words(f))}" for name, what in COLUMNS.items()]
     return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]
