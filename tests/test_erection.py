@@ -25,6 +25,7 @@ from netfall.job.read import read_job
 from netfall.net.build import build_net
 from netfall.net.net import GRAVITY
 from netfall.plots.film import animate
+from netfall.plots.states import force_words, named_state
 from netfall.plots.states import stages as stages_picture
 from netfall.program import build_up
 from netfall.program.member import run_member
@@ -169,7 +170,7 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
         assert f["stages/free/active"][:].tolist() == [1, 1, 0]
         assert slack_cables(f, cases_of(f)) == [0] and not envelope_of(f, np.ones(3)).slack[1:].any()
     told = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
-    assert "note: element 3 not there after the last stage" in told.stdout
+    assert "element 3 out of the net by then: no edges" in told.stdout
     text += stage("loose", hold="[3]", release="[2]")
     done = run_on_standing_ranks(
         "run", workshop.job(CABLES + text + cases, NODES, elements), "-o", path, code=2
@@ -255,6 +256,16 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         [],
         [f"note: the start is not in equilibrium: largest residual {WEIGHT:.3g} N, largest tension 0 N"],
     ]
+    form = "[form_finding]\nmodulus_factor = 0\n" + text.replace(
+        "WARM", "0.0"
+    )  # the same of a net with a form
+    form += stage("more", set='{"load.dead" = 10.0}', lengths="{right = {change = -0.01}}")
+    nodes = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
+    job = workshop.job(form, nodes, TWO.replace("unstressed_length", "prestress").replace(",5\n", ",1e3\n"))
+    assert (
+        "note: the start is not in equilibrium: largest residual 70 N"
+        in run_on_standing_ranks("check", job).stdout
+    )
     drawn = (
         CABLES + "length_deviation = 1e-3\n[load]\nsteps = 1\n"
     )  # errors of length alone bring no equilibrium
@@ -294,6 +305,28 @@ def test_what_form_finding_did_is_told_without_what_stages_did(workshop):
     told = re.match(r"form: nodes moved by up to ([\d.]+) m \(node 3\), ([\d.]+) m on the mean", line)
     assert told[1] == told[2] == f"{3 + 4 / 3**0.5:.4g}"
     assert line in run_on_standing_ranks("info", path).stdout.splitlines()
+
+
+def test_a_form_has_its_own_supports_loads_and_elements(workshop):
+    """Node 4, which a stage lets go, holds in the form, and 3 does not yet; a tie that it takes out is there,
+    taut and drawn; so forces on the foundation are the weights of three elements, halves at the supports too.
+    """
+    nodes = NODES + f"4,4,0,5,1,-{WEIGHT}\n"
+    elements = TWO.replace(",unstressed_length", ",prestress").replace(",5\n", ",1e3\n") + "3,3,4,tie,1e3\n"
+    text = CABLES + '[form_finding]\nloads = "permanent"\n[load]\nself_weight = true\n'
+    text += stage("free", hold="[3]", release="[4]", active=["left", "right"])
+    with workshop.run(workshop.job(text, nodes, elements)) as f:
+        of, form = reaction_columns(f), f["form_finding"]
+        rows, weight = of["stage"] == "form", GRAVITY * form["unstressed_length"][:]  # 1 kg/m
+        assert of["node"][rows].tolist() == [1, 2, 4]
+        pull, all_of_it = of["force_z"][rows], of["foundation_z"][rows]
+        assert pull - all_of_it == pytest.approx(weight / 2)
+        assert all_of_it.sum() == pytest.approx(-weight.sum(), abs=1e-6 * 1e3)  # the form's tolerance
+        first = next(state for state in states_shown(f, drawn_part(f))[0] if state.name == "form")
+        assert not first.away.any() and (first.tension[0] == form["tension"][:]).all()
+        assert force_words(f, named_state(f, "form")) == "form: 490.4 to 828.5 N"
+        rows = of["stage"] == "stage free"
+        assert of["node"][rows].tolist() == [1, 2, 3]
 
 
 def test_what_is_there_for_a_while_is_shown_so(workshop):
@@ -630,7 +663,8 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     for verb in ("info", "report"):
         told = run_on_standing_ranks(verb, path, *([] if verb == "info" else ["-o", workshop.folder / verb]))
         assert verb != "info" or "NO EQUILIBRIUM: errors of length" in told.stdout
-    assert "**No equilibrium: errors of" in (workshop.folder / "report" / "summary.md").read_text()
+    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "**No equilibrium: errors of" in page and "**Errors of length that were drawn" in page
 
 
 def test_answers_to_many_lengths_are_those_to_one(monkeypatch):

@@ -189,6 +189,36 @@ def test_the_folder_of_tables_runs_again_to_the_same_net_and_bits(tmp_path, name
         assert (node["mass"], node["load_x"], node["area"], node["zone"]) == ("1000.0", "10.0", "7.0", "east")
 
 
+def test_what_a_stage_took_out_is_in_no_export(tmp_path):
+    """A stay: the tables run again to the same bits, strengths of the cables after it are those drawn; a
+    model, a drawing and a Graph have seven of eight elements.
+    """
+    first = {"elements": [1, 4], "groups": "stay", "element_id": 9}
+    net = TABLES | {name: [value, *TABLES[name]] for name, value in first.items()}
+    first = {"cable": "", "prestress": 2e3}
+    net["element_columns"] = {k: [first.get(k, NAN), *v] for k, v in TABLES["element_columns"].items()}
+    job = {"net": net, "cable": SECTIONS | {"stay": {"area": 2e-4}}, "form_finding": {}, "load": LOADS}
+    job["stage"] = [{"name": "struck", "active": ["up", "low", "link", "strut"]}]
+    netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True).close()
+    told = {
+        end: written(tmp_path / "r.vtkhdf", tmp_path / f"r{end}") for end in (".json", ".dxf", ".tcl", "")
+    }
+    for end, what in (".json", "edges"), (".dxf", "lines"), (".tcl", "trusses"), ("", "rows"):
+        assert f"element 9 out of the net by then: no {what}" in told[end], end
+    assert (tmp_path / "r.tcl").read_text().count("element corotTruss") == 7
+    assert "4" not in json.loads((tmp_path / "r.json").read_text())["data"]["edge"]["1"]
+    assert any(line.startswith("note: strengths are those that were drawn") for line in told[""])
+    netfall.run(tmp_path / "r" / "job.toml", output=tmp_path / "again.vtkhdf", quiet=True).close()
+    first, again = (values_of(tmp_path / f"{run}.vtkhdf", ["net", "statics"]) for run in ("r", "again"))
+    there = first["net/element_id"] != 9
+    for name in ("statics/displacement", "statics/reaction"):
+        assert (first[name] == again[name]).all(), name
+    assert (first["statics/tension"][:, there] == again["statics/tension"]).all()
+    assert again["net/breaking_load"] == pytest.approx(
+        (first["net/breaking_load"] * first["net/strength"])[there]
+    )
+
+
 def test_shares_of_zones_are_columns(tmp_path):
     """Node, zones and shares beside: of 81 nodes' areas of 1 m2 a polygon has half of nine, a column of them
     whole, and the job of the folder, which cuts nothing, the snow of both.
@@ -383,8 +413,8 @@ def test_what_is_out_of_the_net_is_no_line(tmp_path):
     job = cross(**lost, dynamics={"duration": 0.05}, output={"frames": 2})
     netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True).close()
     told = {end: written(tmp_path / "r.vtkhdf", tmp_path / f"r.{end}", np.inf) for end in ("json", "dxf")}
-    assert told["json"][1] == "2 elements that are out of the net by then are no edges"
-    assert told["dxf"][1] == "2 elements that are out of the net by then are no lines"
+    assert told["json"][1] == "2 elements (14, 18) out of the net by then: no edges"
+    assert told["dxf"][1] == "2 elements (14, 18) out of the net by then: no lines"
 
     def refuse(word):
         raise AssertionError(word)

@@ -128,7 +128,7 @@ BY_PROCESSOR = {
 }
 MAY_BE_INEXACT = [
     *("plots", "view", "measure", "exchange", "checks.slides", "record.wind", "study.answers.intervals"),
-    *("net.cables", "net.generators.ellipse"),  # rounded; an order alone
+    *("net.cables", "net.generators.ellipse", "messages.slip"),  # rounded; an order alone; a note
 ]
 
 MOST_FILES, LONGEST_CHAIN = 14, 5  # of a room

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import run_on_standing_ranks
 from test_slipping import table
 
 from netfall.checks.slides import slide_columns
@@ -108,6 +109,21 @@ def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, s
     f = workshop.run(workshop.job(job, nodes, f"start,end,group,prestress\n1,2,rope,{T}\n2,3,rope,{T}\n"))
     expected = 2.0 * np.pi * np.sqrt(m * strand / (1.0 + T / EA) / EA)
     assert f["modes/period"][0] == pytest.approx(expected, rel=1e-6)  # half of the rope's mass is 4e-9 of m
+
+
+def test_a_form_whose_cable_is_not_level_over_a_pulley_is_told(workshop):
+    """40 and 60 kN on both sides of node 2, which two others hold: told, but not at constant tension, nor
+    of a saddle of friction 9, nor where the prestress is alike.
+    """
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,1,1\n5,5,-5,1,1\n"
+    pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,{}\n2,4,side,2e4\n2,5,side,2e4\n"
+    job = rope() + '[form_finding]\n{}[[slide]]\ngroup = "rope"\n{}'
+    told = []
+    for more, slide, force in ("", "", 6e4), ("modulus_factor = 0\n", "", 4e4), ("", "friction = 9\n", 6e4):
+        job_file = workshop.job(job.format(more, slide), nodes, pairs.format(force))
+        lines = run_on_standing_ranks("check", job_file).stdout.splitlines()
+        told.append([line for line in lines if "[[slide]]: in the form tensions differ" in line])
+    assert "at 1 of 1 places, over node 2 4" in told[0][0] and told[1:] == [[], []]
 
 
 def catenary(a, c, count):

@@ -12,8 +12,9 @@ from netfall.results.states import ShownState, equilibria, final, springs_of, su
 
 
 def held_axes(f, place: str = "") -> np.ndarray:
-    """(n, 3) bool, own axes with a support of either kind; place : of a state: a stage has its own."""
-    held = f[f"{place}/held" if place.startswith("stages/") else "net/fixed"][:].astype(bool)
+    """(n, 3) bool, own axes with a support of either kind; place : of a state, which may have its own."""
+    own = f"{place}/held"  # of a stage, and of the form
+    held = f[own if place and own in f else "net/fixed"][:].astype(bool)
     return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
 
 
@@ -54,7 +55,7 @@ def _of_stage(f, stage: ShownState, held, nodes, elements) -> dict[str, np.ndarr
         force = np.where(f["net/spring"][:][nodes] > 0.0, to_own(carried[nodes], angle), force)
     force = from_own(force, angle)
     foundation = force if stage.unloaded else np.full_like(force, np.nan)  # in motion the file has none
-    if stage.reaction:  # with the loads of the nodes, which the form does not have
+    if stage.reaction:
         foundation = stage.reaction()[nodes]
     return {
         "node": f["net/node_id"][:][nodes],

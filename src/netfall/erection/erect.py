@@ -182,32 +182,35 @@ def _note(
         last = list(erection.sections.values())[-1:]
         numbers["slip"] = numbers["slip"] + (last[0]["slip"] if last else 0.0)
         erection.labels[group]["clamps"] = setting.clamps
-    reaction = reactions(model, setting, x, N) if outcome.carries else np.full_like(x, np.nan)
+    held = setting.fixed & setting.there(model.net)[:, None]
+    reaction = (
+        reactions(model, held, setting.forces(model), x, N) if outcome.carries else np.full_like(x, np.nan)
+    )
     there = {
         "displacement": x - model.x,
         "tension": N,
         "unstressed_length": setting.L0,
         "active": setting.active.astype(np.uint8),
-        "held": (setting.fixed & setting.there(model.net)[:, None]).astype(np.uint8),
+        "held": held.astype(np.uint8),
         "reaction": reaction,
     }
     erection.sections[group] = numbers | bends | there
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
 
 
-def reactions(model, setting: Setting, x: np.ndarray, N: np.ndarray) -> np.ndarray:
+def reactions(model, held: np.ndarray, load: np.ndarray, x: np.ndarray, N: np.ndarray) -> np.ndarray:
     """Forces (n, 3) [N] on the foundation: of the elements, what bends, and the load, on axes that are held.
 
-    x : (n, 3) [m]; N : (m,) [N]
+    held : (n, 3) bool, rigidly; load : (n, 3) [N]; x : (n, 3) [m]; N : (m,) [N]
     """
-    net, force = model.net, setting.forces(model)
+    net, force = model.net, load.copy()
     along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
     pull = (N / lengths(along))[:, None] * along
     np.add.at(force, net.elements[:, 0], pull)
     np.subtract.at(force, net.elements[:, 1], pull)
     if model.joints is not None:
         add_bending_forces(x, model.joints, force)
-    return on_held(net, (setting.fixed | (net.spring > 0)) & setting.there(net)[:, None], force)
+    return on_held(net, held | (net.spring > 0), force)
 
 
 def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:

@@ -10,10 +10,8 @@ import numpy as np
 from netfall.exchange.formats import endings
 from netfall.exchange.state import MARK, RECORD, state_of
 from netfall.ground.errors import InputError
-from netfall.job.values import counted
 from netfall.results.file import telling_what_lacks
 from netfall.results.result import Result
-from netfall.results.states import absent
 
 
 class Wanted(NamedTuple):
@@ -51,18 +49,10 @@ def export(source: Path, target: Path, wanted: Wanted, say: Callable[[str], None
         raise InputError(f"--unit {wanted.unit}: a {ending} is written in metres; a .dxf takes units")
     with Result(source) as result, telling_what_lacks(source):
         lines = form.write(result, state_of(result, wanted.time, wanted.case), target, wanted.unit)
-        lines += _not_there(result) if wanted.time is None else []
         if form.HOLDS is not None:
             lines += lacking(result, ending, form.HOLDS)
     for line in lines:
         say(line)
-
-
-def _not_there(result: Result) -> list[str]:
-    """A line on elements that the last stage of erection has taken out."""
-    ids = result.elements["id"][absent(result.file)]
-    what = f"note: {counted('element', ids)} not there after the last stage of erection" if len(ids) else ""
-    return [f"{what}: in the file as all others, to be taken out of it"] if what else []
 
 
 def lacking(result: Result, ending: str, held: tuple[str, ...]) -> list[str]:

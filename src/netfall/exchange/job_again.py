@@ -40,14 +40,23 @@ def job_again(result: Result, state: State, folder: Path, faces: bool, own: tupl
     for section in ("form_finding", "target", "stage"):  # the tables hold what came of them
         job.pop(section, None)
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
+    there = {*state.group[~state.out()]}
+    of_groups = {name for name, table in job["cable"].items() if isinstance(table, dict)}
+    job["cable"] = {name: value for name, value in job["cable"].items() if name not in of_groups - there}
+    again = ["prestress", "length_deviation"]  # both are in the unstressed lengths
+    again += ["strength_deviation"] if state.out().any() else []  # and that in the strengths
     for table in [job["cable"], *job["cable"].values()]:
         if isinstance(table, dict):
-            for key in ("prestress", "length_deviation"):  # both are in the unstressed lengths
+            for key in again:
                 table.pop(key, None)
     if faces:
         job["roof"] = {"faces": "faces.csv"}
     _zones(job, _used_zones(result))
     told = _lost_cables(result, job) + _bent(result) + _parts(result, state, job)
+    if "strength_deviation" in again and "strength" in result.file["net"]:
+        told.append(
+            "note: strengths are those that were drawn, in reports too: without all elements others would be"
+        )
     kept = hasattr(result, "history") and "probe_particle" in result.history
     if kept and "probes" in job.get("output", {}):  # a place may be nearer to another node in the form
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()

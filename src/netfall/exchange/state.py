@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.values import nearest
+from netfall.job.values import counted, nearest
 from netfall.results.cases import Case, cases_of
 from netfall.results.result import Result
-from netfall.results.states import start_position, start_tension
+from netfall.results.states import absent, start_position, start_tension
 
 AXES = ("x", "y", "z")
 MARK = "by netfall"  # stands in each file that is written: what has it may be replaced
@@ -50,13 +50,13 @@ class State:
         return self.time is None and not self.case
 
     def out(self) -> np.ndarray:
-        """(m,) bool, elements that were taken out of the net, lost or broken without a fragment."""
+        """(m,) bool, elements that were taken out of the net: struck, lost, or broken without a fragment."""
         return self.ends[:, 0] == self.ends[:, 1]
 
     def told_out(self, what: str) -> list[str]:
         """A line on those, if there are any, for a file that leaves them out; what : as what."""
-        count = int(self.out().sum())
-        return [f"{count} elements that are out of the net by then are no {what}"] if count else []
+        ids = self.element_id[self.out()]
+        return [f"{counted('element', ids)} out of the net by then: no {what}"] if len(ids) else []
 
     def unstressed(self) -> dict[str, np.ndarray]:
         """The unstressed lengths by name; at the temperature of the loads where they have one."""
@@ -79,6 +79,8 @@ def state_of(result: Result, time: float | None, case: str | None = None) -> Sta
             moved, tension, name = shown.position() - position, shown.tension(), shown.name
             position = shown.position()
         broken, ends = np.zeros(len(tension), bool), result.file["net/elements"][:]
+        gone = absent(result.file)  # after the last stage of erection
+        ends[gone, 1] = ends[gone, 0]
     else:
         frame = result.frame(min(time, float(result.time[-1])) if np.isinf(time) else time)
         position, tension, broken, ends = frame.position, frame.tension, frame.broken, frame.ends

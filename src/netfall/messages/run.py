@@ -13,7 +13,7 @@ from netfall.mechanics.fields import Features
 from netfall.mechanics.law.branches import stiffening
 from netfall.mechanics.law.limits import REACHED, strength_of
 from netfall.mechanics.stability import Limit
-from netfall.messages.slip import inertia_line, slip_lines
+from netfall.messages.slip import inertia_line, slip_lines, unlike_notes
 from netfall.messages.wind import wind_notes
 from netfall.model.layout import band_of, features_of
 from netfall.model.model import Model
@@ -179,16 +179,23 @@ def moved_lines(scene: Scene) -> list[str]:
 
 def start_notes(scene: Scene) -> list[str]:
     """That a net as given is not in equilibrium, where nothing is done about it before it is loaded; or a net
-    that was erected, under other loads than those of its last stage.
+    that was erected, under other loads than those of its last stage; or a cable over its nodes, in a form.
     """
-    there, force = has_statics(scene.job), max(scene.reference, 1e-300)
+    slips = scene.form and scene.job.slides and not scene.job.stages and not scene.failure
+    return _not_at_rest(scene) + (unlike_notes(scene.model) if slips else [])
+
+
+def _not_at_rest(scene: Scene) -> list[str]:
+    """Of the nodes."""
+    there, built = has_statics(scene.job), bool(scene.job.stages)
     warm = scene.job.load is not None and scene.job.load.temperature and not there
-    built = bool(scene.job.stages)
-    if scene.form or (there and built):
+    if scene.failure or (there if built else scene.form):
         return []
-    if not ((warm and not built) or scene.residual > (FAR_OFF if there or built else AT_REST) * force):
+    residual, force = scene.build_up.left if built else (scene.residual, scene.reference)
+    far = residual > (FAR_OFF if there or built else AT_REST) * max(force, 1e-300)
+    if not ((warm and not built) or far):
         return []
-    told = f"largest residual {scene.residual:.3g} N, largest tension {scene.reference:.3g} N"
+    told = f"largest residual {residual:.3g} N, largest tension {force:.3g} N"
     if not there:
         return [f"note: the start is not in equilibrium: {told}"]
     return [

@@ -5,7 +5,9 @@ import numpy as np
 from netfall.mechanics.slip.law import LEAST
 from netfall.mechanics.slip.motion import slip_inertia
 from netfall.model.model import Model
+from netfall.numerics.functions import expm1, lengths
 
+UNLIKE = 0.01  # of a tension: by how much more than holds there it may differ on both sides of a place
 CHANGED = 0.1  # of its length: a strand of which more has slipped is told
 
 
@@ -23,6 +25,26 @@ def inertia_line(model: Model, dt: float) -> str:
         f"{line}, at {more} with more for the step, up to {inertia[most]:.4g} kg, {times:.2g} times as much "
         f"(node {net.node_id[node]}, mass {model.mass[node]:.4g} kg); half the step needs a quarter"
     )
+
+
+def unlike_notes(model: Model) -> list[str]:
+    """A note on places where tensions of the form differ by more than holds them, so that cables slip."""
+    slides, net, x = model.layout.slides, model.net, model.x
+    u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
+    u, w = (along / lengths(along)[:, None] for along in (u, w))
+    turn = 2.0 * np.arctan2(lengths(u + w), lengths(u - w))
+    N = model.N[np.stack([slides.before, slides.after])]
+    holds = slides.resistance + np.maximum(N.min(0), 0.0) * expm1(slides.friction * turn)
+    more = np.abs(N[1] - N[0]) - holds
+    slips, worst = more > UNLIKE * np.abs(N).max(0), int(np.argmax(more))
+    if not slips.any():
+        return []
+    return [
+        f"note: [[slide]]: in the form tensions differ by more than holds them at {int(slips.sum())} of "
+        f"{slides.count} places, over node {net.node_id[slides.node[worst]]} {N[0, worst]:.4g} and "
+        f"{N[1, worst]:.4g} N: cables slip there before a load acts, and forces are others then; constant "
+        "tension ([form_finding] modulus_factor = 0) gives a cable one tension on both sides"
+    ]
 
 
 def slip_lines(model: Model, time: np.ndarray, slide: dict[str, np.ndarray]) -> list[str]:

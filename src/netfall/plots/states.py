@@ -9,6 +9,7 @@ from netfall.plots.force import ForceScale, add_by_force, add_supports, force_ba
 from netfall.plots.labels import add_labels
 from netfall.results.file import title_of
 from netfall.results.states import (
+    FORM,
     ShownState,
     absent,
     equilibria,
@@ -38,7 +39,7 @@ def form(f):
     scale = ForceScale.of(N, moving_elements(f))
     figure, (axes,) = canvas.space_panels(x, 1, BELOW)
     add_by_force(axes, x[f["net/elements"][:]], N, scale, canvas.line_width(len(N)))
-    add_supports(f, axes, x)
+    add_supports(f, axes, x, FORM)
     _add_bars(figure, scale, N)
     figure.legend(*axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.0, 0.95))
     iterations, residual = f["form_finding/iterations"][()], f["form_finding/residual"][()]
@@ -137,7 +138,9 @@ def named_state(f, name: str) -> ShownState:
     for group in groups:
         if name in (group, group.split("/", 1)[-1], state_words(f, group)):
             return list(states_of(f, group))[-1]
-    names = ", ".join([first.name] * (not first.place) + [group.split("/", 1)[-1] for group in groups])
+    names = ", ".join(
+        [first.name] * (first.place not in groups) + [group.split("/", 1)[-1] for group in groups]
+    )
     raise InputError(f"--case {name}: no such state; this result has {names}")
 
 

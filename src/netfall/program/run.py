@@ -10,11 +10,13 @@ import numpy as np
 from mpi4py import MPI
 
 import netfall
+from netfall.erection.erect import reactions
 from netfall.form.initial import FORM, INITIAL, initial_record
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
+from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory
 from netfall.mechanics.events import EventLog
@@ -187,6 +189,7 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
         sections["slide"] = slide_section(model.net, model.layout.slides)
     if form:
         model = build_up.form or model
+        carried = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
         of_prestress = lambda force: np.float64(force / form.reference if form.reference else 0.0)
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
@@ -195,6 +198,8 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
             "position": model.x,
             "tension": model.N,
             "unstressed_length": model.cut_length,
+            "held": model.net.fixed.astype(np.uint8),
+            "reaction": reactions(model, model.net.fixed, carried, model.x, model.N),
         }
         if form.self_stress is not None:
             sections["form_finding"]["self_stress"] = form.self_stress

@@ -100,17 +100,17 @@ def prepare(
                 L0 = warm_length(model.cut_length, model.net.expansion, job.load.temperature)
                 scene = replace(scene, model=replace(model, L0=L0))
             set_strands(scene.state, distribution.elements(scene.model and scene.model.L0))
-        if job.stages and scene.form is None:
-            scene = _erected(scene)
+        if job.stages:
+            scene = replace(scene, build_up=replace(scene.build_up, left=_left(scene)))
         return replace(scene, limits=_limits(scene)), checkpoint
 
 
-def _erected(scene: Scene) -> Scene:
-    """A scene without a form, with residual and tension under [load] after its last stage. Collective."""
+def _left(scene: Scene) -> tuple[float, float]:
+    """Largest residual and tension [N] under [load] after the last stage of erection. Collective."""
     state, comm = scene.state, scene.comm
     load = scene.distribution.particles(scene.model and scene.model.load)
     largest = comm.allreduce(float(np.abs(state.elements_now().N).max(initial=0.0)), MPI.MAX)
-    return replace(scene, residual=state_residual(comm, state, load), reference=largest)
+    return state_residual(comm, state, load), largest
 
 
 def _split(comm: MPI.Comm, job: Job, phases: Phases, memory: Memory) -> tuple:

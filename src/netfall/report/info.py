@@ -81,7 +81,7 @@ def _equilibria(f):
     for place in states.state_groups(f):
         x = states.form_position(f) if place.startswith("stages/") else start
         g, last = f[place], list(states.states_of(f, place))[-1]
-        N, moved = last.tension(), lengths(last.position() - x)
+        N, moved = last.tension()[~states.absent(f, place)], lengths(last.position() - x)
         residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan where nothing was found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (

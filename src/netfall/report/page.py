@@ -15,6 +15,7 @@ from netfall.results.losses import worst_after
 from netfall.results.notes import NOT_STABLE, displacement_notes_of, limit_notes_of
 from netfall.results.states import (
     Envelope,
+    last_stage,
     no_equilibrium,
     not_stable,
     start_words,
@@ -69,7 +70,7 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         ["## Lost and broken cables", "", *_gone(cables)],
         ["## Slack cables", "", *_slack(cables, envelope)],
         ["## Reactions", "", *_reactions(tables["reactions.csv"])],
-        ["## Cutting list", "", *_cutting(tables["cutting_list.csv"], cutting)],
+        ["## Cutting list", "", *_cutting(f, tables["cutting_list.csv"], cutting)],
         ["## Shop list", "", *_shop(tables["shop_list.csv"])],
         ["## Tables", "", *_tables(f)],
     ]
@@ -304,9 +305,15 @@ def _reactions(table: dict) -> list[str]:
     return lines + as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
 
 
-def _cutting(table: dict, cutting: Cutting) -> list[str]:
-    load = "its mean tension in the form" if cutting.load is None else force(cutting.load)
-    return [
+def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
+    at = "after" if last_stage(f) else "in"
+    load = f"its mean tension {at} {start_words(f)}" if cutting.load is None else force(cutting.load)
+    drawn = [
+        "**Errors of length that were drawn (`length_deviation`) are in these lengths and in the shop list:",
+        "what is to be cut stands in the report of a run without them.**",
+        "",
+    ]
+    return drawn * ("deviation" in f) + [
         f"{len(table['cable'])} cables, {table['unstressed_length'].sum():.6g} m unstressed at the",
         f"temperature of form finding, {table['mass'].sum():.5g} kg. Measured at {cutting.temperature:+g} K",
         f"from that temperature, each cable under {load}.",

@@ -69,6 +69,8 @@ residual_real_material | | 1 | the same with the real modulus and unstressed len
 position | n, 3 | m | of the form
 tension | m | N | of the form
 unstressed_length | m | m | at the temperature of form finding
+held | n, 3 | 1 | 1: an axis that is held in it rigidly, 0: free
+reaction | n, 3 | N | on the foundation: pull of the elements and the load that the form carries, on held axes
 self_stress | k, m | 1 | with `method = "keep"`: forces of each state, the largest is 1
 target_change | k | m | with `[[target]]`: of each cable, a row for each target
 target_influence | k, k | N/m | of these (axis 1) on targets (axis 0); of heights m/m

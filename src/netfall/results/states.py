@@ -16,6 +16,7 @@ from netfall.results.datasets import ORDER
 from netfall.results.losses import broken_at, loss_rows, lost_at
 
 MOTION = "dynamics"  # the stage of an envelope
+FORM = "form_finding"  # the group of the form, which has all elements
 ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
 
 
@@ -126,8 +127,8 @@ def form_tension(f) -> np.ndarray:
 
 
 def absent(f, place: str = "") -> np.ndarray:
-    """(m,) bool, elements that are not in the net: in a stage of erection, else after the last of them."""
-    group = place if place.startswith("stages/") else last_stage(f)
+    """(m,) bool, elements that are not in the net: in a stage of erection, in the form none, else at last."""
+    group = "" if place == FORM else place if place.startswith("stages/") else last_stage(f)
     return f[f"{group}/active"][:] == 0 if group else np.zeros(len(f["net/elements"]), bool)
 
 
@@ -145,8 +146,10 @@ def equilibria(f) -> Iterator[ShownState]:
     x = form_position(f)
     found = "form_finding" in f
     if found or not last_stage(f):  # lengths of a net that was erected as given are not kept
-        name = "form" if found else "as given"
-        yield ShownState(name, lambda: form_tension(f), lambda: x, unloaded=True)
+        name, place = ("form", FORM) if found else ("as given", "")
+        there = found and "reaction" in f[FORM]  # not in results of earlier versions
+        reaction = (lambda: f[FORM]["reaction"][:]) if there else None
+        yield ShownState(name, lambda: form_tension(f), lambda: x, None, place, reaction, unloaded=not there)
     for name in state_groups(f):
         yield from states_of(f, name)
 
@@ -283,11 +286,11 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     A loss comes before the dynamic stage that it is part of: of equal tensions the loss governs.
     """
     m = len(f["net/elements"])
-    nan, whole = np.full(m, np.nan), np.zeros(m, bool)
+    nan = np.full(m, np.nan)
     rows, places = [], []
     for stage in equilibria(f):
         N = stage.tension()
-        rows.append((stage.name, N, N, nan, absent(f, stage.place) if stage.place else whole))
+        rows.append((stage.name, N, N, nan, absent(f, stage.place)))
         places.append(stage.place)
     out = absent(f)
     rows += [(name, high, low, nan, gone | out) for name, high, low, gone in loss_rows(f)]

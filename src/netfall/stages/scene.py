@@ -35,6 +35,7 @@ class BuildUp:
     base : the model in the form that was found; form : in which the erection began, None: there was none
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
     lines : to say; records : what checkpoints keep, by name; failure : why it ends there, None: it does not
+    left : largest residual and tension [N] under [load] where the last stage of erection ended
     """
 
     base: Model | None
@@ -45,6 +46,7 @@ class BuildUp:
     lines: Sequence[str] = ()
     records: Mapping[str, tuple[dict, dict[str, np.ndarray]]] = field(default_factory=dict)
     failure: DivergedError | None = None
+    left: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,7 @@ def _written(result: Result, state: State, folder: Path) -> list[str]:
         write_table(folder / f"{name}.csv", columns)
         told.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
     if state.is_form:
+        told += state.told_out("rows")
         told += job_again(result, state, folder, "faces" in tables, OWN)
         told.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
@@ -92,9 +93,10 @@ def _in_motion(state: State) -> dict[str, dict]:
 
 def _of_the_net(result: Result, state: State) -> dict[str, dict]:
     """The tables of the net in its form."""
+    there, elements = ~state.out(), _ends(state) | _element_columns(result, state)
     tables = {
         "nodes": _places(state) | _node_columns(result),
-        "elements": _ends(state) | _element_columns(result, state),
+        "elements": {name: values[there] for name, values in elements.items()},
     }
     faces = _faces(result, state)
     return tables | ({"faces": faces} if len(faces["face"]) else {})
@@ -158,7 +160,8 @@ def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
     """Kinds, lengths, pieces of cable, sections and strengths; these as they were before they were drawn."""
     net, m = result.file["net"], len(state.ends)
     of = lambda name: _recorded(result, name, m)
-    factor = net["strength"][:] if "strength" in net else np.ones(m)
+    drawn = "strength" in net and not state.out().any()  # else pieces of cable have other numbers
+    factor = net["strength"][:] if drawn else np.ones(m)
     found = {"group": state.group, "kind": np.where(net["bar"][:].astype(bool), "bar", "cable")}
     found["unstressed_length"] = state.unstressed_length
     found["cable"] = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]

@@ -59,11 +59,15 @@ close $out
 def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     """Write the model, which starts from the form. Raises InputError for supports that it cannot hold."""
     _check_guides(result, state, path)
-    what, x, tension, free = _equilibrium(result, state)
-    state = replace(state, position=form_of(result)[0])
+    what, x, *of_elements = _equilibrium(result, state)
+    there, told_out = ~state.out(), state.told_out("trusses")
+    of_elements += [result.elements["axial_stiffness"], result.elements["bar"].astype(bool)]
+    tension, free, EA, bar = (values[there] for values in of_elements)
+    ends, ids = state.ends[there], state.element_id[there]
+    state = replace(state, position=form_of(result)[0], ends=ends, element_id=ids)
     moved = np.where(state.fixed, x - state.position, 0.0)  # supports that settle
-    EA, bar, reached = result.elements["axial_stiffness"], result.elements["bar"], lengths(x, state.ends)
-    linear = elastic_forces(reached, free, EA, bar.astype(bool), strain="engineering")
+    reached = lengths(x, state.ends)
+    linear = elastic_forces(reached, free, EA, bar, strain="engineering")
     other = np.abs(linear - tension) > SAME * np.abs(tension).max()
     free = np.where(other, unstressed_length(reached, tension, EA, strain="engineering"), free)
     springs = springs_of(result.file)
@@ -72,7 +76,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
     names["foot"] = first_foot(state)
     head = HEAD.format(title=" ".join(result.title.split()), what=what, source=result.path.name, **names)
-    parts = [head, _nodes(state, moved), _elements(result, state, free), _springs(state, springs)]
+    parts = [head, _nodes(state, moved), _elements(state, free, EA, bar), _springs(state, springs)]
     parts.append(_loads(state, load, moved))
     with whole(path) as place:
         place.write_text(
@@ -80,7 +84,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
         )
     counts = f"{len(x)} nodes, {len(free)} trusses, {int(load.any(1).sum())} nodes with loads"
     sprung = f", {len(springs.nodes)} on springs" if len(springs.nodes) else ""
-    told = [f"{path}: {what}; {counts}{sprung}"]
+    told = [f"{path}: {what}; {counts}{sprung}", *told_out]
     if other.any():
         told.append(
             f"note: {int(other.sum())} elements are not linear elastic there (they yielded or slipped, the "
@@ -145,11 +149,11 @@ def _nodes(state: State, moved: np.ndarray) -> str:
     return "".join(lines)
 
 
-def _elements(result: Result, state: State, free: np.ndarray) -> str:
+def _elements(state: State, free: np.ndarray, EA: np.ndarray, bar: np.ndarray) -> str:
     """Two materials for each truss, of the area 1 m2: its stiffness, and the strain it has in the form."""
     length = lengths(state.position, state.ends)
-    modulus = result.elements["axial_stiffness"] * length / free
-    in_compression = np.where(result.elements["bar"].astype(bool), modulus, 0.0)
+    modulus = EA * length / free
+    in_compression = np.where(bar, modulus, 0.0)
     columns = (state.element_id, state.node_id[state.ends], modulus, in_compression, (length - free) / length)
     lines = []
     for k, (tag, (a, b), E, E_c, strain) in enumerate(zip(*(c.tolist() for c in columns), strict=True)):

@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.numerics.functions import log
 from netfall.numerics.normal import cdf
-from netfall.plots.canvas import SMALL, charts, heading
+from netfall.plots.canvas import SMALL, charts, heading, legend_below
 from netfall.study.answers.hazard import TARGETS
 from netfall.study.answers.read import Study
 
@@ -21,6 +21,7 @@ def hazard(study: Study):
     left, right = panels[0]
     _curves(left, h, g, rows)
     _probabilities(right, h, rows)
+    legend_below(figure, left)
     heading(figure, study.title, f": probability of failure in a year (exposure {study.exposure})")
     return figure
 
@@ -33,7 +34,6 @@ def _curves(axes, h, g, rows: np.ndarray) -> None:
     axes.set_ylim(LEAST, 1.5)
     axes.set_xlabel("mean wind speed [m/s]")
     axes.set_ylabel("probability [-]; colours as on the right")
-    axes.legend(fontsize=SMALL, loc="center left")
     axes.set_title(f"hazard: {h['distribution']}")
 
 
