@@ -20,7 +20,7 @@ from PIL import Image
 
 from netfall.exchange.export import Wanted, export
 from netfall.ground.errors import InputError
-from netfall.plots.canvas import VIEWS, charts, heading
+from netfall.plots.canvas import VIEWS, charts, heading, save
 from netfall.plots.collapse import collapse, stage_steps
 from netfall.plots.film import Shot, animate, format_of
 from netfall.plots.force import ForceScale, edge_of
@@ -691,3 +691,14 @@ def test_a_title_stays_within_a_narrow_picture(width):
     box = figure._suptitle.get_window_extent(figure.canvas.get_renderer())
     assert box.x0 >= 0.0 and box.x1 <= width * figure.dpi
     plt.close(figure)
+
+
+def test_dollars_in_names_are_no_formulas(tmp_path):
+    """A title that is none of matplotlib's formulas is drawn as it stands; powers of ten have no dollars."""
+    figure, ((axes,),) = charts(1, 1, 6, 4)
+    axes.semilogy([1, 2, 3], [1e-8, 1e-5, 1.0])
+    heading(figure, r"Roof of 5 M$ \nowhere 7 M$", ": errors")
+    save(figure, tmp_path / "a.png")
+    assert figure._suptitle.get_text() == r"Roof of 5 M$ \nowhere 7 M$: errors"
+    labels = [label.get_text() for label in axes.get_yticklabels()]
+    assert "1e\N{MINUS SIGN}05" in labels and not any("$" in label for label in labels)

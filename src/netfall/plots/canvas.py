@@ -7,7 +7,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import LogFormatter, LogFormatterMathtext, NullLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from netfall.write.locks import whole
@@ -20,6 +20,7 @@ CYCLE = (  # of lines and groups, which the colour-blind tell apart too: Petroff
 SMALL = 8  # points: legends, ticks, notes in a picture
 STYLE = {
     "savefig.dpi": 130,
+    "text.parse_math": False,  # names may have dollars, which are no formulas
     "figure.titlesize": 11,
     "axes.titlesize": 9,
     "axes.labelsize": 9,
@@ -51,6 +52,12 @@ FLAT, THIN = 0.12, 0.04  # of the largest extent, up to which an axis has room f
 
 def save(figure, path: Path) -> Path:
     """Write a picture, whole or not at all, and close it; its path."""
+    for axes in figure.axes:  # powers of ten in plain numbers: matplotlib writes them as formulas
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
+                axis.set_major_formatter(LogFormatter())
+            if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
+                axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
     with whole(path) as place:
         figure.savefig(place)
     plt.close(figure)
