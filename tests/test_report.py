@@ -426,6 +426,22 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     assert (loaded / "cables.csv").read_text() == mine and not (loaded / "summary.md").exists()
 
 
+@pytest.mark.parametrize(
+    "option, value, told",
+    [
+        ("--measuring-load", "nan", "nan: expected a tension >= 0 in N"),
+        ("--measuring-load", "-5e3", "-5e3: expected a tension >= 0 in N"),
+        ("--temperature", "inf", "inf: expected a change of temperature from -273 to 1000 K"),
+        ("--deductions", "none.csv", "--deductions none.csv: no such file\n"),
+    ],
+)
+def test_how_cables_are_measured_is_a_number_or_a_table(loaded, option, value, told):
+    """What is neither is refused with what is expected; -20 K is a number."""
+    done = run_on_standing_ranks("report", "result.vtkhdf", option, value, cwd=loaded, code=2)
+    assert told in done.stderr
+    run_on_standing_ranks("report", "result.vtkhdf", "--temperature", "-20", cwd=loaded)
+
+
 def test_a_piece_of_several_sections_names_them_all(tmp_path):
     """Two straight halves of different types are one piece of cable: the cutting list has both, and the mass
     of each: 3 kg/m and 5 kg/m.

@@ -78,6 +78,8 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
     """The rows of a table of deductions, [mm] there. Raises InputError for what is wrong in it."""
     if path is None:
         return []
+    if not path.is_file():
+        raise InputError(f"--deductions {path}: no such file")
     table = Table(path, COLUMNS, ())
     pin, socket = (table.numbers(name, 0.0, low=0.0, unit="mm") / MM for name in COLUMNS[2:])
     words = {name: table.words(name) if name in table else [""] * len(table) for name in COLUMNS[:2]}

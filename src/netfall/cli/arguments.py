@@ -4,6 +4,8 @@ import argparse
 import os
 from pathlib import Path
 
+TINY = 1e-300  # what is > 0
+
 
 def file(text: str) -> Path:
     """The path of a file to write."""
@@ -36,16 +38,26 @@ def words(text: str) -> list[str]:
 
 def length(text: str) -> float:
     """Metres > 0."""
-    return _positive(text, "a length > 0 in m")
+    return _between(text, TINY, 1e3, "a length > 0 in m")
 
 
-def _positive(text: str, what: str) -> float:
-    """A number > 0; what : it is, in words"""
+def tension(text: str) -> float:
+    """Newtons >= 0."""
+    return _between(text, 0.0, 1e12, "a tension >= 0 in N")
+
+
+def warming(text: str) -> float:
+    """Kelvins, as `[load] temperature`."""
+    return _between(text, -273.0, 1e3, "a change of temperature from -273 to 1000 K")
+
+
+def _between(text: str, low: float, high: float, what: str) -> float:
+    """A number; what : it is, in words"""
     try:
         value = float(text)
     except ValueError:
-        value = 0.0
-    if not 0.0 < value < 1e3:
+        value = float("nan")
+    if not low <= value <= high:
         raise argparse.ArgumentTypeError(f"{text}: expected {what}")
     return value
 
@@ -84,7 +96,7 @@ def size(text: str) -> tuple[int, int]:
 
 def factor(text: str) -> float:
     """A number > 0."""
-    return _positive(text, "a number > 0")
+    return _between(text, TINY, 1e3, "a number > 0")
 
 
 def duration(text: str) -> float:
