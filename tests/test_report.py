@@ -430,7 +430,7 @@ def test_the_command_writes_beside_the_result_and_spares_what_is_not_its_own(loa
     "option, value, told",
     [
         ("--measuring-load", "nan", "nan: expected a tension >= 0 in N"),
-        ("--measuring-load", "-5e3", "-5e3: expected a tension >= 0 in N"),
+        ("--measuring-load", "-5000", "-5000: expected a tension >= 0 in N"),
         ("--temperature", "inf", "inf: expected a change of temperature from -273 to 1000 K"),
         ("--deductions", "none.csv", "--deductions none.csv: no such file\n"),
     ],
