@@ -276,16 +276,17 @@ class Finder:
         if not self._is_mixed():
             raise NoConvergence("there is more than cables, or the net is small")
         self.goal, mixed = MIXED, Mixed(newton, self.state, stop)
+        limited = watch if self.has_limit_load() else None
         for size in NEAR:
             try:
-                near = mixed.narrow(size, tolerance)
+                near = mixed.narrow(size, tolerance, limited)
                 there = watch() if watch else UNSTRAINED
                 if there.most > SURELY:  # no more is to be known of it
                     raise GivesWay(0.0, 1.0, there)
             except NoConvergence:
                 if max(mixed.missing) <= ROUNDED * tolerance:
                     break
-                if watch and self.has_limit_load():
+                if limited:
                     raise GivesWay(0.0, 1.0, UNDECIDED) from None
                 raise
             if size == 0.0 or max(mixed.missing) <= tolerance:

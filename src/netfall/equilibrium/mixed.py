@@ -18,7 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
+from netfall.equilibrium.increments import Watch
 from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, still_missing
+from netfall.equilibrium.overload import UNDECIDED, GivesWay
 from netfall.equilibrium.relaxation import RunsAway
 from netfall.equilibrium.work import Work
 from netfall.ground.compile import kernel, part_of_kernel
@@ -45,6 +47,7 @@ BEYOND = 1.5  # times so far are the others taken
 KEPT = 0.03  # of what would reach zero
 LEAST = 1e-12  # of that energy: the last gap
 LEFT = 0.02  # of the residual, that a correction leaves
+TOO_FAR = 5.0  # times what gives way, where the gap is made smaller again: a load is followed no farther
 
 
 class Cables(NamedTuple):
@@ -103,15 +106,21 @@ class Mixed:
         self.gap, self.steps, self.size, self.missing = AGAIN * self.energy, 0, np.inf, (np.inf, np.inf)
         begin_tensions(self.cables, self.state.elements_now().L, self.gap, self.now)
 
-    def narrow(self, size: float, tolerance: float) -> StartPoint:
+    def narrow(self, size: float, tolerance: float, watch: Watch | None = None) -> StartPoint:
         """Move the net until a step is so small, or what is missing. Collective.
 
-        Raises NoConvergence, Stopped, RunsAway.
+        watch() : how near it is to giving way, None: it may
+
+        Raises NoConvergence, Stopped, RunsAway; GivesWay, of nothing decided, where it is far beyond that.
         """
+        first = self.gap
         while self.size > size and max(self.missing) > tolerance:
             if self.steps >= MOST_STEPS:
                 raise NoConvergence(f"{MOST_STEPS} steps were not enough")
+            gap = self.gap
             self.step()
+            if watch and self.gap < gap < first and watch().most > TOO_FAR:  # first steps go too far
+                raise GivesWay(0.0, 1.0, UNDECIDED)
         return StartPoint(self.gradients, self.size)
 
     def off(self) -> float:

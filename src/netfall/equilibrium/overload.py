@@ -15,7 +15,6 @@ from netfall.mechanics.elements import nodal_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import keep_on_guides
 from netfall.numerics.functions import lengths
-from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 
@@ -125,10 +124,12 @@ def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: b
     if reason == RUNS_AWAY:
         strain = yield_strains(state)
         least = WITH_IT * comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
-    over = strain > (least if reason else np.inf)
-    pairs = zip((-np.round(strain[over], 3)).tolist(), distribution.subdomain.element_gid[over].tolist())
-    found = all_of(comm, list(pairs))  # what is strained alike: by number
-    return Strained(max(most, away), tuple(element for _, element in found), reason)
+    subdomain = distribution.subdomain
+    over = (strain > (least if reason else np.inf)) & subdomain.element_owned
+    parts = comm.allgather((np.round(strain[over], 3), subdomain.element_gid[over]))
+    by, element = (np.concatenate(each) for each in zip(*parts))
+    order = np.lexsort((element, -by))  # what is strained alike: by number
+    return Strained(max(most, away), tuple(element[order].tolist()), reason)
 
 
 def largest_share(
