@@ -47,6 +47,8 @@ def partition(arguments) -> None:
         raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
     job = read_job(arguments.job, arguments.overrides)
     net = build_net(job)
+    if arguments.parts > net.n:
+        raise InputError(f"-n {arguments.parts}: expected at most as many parts as particles, {net.n}")
     part = p.metis_partition(net.n, net.elements, arguments.parts)
     with whole_folder(p.FOLDER) as folder:
         p.write_partition(folder, job.name, net.elements, part, arguments.parts)

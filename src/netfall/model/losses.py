@@ -79,7 +79,7 @@ def shaken_notes(job: Job, varies: bool) -> list[str]:
     if job.removes and varies:
         notes.append(
             f"[[remove]]: gusts blow on after a loss, {both}; those of the loss alone come in the mean wind "
-            "([wind] turbulence = 0)"
+            "([wind] turbulence = 0, or a table that stays at its mean)"
         )
     if job.removes and job.wind and job.wind.onset == "sudden":
         notes.append(f'[[remove]]: the wind came at once, {both} (onset = "static": it does not)')

@@ -246,15 +246,15 @@ def _losses(study: Study, say) -> None:
     if np.any(study.members.get("gusts", 0)):
         say(
             "  note: gusts blow on after a loss, so dynamic factors are of both; those of the loss alone "
-            "come in the mean wind ([wind] turbulence = 0)"
+            "come in the mean wind ([wind] turbulence = 0, or a table that stays at its mean)"
         )
     pair = one_draw(study, losses)
     if pair:
         first, other = (f"{losses.broken[k]:.0f} elements (loss of {losses.name[k]})" for k in pair)
         say(
             f"  note: symmetric losses differ: after one {first} break, after the other {other}. All of them "
-            "have one draw of gusts, which does not blow on both alike; more seeds ([vary] wind.seed) tell "
-            "what is the loss's own"
+            "have one draw of gusts, or one table, which does not blow on both alike; more of them ([vary] "
+            "wind.seed, or other tables) tell what is the loss's own"
         )
 
 
