@@ -274,13 +274,24 @@ def test_the_run_ends_at_its_duration_whatever_the_history(history, rows):
     """Rows at the first steps at or after the multiples of an odd interval, and one at 0.1 s, not beyond."""
     dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
     output = SimpleNamespace(history=history, frames=4, checkpoint=0.0)
-    soft, made = (make_schedule(limit, limit, dynamics, output) for limit in (1e9, 3e-4))
+    soft, made = (make_schedule(limit, limit, False, dynamics, output) for limit in (1e9, 3e-4))
     assert soft.steps * soft.dt == pytest.approx(0.1, rel=1e-12) and soft.dt <= history
     assert made.steps * made.dt == pytest.approx(0.1, rel=1e-12) and made.dt <= 0.8 * 3e-4
     times, multiples = made.history * made.dt, np.append(np.arange(rows - 1) * history, 0.1)
     assert made.history[-1] == made.steps and len(times) == rows
     late = times - multiples
     assert late.min() > -1e-9 * made.dt and late.max() < made.dt and abs(late[-1]) < 1e-12
+
+
+@pytest.mark.parametrize("limit, breaks, stride", [(1e-3, False, 1), (1e-3, True, 3), (2e-4, True, 5)])
+def test_the_step_where_elements_break(limit, breaks, stride):
+    """Fragments' own limit, and no more than a third of the long step, which is the same whatever breaks."""
+    dynamics = SimpleNamespace(time_step="auto", safety=0.8, duration=0.1)
+    made = make_schedule(
+        limit, 1e-3, breaks, dynamics, SimpleNamespace(history=0.01, frames=4, checkpoint=0.0)
+    )
+    assert made.stride == stride and made.long_dt == pytest.approx(0.01 / 13)
+    assert made.dt <= 0.8 * limit and made.dt / 0.8 <= made.stable_dt <= limit
 
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.5])

@@ -180,7 +180,7 @@ def test_tutorial_gives_what_it_tells(workshop):
         z = swing["history/probe_displacement"][:, 0, 2]
         assert z.min() == pytest.approx(-0.05629, abs=5e-6)
         assert swing["history/time"][z[:30].argmin()] == pytest.approx(0.17, abs=1e-9)
-    for safety, time in ((0.8, 0.1217), (0.02, 0.1205)):
+    for safety, time in ((0.8, 0.1211), (0.02, 0.1205)):
         options = ("--set", "cable.fracture_strain=0.0017", "--set", f"dynamics.safety={safety}")
         with workshop.run(path, *sudden, *options) as broken:
             assert broken["events/time"][:2] == pytest.approx([time] * 2, abs=5e-5)

@@ -216,7 +216,7 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     )
     text = (
         CABLE + f"[cable.lower]\nfracture_strain = {limit}\n"
-        f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\n"
+        f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\ntime_step = 1e-3\n"
     )
     text += "[output]\nframes = 250\nhistory = 0.001\n"
     f = both_ways.run(both_ways.job(text, nodes, elements), ranks=2)
