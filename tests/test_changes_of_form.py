@@ -495,6 +495,22 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
     assert one_draw(study, losses_of(study)) is None
 
 
+def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
+    """A dot for the loss that was borne; the other one is told to have none, and why."""
+    from netfall.plots.study.losses import loss_chart
+
+    members = {
+        "removed": np.array(["1", "2"]),
+        "state": np.array(["finished"] * 2),
+        "roof_lost": np.zeros(2),
+        "broken": np.array([0, 3]),
+        "dynamic_factor_max": np.array([1.7, np.nan]),
+    }
+    left = loss_chart(SimpleNamespace(members=members, finished=np.ones(2, bool), title="")).axes[0]
+    assert left.lines[0].get_xdata().tolist() == [1.7] and "hollow" not in left.get_xlabel()
+    assert [text.get_text() for text in left.texts] == [" no factor: more broke"]
+
+
 # --- parts of the wind
 
 

@@ -48,17 +48,16 @@ def loss_chart(study: Study):
     size, ratios = (11, 1.8 + 0.19 * len(shown)), (3, 2)
     figure, ((left, right),) = charts(1, 2, *size, sharey=True, width_ratios=ratios)
     there = (y >= 0) & np.isfinite(factor)
-    more = study.members["broken"] > 0
-    left.plot(factor[there & ~more], y[there & ~more], "o", color="C0", ms=4, alpha=0.8)
-    left.plot(factor[there & more], y[there & more], "o", mfc="none", color="C0", ms=4, alpha=0.8)
+    left.plot(factor[there], y[there], "o", color="C0", ms=4, alpha=0.8)
     if _much(factor):
         left.set_xscale("log")
         left.xaxis.set_major_formatter("{x:g}")
     for row in np.flatnonzero(np.isnan(losses.dynamic_factor[shown])):
-        left.text(1.0, row, " no factor", va="center", fontsize=SMALL, color="0.5")
+        words = " no factor: more broke" if losses.broken[shown[row]] > 0 else " no factor"
+        left.text(1.0, row, words, va="center", fontsize=SMALL, color="0.5")
     left.axvline(1.0, color="0.6", lw=0.8)
     left.axvline(2.0, color="0.6", lw=0.8, ls=":")
-    left.set_xlabel("largest dynamic factor of each member [-]; hollow: more broke; dotted: 2")
+    left.set_xlabel("largest dynamic factor of each member in which no more broke [-]; dotted: 2")
     _draw_lost(right, losses, shown)
     left.set_yticks(np.arange(len(shown)), losses.name[shown])
     left.set_ylabel("what is lost")
