@@ -126,6 +126,8 @@ def test_the_stage_that_governs_and_slack_are_told(loaded):
     assert float(rows["e11"]["utilisation_en1993"]) == pytest.approx(N / 160e3, rel=1e-8)
     assert float(rows["e11"]["utilisation_asce19"]) == pytest.approx(2.2 * N / 240e3, rel=1e-8)
     assert rows["e11"]["case_max"] == rows["e13"]["slack_in"] == "statics, load factor 1"
+    page = (loaded / "report" / "summary.md").read_text()
+    assert "elements of cables without tension, state" in page  # of cases.csv; the page counts cables
     assert float(rows["e13"]["tension_max"]) == pytest.approx(80e3) and rows["e13"]["case_max"] == "as given"
     assert (
         rows["e13"]["utilisation_en1993"]

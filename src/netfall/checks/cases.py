@@ -12,7 +12,7 @@ NAN = np.nan
 def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     """A row for each case or combination and group of elements: extremes of forces [N], displacements [m].
 
-    slack : cables without tension; what has no equilibrium has its reason and no numbers
+    slack : elements of cables without tension; what has no equilibrium has its reason and no numbers
     """
     group, rows = groups_of(f), []
     of = {name: np.flatnonzero(group == name) for name in dict.fromkeys(group.tolist())}

@@ -100,7 +100,7 @@ HISTORY = (
     Column("external_work", "J", "", lambda now: now.energies.external),
     Column("identity_error", NONE, SHARE, _identity, share=True),
     Column("balance_error", NONE, SHARE, _balance, share=True),
-    Column("slack", NONE, "cables without tension", lambda now: now.slack, np.int64),
+    Column("slack", NONE, "elements of cables without tension", lambda now: now.slack, np.int64),
     Column("broken", NONE, "elements broken", lambda now: now.broken, np.int64),
 )
 

@@ -38,7 +38,7 @@ COLUMNS = {
     "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
     "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
     "cases.csv": "a row for each case or combination and group: smallest and largest force [N], largest "
-    "displacement [m], cables without tension, state, load factor that was reached, reason",
+    "displacement [m], elements of cables without tension, state, load factor that was reached, reason",
     "forces.csv": "elements by states: their force [N] in the form and in each case and stage",
     "displacements.csv": "nodes by states: their displacement [m] from {start} and its components",
     "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "

@@ -40,7 +40,7 @@ def equilibrium(many: str = "") -> str:
     return f"""
 slip | {f"{many}, k" if many else "k"} | m | with `[[slide]]`: of the places of /slide
 residual | {many} | N | largest residual force
-slack | {many} | 1 | cables without tension
+slack | {many} | 1 | elements of cables without tension
 iterations | {many} | 1 | of conjugate gradients, and of the relaxation where there was one
 displacement_error | {many} | 1 | estimated, as a share of the largest displacement from the start; nan: no
     estimate
