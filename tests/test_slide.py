@@ -7,6 +7,7 @@ from test_slipping import table
 
 from netfall.checks.slides import slide_columns
 from netfall.plots.utilisation import slips
+from netfall.report.page import _slides
 
 ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"
 MU = 0.1
@@ -216,3 +217,20 @@ def test_what_cannot_slip_is_refused(workshop, slide, message):
     """With exit code 2, a line that says what is expected, and no result."""
     done = workshop.run(workshop.job(*weight_on_a_ring(slide)), code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
+
+
+def test_the_most_used_saddle_in_motion_is_that_of_the_largest_difference():
+    """What holds it is not known then; of a stage with utilisations the largest of these counts."""
+    table = {
+        "stage": np.array(["dynamics"] * 3 + ["rest"] * 3),
+        "node": np.array([1, 2, 3] * 2),
+        "cable": np.array(["a"] * 6),
+        "difference": np.array([1e3, -5e3, 2e3, 9e3, 2e3, 1e3]),
+        "holds": np.array([np.nan] * 3 + [18e3, 2e3, 4e3]),
+        "utilisation": np.array([np.nan] * 3 + [0.5, 1.0, 0.25]),
+        "slip": np.zeros(6),
+    }
+    assert _slides(table)[-2:] == [
+        "| dynamics | node 2, cable a | 5 kN | not known |  | none |",
+        "| rest | node 2, cable a | 2 kN | 2 kN | 1.000 | none |",
+    ]

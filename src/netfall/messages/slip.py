@@ -56,11 +56,11 @@ def slip_lines(model: Model, time: np.ndarray, slide: dict[str, np.ndarray]) -> 
     passed, stopped = slide["slip"] - slide["slip"][0], slide["stopped"]
     row, place = np.unravel_index(np.argmax(np.abs(passed)), passed.shape)
     if passed[row, place] == 0.0:
-        return ["slip: none"]
+        return ["slip in motion: none"]
     slipped = int((passed != 0.0).any(0).sum())
     lines = [
-        f"slip: at {slipped} of {slides.count} places, at most {passed[row, place]:.4g} m, over node "
-        f"{net.node_id[slides.node[place]]} by t = {time[row]:.4g} s"
+        f"slip in motion: at {slipped} of {slides.count} places, at most {passed[row, place]:.4g} m, "
+        f"over node {net.node_id[slides.node[place]]} by t = {time[row]:.4g} s"
     ]
     element, rows = np.unique(np.concatenate([slides.before, slides.after]), return_inverse=True)
     change = np.zeros((len(element), len(time)))

@@ -190,10 +190,12 @@ def _slides(table: dict) -> list[str]:
     rows = []
     for stage in dict.fromkeys(table["stage"]):
         of = np.flatnonzero(table["stage"] == stage)
-        worst = of[np.argmax(np.nan_to_num(table["utilisation"][of], nan=-1.0))]
+        used, differs = np.nan_to_num(table["utilisation"][of], nan=-1.0), np.abs(table["difference"][of])
+        worst = of[np.lexsort((np.nan_to_num(differs), used))[-1]]
         slip = np.abs(np.nan_to_num(table["slip"][of]))
         place = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
-        numbers = [force(abs(table["difference"][worst])), force(table["holds"][worst])]
+        holds = table["holds"][worst]  # of a saddle in motion by tensions that no row has
+        numbers = [force(abs(table["difference"][worst])), "not known" if np.isnan(holds) else force(holds)]
         rows.append([stage, place, *numbers, share(table["utilisation"][worst])])
         rows[-1].append(
             f"{int((slip > 0.0).sum())}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
