@@ -464,7 +464,20 @@ def test_clamps_are_open_and_closed_in_stages(workshop):
 TWO_CABLES = CABLES + "[load]\nsteps = 1\n" + "".join(PULL), NODES, TWO
 
 
-@pytest.mark.parametrize("net, looks", [(TWO_CABLES, 1), (TWO_CABLES, 12), (TWO_CABLES, 25), (drawn_in(), 6)])
+WITH_FORM = (  # whose pause is not in its form
+    CABLES
+    + "[form_finding]\n[load]\nself_weight = true\nsteps = 1\n"
+    + stage("a")
+    + stage("b", move="{2 = [0.1, 0, 0]}"),
+    NODES.replace(f"-{WEIGHT}", "0") + "4,4,0,-8,1,0\n",
+    "start,end,group,prestress\n1,3,left,1e4\n2,3,right,1e4\n3,4,stay,12e3\n",
+)
+
+
+@pytest.mark.parametrize(
+    "net, looks",
+    [(TWO_CABLES, 1), (TWO_CABLES, 12), (TWO_CABLES, 25), (drawn_in(), 6), (WITH_FORM, 4)],
+)
 def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, net, looks):
     """With the bits of one that was not; statics follow."""
     job = workshop.job(*net)

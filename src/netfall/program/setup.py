@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
-from netfall.form.initial import FORM, form_of, kept_form
+from netfall.form.initial import INITIAL, form_of, kept_form
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
 from netfall.ground.room import keep_freed
@@ -65,9 +65,9 @@ def prepare(
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
-    stage = comm.bcast(checkpoint and checkpoint.record["stage"])
+    found = comm.bcast(checkpoint and INITIAL in checkpoint.record["parts"])  # a stage came after the form
     with phases.phase("form finding"):
-        if stage not in (None, FORM):
+        if found:
             form, x, N = kept_form(comm, job, checkpoint)
         elif job.form_finding is not None:
             of_run = result, digest, restart, checkpoint, stop
