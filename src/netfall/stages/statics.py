@@ -161,10 +161,12 @@ def find_equilibria(
     scene.finder.report = desk.progress.doing
     for want in wanted[path.done :]:
         each = loaded(scene, want)
+        apart = each.kind in APART
+        if apart and base and not factors:  # there in a run that is taken up too; slips follow the tangent
+            put_back(state, base)
+            factors = scene.finder.factors()
         if each.from_permanent and base:
             put_back(state, base)
-        apart = each.kind in APART
-        factors = factors or (scene.finder.factors() if apart else None)
         scene.finder.serving = factors if apart else None
         set_net(state, each)
         guess = None
