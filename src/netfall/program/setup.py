@@ -12,7 +12,7 @@ from netfall.equilibrium.relaxation import state_residual
 from netfall.form.initial import INITIAL, form_of, kept_form
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
-from netfall.ground.room import keep_freed
+from netfall.ground.room import keep_freed, keep_program
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
@@ -60,6 +60,7 @@ def prepare(
     Interrupted if `stop` asks for it.
     """
     keep_freed()
+    keep_program()
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _split(comm, job, phases, memory)
     net = layout and layout.net
