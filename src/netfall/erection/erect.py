@@ -204,13 +204,16 @@ def reactions(model, held: np.ndarray, load: np.ndarray, x: np.ndarray, N: np.nd
     held : (n, 3) bool, rigidly; load : (n, 3) [N]; x : (n, 3) [m]; N : (m,) [N]
     """
     net, force = model.net, load.copy()
-    along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
-    pull = (N / lengths(along))[:, None] * along
-    np.add.at(force, net.elements[:, 0], pull)
-    np.subtract.at(force, net.elements[:, 1], pull)
+    held = held | (net.spring > 0)
+    there = held.any(1)[net.elements].any(1)  # of elements that meet none of them nobody asks
+    start, end = net.elements[there].T
+    along = x[end] - x[start]
+    pull = (N[there] / lengths(along))[:, None] * along
+    np.add.at(force, start, pull)
+    np.subtract.at(force, end, pull)
     if model.joints is not None:
         add_bending_forces(x, model.joints, force)
-    return on_held(net, held | (net.spring > 0), force)
+    return on_held(net, held, force)
 
 
 def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:

@@ -104,6 +104,8 @@ def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) ->
     So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m]
     and the load (n, 3) [N] that the form carries, None: none.
     """
+    if not net.spring.any():
+        return np.zeros((net.n, 3))
     pull = np.zeros((net.n, 3)) if load is None else load.copy()
     along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
     np.add.at(pull, net.elements[:, 0], along)
