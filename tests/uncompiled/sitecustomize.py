@@ -82,7 +82,7 @@ def rows_at_once(module):
     import numpy as np
 
     def product(a, b, out):
-        if a.size * b.shape[1] < 1e5:
+        if 0 < a.size * b.shape[1] < 1e5:
             out[:] = np.cumsum(a[:, :, None] * b, axis=1)[:, -1] + 0.0  # a sum that begins with 0
             return
         out[:] = 0.0
