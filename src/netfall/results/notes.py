@@ -85,7 +85,8 @@ AT_LIMIT = {  # attributes of an equilibrium: what it means for the elements tha
     "buckled": "at Euler's load: buckled, and a bar that is not quite straight carries less",
     "beyond_euler": "compressed beyond Euler's load, which buckles none without buckling = true",
     "yielding": "at the yield force",
-    "yielded": "yielded by its end",
+    "yielded": "yielded by its end; where many yield for long, their plastic strains may be off by some per "
+    "cent: compare with a run of a quarter of the step (a smaller [dynamics] safety or time_step)",
 }
 
 
