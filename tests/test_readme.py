@@ -158,7 +158,7 @@ def test_first_job_prints_what_the_readme_shows(workshop):
     shown = (ROOT / "README.md").read_text().split("The run prints")[1].split("```")[1].strip().splitlines()
     settled = [line for line in shown if line.startswith(("net", "statics", "dynamics"))]
     assert len(settled) == 3 and set(settled) <= set(done.stdout.splitlines()), done.stdout
-    onset = re.compile(r"the first at t = \d+\.\d\d\d")  # a step is 1.4 ms
+    onset = re.compile(r"the first at t = \d+\.\d\d\d")  # a step is 0.7 ms
     assert onset.search(done.stdout)[0] == onset.search("\n".join(shown))[0], done.stdout
 
 

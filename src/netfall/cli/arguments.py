@@ -41,11 +41,6 @@ def length(text: str) -> float:
     return _between(text, TINY, 1e3, "a length > 0 in m")
 
 
-def share(text: str) -> float:
-    """A share > 0 of something."""
-    return _between(text, TINY, 1e3, "a share > 0")
-
-
 def tension(text: str) -> float:
     """Newtons >= 0."""
     return _between(text, 0.0, 1e12, "a tension >= 0 in N")

@@ -66,7 +66,7 @@ job | file | JOB | job.toml | default: job.toml
     time)
 --reference | several | SECTION.KEY=VALUE | | setting of the reference (default: a tenth of the automatic
     step, or of the job's if that is shorter)
---tolerance | share | E | 0.05 | largest relative error of the setting that is recommended (default: 0.05)
+--tolerance | factor | E | 0.05 | largest relative error of the setting that is recommended (default: 0.05)
 --repeats | count | N | 2 | runs of each setting, of which the fastest counts (default: 2)
 --ranks | count | P | 1 | ranks of each run (default: 1)
 --launcher | str | COMMAND | | what starts the ranks (default: "mpirun -n {{ranks}}")

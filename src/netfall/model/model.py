@@ -151,7 +151,7 @@ def make_model(
     L = np.sqrt(np.sum((x[net.elements[:, 1]] - x[net.elements[:, 0]]) ** 2, axis=1))
     N, L0 = _unstressed(job, net, L, net.prestress if N is None else N)
     notes = check_start(job, net, N, L, L0)
-    here = key_of(job), x.tobytes()
+    here = (key_of(job), x.tobytes()) if memory.most else None  # a key holds the tables
     areas = memory.once("areas", here, lambda: _areas(layout, x))
     roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
     notes += bare_zones(layout.zones, roof.area) if asks.loads_the_roof(job) else []

@@ -54,12 +54,15 @@ class Energies:
 class Snapshot:
     """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
 
-    laid_room : the room by its address; enter : the way to what fills it, once its types are known
+    laid_room : the room by its address
+    observe, observe_particles : what fills it; enter : the way there, once its types are known
     """
 
     rows: np.ndarray
     room: Room
     laid_room: Laid
+    observe: Entry | None = None
+    observe_particles: Entry | None = None
     enter: Callable | None = None
 
     @property
@@ -128,7 +131,7 @@ def with_rows(array: np.ndarray | None) -> np.ndarray | None:
 
 
 def make_room(state: State) -> Snapshot:
-    """A snapshot that is yet to be taken, and of what."""
+    """A snapshot that is yet to look at a state of this size, and to be taken."""
     n, m, sprung = len(state.x), state.m, None
     if state.features.springs:
         sprung = np.empty(n)

@@ -90,9 +90,9 @@ class RowTable:
             state.places,
             particles.slip,
         )
-        self.take_row = Entry(take_row, 0, 0.0, True, given=(seen,))
         due = self.due, self.made, self.every, self.last, self.dt
-        return Rows(*due, self.snapshot.look_at(state), self.take_row)
+        taking = Entry(take_row, 0, 0.0, True, given=(seen,))
+        return Rows(*due, self.snapshot.look_at(state), taking)
 
     def is_due(self, number: int) -> bool:
         """Whether a row is due at a step that is not made yet."""
