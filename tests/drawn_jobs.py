@@ -417,9 +417,8 @@ def draw_zones(draw, net: DrawnNet, nodes: dict) -> tuple[list, list]:
         low, middle, high = net.points[:, :2].min(0), np.median(net.points[:, 0]), net.points[:, :2].max(0)
         corners = [(low[0] - 1, low[1] - 1), (middle, low[1] - 1), (middle, high[1] + 1)]
         corners.append((low[0] - 1, high[1] + 1))
-        entries.append({"name": "west", "polygon": [[float(a), float(b)] for a, b in corners]})
-        if chance(draw):
-            entries[0]["cut"] = True
+        polygon = [[float(a), float(b)] for a, b in corners]
+        entries.append({"name": "west", "polygon": polygon, "cut": chance(draw)})
     if "thick" in net.groups and chance(draw):
         entries.append({"name": "thick", "groups": ["thick"]})
     return entries, [entry["name"] for entry in entries] + names

@@ -16,7 +16,7 @@ def free_plate(kappa, step, damping=0.0, air=0.0):
     text = (
         BARE
         + STEADY
-        + f"shape_coefficient = 0.0\nair_damping = {kappa}\n[load]\nair_mass = {air}\n"
+        + f"shape_coefficient = 0.0\nair_damping = {kappa}\n[load]\nself_weight = false\nair_mass = {air}\n"
         + f"[dynamics]\nduration = 1.0\ntime_step = {step}\ndamping = {damping}\n"
         + f"[output]\nhistory = {step}\nprobes = [2]\n"
     )
@@ -128,7 +128,7 @@ def test_a_plate_on_a_spring_has_the_decrement_of_the_air(workshop):
 
 def test_air_that_moves_along_lengthens_the_period_of_a_known_mode(workshop):
     """30 kg/m2: the period times sqrt(1 + m_air / m) in /modes, and in the motion; its weight is nothing."""
-    text, nodes, elements = hanging_plate("[load]\nair_mass = 30.0")
+    text, nodes, elements = hanging_plate("[load]\nself_weight = false\nair_mass = 30.0")
     f = workshop.run(workshop.job(text, nodes, elements), output="with.vtkhdf")
     bare = workshop.run(workshop.job(text.replace("air_mass = 30.0", ""), nodes, elements))
     own = 1000.0 + HALF_CABLE

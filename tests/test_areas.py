@@ -27,7 +27,7 @@ from netfall.roof.rings import traced_rings
 from netfall.roof.shares import shares_of
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
-PRESSED = SOFT + "[load]\npressure = [0.0, 0.0, -10.0]\n"
+PRESSED = SOFT + "[load]\nself_weight = false\npressure = [0.0, 0.0, -10.0]\n"
 
 
 def net_of(xy, elements, group=None, z=0.0):
@@ -123,7 +123,7 @@ def test_areas_are_those_of_the_form_found(workshop):
 
     Inner nodes have 1.25 and 1 m2, so dead load of 8 N/m2 is 10 N at each.
     """
-    job = workshop.job(FOUND + "[load]\ndead = 8.0\nsteps = 1\n", *tilted_tables())
+    job = workshop.job(FOUND + "[load]\nself_weight = false\ndead = 8.0\nsteps = 1\n", *tilted_tables())
     with workshop.run(job) as f:
         surface, plan = f["net/tributary_area"][:], f["net/plan_area"][:]
         inner = f["net/fixed"][:, 0] == 0
@@ -143,7 +143,9 @@ def test_areas_are_those_of_the_form_found(workshop):
 def test_pressure_acts_on_the_surface(workshop, pressure):
     """8 N/m2 against the normal (-0.6, 0, 0.8) of the plane, as a number or a vector: 10 N at each node."""
     with workshop.run(
-        workshop.job(FOUND + f"[load]\npressure = {pressure}\nsteps = 1\n", *tilted_tables())
+        workshop.job(
+            FOUND + f"[load]\nself_weight = false\npressure = {pressure}\nsteps = 1\n", *tilted_tables()
+        )
     ) as f:
         x = f["form_finding/position"][:] + f["statics/displacement"][-1]
         tension, ends = f["statics/tension"][-1], f["net/elements"][:]
@@ -182,7 +184,7 @@ def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
 
     The wind of 20 m/s, of 250 N/m2, 4 kN up, and a suction at taps likewise.
     """
-    text = SOFT + "[load]\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
+    text = SOFT + "[load]\nself_weight = false\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
     wind = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\nprofile_exponent = 0.0\n"
     job = read_job(workshop.job(text + wind, *dome_tables(rise)))
     layout = make_layout(job, 1)
@@ -223,7 +225,7 @@ def test_vector_areas_of_the_table_are_taken_as_given(workshop):
 
 def test_the_result_holds_vector_areas(workshop):
     """They sum to the outline, also in Python; dead load keeps the surface."""
-    text = SOFT + "[load]\ndead = 8.0\npressure = 10.0\nsteps = 1\n"
+    text = SOFT + "[load]\nself_weight = false\ndead = 8.0\npressure = 10.0\nsteps = 1\n"
     with workshop.run(workshop.job(text, *dome_tables(0.1))) as f:
         vector, surface = f["net/vector_area"][:], f["net/tributary_area"][:]
     assert vector.shape == (25, 3) and vector.sum(0) == pytest.approx([0, 0, 16.0], abs=1e-13)
@@ -343,7 +345,7 @@ def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
     given = (
         rows[0] + ",area,normal_x,normal_y,normal_z\n" + "".join(f"{row},2,0.3,0,0.4\n" for row in rows[1:])
     )
-    text = SOFT + "[load]\npressure = 5.0\n"
+    text = SOFT + "[load]\nself_weight = false\npressure = 5.0\n"
     net, roof, area = roof_from(workshop, text, given, elements)
     assert np.allclose(area, 1.6)  # in plan: 2 m2 of surface on a slope of 3/4
     assert np.allclose(normals(net, roof.given.vector), [0.6, 0, 0.8])
@@ -368,10 +370,10 @@ def test_nodes_without_area_are_named(workshop):
 @pytest.mark.parametrize(
     "load, sign",
     [
-        ("[load]\npressure = 10.0\nsteps = 1\n", -1),
-        ("[load]\npressure = -10.0\nsteps = 1\n", 1),
-        ("[load]\npressure = [0.0, 0.0, 10.0]\nsteps = 1\n", 1),
-        ("[load]\ndead = 10.0\nsteps = 1\n", -1),
+        ("[load]\nself_weight = false\npressure = 10.0\nsteps = 1\n", -1),
+        ("[load]\nself_weight = false\npressure = -10.0\nsteps = 1\n", 1),
+        ("[load]\nself_weight = false\npressure = [0.0, 0.0, 10.0]\nsteps = 1\n", 1),
+        ("[load]\nself_weight = false\ndead = 10.0\nsteps = 1\n", -1),
     ],
 )
 def test_a_positive_pressure_presses_on_the_roof(workshop, load, sign):
@@ -752,7 +754,7 @@ RINGS = "id,x,y,z,fixed\n" + "".join(
     for k, (x, y) in enumerate([(0, 0), (6, 0), (6, 6), (0, 6), (2, 2), (4, 2), (4, 4), (2, 4)], 1)
 )
 TWO_RINGS = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n6,7\n7,8\n8,5\n"
-LOADED = SOFT + "[load]\npressure = 100\nsteps = 1\n"
+LOADED = SOFT + "[load]\nself_weight = false\npressure = 100\nsteps = 1\n"
 
 
 def areas_of(workshop, elements, *arguments) -> np.ndarray:

@@ -241,7 +241,9 @@ def tip(workshop, n, P):
     places = np.array([[-1e-4 / n, 0.0], *[[k / n, 0.0] for k in range(n + 1)]])
     held = np.arange(n + 2)[:, None] < [2, 2]
     load = np.where(np.arange(n + 2) == n + 1, float(P), 0.0)
-    job = chain_job(workshop, places, held, load, STIFF, "[load]\nsteps = 2\ntolerance = 1e-9\n")
+    job = chain_job(
+        workshop, places, held, load, STIFF, "[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-9\n"
+    )
     with workshop.run(job) as f:
         d, moment = f["statics/displacement"][-1, -1], f["statics/bending_moment"][-1]
         reaction = f["statics/reaction"][-1].sum(0)
@@ -267,7 +269,7 @@ def toggle(workshop, n):
     places = np.concatenate([[places[0] - stubs[0]], places, [places[-1] - stubs[1]]])
     clamped = np.isin(np.arange(2 * n + 3), (0, 1, 2 * n + 1, 2 * n + 2))
     held = np.column_stack([clamped, clamped | (np.arange(2 * n + 3) == n + 1)])
-    more = "[load]\ntolerance = 1e-9\n"
+    more = "[load]\nself_weight = false\ntolerance = 1e-9\n"
     sunk = (0.22, 0.23, 0.24)
     for v in sunk:
         more += f'[[case]]\nname = "{v}"\nsettlement = {{{n + 1} = [0.0, 0.0, {-v}]}}\n'
@@ -291,7 +293,7 @@ def hinged(workshop, share):
     held[0], held[-1, 0] = True, True
     P = share * 4.0 * n * n * np.sin(np.pi / 2.0 / n) ** 2  # of hinges with springs EI / l
     load = np.where(np.arange(n + 1) == n, P, 0.0)
-    return chain_job(workshop, places, held, load, STIFF, "[load]\nsteps = 1\n")
+    return chain_job(workshop, places, held, load, STIFF, "[load]\nself_weight = false\nsteps = 1\n")
 
 
 def test_the_search_for_buckling_knows_of_bending(workshop):
@@ -411,7 +413,9 @@ def test_a_section_that_is_held_is_told(workshop):
     ]
     nodes = "id,x,y,z,fixed,load_z\n" + "".join(rows)
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(6))
-    job = workshop.job("[cable]\n" + BAR.format(*STIFF) + "[load]\nsteps = 1\n", nodes, elements)
+    job = workshop.job(
+        "[cable]\n" + BAR.format(*STIFF) + "[load]\nself_weight = false\nsteps = 1\n", nodes, elements
+    )
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "arc.vtkhdf", cwd=workshop.folder)
     assert "is held against tilting by" in done.stdout
 

@@ -194,6 +194,7 @@ area = 1e-4
 density = 4000.0
 prestress = 2000.0
 [load]
+self_weight = false
 tolerance = 1e-11
 [dynamics]
 duration = {duration}
@@ -245,6 +246,7 @@ PANELS = """
 [cable.weak]
 fracture_strain = 2e-4
 [load]
+self_weight = false
 dead = 50.0
 pressure = [3.0, -2.0, 90.0]
 [wind]
@@ -309,7 +311,10 @@ def test_a_panel_takes_its_pressure_along(workshop):
 @of_own_scene
 def test_what_has_yielded_at_rest_yields_no_more(workshop):
     """Dead load beyond yield, found at rest, then most of it lifted: the sag that plastic strain leaves."""
-    text = CABLE + "yield_stress = 2e7\n[load]\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
+    text = (
+        CABLE
+        + "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
+    )
     text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory = 0.01\n"
     job = workshop.job(text, nodes(), ELEMENTS)
     run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
@@ -402,7 +407,7 @@ def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
     """Two equal cases around one under which the cables yield: equal results, to the bit."""
     text = (
         CABLE
-        + "yield_stress = 2e7\n[load]\ndead = 50.0\ntolerance = 1e-9\n"
+        + "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 50.0\ntolerance = 1e-9\n"
         + "".join(
             f'[[case]]\nname = "{name}"\nset = {{"load.snow" = {snow}}}\n'
             for name, snow in (("first", 60.0), ("heavy", 400.0), ("again", 60.0))

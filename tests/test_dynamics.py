@@ -211,7 +211,8 @@ def test_run_that_diverges_is_stopped(workshop, ranks):
     """
     nodes = "id,x,y,z,fixed,area\n1,0,0,0,1,0\n2,0,0,-10,0,1\n3,5,5,-10,1,0\n"
     job = workshop.job(
-        ELASTIC + "[load]\npressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n",
+        ELASTIC + "[load]\nself_weight = false\n"
+        "pressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n",
         nodes,
         "start,end\n1,2\n2,3\n",
     )
@@ -357,7 +358,7 @@ def test_pressure_grows_over_a_ramp(workshop, beside):
     """A weight on a bar under a force that grows over 0.3 s: Duhamel's integral, with wind beside it too."""
     job = workshop.job(
         '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
-        "[load]\npressure = [1000.0, 0.0, 0.0]\nramp = 0.3\n"
+        "[load]\nself_weight = false\npressure = [1000.0, 0.0, 0.0]\nramp = 0.3\n"
         "[dynamics]\nduration = 0.8\ntime_step = 1e-4\n[output]\nprobes = [[1.0, 0.0]]\nframes = 1\n",
         nodes="id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n"
         "1,0,0,0,1,1,1,0,0,0,0,1\n2,1,0,0,0,1,1,100,1,0,0,1\n",

@@ -156,6 +156,7 @@ prestress = 10e3
 [cable.strut]
 kind = "bar"
 [load]
+self_weight = false
 steps = 1
 """
 
@@ -238,6 +239,7 @@ density = 7850.0
 strain = "{strain}"
 {yields}
 [load]
+self_weight = false
 steps = 1
 """
 SUPPORTS, SIDE, EA_HUNG, YIELD = 10.0, 12.0, 2e8, 1e6

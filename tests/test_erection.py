@@ -150,7 +150,13 @@ def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
 
 def test_statics_go_on_from_the_last_stage(workshop):
     """Geometry, lengths and supports are its own, and displacements count from it."""
-    text = CABLES + "[load]\nsteps = 1\n" + PULL[0] + stage("held", hold="[3]") + stage("free", release="[3]")
+    text = (
+        CABLES
+        + "[load]\nself_weight = false\nsteps = 1\n"
+        + PULL[0]
+        + stage("held", hold="[3]")
+        + stage("free", release="[3]")
+    )
     with workshop.run(workshop.job(text, NODES, TWO)) as f:
         assert np.abs(f["statics/displacement"][-1]).max() < FOUND * 5  # under the weight, as in the stages
         assert f["statics/tension"][-1] == pytest.approx(f["stages/free/tension"][:], rel=FOUND)
@@ -245,7 +251,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
     """As given a rope is 1 cm too short: no word of that. A stage at another temperature than [load]: what
     the warm rope, which is slack, leaves of the weight.
     """
-    text = CABLES + "[load]\ntemperature = WARM\n[dynamics]\nduration = 0.1\n"
+    text = CABLES + "[load]\nself_weight = false\ntemperature = WARM\n[dynamics]\nduration = 0.1\n"
     text += stage("cold", set='{"load.temperature" = 0.0}')
     told = []
     for warm in ("0.0", "1e3"):
@@ -267,7 +273,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         in run_on_standing_ranks("check", job).stdout
     )
     drawn = (
-        CABLES + "length_deviation = 1e-3\n[load]\nsteps = 1\n"
+        CABLES + "length_deviation = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
     )  # errors of length alone bring no equilibrium
     lines = run_on_standing_ranks(
         "check", workshop.job(drawn, NODES, TWO.replace("left,5", "left,4.9"))
@@ -424,7 +430,7 @@ def drawn_in():
     ]
     text = (
         "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 1.0\n"
-        + '[load]\nsteps = 1\n[[slide]]\ngroup = "rope"\nresistance = 3e5\n'
+        + '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\nresistance = 3e5\n'
     )
     return text + "".join(stages), nodes, elements
 
@@ -461,7 +467,7 @@ def test_clamps_are_open_and_closed_in_stages(workshop):
         assert_same_results(f, workshop.run(job, ranks=ranks, output=f"on{ranks}.vtkhdf"))
 
 
-TWO_CABLES = CABLES + "[load]\nsteps = 1\n" + "".join(PULL), NODES, TWO
+TWO_CABLES = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + "".join(PULL), NODES, TWO
 
 
 WITH_FORM = (  # whose pause is not in its form
@@ -501,7 +507,7 @@ def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, net, looks)
 )
 def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, words, factor, elements):
     """With the stages before it, the reason, the elements; exit code 3; nothing comes after it."""
-    text = CABLES + cable + f"[load]\nsteps = 1\n{load}" + stage("good", hold="[3]")
+    text = CABLES + cable + f"[load]\nself_weight = false\nsteps = 1\n{load}" + stage("good", hold="[3]")
     text += stage("bad", release="[3]", **keys) + stage("never")
     path = workshop.folder / "result.vtkhdf"
     done = run_on_standing_ranks("run", workshop.job(text, NODES, TWO), "-o", path, ranks=2, code=3)
@@ -600,7 +606,10 @@ STAYED = (  # a V of two cables, a stay below it, no load
 
 def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
     """In balance where the file says that it is; displacements count from there."""
-    text = CABLES + '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nsteps = 1\n'
+    text = (
+        CABLES
+        + '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nself_weight = false\nsteps = 1\n'
+    )
     with workshop.run(workshop.job(text, *STAYED)) as f:
         x, N = start_position(f), f["form_finding/tension"][:]
         assert N[2] == pytest.approx(2e4, rel=FOUND)
@@ -612,7 +621,10 @@ def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
 
 def test_targets_that_are_not_reached_leave_a_file(workshop):
     """With the nearest form, the reason; exit code 3; nothing comes after it."""
-    text = CABLES + '[[target]]\ngroup = "stay"\nforce = -10.0\nby = "right"\n[load]\nsteps = 1\n'
+    text = (
+        CABLES
+        + '[[target]]\ngroup = "stay"\nforce = -10.0\nby = "right"\n[load]\nself_weight = false\nsteps = 1\n'
+    )
     path = workshop.folder / "result.vtkhdf"
     done = run_on_standing_ranks("run", workshop.job(text + stage("s"), *STAYED), "-o", path, ranks=2, code=3)
     assert "not reached in" in done.stderr
@@ -666,7 +678,7 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
         + 'yield_stress = 2.2e7\nlength_deviation = 0.2\nlength_seed = 7\n[form_finding]\nmethod = "keep"\n'
     )
     path = workshop.folder / "result.vtkhdf"
-    job = workshop.job(text + "[load]\nsteps = 1\n" + stage("never"), *line_of_three())
+    job = workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n" + stage("never"), *line_of_three())
     done = run_on_standing_ranks("run", job, "-o", path, ranks=2, code=3)
     assert "errors of length: there is no equilibrium with them" in done.stderr
     with workshop.open() as f:

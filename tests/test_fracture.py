@@ -79,6 +79,7 @@ fracture_strain = 0.0404
 [form_finding]
 modulus_factor = 0
 [load]
+self_weight = false
 pressure = [0.0, 0.0, 12000.0]
 [dynamics]
 duration = {}

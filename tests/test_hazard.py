@@ -355,6 +355,7 @@ modulus = 1e9
 area = 1e-4
 density = 7850.0
 [load]
+self_weight = false
 dead = 200.0
 [wind]
 onset = "sudden"

@@ -59,6 +59,7 @@ groups = ["edge"]
 [[zone]]
 name = "drift"
 polygon = [[3.5, -1.0], [9.0, -1.0], [9.0, 2.0], [3.5, 2.0]]
+cut = false
 [load.zone.drift]
 snow = 900.0
 [wind]

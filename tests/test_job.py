@@ -26,6 +26,7 @@ density = 7850.0
 prestress = 100e3
 [form_finding]
 [load]
+self_weight = false
 [wind]
 speed = 30.0
 shape_coefficient = -1.0

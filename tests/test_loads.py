@@ -57,7 +57,8 @@ def test_snow_lies_on_the_plan_and_its_mass_moves(workshop):
     """On a slope of 3 in 4 (area given of the surface), 0.8 of it; the first acceleration is force / mass."""
     table = nodes().replace("4,0,0,1", "4,-0.6,0,0.8")
     job = workshop.job(
-        CABLE + "[load]\nsnow = 500.0\ndead = 100.0\n[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n",
+        CABLE + "[load]\nself_weight = false\n"
+        "snow = 500.0\ndead = 100.0\n[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n",
         table,
         ELEMENTS,
     )
@@ -74,7 +75,7 @@ def test_temperature_changes_the_unstressed_length(workshop, strain):
     """A cable between rigid supports, 20 kN found as its form, cooled by 30 K: L0 (1 - 30 alpha)."""
     job = workshop.job(
         CABLE + f'prestress = 20e3\nstrain = "{strain}"\nexpansion = 2e-5\n'
-        "[form_finding]\n[load]\ntemperature = -30.0\nsteps = 1\ntolerance = 1e-10\n",
+        "[form_finding]\n[load]\nself_weight = false\ntemperature = -30.0\nsteps = 1\ntolerance = 1e-10\n",
         nodes(),
         ELEMENTS.replace(",unstressed_length", "").replace("2,5", "2").replace("3,5", "3"),
     )
@@ -98,7 +99,8 @@ def sprung(k, load):
 def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(both_ways):
     """20 kN found with the node held; then 3 kN: u = F / (k + EA / L0), the cable gains EA u / L0."""
     job = both_ways.job(
-        CABLE + "prestress = 20e3\n[form_finding]\n[load]\nsteps = 1\ntolerance = 1e-10\n",
+        CABLE
+        + "prestress = 20e3\n[form_finding]\n[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-10\n",
         sprung(4e5, 3000.0),
         "start,end\n1,2\n",
     )
@@ -151,7 +153,7 @@ def test_a_stiff_support_is_in_the_step_limit(workshop):
 
 def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways):
     """Two cases beside load steps: each has its own equilibrium, the steps have theirs as without cases."""
-    base = CABLE + "[load]\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
+    base = CABLE + "[load]\nself_weight = false\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
     cases = '[[case]]\nname = "none"\nset = {"load.snow" = 0.0}\n[[case]]\nname = "lift"\n' + (
         'set = {"load.snow" = 0.0, "load.pressure" = -1000.0}\n'
     )
@@ -172,7 +174,10 @@ FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 def test_a_steady_wind_begins_at_rest_and_stays_there(both_ways):
     """Dead load and suction: the rest by hand, kept for 2 s; at once it would swing far beyond it."""
     text = (
-        CABLE + "[load]\ndead = 100.0\ntolerance = 1e-10\n" + WIND.format(k=0, more="") + MOVES.format(time=2)
+        CABLE
+        + "[load]\nself_weight = false\ndead = 100.0\ntolerance = 1e-10\n"
+        + WIND.format(k=0, more="")
+        + MOVES.format(time=2)
     )
     f = both_ways.run(both_ways.job(text, nodes(), ELEMENTS))
     lift = sag(FORCE - 400.0)
@@ -187,7 +192,12 @@ def test_a_steady_wind_begins_at_rest_and_stays_there(both_ways):
 
 def test_gusts_grow_in_by_half_a_cosine(both_ways):
     """Against the same seed at once: the mean, then (1 - cos(pi t / ramp)) / 2 of the gust, then all."""
-    text = CABLE + "[load]\ndead = 100.0\n" + WIND.format(k=0.005, more="{onset}") + MOVES.format(time=2)
+    text = (
+        CABLE
+        + "[load]\nself_weight = false\ndead = 100.0\n"
+        + WIND.format(k=0.005, more="{onset}")
+        + MOVES.format(time=2)
+    )
     speed = {}
     for onset in ('onset = "static"\nramp = 1.0\n', 'onset = "sudden"\n'):
         f = both_ways.run(both_ways.job(text.replace("{onset}", onset), nodes(), ELEMENTS))
@@ -260,7 +270,8 @@ CROSS = (
 TORN = (
     "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\nyield_stress = 1e12\n"
     "[cable.weak]\nfracture_strain = 2e-4\n"
-    "[load]\ndead = 50.0\n[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
+    "[load]\nself_weight = false\n"
+    "dead = 50.0\n[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
     'onset = "sudden"\nafter_fracture = "{}"\n[dynamics]\nduration = 20\ndamping = 1.0\nfragment_mass = 0\n'
     "[output]\nhistory = 0.5\n"
 )
@@ -296,7 +307,8 @@ def test_panels_take_their_energy_along_whatever_tears(both_ways):
     text = (
         '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
         "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
-        "[form_finding]\n[load]\ndead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence = 0.2\n"
+        "[form_finding]\n[load]\nself_weight = false\n"
+        "dead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence = 0.2\n"
         'shape_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
         "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
     )
@@ -357,7 +369,7 @@ def test_taps_far_outside_the_roof_are_told(workshop, x, told):
 def test_a_weight_without_mass_is_told_where_it_moves(workshop, mass, moves, told):
     """4905 N at a node are 500 kg; with its mass, or in statics alone, there is nothing to tell."""
     tables = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,-9,0\n2,0,0,-2,0,-4905,{mass}\n", "start,end\n1,2\n"
-    text = CABLE + ("[dynamics]\nduration = 1.0\n" if moves else "[load]\nsteps = 1\n")
+    text = CABLE + ("[dynamics]\nduration = 1.0\n" if moves else "[load]\nself_weight = false\nsteps = 1\n")
     found = [
         note for note in make_layout(read_job(workshop.job(text, *tables)), 1).notes if "without mass" in note
     ]
@@ -374,7 +386,7 @@ def test_a_weight_without_mass_is_told_where_it_moves(workshop, mass, moves, tol
 def test_a_mass_without_weight_is_told_where_elements_have_theirs(workshop, load, weight, told):
     """500 kg at a node weigh 4905 N, which self_weight does not give it; where nothing weighs, no word."""
     tables = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,7\n2,0,0,-2,0,{weight},500\n", "start,end\n1,2\n"
-    text = CABLE + f"[load]\n{load}\n[dynamics]\nduration = 1.0\n"
+    text = CABLE + f"[load]\nself_weight = false\n{load}\n[dynamics]\nduration = 1.0\n"
     notes = make_layout(read_job(workshop.job(text, *tables)), 1).notes
     found = [note for note in notes if note.startswith("column mass of node 2: 500 kg without weight")]
     assert len(found) == told and all("-4905 N in all" in note for note in found)
@@ -432,7 +444,8 @@ def test_wrong_pressures_are_refused(workshop, lines, message):
 STORM = (
     '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
     "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
-    "[form_finding]\n[load]\ndead = 200.0\nsnow = 100.0\nsteps = 2\ntemperature = -20.0\n"
+    "[form_finding]\n[load]\nself_weight = false\n"
+    "dead = 200.0\nsnow = 100.0\nsteps = 2\ntemperature = -20.0\n"
     '[[case]]\nname = "deep"\nset = {"load.snow" = 300.0}\n[[case]]\nname = "none"\nset = {"load.snow" = 0}\n'
     "[wind]\nspeed = 33.0\nturbulence = 0.3\nshape_coefficient = -1.5\nramp = 0.2\ndirection = 30.0\n"
     'after_fracture = "panels"\n[dynamics]\nduration = 0.6\n[output]\ncheckpoint = 0.31\nframes = 20\n'

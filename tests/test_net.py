@@ -89,7 +89,7 @@ def test_subdivision_keeps_lengths_masses_and_density_of_force():
     assert np.allclose(fine.force_density * fine.lengths(), np.repeat(net.force_density * net.lengths(), 4))
 
 
-TABLE_SADDLE = STEEL + "[load]\ndead = 100.0\n"
+TABLE_SADDLE = STEEL + "[load]\nself_weight = false\ndead = 100.0\n"
 
 
 def tables_of(net, closed):

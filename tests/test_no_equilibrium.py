@@ -32,6 +32,7 @@ density = 7850.0
 yield_stress = 1e9
 fracture_strain = 0.04
 [load]
+self_weight = false
 breaking = true
 steps = {steps}
 """

@@ -14,7 +14,7 @@ from netfall.results.result import Result
 SADDLE = '[net]\ngenerator = "saddle"\ncells = 4\n' + STEEL
 BREAKS = SADDLE + "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 FOUND = '[form_finding]\nmethod = "force_density"\n'
-LOADED = "[load]\nsnow = 300.0\n"
+LOADED = "[load]\nself_weight = false\nsnow = 300.0\n"
 SHORT = "[dynamics]\nduration = 0.02\n"
 WIND = '[wind]\nspeed = 20.0\nshape_coefficient = -1.0\nonset = "sudden"\nroughness = 0.0\n'
 LOST = "[[remove]]\nelements = [ELEMENT]\ntime = 0.005\n"
@@ -38,8 +38,8 @@ JOBS = {
         SADDLE + FOUND + LOADED + SHORT + LOST.replace("ELEMENT", "3") + LOST.replace("ELEMENT", "4"),
     ),
     "wind, nothing that breaks": (SADDLE + FOUND + WIND + SHORT,),
-    "all slack": (SADDLE + FOUND + "[load]\ntemperature = 300.0\nsteps = 1\n",),
-    "all slack, in motion": (SADDLE + FOUND + "[load]\ntemperature = 300.0\n" + SHORT,),
+    "all slack": (SADDLE + FOUND + "[load]\nself_weight = false\ntemperature = 300.0\nsteps = 1\n",),
+    "all slack, in motion": (SADDLE + FOUND + "[load]\nself_weight = false\ntemperature = 300.0\n" + SHORT,),
     "no tension anywhere": (SADDLE.replace("100e3", "0.0") + SHORT,),
     "all breaks": (
         BREAKS + FOUND + WIND.replace("20.0", "200.0").replace("-1.0", "-9.0") + SHORT.replace("0.02", "0.5"),

@@ -46,6 +46,7 @@ fracture_strain = 0.0404
 [form_finding]
 modulus_factor = 0
 [load]
+self_weight = false
 pressure = [0.0, 0.0, 200.0]
 steps = 3
 [wind]
@@ -335,7 +336,9 @@ def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
 @pytest.mark.plain
 def test_springs_are_no_supports_in_pictures(workshop):
     """A weight on two cables, held along x and y, and by a spring along z."""
-    with run_of_a_hung_weight(workshop, "spring_z", "3,0,0,0,1,1,0,-4e3,1e6", "[load]\nsteps = 1\n") as f:
+    with run_of_a_hung_weight(
+        workshop, "spring_z", "3,0,0,0,1,1,0,-4e3,1e6", "[load]\nself_weight = false\nsteps = 1\n"
+    ) as f:
         figure = states(f)
         labels = {line.get_label() for line in figure.axes[0].lines}
         assert {label for label in labels if label[0] != "_"} == {"supports, 2", "springs, 1"}

@@ -137,6 +137,7 @@ fracture_strain = 0.5
 [form_finding]
 start = "force_density"
 [load]
+self_weight = false
 pressure = [0.0, 0.0, -800.0]
 steps = 2
 tolerance = 1e-4

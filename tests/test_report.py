@@ -23,7 +23,9 @@ from netfall.report.report import Inputs, write_report
 NODES = "id,x,y,z,fixed,load_z\n1,-3,0,4,1,0\n2,3,0,4,1,0\n3,0,0,-4,1,0\n5,0,0,0,0,-200e3\n"
 ELEMENTS = "id,start,end,group,prestress,breaking_load\n{}"
 ROWS = "11,1,5,upper,50e3,240e3\n12,2,5,upper,50e3,240e3\n13,5,3,lower,80e3,\n"
-STATICS = STEEL.replace("prestress = 100e3\n", "") + "[load]\nsteps = 1\ntolerance = 1e-9\n"
+STATICS = (
+    STEEL.replace("prestress = 100e3\n", "") + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n"
+)
 EA = 1.95e11 * 683.08e-6
 
 
@@ -213,7 +215,9 @@ def test_the_cutting_list_of_the_olympia_net_is_that_of_its_published_form(works
 # Areas of 10 m2 at the free node and of 2 m2 at a support; snow on them as a case, and twice as much.
 ROOFED = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n1,-3,0,4,1,2,0,0,1\n2,3,0,4,1,0,,,\n"
 ROOFED += "3,0,0,-4,1,0,,,\n5,0,0,0,0,10,0,0,1\n"
-CASES = STEEL.replace("prestress = 100e3\n", "") + "[load]\nsteps = 0\ntolerance = 1e-10\n"
+CASES = (
+    STEEL.replace("prestress = 100e3\n", "") + "[load]\nself_weight = false\nsteps = 0\ntolerance = 1e-10\n"
+)
 CASES += '[[case]]\nname = "snow"\nset = {"load.snow" = 2000.0}\n'
 CASES += '[[case]]\nname = "much"\nset = {"load.snow" = 4000.0}\n'
 
@@ -505,7 +509,9 @@ def test_the_picture_tells_of_checks_that_it_does_not_show(workshop, monkeypatch
     monkeypatch.setattr(utilisation, "_draw", lambda *given: (told.append(given[5]), draw(*given)))
     nodes = f"id,x,y,z,fixed,load_z{AREAS}\n1,0,0,9,1,0{ROOF}\n2,0,0,0,0,-50e3{ROOF}\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nbreaking_load = 100e3\n"
-    workshop.run(workshop.job(cable + "[load]\nsteps = 1\n", nodes, "id,start,end\n7,1,2\n")).close()
+    workshop.run(
+        workshop.job(cable + "[load]\nself_weight = false\nsteps = 1\n", nodes, "id,start,end\n7,1,2\n")
+    ).close()
     write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
     assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in told[0]
 
@@ -518,7 +524,10 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
     nodes = f"id,x,y,z,fixed,mass,load_z{AREAS}\n1,0,0,9,1,0,0{ROOF}\n2,0,0,0,0,6000,{{load}}{ROOF}\n"
     cable = "[cable]\nmodulus = 1e11\narea = 1e-4\ndensity = 7850.0\nprestress = 0.0\n"
     cable += "yield_stress = 1e9\nfracture_strain = 0.5\n"
-    at_rest, falls = "[load]\nsteps = 1\n", "[load]\nsteps = 0\n[dynamics]\nduration = 0.3\n"
+    at_rest, falls = (
+        "[load]\nself_weight = false\nsteps = 1\n",
+        "[load]\nself_weight = false\nsteps = 0\n[dynamics]\nduration = 0.3\n",
+    )
     results = {}
     seldom = falls + "[output]\nhistory = 0.3\n"  # a row at the start, another after the peak
     stages = (

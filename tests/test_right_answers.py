@@ -67,7 +67,9 @@ def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backs
     Stretch adds EA w^2 / 2 = 0.02 N to the tension: 2e-5 of the sag.
     """
     elements = f"start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,{backstay},1\n"
-    job = both_ways.job(THIN + "[load]\nsteps = 1\ntolerance = 1e-9\n", SPAN.format(on_support), elements)
+    job = both_ways.job(
+        THIN + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n", SPAN.format(on_support), elements
+    )
     sag = both_ways.run(job, ranks=2)["statics/displacement"][-1, 1, 2]
     assert np.isclose(sag, -5e-4, rtol=5e-5)
 
@@ -111,7 +113,8 @@ duration = 0.01
 """
 WINDY = (
     BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
-    + "[load]\ndead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\n"
+    + "[load]\nself_weight = false\n"
+    "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\n"
     "[output]\nhistory = 0.002\n"
 )
 
@@ -280,7 +283,7 @@ def test_a_key_without_effect_is_said(workshop, settings):
 
 def test_sections_and_columns_without_effect_are_said(workshop):
     """[load] and [roof] without a stage, loads, masses, densities and prestress of the tables."""
-    text = SECTION + "[load]\ndead = 3\n[output]\nframes = 3\n"
+    text = SECTION + "[load]\nself_weight = false\ndead = 3\n[output]\nframes = 3\n"
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,5,\n2,2,0,0,0,5,\n3,4,0,0,1,5,-10\n4,2,1,0,1,0,\n"
     elements = "start,end,force_density,unstressed_length,prestress\n" + "".join(
         f"{a},{b},5,{L},100\n"
@@ -420,7 +423,7 @@ def test_a_rim_between_supports_stays_when_subdivided(workshop):
     elements = "start,end,prestress\n" + "".join(
         f"{a},{b},{1e5 if (a, b) in cross else 0}\n" for a, b in [*rim, *cross]
     )
-    text = SECTION + "[load]\npressure = 100\nsteps = 1\ntolerance = 1e-9\n"
+    text = SECTION + "[load]\nself_weight = false\npressure = 100\nsteps = 1\ntolerance = 1e-9\n"
     f = workshop.run(workshop.job(text, nodes, elements), "--set", "net.subdivide=2")
     w, area = -f["statics/displacement"][-1, :, 2], f["net/tributary_area"][:]
     free = ~f["net/fixed"][:].astype(bool).any(1)
@@ -488,7 +491,7 @@ def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
     """3 kN on EA = 10 kN: 30 %; a slack cable of twice the length beside it counts for nothing."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-2,0,-3000\n"
     job = workshop.job(
-        "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nsteps = 1\n",
+        "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nself_weight = false\nsteps = 1\n",
         nodes,
         "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n",
     )

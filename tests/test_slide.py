@@ -32,7 +32,7 @@ def weight_on_a_ring(slide):
         (3, 8, 0, -2, 1, 1, 1, 0),
     )
     elements = "start,end,group,unstressed_length\n2,1,rope,5\n2,3,rope,5\n"
-    return rope(area=1e-2) + f"[load]\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
+    return rope(area=1e-2) + f"[load]\nself_weight = false\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
 
 
 def test_a_ring_with_a_weight_finds_its_place(workshop):
@@ -65,7 +65,7 @@ def half_circle(n, slide, steps=4, force=1000.0):
         last = k == n + 1
         rows.append((k, x[k], 0, z[k], *((0, 1, 0) if last else (1, 1, 1)), *(pull if last else (0, 0))))
     elements = table(("start", "end", "group"), *((k, k + 1, "rope") for k in range(n + 1)))
-    text = rope() + f'[load]\nsteps = {steps}\n[[slide]]\ngroup = "rope"\n{slide}'
+    text = rope() + f'[load]\nself_weight = false\nsteps = {steps}\n[[slide]]\ngroup = "rope"\n{slide}'
     return text, table(*rows), elements
 
 
@@ -138,7 +138,10 @@ def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkey
     nodes += "5,4,5,1,1\n6,4,-5,1,1\n7,10,5,1,1\n8,10,-5,1,1\n"
     pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,5e4\n3,4,rope,6e4\n2,5,side,2e4\n"
     pairs += "2,6,side,2e4\n3,7,side,2e4\n3,8,side,2e4\n"
-    job = rope() + '[form_finding]\n[load]\ntolerance = 1e-2\n[[slide]]\ngroup = "rope"\nfriction = 0.05\n'
+    job = (
+        rope() + "[form_finding]\n[load]\nself_weight = false\n"
+        'tolerance = 1e-2\n[[slide]]\ngroup = "rope"\nfriction = 0.05\n'
+    )
     for name, warm in ("first", 5), ("second", 10):
         job += f'[[case]]\nname = "{name}"\nset = {{"load.temperature" = {warm}.0}}\n'
     begins, settle = [], statics.settle

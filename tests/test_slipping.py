@@ -95,7 +95,10 @@ def test_a_rope_that_has_run_out_comes_to_rest(both_ways):
     Each part has the weight at it; of the end of the rope, a hundred times as stiff, the rest is little.
     """
     text, nodes, elements, _, T = atwood(0.0)
-    text = text[: text.index("[dynamics]")] + '[load]\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
+    text = (
+        text[: text.index("[dynamics]")]
+        + '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
+    )
     f = both_ways.run(both_ways.job(text, nodes, elements))
     assert f["statics/tension"][-1] == pytest.approx([LIGHT * G, HEAVY * G], rel=1e-6)
     strand, EA = LOW / (1.0 + T["light"] / 1e8), 1e8

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
 LOADED = (
     SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n"
-    "[load]\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
+    "[load]\nself_weight = false\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
 )
 EA = 1.95e11 * 3600e-6
 
@@ -96,7 +96,9 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
     Hooke's law at the lengths there.
     """
     text = '[net]\ngenerator = "saddle"\ncells = 16\n[form_finding]\nmethod = "force_density"\n' + STEEL
-    f = workshop.run(workshop.job(text + "[load]\nsnow = 500.0\ntemperature = 300.0\nsteps = 2\n"))
+    f = workshop.run(
+        workshop.job(text + "[load]\nself_weight = false\nsnow = 500.0\ntemperature = 300.0\nsteps = 2\n")
+    )
     N, m = f["statics/tension"][-1], len(f["net/elements"])
     assert f["statics/slack"][0] == m and 0 < f["statics/slack"][-1] == (N == 0).sum() < m
     x = f["form_finding/position"][:] + f["statics/displacement"][-1]
@@ -134,7 +136,8 @@ def test_self_weight_of_a_hanging_cable(workshop):
 def test_bars_carry_compression(workshop):
     """A strut under a weight is compressed by it."""
     job = workshop.job(
-        STEEL.replace("prestress = 100e3", 'kind = "bar"') + "[load]\nsteps = 2\ntolerance = 1e-10\n",
+        STEEL.replace("prestress = 100e3", 'kind = "bar"')
+        + "[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n",
         "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,3,1,1,0,-5000\n",
         "start,end\n1,2\n",
     )
@@ -193,7 +196,7 @@ def test_a_net_that_snaps_through_is_noted(workshop, top, noted):
     from 5 m above by 10 m, more than a fifth of 10 m. From 5 m below it only stretches them.
     """
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,10,0,0,1,0\n3,10,10,0,1,0\n4,0,10,0,1,0\n"
-    cable = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nsteps = 2\n"
+    cable = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\nsteps = 2\n"
     job = workshop.job(cable, nodes + f"5,5,5,{top},0,-1e4\n", "start,end\n1,5\n2,5\n3,5\n4,5\n")
     with workshop.run(job) as f:
         moved = -f["statics/displacement"][-1][4, 2]

@@ -245,7 +245,7 @@ def test_drawn_strengths_break_the_same_on_three_ranks(both_ways):
         '[net]\ngenerator = "saddle"\ncells = 4\nside = 20.0\nrise = 2.0\n'
         + STEEL
         + "breaking_load = 200e3\nstrength_deviation = 0.2\n[form_finding]\n"
-        "[load]\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"
+        "[load]\nself_weight = false\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"
         "[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
     )
     with both_ways.run(both_ways.job(text), ranks=3) as f:

@@ -23,6 +23,7 @@ JOB = (
     + """[form_finding]
 method = "force_density"
 [load]
+self_weight = false
 dead = 300.0
 [wind]
 onset = "sudden"

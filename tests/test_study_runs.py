@@ -51,6 +51,7 @@ yield_stress = 1e9
 fracture_strain = 0.015
 [form_finding]
 [load]
+self_weight = false
 dead = 200.0
 steps = 2
 max_iterations = 2000

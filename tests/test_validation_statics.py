@@ -232,7 +232,9 @@ def test_two_elements_under_a_load(both_ways, compare):
     section = f'[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[cable.bar]\nkind = "bar"\n'
     f = both_ways.run(
         both_ways.job(
-            section + "[load]\nsteps = 5\ntolerance = 1e-12\n", "\n".join(nodes), "\n".join(elements)
+            section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n",
+            "\n".join(nodes),
+            "\n".join(elements),
         ),
         ranks=2,
     )
@@ -571,7 +573,7 @@ def test_flat_net_under_a_small_load(both_ways, compare):
         )
         first += len(x)
     x, held, elements, load = (np.concatenate([net[i] for net in nets]) for i in range(4))
-    soft = STEEL.replace("1.95e11", "1.95e9") + "[load]\nsteps = 1\ntolerance = 1e-11\n"
+    soft = STEEL.replace("1.95e11", "1.95e9") + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-11\n"
     f = both_ways.run(both_ways.job(soft, *tables(x, held, elements, ",load_z", (load,))), ranks=2)
     middle = [int(np.hypot(x[:, 0] - 20.0 * k, x[:, 1]).argmin()) for k in range(3)]
     for p, n in zip(middle, sizes):
@@ -608,7 +610,7 @@ def test_load_case_of_the_paper(both_ways, compare):
     )
     net += (
         "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
-        "[load]\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
+        "[load]\nself_weight = false\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
     )
     f = both_ways.run(both_ways.job(net))
     start, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:].astype(bool)

@@ -117,6 +117,7 @@ area = 3e-3
 groups = ["ring_outer", "ring_upper", "upper", "hoop"]
 openings = [[0.0, 0.0]]
 [load]
+self_weight = false
 dead = 300.0
 [dynamics]
 duration = 0.1

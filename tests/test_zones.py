@@ -35,7 +35,12 @@ def grid(zone=lambda x, y: "") -> tuple[str, str]:
 
 
 def square(name: str, x0, y0, x1, y1) -> str:
-    """An entry for the nodes of a rectangle."""
+    """Return an entry that takes the nodes of a rectangle whole."""
+    return rectangle(name, x0, y0, x1, y1) + "cut = false\n"
+
+
+def rectangle(name: str, x0, y0, x1, y1) -> str:
+    """Return an entry whose polygon is a rectangle."""
     return f'[[zone]]\nname = "{name}"\npolygon = [[{x0}, {y0}], [{x1}, {y0}], [{x1}, {y1}], [{x0}, {y1}]]\n'
 
 
@@ -66,7 +71,7 @@ def lines_of(workshop, text: str, *overrides, column=lambda x, y: "") -> list[st
 
 def test_a_polygon_has_the_nodes_inside_and_on_its_border(workshop):
     """Of a triangle the corners and the slope too: 6 nodes; what is 1e-9 m outside lies on it."""
-    text = '[[zone]]\nname = "t"\npolygon = [[1, 1], [2.999999999, 1], [1, 2.999999999]]\n'
+    text = '[[zone]]\nname = "t"\npolygon = [[1, 1], [2.999999999, 1], [1, 2.999999999]]\ncut = false\n'
     _, net, found = zones(workshop, text)
     assert places(net, found, "t") == {(1, 1), (2, 1), (3, 1), (1, 2), (2, 2), (1, 3)}
     assert (found.of_node == -1).sum() == SIDE**2 - 6
@@ -75,7 +80,7 @@ def test_a_polygon_has_the_nodes_inside_and_on_its_border(workshop):
 def test_a_polygon_may_be_concave_and_closed(workshop):
     """An L, its first corner given again at the end."""
     corners = "[[0, 0], [3, 0], [3, 0.5], [0.5, 0.5], [0.5, 2], [0, 2], [0, 0]]"
-    _, net, found = zones(workshop, f'[[zone]]\nname = "L"\npolygon = {corners}\n')
+    _, net, found = zones(workshop, f'[[zone]]\nname = "L"\npolygon = {corners}\ncut = false\n')
     assert places(net, found, "L") == {(0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (0, 2)}
 
 
@@ -134,7 +139,10 @@ SHARED = """id, x, y, z, fixed, zone, zone_share
 3, 3, 0, 0, 1, , 
 """
 CHAIN = "start, end\n0, 1\n1, 2\n2, 3\n"
-OF_DRIFT = "[load]\nsnow = 100.0\n[load.zone.drift]\nsnow = 500.0\n[load.zone.edge]\nsnow = 300.0\n"
+OF_DRIFT = (
+    "[load]\nself_weight = false\n"
+    "snow = 100.0\n[load.zone.drift]\nsnow = 500.0\n[load.zone.edge]\nsnow = 300.0\n"
+)
 
 
 def test_a_column_gives_shares_of_zones(workshop):
@@ -175,9 +183,10 @@ def test_shares_that_are_none_are_refused(workshop, zone, share):
 
 def test_shares_and_cuts_exclude_each_other(workshop):
     """What a polygon would take of a node's shares nothing says."""
-    entry = square("half", 0, -1, 1.5, 1) + "cut = true\n"
+    entry = cut("half", 0, -1, 1.5, 1)
     with pytest.raises(
-        InputError, match=r"\[\[zone\]\] half: cut and the column zone_share of nodes.csv excl"
+        InputError,
+        match=r"\[\[zone\]\] half: cut = true \(the default\) and the column zone_share of nodes.csv excl",
     ):
         job = read_job(workshop.job(STEEL + entry, SHARED, CHAIN))
         zones_at(job)
@@ -200,7 +209,8 @@ def test_subdivision_continues_the_zones(workshop):
 def test_values_of_zones_stand_in_for_those_of_the_section(workshop):
     """By node, and as parts with the same value; a zone that says nothing of a key has the section's."""
     text = (
-        "[load]\ndead = 5.0\n[load.zone.a]\nsnow = 750.0\npressure = [0, 0, -1]\n[load.zone.b]\nsnow = 0.0\n"
+        "[load]\nself_weight = false\n"
+        "dead = 5.0\n[load.zone.a]\nsnow = 750.0\npressure = [0, 0, -1]\n[load.zone.b]\nsnow = 0.0\n"
         + square("a", 0, 0, 0.5, 0.5)
         + square("b", 5, 5, 6, 6)
     )
@@ -253,13 +263,13 @@ def test_a_zone_without_nodes_is_told(workshop):
             '[wind.zone.egde]: there is no zone "egde"; did you mean "edge"?',
         ),
         (
-            "[load]\n[load.zone.edge]\nsnow = 1\n",
+            "[load]\nself_weight = false\n[load.zone.edge]\nsnow = 1\n",
             '[load.zone.edge]: there is no zone "edge"; the job has none: give a [[zone]], or the column '
             "zone in nodes.csv",
         ),
         (
-            square("edge", 0, 0, 1, 1)
-            + '[load]\nsteps = 1\n[[case]]\nname = "c"\nset = {"load.zone.edges.snow" = 1}\n',
+            square("edge", 0, 0, 1, 1) + "[load]\nself_weight = false\n"
+            'steps = 1\n[[case]]\nname = "c"\nset = {"load.zone.edges.snow" = 1}\n',
             '[[case]] c: set: load.zone.edges.snow: there is no zone "edges"; did you mean "edge"?',
         ),
     ],
@@ -293,7 +303,7 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
             "[[zone]] a: polygon and groups exclude each other; keep one of the two",
         ),
         ('[zone]\nname = "a"\n', "zone = {'name': 'a'}: expected entries, [[zone]], each with its keys"),
-        ("[load]\nzone = 3\n", "[load] zone = 3: expected tables, [load.zone.NAME]"),
+        ("[load]\nself_weight = false\nzone = 3\n", "[load] zone = 3: expected tables, [load.zone.NAME]"),
         ("[load.zone.a]\nsnow = -1\n", "[load.zone.a] snow = -1: expected a number of N/m2 >= 0"),
         (
             "[load.zone.a]\nsteps = 1\n",
@@ -318,9 +328,9 @@ def test_a_wrong_entry_is_one_line(workshop, text, line):
 
 def test_all_errors_of_zones_come_at_once(workshop):
     """Of the job file, then of the zones with the net."""
-    text = '[[zone]]\npolygon = 3\n[[zone]]\nname = "a"\ngroups = 1\n[load]\nsnow = -1\n'
+    text = '[[zone]]\npolygon = 3\n[[zone]]\nname = "a"\ngroups = 1\n[load]\nself_weight = false\nsnow = -1\n'
     assert len(lines_of(workshop, text)) == 4
-    text = '[[zone]]\nname = "a"\ngroups = ["z", "w"]\n[load]\n[load.zone.b]\nsnow = 1\n'
+    text = '[[zone]]\nname = "a"\ngroups = ["z", "w"]\n[load]\nself_weight = false\n[load.zone.b]\nsnow = 1\n'
     assert len(lines_of(workshop, text)) == 3
 
 
@@ -334,7 +344,7 @@ def test_set_does_not_reach_into_lists(workshop):
 
 def test_a_case_sets_loads_and_those_of_zones(workshop):
     """Names with dots in quotes or without, numbers as the schema has them."""
-    text = '[load]\nsteps = 2\n[[case]]\nname = "a"\n'
+    text = '[load]\nself_weight = false\nsteps = 2\n[[case]]\nname = "a"\n'
     text += 'set = {"load.snow" = 750, "load.zone.e.pressure" = [0, 0, 1]}\n'
     text += '[[case]]\nname = "b"\nset = {load.snow = 1, load.zone.e.snow = 2}\n' + square("e", 0, 0, 1, 1)
     job, _, _ = zones(workshop, text)
@@ -377,9 +387,8 @@ def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
 def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways):
     """By hand, and the same bits on one rank and on three."""
     text = (
-        STEEL
-        + ZONED
-        + "[load]\nsteps = 1\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+        STEEL + ZONED + "[load]\nself_weight = false\n"
+        "steps = 1\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
     )
     with both_ways.run(both_ways.job(text, *grid())) as f:
         edge = f["net/zone"][:] == 0
@@ -398,7 +407,11 @@ def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
     from netfall.plots.roof import roof
 
     titles = lambda f: [axes.get_title() for axes in roof(f).axes if axes.get_title()]
-    text = STEEL + ZONED + "[load]\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+    text = (
+        STEEL
+        + ZONED
+        + "[load]\nself_weight = false\npressure = 3.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+    )
     with workshop.run(workshop.job(text, *grid())) as f:
         legend = [words.get_text() for words in roof(f).axes[0].get_legend().get_texts()]
         assert legend == [f"(none): {REST:g} m2", f"edge: {EDGE:g} m2"]
@@ -518,7 +531,11 @@ def test_zones_and_directions_without_effect_are_told(workshop):
 
 def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
     """All four faces around its only node are openings; with one of them it carries a quarter."""
-    text = STEEL + "[load]\ndead = 1.0\n[load.zone.a]\nsnow = 2.0\n" + square("a", 0.9, 0.9, 1.1, 1.1)
+    text = (
+        STEEL
+        + "[load]\nself_weight = false\ndead = 1.0\n[load.zone.a]\nsnow = 2.0\n"
+        + square("a", 0.9, 0.9, 1.1, 1.1)
+    )
     nodes, elements = grid()
     bare = 'zone "a": no effect: its nodes have no area of the roof, on which all of its values act; '
 
@@ -535,7 +552,7 @@ def test_a_zone_without_any_area_of_the_roof_is_told(workshop):
 
 def test_a_zone_alone_brings_loads_on_the_roof(workshop):
     """Areas and normals are asked for where a zone alone has a pressure, or a coefficient that is not 0."""
-    text = "[load]\nsteps = 1\n[load.zone.a]\npressure = 2.0\n" + square("a", 1, 1, 2, 2)
+    text = "[load]\nself_weight = false\nsteps = 1\n[load.zone.a]\npressure = 2.0\n" + square("a", 1, 1, 2, 2)
     nodes, elements = grid()
     crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
     with pytest.raises(InputError, match="cross in plan without a node"):
@@ -550,10 +567,10 @@ def test_a_zone_alone_brings_loads_on_the_roof(workshop):
 
 def cut(name: str, x0, y0, x1, y1) -> str:
     """A rectangle that cuts the areas of nodes."""
-    return square(name, x0, y0, x1, y1) + "cut = true\n"
+    return rectangle(name, x0, y0, x1, y1) + "cut = true\n"
 
 
-SNOW = "[load]\nsteps = 1\n[load.zone.half]\nsnow = 100.0\n"
+SNOW = "[load]\nself_weight = false\nsteps = 1\n[load.zone.half]\nsnow = 100.0\n"
 
 
 def test_snow_on_half_of_a_roof_is_half_of_the_load(workshop):
@@ -635,7 +652,8 @@ def test_values_of_cut_zones_are_means_by_area(workshop):
     """Wind, pressure as a number and along axes, dead load, in the result too: half at the nodes at x = 2."""
     text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2, 5))
     text += (
-        "[load]\nsteps = 1\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
+        "[load]\nself_weight = false\n"
+        "steps = 1\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 0, -1]\nsnow = 5\n"
     )
     job = workshop.job(STEEL + text, *grid())
     model = model_of(read_job(job))
@@ -669,7 +687,10 @@ def test_panels_take_what_cut_zones_have_of_them(workshop):
     """What hangs on all panels at a node is what the node carries: wind, pressure, the mass of its loads."""
     text = ZONED.replace(square("edge", 0, 0, 1, 5), cut("edge", 0, 0, 2.3, 5))
     text = text.replace("[wind]\n", '[wind]\nafter_fracture = "panels"\n')
-    text += "[load]\npressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 2, -1]\nsnow = 5\n"
+    text += (
+        "[load]\nself_weight = false\n"
+        "pressure = 3.0\ndead = 8.0\n[load.zone.edge]\npressure = [0, 2, -1]\nsnow = 5\n"
+    )
     model = model_of(read_job(workshop.job(STEEL + text, *grid())))
     panels, loading = model.panels, model.loading
     at_nodes = lambda values: np.bincount(panels.node, values, model.net.n)

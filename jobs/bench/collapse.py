@@ -42,6 +42,7 @@ density = 7850.0
 kind = "{"bar" if arguments.even else "cable"}"
 {{strength}}
 [load]
+self_weight = false
 steps = 0
 [dynamics]
 duration = {net.TORN_STEPS * net.TORN_DT}

@@ -22,10 +22,22 @@ def rests_at_loss(job: Job) -> bool:
     return bool(job.removes and job.dynamics) and job.wind is None
 
 
+def load_steps(job: Job) -> int:
+    """Return the number of load steps: as given, else 1 for a job that computes nothing else with its loads.
+
+    0 without [load].
+    """
+    if job.load is None:
+        return 0
+    if job.load.steps is None:
+        return int(not (job.dynamics or job.cases or job.combinations))
+    return job.load.steps
+
+
 def has_statics(job: Job) -> bool:
     """Whether equilibria are looked for before the dynamic stage."""
     rests = rests_in_wind(job) or rests_at_loss(job)
-    return bool(job.cases or job.combinations or (job.load and job.load.steps) or rests)
+    return bool(job.cases or job.combinations or load_steps(job) or rests)
 
 
 def own_weight(job: Job) -> float:
@@ -37,7 +49,7 @@ def grows(job: Job) -> bool:
     """Whether the pressure of [load] grows in the dynamic stage."""
     load = job.load
     there = any(value is not None for value in job.loads("pressure"))
-    return bool(job.dynamics and there and load and load.ramp and not load.steps)
+    return bool(job.dynamics and there and load and load.ramp and not load_steps(job))
 
 
 def varies(job: Job) -> bool:

@@ -7,7 +7,8 @@ LISTS = keys_of("""
 name | name | | required | name by which [wind.zone.NAME] and [load.zone.NAME] refer to it
 polygon [m] | polygon | -1e9 to 1e9 | | corners in plan of the start geometry, in order around it
 groups | words | | | groups of elements whose nodes belong to it
-cut | flag | | false | whether a polygon takes of each node's area what lies inside; false: nodes inside whole
+cut | flag | | | true: a polygon takes the part of each node's area that lies inside it; false: it takes the
+    whole area of the nodes inside; absent: true
 [case]
 name | name | | required | name of the static case; not permanent, prestress, temperature, load
 set | loads | | {} | what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of

@@ -103,7 +103,7 @@ tolerance | number | 1e-12 to 0.1 | 1e-6 | largest residual force over the large
     that can move
 max_iterations | integer | >= 1 | 200000 | fpm: iterations after which the run gives up
 [load]
-self_weight | flag | | false | weight of the elements
+self_weight | flag | | true | weight of the elements
 dead [N/m2] | number | 0 to 1e9 | 0.0 | weight of the roof's cladding, downward; its mass moves with the
     particles
 snow [N/m2] | number | 0 to 1e9 | 0.0 | snow load on the area in plan, downward; its mass moves with the
@@ -115,7 +115,8 @@ air_mass [kg/m2] | number | 0 to 1e6 | 0.0 | air that moves with the surface: in
 temperature [K] | number | -273 to 1000 | 0.0 | change of all elements from that of form finding
 breaking | flag | | false | whether a strength that is passed breaks an equilibrium of statics; false: it is
     reported
-steps | integer | 0 to 100000 | 0 | load steps of the static analysis; 0: none
+steps | integer | 0 to 100000 | | load steps of the static analysis; 0: none; absent: 1 if there are neither
+    [dynamics] nor cases nor combinations, otherwise 0
 ramp [s] | number | 0 to 1e9 | 0.0 | time over which the pressure grows from zero in the dynamic stage,
     without load steps; 0: none
 tolerance | number | 1e-12 to 0.1 | 1e-6 | estimated error of an equilibrium, of displacements and tensions,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import air_damps, carries_permanent, roof_groups
+from netfall.job.asks import air_damps, carries_permanent, load_steps, roof_groups
 from netfall.job.job import Job
 from netfall.job.values import counted, shown
 from netfall.net import sections
@@ -114,7 +114,7 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
     lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
     for p in lonely[:5]:
         errors.append(f"{job.path}: node {net.node_id[p]} belongs to no element; remove it or connect it")
-    equilibrium = job.form_finding is not None or (job.load is not None and job.load.steps > 0)
+    equilibrium = job.form_finding is not None or load_steps(job) > 0
     if equilibrium and not errors:
         label = parts_of(net.elements, net.n)
         held = np.zeros(net.n, bool)

@@ -80,9 +80,18 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     found = {name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")}
     place = lambda section: lambda k: f"{job.path}: [{section(k)}]"
     errors = _put(found, *_level([vars(job.cable)] * len(names)), types, place(lambda k: "cable"))
-    of_groups = [job.groups.get(name, {}) for name in names]
-    errors += _put(found, *_level(of_groups), types, place(lambda k: f"cable.{names[k]}"))
+    bars = {name: values.copy() for name, values in found.items()}
+    bars["breaking_load"][:] = np.nan  # that of [cable] is the strength of cables
+    groups = (
+        *_level([job.groups.get(name, {}) for name in names]),
+        types,
+        place(lambda k: f"cable.{names[k]}"),
+    )
+    errors += _put(found, *groups)
+    _put(bars, *groups)
     found = {name: values[net.group] for name, values in found.items()}
+    strength = np.where(_are_other_bars(job, net), bars["breaking_load"][net.group], found["breaking_load"])
+    found["breaking_load"] = strength
     if rows:
         of_rows = {name: rows[name] for name in OF_SECTION if name in rows}
         place = lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
@@ -93,6 +102,11 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
         number = found["type"]
         net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
     return found
+
+
+def _are_other_bars(job: Job, net: Net) -> np.ndarray:
+    """Whether each element is a bar although [cable] describes cables, (m,) bool."""
+    return net.bar & (job.cable.kind != "bar")
 
 
 def _level(tables: list[dict]) -> tuple[dict, np.ndarray]:

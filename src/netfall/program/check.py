@@ -10,7 +10,7 @@ from mpi4py import MPI
 from netfall.equilibrium.find import FEWEST
 from netfall.ground.room import RANK_BYTES, SETUP_BYTES
 from netfall.ground.timings import Phases
-from netfall.job.asks import along_normals, has_statics
+from netfall.job.asks import along_normals, has_statics, load_steps
 from netfall.job.job import Job
 from netfall.job.memory import Memory
 from netfall.job.values import listed
@@ -210,7 +210,7 @@ def result_bytes(scene: Scene) -> tuple[float, float]:
     job, model, net = scene.job, scene.model, scene.model.net
     size = lambda each: float(net.n * each[0] + net.m * each[1])
     least = FILE_BYTES + size(ONCE_BYTES) + len(equilibria(scene)) * size(STATE_BYTES)
-    least += CHUNK_BYTES if job.load and job.load.steps else 0
+    least += CHUNK_BYTES if load_steps(job) else 0
     frames = job.output.frames if scene.schedule else 0
     least += size(JOINED_BYTES) + (frames + 1) * size(FRAME_BYTES)
     if scene.schedule:

@@ -115,7 +115,7 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     inside = [_members(zone, net) for zone in entries]
     drawn = any(zone.polygon is not None for zone in entries)
     cutter = Cutter(net, roofing.faces, roofing.given.shares) if drawn and len(roofing.faces) else None
-    cut = [k for k, zone in enumerate(entries) if zone.cut and cutter]
+    cut = [k for k, zone in enumerate(entries) if is_cut(zone) and cutter]
     given = [] if net.zone_share is None else [k for k, name in enumerate(names) if name in net.zone_names]
     of_node = np.full(net.n, -1)
     for number, members in enumerate(inside):
@@ -136,11 +136,16 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
         if not found.of_zone(k).any()
     ]
     for zone, members in zip(entries, inside):
-        if cutter and zone.polygon is not None and not zone.cut:
+        if cutter and zone.polygon is not None and not is_cut(zone):
             notes += _astray(zone, members, cutter.inside(shapely.Polygon(zone.polygon)), roofing.given.plan)
         elif zone.cut and not cutter:
             notes.append(f"zone {shown(zone.name)}: cut: no effect: the net has no faces")
     return replace(found, notes=notes)
+
+
+def is_cut(zone: SimpleNamespace) -> bool:
+    """Whether an entry of [[zone]] takes the part of each node's area that lies inside its polygon."""
+    return zone.polygon is not None and zone.cut is not False
 
 
 def _cut(whole: Zones, cut: list[int], inside: list[np.ndarray]) -> Zones:
@@ -185,7 +190,7 @@ def _names(zones: list) -> list[str]:
 
 
 def _of_column(name: str) -> SimpleNamespace:
-    return SimpleNamespace(name=name, polygon=None, groups=None, cut=False)
+    return SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
 
 
 def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
@@ -217,10 +222,10 @@ def _wrong_entries(entries: list, net: Net) -> list[str]:
                 )
         if in_column and (zone.polygon is not None or zone.groups is not None):
             lines.append(f"{place} the column zone of nodes.csv has nodes of it already; give the name alone")
-        elif zone.cut and net.zone_share is not None:
+        elif is_cut(zone) and net.zone_share is not None:
             lines.append(
-                f"{place} cut and the column zone_share of nodes.csv exclude each other: what a polygon "
-                "takes of shares is not known; keep one of them"
+                f"{place} cut = true (the default) and the column zone_share of nodes.csv exclude each "
+                "other; set cut = false, with which the polygon takes whole nodes, or remove the column"
             )
         elif not in_column and zone.polygon is None and zone.groups is None:
             advice = f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else ""

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.equilibrium.find import Solution
-from netfall.job.asks import rests_at_loss, rests_in_wind
+from netfall.job.asks import load_steps, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.model.actions import ALL_LOADS, StaticLoad
 from netfall.record.energy import Snapshot
@@ -80,7 +80,7 @@ def no_equilibrium(job: Job, each: StaticLoad, outcome: StaticOutcome) -> str:
 def _advice(job: Job, each: StaticLoad) -> str:
     if each.kind == "case" or each.kind == "rest":
         return f": there is no equilibrium under {'it' if each.words != ALL_LOADS else 'them'}"
-    keys = ["[load] steps = 0"] * bool(job.load and job.load.steps)
+    keys = ["[load] steps = 0"] * bool(load_steps(job))
     keys += ['[wind] onset = "sudden"'] * rests_in_wind(job)
     at_once = job.dynamics and not job.cases and not rests_at_loss(job)
     return ": there is no static equilibrium to start from; lower the load" + (

@@ -18,7 +18,7 @@ from netfall.equilibrium.newton import is_large
 from netfall.equilibrium.relaxation import Paused, Relaxation
 from netfall.ground.errors import DivergedError, NoRest
 from netfall.ground.stop import NEVER
-from netfall.job.asks import has_statics, rests_at_loss, rests_in_wind, settings_of
+from netfall.job.asks import has_statics, load_steps, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.mechanics.slip.law import set_strands
@@ -82,7 +82,7 @@ def required(job: Job) -> bool:
 
 def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
     """The equilibria that the job asks for, from where an earlier run was interrupted in them. Collective."""
-    path, saver, steps = StaticPath(), desk.saver, scene.job.load.steps if scene.job.load else 0
+    path, saver, steps = StaticPath(), desk.saver, load_steps(scene.job)
     saver.register(NAME, path.record, path.restore)
     if saver.is_past(NAME):
         return Outcome(path, sections=sections(path), labels=group_labels(path, scene))
@@ -243,7 +243,7 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     numbers |= {"held": largest_hold(scene.comm, state)} if state.joints is not None else {}
     numbers |= {"stopped": outcome.equilibrium.stopped} if state.slip is not None else {}
     group = f"cases/{each.name}" if each.kind in APART else "rest" if each.kind == "rest" else "statics"
-    if group == "statics" and (each.kind == "at once" or not settings_of(scene.job).steps):
+    if group == "statics" and (each.kind == "at once" or not load_steps(scene.job)):
         return
     reaction = forces_on_supports(state, snapshot, each.load)
     if not outcome.carries:  # what the load reached is in balance with less than the load

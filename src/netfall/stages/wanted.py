@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.job.asks import own_weight, rests_at_loss, rests_in_wind
+from netfall.job.asks import load_steps, own_weight, rests_at_loss, rests_in_wind
 from netfall.job.cases import factor_of
 from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, of_case_alone, of_combination
 from netfall.model.model import Model
@@ -25,7 +25,7 @@ class Wanted(NamedTuple):
 def equilibria(scene: Scene) -> list[Wanted]:
     """What the job asks for, in order: permanent loads, cases, combinations, load steps, rest."""
     job = scene.job
-    steps, rests = job.load.steps if job.load else 0, rests_in_wind(job)
+    steps, rests = load_steps(job), rests_in_wind(job)
     apart = [
         *((case, of_case_alone) for case in job.cases),
         *((each, of_combination) for each in job.combinations),
