@@ -443,20 +443,13 @@ def test_sectors_without_rings_are_shared_along_the_spokes(workshop):
     """12 spokes, nodes at 10, 20 and 30 m, a rim at 30 m alone: a sector between two spokes is one face.
 
     Half a sector belongs to its spoke, cut at 5, 15 and 25 m: tan 15 (15^2 - 5^2), tan 15 (25^2 - 15^2) and
-    the rest of 450 sin 30 m2; the middle has 12 tan 15 5^2. Triangles about the centroid, 5 m from a spoke,
-    gave 25 m2 for 10 m of it: 300, 50, 50 and 100 m2, so all but those at 10 m differ by more than a fifth.
+    the rest of 450 sin 30 m2; the middle has 12 tan 15 5^2.
     """
     _, _, area = roof_from(workshop, PRESSED, *spokes(12))
     slope = np.tan(np.radians(15.0))
     rest = 450.0 * np.sin(np.radians(30.0)) - 625.0 * slope
     expected = [300.0 * slope, *[200.0 * slope] * 12, *[400.0 * slope] * 12, *[rest] * 12]
     assert np.allclose(area, expected, rtol=1e-13)
-    told = run_on_standing_ranks("check", workshop.job(PRESSED, *spokes(12))).stdout
-    (line,) = [said for said in told.splitlines() if "nearest corner" in said]
-    assert "25 nodes differ by more than 20% of their area: node 100 300 -> 80.38 m2" in line
-    assert " 50 -> 107.2 m2" in line
-    told = run_on_standing_ranks("check", workshop.job(PRESSED, *grid_tables())).stdout
-    assert "nearest corner" not in told
 
 
 @pytest.mark.parametrize("parts", [1, 3])

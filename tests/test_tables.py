@@ -125,6 +125,36 @@ def test_faces_of_a_table_are_those_that_carry(workshop):
     assert len(roof_of(job, net).faces.corner) == 7 + 4
 
 
+def test_upright_faces_are_one_error(workshop):
+    """Two upright triangles of 6 m2: one line that names the way out, not one for each face."""
+    upright = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,,3,0,2\n1,2,,,\n1,3,,,\n1,,6,3,2\n"
+    with pytest.raises(InputError) as raised:
+        job = roofed(workshop, upright)
+        roof_of(job, build_net(job))
+    assert len(raised.value.lines) == 1
+    assert raised.value.lines[0].endswith(
+        "2 upright faces, the first is face = 0: 0 m2 in plan, 6 m2 of surface; faces of the roof have an "
+        "area in plan. Leave upright faces out of the table, and give their nodes area, normal_x, normal_y "
+        "and normal_z in nodes.csv"
+    )
+
+
+def test_given_areas_are_not_called_open(workshop):
+    """A facade whose nodes all have an area: the note says where the areas come from."""
+    nodes = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n" + "".join(
+        f"{k},{x},0,{z},{int(x != 3)},4,0,1,0\n"
+        for k, (x, z) in enumerate(((0, 0), (6, 0), (0, 6), (6, 6), (3, 3)))
+    )
+    text = STEEL + "[load]\nself_weight = false\nsteps = 1\n[[case]]\nname = 'wind'\n"
+    job = workshop.job(text + "set = {'load.pressure' = 100.0}\n", nodes, "start,end\n0,4\n1,4\n2,4\n3,4\n")
+    done = run_on_standing_ranks("check", job)
+    assert (
+        "roof: 20.0 m2 of surface, 0.0 m2 in plan; areas and normals of the roof are those of nodes.csv"
+        in done.stdout
+    )
+    assert "no faces" not in done.stdout and "closed faces" not in done.stdout
+
+
 def test_faces_that_are_none_are_named(workshop):
     """Unknown nodes, too few corners, the wrong way round, rows apart, other keys: a line for each."""
     with pytest.raises(InputError, match="line 3: node = 7: no such node"):  # 7: in the middle of 2-5

@@ -26,6 +26,7 @@ from netfall.plots.canvas import (
 )
 from netfall.plots.cells import MOST_CELLS
 from netfall.plots.net import group_colours, named_groups, whole_cables
+from netfall.roof.areas import areas_are_given
 from netfall.roof.faces import Faces, quarters
 
 MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
@@ -186,9 +187,9 @@ def _draw_zones(axes, job: JobNet) -> None:
         style = {"facecolors": colours, "edgecolors": colours, "lw": 0.2, "zorder": 1}
         axes.add_collection(PolyCollection(quarters(points, faces), **style))
     if not names:
-        label = f"roof, {faces.count} faces, {job.area.sum():.5g} m2 in plan"
-        label = label if len(faces) else "no closed faces, so no roof"
-        axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=label))
+        axes.add_patch(
+            plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=_roof_label(job))
+        )
     for k in sorted(range(-1, len(names)), key=lambda k: k < 0) if names else ():
         mine = job.of_zone == k
         if k < MOST_ZONES and mine.any():
@@ -197,6 +198,14 @@ def _draw_zones(axes, job: JobNet) -> None:
             axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=tints[k + 1], label=label))
     if len(names) > MOST_ZONES:
         axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")
+
+
+def _roof_label(job: JobNet) -> str:
+    """Return what the legend says of the roof."""
+    area = f"{job.area.sum():.5g} m2 in plan"
+    if len(job.faces):
+        return f"roof, {job.faces.count} faces, {area}"
+    return f"roof, areas of nodes.csv, {area}" if areas_are_given(job.net) else "no closed faces, so no roof"
 
 
 def _draw_wind(axes, wind: tuple[float, str], x: np.ndarray) -> np.ndarray:

@@ -13,7 +13,6 @@ from netfall.ground.timings import Phases
 from netfall.job.asks import along_normals, has_statics, load_steps
 from netfall.job.job import Job
 from netfall.job.memory import Memory
-from netfall.job.values import listed
 from netfall.mechanics.fields import FIELDS
 from netfall.messages import run
 from netfall.messages.wind import wind_lines
@@ -23,7 +22,7 @@ from netfall.model.schedule import steps_line
 from netfall.net.build import build_net
 from netfall.program.run import scheduled
 from netfall.program.setup import prepare
-from netfall.roof.areas import MUCH, largest_face, moved_areas, normals
+from netfall.roof.areas import GIVEN_AREAS, areas_are_given, largest_face, normals
 from netfall.stages.modes import mode_lines
 from netfall.stages.scene import Scene
 from netfall.stages.wanted import equilibria, loaded
@@ -102,13 +101,13 @@ def _describe_net(scene: Scene, say) -> None:
     )
     own = float((net.density * net.section * L0).sum())
     say(f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg")
+    covered = model.layout.roofing.covered
+    source = f"closed faces cover {covered:.1%} of the net's outline in plan (its convex hull)"
     say(
         f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
-        f"closed faces cover {model.layout.roofing.covered:.1%} of the net's outline in plan (its convex "
-        "hull)"
+        + (GIVEN_AREAS if areas_are_given(net) else source)
     )
     _describe_largest_face(model, say)
-    _describe_sharing(model, say)
     for note in model.notes:
         say(f"note: {note}")
 
@@ -121,21 +120,6 @@ def _describe_largest_face(model: Model, say) -> None:
         say(
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
             f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
-        )
-
-
-def _describe_sharing(model: Model, say) -> None:
-    """Nodes whose areas are others than those of earlier versions, which knew no nearest corner."""
-    rows, before = moved_areas(model.x, model.net, model.layout.roofing.faces, model.roof.area)
-    if len(rows):
-        named = [
-            f"node {model.net.node_id[p]} {b:.4g} -> {a:.4g} m2"
-            for p, b, a in zip(rows, before, model.roof.area[rows])
-        ]
-        say(
-            f"areas: faces of more than four corners are shared by nearest corner; from the triangles about "
-            f"their centroids, as in earlier versions, {len(rows)} nodes differ by more than {MUCH:.0%} of "
-            f"their area: {listed(named)}"
         )
 
 

@@ -17,13 +17,13 @@ from netfall.numerics.sets import among, distinct
 from netfall.roof.faces import Faces, double_area, find_faces, no_faces, turned_triangles
 from netfall.roof.given_faces import faces_are_given, given_faces
 from netfall.roof.plan import Plan, draw_plan
-from netfall.roof.shares import Shares, corner_areas, shares_of
+from netfall.roof.shares import Shares, shares_of
 
 REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
-MUCH = 0.2  # of a node's area: a change that `check` tells
+GIVEN_AREAS = "areas and normals of the roof are those of nodes.csv"
 # generators of nets of one layer whose elements meet at their ends alone
 PLAIN = ("saddle", "stadium", "ring")
 
@@ -66,7 +66,10 @@ def roof_of(job: Job, net: Net) -> Roofing:
         if _needs_faces(job, net):
             raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
         none = no_faces()
-        notes = [f"the net has no faces: {error}" for error in plan.errors]
+        if areas_are_given(net):
+            notes = [GIVEN_AREAS] if loads_the_roof(job) else []
+        else:
+            notes = [f"the net has no faces: {error}" for error in plan.errors]
         return Roofing(none, tributary_areas(net.x, net, none), notes=notes)
     faces = _faces_but_openings(job, net, plan)
     loose = _unconnected(net, plan, faces)
@@ -135,10 +138,15 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
 
 
+def areas_are_given(net: Net) -> bool:
+    """Whether nodes.csv gives the area of every node, so that no area comes from faces."""
+    return bool(np.isfinite(net.area).all())
+
+
 def _needs_faces(job: Job, net: Net) -> bool:
     """Whether something acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
-    return loads_the_roof(job) and bool(np.isnan(net.area).any() or (along_normals(job) and bare.any()))
+    return loads_the_roof(job) and bool(not areas_are_given(net) or (along_normals(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray) -> list[str]:
@@ -209,21 +217,6 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
     return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector), shares)
-
-
-def moved_areas(x: np.ndarray, net: Net, faces: Faces, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes whose surface `now` (n,) differs by more than MUCH from that by triangles alone; that [m2].
-
-    So were faces of more than four corners shared out once. The nodes that differ most come first.
-    """
-    points = np.concatenate([x, net.corners])
-    if not len(faces):
-        return np.zeros(0, np.int64), np.zeros(0)
-    before = np.bincount(faces.corner, corner_areas(points, faces), len(points))[: net.n]
-    change = np.where(np.isfinite(net.area), 0.0, np.abs(now - before))
-    rows = np.flatnonzero(change > MUCH * before)
-    rows = rows[np.argsort(-change[rows], kind="stable")]
-    return rows, before[rows]
 
 
 def unit_normals(vector: np.ndarray) -> np.ndarray:

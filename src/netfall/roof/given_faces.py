@@ -6,10 +6,12 @@ from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.job.table import Table
 from netfall.net.net import Net, pair_key
+from netfall.numerics.functions import lengths
 from netfall.roof.faces import Faces, corners_on_sides, faces_of_rings, vector_areas
 from netfall.roof.plan import Plan
 
 AXES = ("x", "y", "z")
+UPRIGHT = 1e-6  # area in plan over that of the surface below which a face has no order of corners in plan
 
 
 def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
@@ -63,11 +65,19 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
     due = np.arange(len(ring)) - np.maximum.accumulate(np.where(first, np.arange(len(ring)), 0))
     for f in np.flatnonzero(ring != due):
         table.wrong(f"face = {number[f]}: ring = {ring[f]}; expected 0 around it, then its holes from 1")
-    area = vector_areas(points, faces)[:, 2]
+    vector = vector_areas(points, faces)
+    area, upright = vector[:, 2], np.abs(vector[:, 2]) < UPRIGHT * lengths(vector)
+    if upright.any():
+        f = np.flatnonzero(upright)[0]
+        table.wrong(
+            f"{upright.sum()} upright faces, the first is face = {number[f]}: {area[f]:.4g} m2 in plan, "
+            f"{lengths(vector[f]):.4g} m2 of surface; faces of the roof have an area in plan. Leave upright "
+            "faces out of the table, and give their nodes area, normal_x, normal_y and normal_z in nodes.csv"
+        )
     for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
         if len(np.unique(corners)) < max(3, len(corners)):
             table.wrong(f"face = {number[f]}: expected three corners or more, each once")
-        elif not (area[f] < 0.0 if ring[f] else area[f] > 0.0):
+        elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
             way = "clockwise around a hole" if ring[f] else "anticlockwise"
             table.wrong(
                 f"face = {number[f]}: {area[f]:.4g} m2 in plan; expected its corners {way}, seen from above"
