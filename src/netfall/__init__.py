@@ -10,7 +10,7 @@ from importlib import import_module
 
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 
-__version__ = "0.4.0"
+__version__ = "0.5.0.dev0"
 __all__ = ["DivergedError", "InputError", "Interrupted", "Net", "OutputError", "Result", "open", "run"]
 
 
