@@ -55,14 +55,12 @@ WHOLE = "[dynamics]\nfragments = false\n"  # whose step is that of a net that ca
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="also the tests that take minutes")
     parser.addoption("--slurm", action="store_true", help="also the tests under Slurm and on two hosts")
-    parser.addoption("--emulated", action="store_true", help="also the tests on emulated processors")
     parser.addoption("--table", help="write the comparisons of tests/validation to this file")
 
 
 LEFT_OUT = {  # by the mark
     "long": "takes minutes",
     "slurm": "starts Slurm or hosts of its own, as root",
-    "emulated": "needs qemu-x86_64 7.2, and minutes",
 }
 
 # Workers take files from this list in turn, the longest first so that all end together; then the others.

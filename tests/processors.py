@@ -3,21 +3,16 @@
     .venv/bin/python tests/processors.py                  as here; compare with digests.toml
     .venv/bin/python tests/processors.py --like all       as others too: each of LIKE, and all of them at once
     .venv/bin/python tests/processors.py --only stadium --ranks 3
-    .venv/bin/python tests/processors.py --emulate Haswell --only olympia      on a processor of qemu's
     .venv/bin/python tests/processors.py --write          after a change of bits that is meant
 
 A digest covers the names, types, shapes and bytes of all datasets and attributes but those of /provenance,
 and of /modes, whose vectors LAPACK and ARPACK find. Variables of numpy, OpenBLAS, the C library and the
-compiler make them choose as they would on another processor. A processor that is emulated takes kernels that
-were compiled for it here, as "kernels for" it: the compiler itself would take many minutes there. The exit
-code is 1 if a digest differs.
+compiler make them choose as they would on another processor. The exit code is 1 if a digest differs.
 """
 
 import argparse
 import hashlib
 import os
-import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -45,13 +40,6 @@ LIKE = {
         "NUMBA_CPU_FEATURES": "+sse4.2,+avx,+fma",
     },
 }
-EMULATOR, OLDEST = "qemu-x86_64", (7, 2)  # Debian's package qemu-user; older ones have no AVX2
-EMULATED = {  # by qemu's name of a processor: its kernels
-    "Haswell": LIKE["kernels for Haswell"],
-    "EPYC": {"NUMBA_CPU_NAME": "znver1", "NUMBA_CPU_FEATURES": "+avx,+avx2,+fma,+bmi,+bmi2"},
-}
-# qemu 7.2 is wrong in an instruction of numpy's sorting with AVX2: argsort leaves numbers out of order there.
-AVOIDED = LIKE["numpy without AVX2"]
 TOGETHER = {key: value for name in reversed(LIKE) for key, value in LIKE[name].items()}
 
 
@@ -71,26 +59,10 @@ def kept() -> dict[str, str]:
     return tomllib.loads(DIGESTS.read_text())
 
 
-def no_emulator() -> str:
-    """Why nothing can be emulated here, "" if it can."""
-    if not shutil.which(EMULATOR):
-        return f"there is no {EMULATOR} (Debian: qemu-user)"
-    said = subprocess.run([EMULATOR, "--version"], capture_output=True, text=True).stdout
-    version = tuple(map(int, re.search(r"version (\d+)\.(\d+)", said).groups()))
-    return "" if version >= OLDEST else f"{EMULATOR} {version} is older than {OLDEST}: it has no AVX2"
-
-
-def run_emulated(job: Path, folder: Path, processor: str) -> str:
-    """The digest of a job's result on a processor of EMULATED, after a run here that compiles for it."""
-    more = EMULATED[processor] | AVOIDED
-    run(job, folder, 1, more)
-    return run(job, folder, 1, more, (EMULATOR, "-cpu", processor))
-
-
-def run(job: Path, folder: Path, ranks: int = 1, environment: dict | None = None, by: tuple = ()) -> str:
-    """The digest of a job's result. by : the command that runs the program, on one rank"""
+def run(job: Path, folder: Path, ranks: int = 1, environment: dict | None = None) -> str:
+    """Run a job and return the digest of its result."""
     result = folder / "result.vtkhdf"
-    command = [*by, sys.executable, "-m", "netfall", "run", str(job), "-o", str(result), "--quiet"]
+    command = [sys.executable, "-m", "netfall", "run", str(job), "-o", str(result), "--quiet"]
     subprocess.run(
         [*([str(MPIRUN), "-n", str(ranks)] if ranks > 1 else []), *command],
         cwd=folder,
@@ -107,9 +79,7 @@ def ways_to_run(asked: argparse.Namespace) -> dict:
     if {"all", "together"} & set(like):
         variants |= {"all of them together": TOGETHER}
     of = lambda more: lambda job, folder: run(job, folder, asked.ranks, more)
-    on = lambda processor: lambda job, folder: run_emulated(job, folder, processor)
-    ways = {name: of(more) for name, more in variants.items()}
-    return ways | {f"{processor}, emulated": on(processor) for processor in asked.emulate}
+    return {name: of(more) for name, more in variants.items()}
 
 
 def main() -> int:
@@ -121,10 +91,7 @@ def main() -> int:
     parser.add_argument("--like", action="append", choices=["all", "together", *LIKE])
     parser.add_argument("--ranks", type=int, default=1)
     parser.add_argument("--write", action="store_true")
-    parser.add_argument("--emulate", action="append", choices=EMULATED, default=[])
     asked = parser.parse_args()
-    if asked.emulate and no_emulator():
-        sys.exit(no_emulator())
     expected, wrong = ({} if asked.write else kept()), 0
     for name in asked.only or JOBS:
         for like, way in ways_to_run(asked).items():

@@ -10,11 +10,10 @@ import llvmlite.binding
 import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
-from processors import EMULATED, JOBS, LIKE, TOGETHER, digest, kept, no_emulator, run, run_emulated
+from processors import JOBS, LIKE, TOGETHER, digest, kept, run
 from test_output import size_is_told, told_of
 
 FEATURES = [name for name, here in llvmlite.binding.get_host_cpu_features().items() if here]
-SHORT = ("olympia", "dome", "ring")  # half a minute each where it is emulated
 CHANGED = "the bits of {}'s result have changed; if that is meant: tests/processors.py --write, and say why"
 OF_OWN_SCENE = ("cable", "trusses_front", "trusses_uplift")  # which costs a compilation
 
@@ -65,24 +64,6 @@ def found_of_fractures(result) -> tuple[str, int, float] | None:
 def test_shipped_jobs_on_three_ranks_as_on_another_processor(name, tmp_path):
     """All variables at once; one at a time: tests/processors.py --like all."""
     assert run(JOBS[name], tmp_path, 3, TOGETHER) == kept()[name]
-
-
-@pytest.mark.emulated
-@pytest.mark.skipif(bool(no_emulator()), reason=no_emulator())
-@pytest.mark.parametrize("processor", EMULATED)
-@pytest.mark.parametrize("name", SHORT)
-def test_shipped_jobs_on_a_processor_that_is_emulated(name, processor, tmp_path):
-    """By software, each instruction: what libraries choose there, and what compiled code does."""
-    assert run_emulated(JOBS[name], tmp_path, processor) == kept()[name]
-
-
-@pytest.mark.emulated
-@pytest.mark.skipif(bool(no_emulator()), reason=no_emulator())
-def test_the_start_of_a_storm_on_a_processor_that_is_emulated(tmp_path):
-    """Form finding, gusts, slack cables: the first quarter of a second of the stadium's."""
-    job = tmp_path / "job.toml"
-    job.write_text(re.sub(r"(?m)^duration = \S+", "duration = 0.25", JOBS["stadium_paper"].read_text()))
-    assert run_emulated(job, tmp_path, "Haswell") == run(job, tmp_path)
 
 
 @pytest.mark.skipif("avx2" not in FEATURES, reason="there is nothing to leave out")
