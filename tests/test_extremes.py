@@ -363,7 +363,7 @@ def test_a_gust_from_nothing_within_a_step(workshop):
     (workshop.folder / "gust.csv").write_text("time,speed\n0,0\n0.1,0\n0.100001,120\n2,120\n")
     f = workshop.run(
         workshop.job(
-            STORM.replace("[load]\ndead = 300.0\n", "")
+            STORM.replace("[load]\nself_weight = false\ndead = 300.0\n", "")
             + '[wind]\nonset = "sudden"\nfile = "gust.csv"\nshape_coefficient = -1.5\n'
             "[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
         )

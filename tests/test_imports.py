@@ -87,7 +87,10 @@ PACKAGES = {
         "numerics.arithmetic",
         "parallel.mpi_symbols",
     ],
-    "scipy": ["stages.modes", "multigrid.rows", "study.draws", "exchange.drawings"],
+    "scipy": [
+        *("stages.modes", "multigrid.rows", "study.draws", "study.rare", "study.answers"),
+        *("exchange.drawings", "plots.study"),
+    ],
     "shapely": ["roof", "exchange.drawings"],
     "pymetis": ["parallel.partition", "numerics.sparse"],
     "matplotlib": ["plots", "view.quantities"],
@@ -127,7 +130,7 @@ BY_PROCESSOR = {
     ),
 }
 MAY_BE_INEXACT = [
-    *("plots", "view", "measure", "exchange", "checks.slides", "record.wind", "study.answers.intervals"),
+    *("plots", "view", "measure", "exchange", "checks.slides", "record.wind", "study.answers"),
     *("net.cables", "net.generators.ellipse", "messages.slip"),  # rounded; an order alone; a note
 ]
 

@@ -381,12 +381,16 @@ def test_a_weight_without_mass_is_told_where_it_moves(workshop, mass, moves, tol
 
 @pytest.mark.parametrize(
     "load, weight, told",
-    [("self_weight = true", 0, True), ("self_weight = true", -4905, False), ("temperature = 1.0", 0, False)],
+    [
+        ("self_weight = true", 0, True),
+        ("self_weight = true", -4905, False),
+        ("self_weight = false\ntemperature = 1.0", 0, False),
+    ],
 )
 def test_a_mass_without_weight_is_told_where_elements_have_theirs(workshop, load, weight, told):
     """500 kg at a node weigh 4905 N, which self_weight does not give it; where nothing weighs, no word."""
     tables = f"id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,7\n2,0,0,-2,0,{weight},500\n", "start,end\n1,2\n"
-    text = CABLE + f"[load]\nself_weight = false\n{load}\n[dynamics]\nduration = 1.0\n"
+    text = CABLE + f"[load]\n{load}\n[dynamics]\nduration = 1.0\n"
     notes = make_layout(read_job(workshop.job(text, *tables)), 1).notes
     found = [note for note in notes if note.startswith("column mass of node 2: 500 kg without weight")]
     assert len(found) == told and all("-4905 N in all" in note for note in found)

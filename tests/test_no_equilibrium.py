@@ -398,7 +398,7 @@ def test_a_pause_in_the_search_changes_no_bit(workshop, looks, ranks):
 
 def test_permanent_loads_that_are_not_borne_say_how_much_is(workshop):
     """They have no load factor: cables whose yield force is a fifth of a kN under their own weight."""
-    text = PLASTIC.replace("1e9", "2e5").replace("[load]", "[load]\nself_weight = true")
+    text = PLASTIC.replace("1e9", "2e5").replace("self_weight = false", "self_weight = true")
     done = workshop.run(workshop.job(text.format(steps=1), nodes(0.0), ENDS), code=3)
     weight = 7850.0 * 1e-3 * np.hypot(SUPPORTS, SAG) * 9.80665  # half of each cable at the node
     share = float(done.stderr.split("is wide at ")[1].split(" of them")[0])

@@ -383,7 +383,7 @@ BREAKS = "[dynamics]\nduration = 0.05\n[output]\nframes = 5\n"
 
 def test_a_support_whose_cable_tore_off_carries_nothing(workshop):
     """The upper cables break at their supports in the fall of 200 kN; then only the lower one pulls."""
-    section = STATICS.replace("[load]\nsteps = 1\ntolerance = 1e-9\n", "")
+    section = STATICS.partition("[load]")[0]
     nodes = (
         NODES.replace("z,fixed,load_z", "z,fixed,load_z,mass")
         .replace("\n", ",0\n")

@@ -283,7 +283,7 @@ def test_a_key_without_effect_is_said(workshop, settings):
 
 def test_sections_and_columns_without_effect_are_said(workshop):
     """[load] and [roof] without a stage, loads, masses, densities and prestress of the tables."""
-    text = SECTION + "[load]\nself_weight = false\ndead = 3\n[output]\nframes = 3\n"
+    text = SECTION + "[load]\nself_weight = false\ndead = 3\nsteps = 0\n[output]\nframes = 3\n"
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,5,\n2,2,0,0,0,5,\n3,4,0,0,1,5,-10\n4,2,1,0,1,0,\n"
     elements = "start,end,force_density,unstressed_length,prestress\n" + "".join(
         f"{a},{b},5,{L},100\n"

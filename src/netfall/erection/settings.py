@@ -7,9 +7,9 @@ import numpy as np
 
 from netfall.erection.lengths import Jack, Wanted, jack_of, jacks_of, rows_named, unknown_name
 from netfall.ground.errors import InputError
+from netfall.job.asks import settings_of
 from netfall.job.cases import factor_of
 from netfall.job.job import Job
-from netfall.job.schema import defaults
 from netfall.job.values import counted, listed, nearest, shown
 from netfall.model.loads import live_load, of_case
 from netfall.model.model import Model
@@ -60,7 +60,7 @@ class Setting:
 def first_setting(job: Job, model: Model) -> Setting:
     """Before any stage: the net as it is, all of it there, under [load]."""
     net = model.net
-    load = job.load or defaults("load")
+    load = settings_of(job)
     everything = np.ones(net.m, bool)
     return Setting(model.cut_length, net.fixed, everything, np.zeros_like(net.x), load)
 

@@ -117,5 +117,5 @@ def tears(job: Job, kind: str, factor: float) -> bool:
 
 
 def settings_of(job: Job) -> SimpleNamespace:
-    """The keys of [load] that say how an equilibrium is found; their defaults without [load]."""
-    return job.load or defaults("load")
+    """Return the keys of [load]; without [load] their defaults, but no element has weight then."""
+    return job.load or SimpleNamespace(**vars(defaults("load")) | {"self_weight": False})

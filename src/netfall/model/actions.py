@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.job.asks import settings_of
 from netfall.job.cases import factor_of
 from netfall.job.job import Job
-from netfall.job.schema import defaults
 from netfall.mechanics.law.measures import unstressed_length, warm_length
 from netfall.model.loads import dead_load, live_load, of_case
 from netfall.model.model import Model
@@ -68,7 +68,7 @@ class StaticLoad(NamedTuple):
 
 def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
     """What acts in a case: the permanent loads and [load], with what it sets. Rank 0."""
-    load, roof = job.load or defaults("load"), model.roof
+    load, roof = settings_of(job), model.roof
     changed = of_case(load, case)
     force = model.loading.permanent + live_load(changed, roof, model.net.load)
     if _sets(case, "dead"):
@@ -86,7 +86,7 @@ def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
 
 def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Actions:
     """What acts in a combination. Rank 0."""
-    load, net = job.load or defaults("load"), model.net
+    load, net = settings_of(job), model.net
     factor = lambda name: factor_of(combination, name)
     live = live_load(load, model.roof, net.load)
     force = factor("permanent") * model.loading.permanent + factor("load") * live

@@ -158,6 +158,8 @@ def _cut(whole: Zones, cut: list[int], inside: list[np.ndarray]) -> Zones:
     for k, share in zip(cut, inside):
         of_node[share == 1.0] = k
     mixed = np.flatnonzero(np.any([(share > 0.0) & (share < 1.0) for share in inside], axis=0))
+    if not len(mixed):
+        return Zones(whole.names, of_node)
     share = np.zeros((len(mixed), len(whole.names) + 1))
     for k, part in zip(cut, inside):
         share[:, k] = part[mixed]

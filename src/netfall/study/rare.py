@@ -1,10 +1,10 @@
 """The members of a study of rare failures: each follows from what earlier ones gave (`answers/subset.py`)."""
 
 import numpy as np
+from scipy.special import ndtr
 
 from netfall.job.job import Job
 from netfall.job.schema import SECTIONS
-from netfall.numerics.normal import cdf
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.samples import SPEED
 from netfall.study.answers.subset import MOST_LEVELS, Rare, Sample, Subset
@@ -46,10 +46,10 @@ class Chains:
     def values(self, number: int) -> dict:
         """Of the keys, for a member that is known."""
         sample: Sample = self.subset.samples[number]
-        share = np.clip(cdf(sample.z), LEAST, 1.0 - LEAST)
+        share = np.clip(ndtr(sample.z), LEAST, 1.0 - LEAST)
         values = {}
         if self.speeds:
-            exceeded = np.clip(cdf(-sample.z[:1]), LEAST, 1.0 - LEAST)
+            exceeded = np.clip(ndtr(-sample.z[:1]), LEAST, 1.0 - LEAST)
             values[SPEED] = float(np.clip(self.hazard.speed_at(exceeded)[0], SLOWEST, FASTEST))
         for (name, each), one in zip(self.distributions.items(), share[len(self.speeds) :]):
             value = float(values_at(each, np.array([one]))[0])

@@ -4,9 +4,8 @@ import textwrap
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.special import ndtr
 
-from netfall.numerics.functions import log
-from netfall.numerics.normal import cdf
 from netfall.plots.canvas import SMALL, charts, heading
 from netfall.study.answers.intervals import binned, wilson, with_interval
 from netfall.study.answers.read import Study
@@ -49,7 +48,7 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
     median, dispersion = g["median"][k], g["dispersion"][k]
     if np.isfinite(median):
         fine = np.linspace(speed[0], speed[-1], POINTS)
-        axes.plot(fine, cdf((log(fine) - np.log(median)) / dispersion), color=colour, lw=1.6)
+        axes.plot(fine, ndtr((np.log(fine) - np.log(median)) / dispersion), color=colour, lw=1.6)
     at, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
     at = at + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # beside each other, not on top
     share, (low, high) = failed / runs, wilson(runs, failed)

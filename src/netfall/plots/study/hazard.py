@@ -1,9 +1,8 @@
 """From the fragility curve to a year: annual maxima of the wind, the curves, and the probability of each."""
 
 import numpy as np
+from scipy.special import ndtr
 
-from netfall.numerics.functions import log
-from netfall.numerics.normal import cdf
 from netfall.plots.canvas import SMALL, charts, heading, legend_below
 from netfall.study.answers.hazard import TARGETS
 from netfall.study.answers.read import Study
@@ -29,8 +28,8 @@ def hazard(study: Study):
 def _curves(axes, h, g, rows: np.ndarray) -> None:
     axes.semilogy(h["speed"], h["exceedance"], color="0.2", lw=2, label="annual maximum exceeds the speed")
     for j, k in enumerate(rows):
-        z = (log(h["speed"]) - np.log(g["median"][k])) / g["dispersion"][k]
-        axes.semilogy(h["speed"], cdf(z), color=f"C{j}", lw=1.4)  # named beside
+        z = (np.log(h["speed"]) - np.log(g["median"][k])) / g["dispersion"][k]
+        axes.semilogy(h["speed"], ndtr(z), color=f"C{j}", lw=1.4)  # named beside
     axes.set_ylim(LEAST, 1.5)
     axes.set_xlabel("mean wind speed [m/s]")
     axes.set_ylabel("probability [-]; colours as on the right")
@@ -53,9 +52,9 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
         text = f"{p:.2g}, beta {h['beta'][rows[j]]:.2f}, tail {h['tail_share'][rows[j]]:.0%}"
         axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=SMALL, ha="center")
     for name, (beta, _) in TARGETS.items():
-        axes.axvline(cdf(np.array(-beta)), color="0.5", lw=1, ls="--")
+        axes.axvline(ndtr(np.array(-beta)), color="0.5", lw=1, ls="--")
         style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-        at = cdf(np.array(-beta)), 1.0
+        at = ndtr(np.array(-beta)), 1.0
         axes.annotate(name, at, (2, -10), fontsize=SMALL, color="0.4", **style)
     axes.set_xscale("log")
     low, high = axes.get_xlim()

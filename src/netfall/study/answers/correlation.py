@@ -1,6 +1,7 @@
 """Rank correlations (Spearman) of what a study draws with what its members gave."""
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import MOST_CURVES, inputs_of, is_seed
@@ -42,13 +43,6 @@ def spearman(x: np.ndarray, y: np.ndarray) -> tuple[float, int]:
     n = int(both.sum())
     if n < FEWEST:
         return np.nan, n
-    a, b = (_ranks(v[both]) for v in (x, y))
-    a, b = a - a.mean(), b - b.mean()
-    size = np.sqrt(a @ a) * np.sqrt(b @ b)
-    return (float(a @ b / size), n) if size > 0 else (np.nan, n)
-
-
-def _ranks(values: np.ndarray) -> np.ndarray:
-    """Ranks (n,) from 0; equal values share the mean of theirs."""
-    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    return (np.cumsum(count) - 0.5 * (count + 1))[place]
+    if np.ptp(x[both]) == 0.0 or np.ptp(y[both]) == 0.0:
+        return np.nan, n
+    return float(spearmanr(x[both], y[both]).statistic), n

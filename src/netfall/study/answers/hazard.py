@@ -12,9 +12,8 @@ P over N years, which are independent, is 1 - (1 - P)^N, and the reliability ind
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri
 
-from netfall.numerics.functions import exp, expm1, log, log1p, power
-from netfall.numerics.normal import quantile
 from netfall.study.answers import probit
 from netfall.study.answers.probit import Fits
 
@@ -23,7 +22,7 @@ STILL = 1e-300  # of a square of speeds: of years that EN 1991 gives less than n
 YEARS = 50
 TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
 Z = np.linspace(-9.0, 9.0, 1801)  # of the normal variable; the trapezoidal rule is exact to rounding here
-Z_WEIGHT = exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
+Z_WEIGHT = np.exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
 SPEEDS = 121  # of the grid on which the hazard is kept for pictures
 
 
@@ -46,30 +45,30 @@ class Hazard(NamedTuple):
         """Probability that the largest speed of a year exceeds these [m/s]."""
         speed, p = np.maximum(np.asarray(speed, float), 1e-300), self.parameters
         if self.distribution == "weibull":
-            return exp(-power(speed / p["scale"], p["shape"]))
+            return np.exp(-np.power(speed / p["scale"], p["shape"]))
         if self.distribution == "gumbel":
-            return -expm1(-exp(-(speed - p["mode"]) / p["scale"]))
+            return -np.expm1(-np.exp(-(speed - p["mode"]) / p["scale"]))
         # v(p) = v_b [(1 - K ln(-ln(1 - p))) / (1 - K ln(-ln 0.98))]^n, solved for p
-        once_in_fifty = 1.0 - p["K"] * float(log(-log(0.98)))
-        grown = power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
-        return -expm1(-exp((1.0 - grown) / p["K"]))
+        once_in_fifty = 1.0 - p["K"] * float(np.log(-np.log(0.98)))
+        grown = np.power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
+        return -np.expm1(-np.exp((1.0 - grown) / p["K"]))
 
     def speed_at(self, exceeded: np.ndarray) -> np.ndarray:
         """The speed [m/s] that the largest of a year exceeds with these probabilities: of `exceedance`."""
         p = self.parameters
         if self.distribution == "weibull":
-            return p["scale"] * power(-log(exceeded), 1.0 / p["shape"])
-        reduced = -log(-log1p(-exceeded))
+            return p["scale"] * np.power(-np.log(exceeded), 1.0 / p["shape"])
+        reduced = -np.log(-np.log1p(-exceeded))
         if self.distribution == "gumbel":
             return p["mode"] + p["scale"] * reduced
-        once_in_fifty = 1.0 - p["K"] * float(log(-log(0.98)))
+        once_in_fifty = 1.0 - p["K"] * float(np.log(-np.log(0.98)))
         squared = np.maximum(1.0 + p["K"] * reduced, STILL)
-        return p["basic_speed"] * power(squared / once_in_fifty, p["n"])
+        return p["basic_speed"] * np.power(squared / once_in_fifty, p["n"])
 
 
 def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
     """P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""
-    speed = exp(np.clip(log(median)[:, None] + dispersion[:, None] * Z, -700.0, 700.0))
+    speed = np.exp(np.clip(np.log(median)[:, None] + dispersion[:, None] * Z, -700.0, 700.0))
     return np.sum(Z_WEIGHT * exceedance(speed), axis=1)
 
 
@@ -78,7 +77,7 @@ def tail_share(exceedance, median: float, dispersion: float, lowest: float) -> f
 
     The integral of F (-dS/dv) below a speed u is that of phi(z) (S(v) - S(u)) over v below u.
     """
-    speed = exp(np.clip(log(median) + dispersion * Z, -700.0, 700.0))
+    speed = np.exp(np.clip(np.log(median) + dispersion * Z, -700.0, 700.0))
     below = np.maximum(exceedance(speed) - exceedance(np.array([lowest])), 0.0)
     whole = float(np.sum(Z_WEIGHT * exceedance(speed)))
     return float(np.sum(Z_WEIGHT * below)) / whole if whole > 0.0 else np.nan
@@ -103,13 +102,13 @@ def annual_bounds(exceedance, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
 
 def over_years(probability: np.ndarray, years: int) -> np.ndarray:
     """1 - (1 - P)^N"""
-    return -expm1(years * log1p(-np.minimum(probability, 1.0 - 2.0**-53)))
+    return -np.expm1(years * np.log1p(-np.minimum(probability, 1.0 - 2.0**-53)))
 
 
 def reliability_index(probability: np.ndarray) -> np.ndarray:
     """beta = -Phi^-1(P); infinite where nothing fails, nan where P is."""
     inside = np.clip(np.where(np.isnan(probability), 0.5, probability), 1e-300, 1.0 - 2.0**-53)
-    return np.where(probability > 0.0, -quantile(inside), np.where(probability == 0.0, np.inf, np.nan))
+    return np.where(probability > 0.0, -ndtri(inside), np.where(probability == 0.0, np.inf, np.nan))
 
 
 def hazard_row(hazard: Hazard, speed, failed, fits: Fits, drawn: Fits | None, interval_of) -> dict:

@@ -1,6 +1,7 @@
 """Observed shares of runs that failed, and how many runs a narrower band of the fitted curve would take."""
 
 import numpy as np
+from scipy.stats import binomtest
 
 MOST_SPEEDS = 8  # in a table or a picture; of more, neighbours are put together
 NARROWER = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01, 0.005)  # half widths that a study may aim at
@@ -21,11 +22,9 @@ def binned(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple:
 
 
 def wilson(runs: np.ndarray, failed: np.ndarray) -> np.ndarray:
-    """Intervals (2, b) at 95 % of shares of independent runs (Wilson 1927)."""
-    z, share = 1.959963984540054, failed / runs
-    middle = (share + z * z / (2 * runs)) / (1 + z * z / runs)
-    half = z / (1 + z * z / runs) * np.sqrt(share * (1 - share) / runs + z * z / (4 * runs * runs))
-    return np.stack([np.minimum(middle - half, share), np.maximum(middle + half, share)])  # rounding at 0, 1
+    """Return the intervals (2, b) at 95 % of the shares of independent runs that failed (Wilson 1927)."""
+    intervals = [binomtest(int(k), int(n)).proportion_ci(0.95, "wilson") for n, k in zip(runs, failed)]
+    return np.reshape([(each.low, each.high) for each in intervals], (-1, 2)).T
 
 
 def with_interval(value: float, interval: np.ndarray, digits: int) -> str:

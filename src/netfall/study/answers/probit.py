@@ -8,11 +8,10 @@ There is none where failures and survivals are separated by a speed: that is dec
 from typing import NamedTuple
 
 import numpy as np
-
-from netfall.numerics.functions import exp, log
-from netfall.numerics.normal import cdf, inverse_mills
+from scipy.special import log_ndtr, ndtr
 
 FITTED, NONE_FAILED, ALL_FAILED, ONE_SPEED, SEPARATED, FALLING, NOT_FOUND = range(7)
+ROOT_TWO_PI = np.sqrt(2.0 * np.pi)
 MOST = 100  # iterations; about eight are needed
 LONGEST = 2.0  # change of z in an iteration
 AT_ONCE = 8000  # counts: what stays in the cache
@@ -70,7 +69,7 @@ def _verdict(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray, between: n
     than some that hold, other than at one speed alone, and failures grow with the speed.
     """
     total, all_runs = failed.sum(1), runs.sum(1)
-    u = log(speed) - log(speed).mean()
+    u = np.log(speed) - np.log(speed).mean()
     growth = np.sum((failed * all_runs[:, None] - runs * total[:, None]) * u, axis=1)
     nothing = 1e-12 * total * np.sum(runs * np.abs(u), axis=1)  # rounding, where the shares are all the same
     return np.select(
@@ -97,8 +96,8 @@ def dispersion_bounds(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
 
 def _peaks(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
     """Median, dispersion and whether Newton's method ended, (R,) each, of counts (s, R) that have a peak."""
-    middle = log(speed).mean()
-    u = log(speed) - middle
+    middle = np.log(speed).mean()
+    u = np.log(speed) - middle
     scale = max(np.abs(u).max(), 1e-300)
     u = (u / scale)[:, None]
     a, b = np.zeros((2, runs.shape[1]))
@@ -113,13 +112,13 @@ def _peaks(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
         active = active[~ready[active]]
         if not len(active):
             break
-    return exp(middle - scale * a / b), scale / b, ready & (b > 0)
+    return np.exp(middle - scale * a / b), scale / b, ready & (b > 0)
 
 
 def _newton_step(a, b, u, runs, failed):
     """The step to the peak of the quadratic that the logarithm of the likelihood is near (a, b)."""
     z = a + b * u
-    up, down = inverse_mills(z)
+    up, down = (np.exp(-0.5 * z * z - log_ndtr(side)) / ROOT_TWO_PI for side in (z, -z))
     slope = failed * up - (runs - failed) * down
     bend = failed * up * (up + z) + (runs - failed) * down * (down - z)
     aa, ab, bb = bend.sum(0), (bend * u).sum(0), (bend * u * u).sum(0)
@@ -135,7 +134,7 @@ def share_bounds(speed: np.ndarray, fits: Fits) -> tuple[np.ndarray, np.ndarray]
     column = {name: values[:, None] for name, values in fits._asdict().items()}
     fitted = column["verdict"] == FITTED
     median, dispersion = (np.where(fitted, column[name], 1.0) for name in ("median", "dispersion"))
-    share = cdf((log(speed) - log(median)) / dispersion)
+    share = ndtr((np.log(speed) - np.log(median)) / dispersion)
     nothing = np.isin(column["verdict"], (FALLING, NOT_FOUND))
     mixed, known = column["mixed"], column["share"]
     least = np.select([nothing, speed >= column["above"], speed >= mixed], [0.0, 1.0, known], 0.0)
