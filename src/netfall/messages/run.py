@@ -18,6 +18,7 @@ from netfall.messages.wind import wind_notes
 from netfall.model.layout import band_of, features_of
 from netfall.model.model import Model
 from netfall.model.schedule import step_at
+from netfall.net.defaults import default_warnings
 from netfall.numerics.functions import lengths
 from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
@@ -41,7 +42,7 @@ def before_run(scene: Scene, progress: Progress) -> None:
     if model is None:
         return
     progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
-    progress.say(*(f"note: {note}" for note in model.notes))
+    progress.say(*job_remarks(model, scene.job))
     if scene.comm.size > 1:
         progress.say(partition_line(model, scene.comm.size))
     if scene.form:
@@ -262,10 +263,16 @@ def limit_line(limit: Limit, model: Model) -> str:
     return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
 
 
+def job_remarks(model: Model, job: Job) -> list[str]:
+    """Return the warnings on changed defaults, and the notes on what is plausible but odd in a job."""
+    return default_warnings(job, model.net) + [f"note: {note}" for note in model.notes]
+
+
 def notes_of(scene: Scene) -> list[str]:
-    """What is plausible but odd in a job, for its result; rank 0 has it."""
+    """Return the warnings and notes that a run says before it begins, for its result; on rank 0."""
     remarks = start_notes(scene) + (remarks_of(scene) if scene.schedule else [])
-    return [f"note: {note}" for note in scene.model.notes] + [line for line in remarks if line[:5] == "note:"]
+    marked = [line for line in remarks if line.startswith(("note:", "warning:"))]
+    return job_remarks(scene.model, scene.job) + marked
 
 
 def remarks_of(scene: Scene) -> list[str]:

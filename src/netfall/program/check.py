@@ -108,8 +108,8 @@ def _describe_net(scene: Scene, say) -> None:
         + (GIVEN_AREAS if areas_are_given(net) else source)
     )
     _describe_largest_face(model, say)
-    for note in model.notes:
-        say(f"note: {note}")
+    for remark in run.job_remarks(model, scene.job):
+        say(remark)
 
 
 def _describe_largest_face(model: Model, say) -> None:

@@ -12,6 +12,7 @@ from netfall.ground.progress import Progress
 from netfall.ground.room import memory_line
 from netfall.ground.sources import TELLING, program_digest
 from netfall.net.build import build_net
+from netfall.net.defaults import default_warnings
 from netfall.study.file import Plan, read_plan
 from netfall.study.files import Place, Watch, place_of
 from netfall.study.journal import read_journal
@@ -44,8 +45,9 @@ def study(
         raise InputError(
             f"{path}: [rare] runs in rounds that need each other; expected no --shard, more --workers"
         )
-    net = build_net(plan.read(plan.member(0)))  # what is wrong in the net is said here, once
-    progress.say(*plan.notes)
+    job = plan.read(plan.member(0))
+    net = build_net(job)  # what is wrong in the net is said here, once
+    progress.say(*default_warnings(job, net), *plan.notes)
     place = place_of(path, output, shard)
     if not place.result.exists() or digests_of(place.result) is None:
         check_place(place.result)
