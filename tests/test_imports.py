@@ -50,7 +50,7 @@ MAY_IMPORT = {
     "report": ["job.table", "roof", "write.locks", "results", "checks", "plots"],
     "study": ["job", "net", "write.locks", "results"],
     "measure": ["job", "write.locks", "results", "study", "plots.canvas"],
-    "api": ["job", "parallel.agree", "results", "program.run"],
+    "api": ["job", "parallel.agree", "parallel.alone", "results", "program.run"],
     "exchange": ["job", "net.parts", *LAW, "write.locks", "results", "plots"],
     "cli": [
         *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
@@ -61,10 +61,7 @@ MAY_IMPORT = {
 
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
-    "mpi4py": [
-        *("parallel", "step", "multigrid", "equilibrium", "record", "write", "form", "stages", "program"),
-        *("api.run", "cli.commands", "__main__"),
-    ],
+    "mpi4py": ["parallel.mpi", "program.provenance", "__main__"],
     "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.taps"],
     "numba": [  # besides compile: intrinsics, and the version for /provenance
         *(

@@ -9,7 +9,7 @@ from pathlib import Path
 from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
-from netfall.ground.launch import RANK_NAMES
+from netfall.ground.launch import launched_rank
 from netfall.ground.progress import unread
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -68,12 +68,13 @@ def main() -> None:
 
 
 def _rank() -> int:
-    """This process's rank; before MPI is in use, what the launcher says; else 0."""
-    if "mpi4py.MPI" not in sys.modules:
-        return next((int(os.environ[name]) for name in RANK_NAMES if os.environ.get(name, "").isdigit()), 0)
-    from mpi4py import MPI
+    """Return this process's rank: of several, what MPI says; else what the launcher says."""
+    if "mpi4py.MPI" in sys.modules:
+        from mpi4py import MPI
 
-    return MPI.COMM_WORLD.rank
+        if MPI.COMM_WORLD.size > 1:
+            return MPI.COMM_WORLD.rank
+    return launched_rank()
 
 
 def abort(error: BaseException) -> None:
@@ -96,8 +97,13 @@ def abort(error: BaseException) -> None:
 
 
 def _in_words(error: BaseException) -> str:
-    if isinstance(error, OutputError):
+    if isinstance(error, (InputError, OutputError)):
         return str(error)
+    if isinstance(error, ImportError) and "libmpi" in str(error):
+        return (
+            f"{error}. h5py was built for this MPI library: install it (Debian: openmpi-bin), or a serial "
+            "h5py: pip install --force-reinstall --only-binary h5py h5py"
+        )
     return f"rank {_rank()}: {type(error).__name__}: {error} (NETFALL_TRACEBACK=1 shows where)"
 
 

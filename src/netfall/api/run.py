@@ -1,37 +1,48 @@
-"""Running a job from Python: here on one rank or on those there are, else on ranks started for it."""
+"""Running a job from Python: in processes of its own, or on the ranks of mpirun on which a script runs.
+
+A run sets up the process that computes (compiler, memory, signals, MPI), so it takes no user's process.
+"""
 
 import os
 import shlex
+import signal
 import subprocess
+import sys
 import tempfile
 from contextlib import nullcontext
 from pathlib import Path
 
 from netfall.api.net import Net
-from netfall.ground.errors import DivergedError, InputError, Interrupted
-from netfall.ground.launch import default_launcher, run_command
+from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.ground.launch import RANKS, SIZES, default_launcher, environment_alone, launched, run_command
 from netfall.job.toml_text import toml_text, toml_value
 from netfall.results.result import Result
 
 ENDS = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
-OF_LAUNCHERS = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK")  # what mpirun and srun leave for a rank
+STOP = 60.0  # s that a run is given to stop with a checkpoint
 
 
 def run(job, overrides: dict | None, ranks: int | None, output, quiet: bool) -> Result:
-    """What `netfall.run` does."""
+    """Do what `netfall.run` says."""
     settings = [f"{name}={toml_value(value)}" for name, value in (overrides or {}).items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(f"ranks = {ranks!r}: expected a whole number >= 1")
-    if under_mpirun() or (ranks or 1) == 1:
+    if under_mpirun():
         return _run_on_these_ranks(job, settings, ranks, output, quiet)
     with _Place(job, output) as place:
-        _run_on_new_ranks(place, settings, ranks, quiet)
+        _run_in_processes(place, settings, ranks or 1, quiet)
         return place.result()
 
 
 def under_mpirun() -> bool:
-    """Whether a launcher of MPI ranks started this process. (MPI at its start does not alter os.environ.)"""
-    return any(name in os.environ for name in OF_LAUNCHERS)
+    """Return whether this process is one of several ranks, by its launcher, or by MPI if that has started.
+
+    A single rank is not: a notebook may have been started by srun.
+    """
+    mpi, sizes = sys.modules.get("mpi4py.MPI"), launched(SIZES)
+    if mpi and mpi.Is_initialized() and not mpi.Is_finalized() and mpi.COMM_WORLD.size > 1:
+        return True
+    return next(iter(sizes.values())) > 1 if sizes else bool(launched(RANKS))
 
 
 class _Place:
@@ -114,41 +125,94 @@ def _absolute(value):
     return value
 
 
-def _run_on_new_ranks(place: _Place, settings: list[str], ranks: int, quiet: bool) -> None:
-    options = ["--quiet"] if quiet else []
-    command = run_command(default_launcher(), ranks, place.job, place.output, settings, *options)
-    # os.environ is as it was before any start-up of MPI in this process, with which mpirun would fail
-    ended = subprocess.run(
-        command,
-        env=dict(os.environ),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL if quiet else None,
-        stderr=subprocess.PIPE,
-        text=True,
+def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: bool) -> None:
+    """Run a job in a process of its own, or on ranks of its own.
+
+    Raises what the command ends with, KeyboardInterrupt after a checkpoint.
+    """
+    launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
+    command = run_command(
+        launcher, ranks, place.job, place.output, settings, *options, module="netfall.program.attached"
     )
-    if ended.returncode:
-        lines = [line for line in ended.stderr.splitlines() if line.strip()] or ["no message"]
-        raise _error(ended.returncode, _without(place.prefix, lines), command)
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:
+        interrupt = None
+        with subprocess.Popen(
+            command,
+            env=_environment(),
+            stdin=subprocess.PIPE,
+            stdout=_output(quiet),
+            stderr=complaints,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+        ) as process:
+            try:
+                for line in process.stdout or ():
+                    print(line, end="", flush=True)
+                process.wait()
+            except BaseException as raised:
+                interrupt = raised
+                process.stdin.close()  # at which the run stops
+                _end(process)
+        complaints.seek(0)
+        lines = [line for line in complaints.read().splitlines() if line.strip()]
+    if interrupt:
+        if isinstance(interrupt, KeyboardInterrupt) and place.keep and process.returncode == 4:
+            raise KeyboardInterrupt("\n".join(lines)) from None
+        raise interrupt
+    if process.returncode:
+        raise _error(process.returncode, _without(place.prefix, lines), command)
+    if lines:
+        print("\n".join(lines), file=sys.stderr)
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of a run: it finds the modules that this process finds, in the same order."""
+    folders = [folder or os.getcwd() for folder in sys.path]
+    return environment_alone() | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
+
+
+def _output(quiet: bool) -> int | None:
+    """Return where a run prints to: here, line by line, where Python's output is not that of the process."""
+    if quiet:
+        return subprocess.DEVNULL
+    if sys.stdout is not sys.__stdout__:
+        return subprocess.PIPE
+    sys.stdout.flush()
+    return None
+
+
+def _end(process: subprocess.Popen) -> None:
+    """Wait for the end of a run that has been asked to stop; kill it after a while, or at an interrupt."""
+    try:
+        process.wait(STOP)
+    except (subprocess.TimeoutExpired, KeyboardInterrupt):
+        process.kill()
 
 
 def _error(code: int, lines: list[str], command: list[str]) -> Exception:
+    """Return the exception that stands for the end of a command, with what it wrote to standard error."""
     if code == InputError.exit_code:
         return InputError(lines)
     if code in ENDS:
         return ENDS[code]("\n".join(lines))
-    return RuntimeError("\n".join([f"{shlex.join(command)} ended with exit code {code}", *lines]))
+    told = [line.removeprefix("netfall: ") for line in lines if line.startswith("netfall: ")]
+    if code == OutputError.exit_code and told and not told[0].startswith("rank "):
+        return OutputError("\n".join(told))
+    ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    return RuntimeError("\n".join([f"{shlex.join(command)} {ended}", *lines]))
 
 
 def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, quiet: bool) -> Result:
-    """Collective over the ranks of mpirun, each of which gets the result; without mpirun on this one."""
-    from mpi4py import MPI
+    """Run a job on the ranks of mpirun, each of which gets the result. Collective."""
+    from netfall.parallel.alone import world
 
+    comm = world()
     from netfall.ground.progress import Progress
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
     from netfall.program.run import run_job
 
-    comm = MPI.COMM_WORLD if under_mpirun() else MPI.COMM_SELF
     if ranks not in (None, comm.size):
         raise InputError(
             f"ranks = {ranks}: this script runs on {comm.size} ranks of mpirun already, and so does the job; "

@@ -4,7 +4,6 @@ What a command needs it imports itself: `info`, `plot` and `report` work where t
 word on the command line is answered before anything is loaded.
 """
 
-import os
 from pathlib import Path
 
 import netfall
@@ -62,19 +61,19 @@ def partition(arguments) -> None:
 
 def run(arguments) -> None:
     """mpirun -n P netfall run JOB"""
-    from netfall.parallel.alone import start_alone
+    from netfall.parallel.alone import world
 
-    start_alone()
-    from mpi4py import MPI
-
+    comm = world()
     from netfall.ground.progress import Progress
+    from netfall.ground.room import keep_freed, keep_program
     from netfall.ground.stop import StopRequest
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
     from netfall.program.run import run_job
 
     stop = StopRequest(arguments.walltime)
-    comm = MPI.COMM_WORLD
+    keep_freed()
+    keep_program()
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
     path = arguments.output or Path(f"{job.name}.vtkhdf")
@@ -204,11 +203,12 @@ def trade(arguments) -> None:
 
 def study(arguments) -> None:
     """netfall study STUDY"""
+    from netfall.ground.launch import SIZES, launched
     from netfall.ground.progress import Progress
     from netfall.ground.stop import StopRequest
     from netfall.study.study import study as run_study
 
-    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", "1")) > 1:
+    if max(launched(SIZES).values(), default=1) > 1:
         raise InputError("netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P")
     a, progress = arguments, Progress(not arguments.quiet)
     run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopRequest())

@@ -13,7 +13,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.increments import Watch, approach, at_once
 from netfall.equilibrium.limit import LimitLoad, limit_load
@@ -32,6 +31,7 @@ from netfall.multigrid.factors import MOST_PRODUCTS, Factors, Pattern, factors_o
 from netfall.multigrid.lines import lines_of
 from netfall.multigrid.tangent import Tangent, tangent_of
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
 ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves

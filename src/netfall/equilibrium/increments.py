@@ -9,7 +9,6 @@ with the net; that of a relaxation does.
 from collections.abc import Callable
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.newton import (
     AT_START,
@@ -25,6 +24,7 @@ from netfall.equilibrium.newton import (
 from netfall.equilibrium.overload import SURELY, UNSTRAINED, GivesWay, Strained
 from netfall.ground.stop import StopRequest
 from netfall.multigrid.tangent import without_compression
+from netfall.parallel.mpi import MPI
 
 Watch = Callable[[], Strained]
 

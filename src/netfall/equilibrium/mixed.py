@@ -16,7 +16,6 @@ alone. The energy is convex in the positions for any gap (Kanno and Ohsaki 2003)
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.increments import Watch
 from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, still_missing
@@ -28,6 +27,7 @@ from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
 from netfall.multigrid.tangent import Tangent
 from netfall.numerics.arithmetic import logarithm
+from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 
 MOST_STEPS = 60

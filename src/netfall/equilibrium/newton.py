@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.bending import add_joint_stiffness
@@ -22,6 +21,7 @@ from netfall.multigrid.factors import Factors
 from netfall.multigrid.tangent import Tangent, without_compression
 from netfall.numerics.functions import lengths
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 

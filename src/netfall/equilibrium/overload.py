@@ -9,12 +9,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.mechanics.elements import nodal_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import keep_on_guides
 from netfall.numerics.functions import lengths
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.overload import is_lost
 from netfall.ground.compile import kernel
@@ -23,6 +22,7 @@ from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import add_springs, keep_on_guides, largest_residual, largest_springs
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import ALL, LIMBS, add_exactly, rounded
 

@@ -16,7 +16,6 @@ Every rank computes all slips from the same positions: so they have the same bit
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.relaxation import Paused, not_begun
 from netfall.equilibrium.strands import (
@@ -32,6 +31,7 @@ from netfall.equilibrium.strands import (
 from netfall.ground.errors import DivergedError
 from netfall.mechanics.slip.law import LEAST, slipped_lengths
 from netfall.mechanics.state import State
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 
 INEXACT = 1e-8  # of the largest tension: what may be left of the forces on slips at the end

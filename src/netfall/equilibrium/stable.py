@@ -1,10 +1,10 @@
 """Whether an equilibrium is stable."""
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.newton import Newton, NotPositiveDefinite, SlowConvergence
 from netfall.multigrid.tangent import scattered
+from netfall.parallel.mpi import MPI
 
 LEFT = 1e-4  # of the residual, in search of displacements without stiffness
 

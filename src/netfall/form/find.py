@@ -7,7 +7,6 @@ follow in closed form.
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.relaxation import Net as RelaxedNet
 from netfall.equilibrium.relaxation import Relaxation, largest_force
@@ -25,6 +24,7 @@ from netfall.net.turned import held_along, is_guided, turned_column
 from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.relaxation import RELAXATION, Paused, relaxation_record, restored_relaxation
 from netfall.form.find import Form, find_form
@@ -15,6 +14,7 @@ from netfall.model.model import Model, permanent_load
 from netfall.net.net import joined, spaced
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.write.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
 

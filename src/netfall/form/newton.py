@@ -2,8 +2,6 @@
 
 from functools import cache
 
-from mpi4py import MPI
-
 from netfall.equilibrium.newton import SHORT, Newton, NoConvergence, Stopped
 from netfall.equilibrium.relaxation import Paused, not_begun
 from netfall.equilibrium.stable import unstable_shape
@@ -12,6 +10,7 @@ from netfall.ground.columns import placed
 from netfall.mechanics.elements import add_tensions
 from netfall.multigrid.cycle import Structure
 from netfall.multigrid.lines import lines_of
+from netfall.parallel.mpi import MPI
 
 NEAR = 1e-2  # of the residual forces, what the start leaves
 SOFTER = (0.1, 0.01, 1e-3, 1e-4)  # of force densities: stiffness along elements of constant tension, in turn

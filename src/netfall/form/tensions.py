@@ -1,7 +1,6 @@
 """The form by tensions: by dynamic relaxation, and by Newton's method where the net is large."""
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.newton import is_large
 from netfall.equilibrium.relaxation import Net as RelaxedNet
@@ -11,6 +10,7 @@ from netfall.form.newton import newton_form
 from netfall.ground.errors import DivergedError
 from netfall.net.net import Net
 from netfall.numerics.functions import lengths
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
 TOGETHER = 1e-6  # of the length at the start: an element so short is as good as gone

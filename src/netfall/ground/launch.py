@@ -1,5 +1,6 @@
-"""The launcher of MPI ranks: the usual one, the command of a run on its ranks, and what it must hold."""
+"""The launcher of MPI ranks: the usual one, its command line, and what it leaves in the environment."""
 
+import os
 import shlex
 import shutil
 import sys
@@ -7,7 +8,50 @@ from pathlib import Path
 
 from netfall.ground.errors import InputError
 
-RANK_NAMES = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")  # set by launchers
+# What launchers tell a process: the number of ranks, and its own. Of Open MPI, of MPICH and its relatives, of
+# MVAPICH, of srun; the first that is there counts, for these may be started by one that stands behind them.
+SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
+RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
+SHELL = "SLURM_PTY_PORT"  # set in a shell of `srun --pty`, which starts further processes
+LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # first letters
+
+
+def launched(names: tuple[str, ...]) -> dict[str, int]:
+    """Return what a launcher has told this process under these names; nothing if none has started it.
+
+    The variables of Slurm count in a step that srun has started: Slurm sets SLURM_PROCID, and SLURM_NTASKS,
+    in batch scripts too.
+    """
+    in_step = "SLURM_STEP_NUM_TASKS" in os.environ and SHELL not in os.environ
+    return {
+        name: int(os.environ[name])
+        for name in names
+        if os.environ.get(name, "").isdigit() and (in_step or not name.startswith("SLURM_"))
+    }
+
+
+def launched_rank() -> int:
+    """Return the rank that the launcher has told this process; 0 without one."""
+    return next(iter(launched(RANKS).values()), 0)
+
+
+def environment_alone() -> dict[str, str]:
+    """Return the environment for a process that is to be no rank of the launcher of this one."""
+    if not launched(RANKS):
+        return dict(os.environ)
+    return {name: value for name, value in os.environ.items() if not name.startswith(LEFT_BEHIND)}
+
+
+def wrong_launcher(size: int) -> str | None:
+    """Return what is wrong if a launcher has started another number of processes than MPI's `size` ranks."""
+    name, count = next(iter(launched(SIZES).items()), ("", size))
+    if count == size:
+        return None
+    return (
+        f"MPI: {name} = {count}: the launcher started {count} processes, and MPI connects {size} of them. "
+        "Start the ranks with the mpirun of the MPI library that netfall --version names; for a run on one "
+        f"rank unset {name}"
+    )
 
 
 def default_launcher() -> str:
@@ -18,10 +62,19 @@ def default_launcher() -> str:
 
 
 def run_command(
-    launcher: str, ranks: int, job: Path, output: Path, overrides: list[str], *options: str
+    launcher: str,
+    ranks: int,
+    job: Path,
+    output: Path,
+    overrides: list[str],
+    *options: str,
+    module: str = "netfall",
 ) -> list[str]:
-    """The words of `netfall run` on so many ranks, for `subprocess`. launcher : command with {ranks} in it"""
-    own = [sys.executable, "-m", "netfall", "run", str(job), "-o", str(output), *options]
+    """Return the words of `netfall run` on so many ranks, for `subprocess`.
+
+    launcher : command with {ranks} in it; module : what Python runs
+    """
+    own = [sys.executable, "-m", module, "run", str(job), "-o", str(output), *options]
     settings = [word for override in overrides for word in ("--set", override)]
     return [*shlex.split(launcher.format(ranks=ranks)), *own, *settings]
 

@@ -5,6 +5,8 @@ import sys
 import time
 from contextlib import contextmanager
 
+from netfall.ground.launch import RANKS, launched
+
 LINE_EVERY = 10.0  # s between plain lines, at the least
 DRAW_EVERY = 0.2  # s between drawings of the bar
 
@@ -123,7 +125,7 @@ def _is_terminal(stream) -> bool:
     """
     if not stream.isatty():
         return False
-    if not any(name in os.environ for name in ("PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "PMI_SIZE")):
+    if not launched(RANKS):
         return True
     try:
         return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.multigrid.distributed import DistributedMatrix, first_step
 from netfall.multigrid.finest import ElementMatrix
@@ -24,6 +23,7 @@ from netfall.multigrid.rows import Pattern
 from netfall.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
 from netfall.numerics.linear import factorised, solve_factorised
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
 DEGREE = 4  # of the polynomial before and after each coarser level

@@ -7,11 +7,11 @@ of ranks.
 from functools import cached_property
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.compile import kernel, part_of_kernel
 from netfall.multigrid.rows import BlockRows, Ghosts
 from netfall.numerics.arithmetic import fused
+from netfall.parallel.mpi import MPI
 
 TAG = 31
 

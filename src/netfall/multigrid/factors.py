@@ -6,10 +6,10 @@ numbers in the same order, so their bits do not depend on the ranks.
 """
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.multigrid.tangent import Tangent, block_matrix, incidence_of
 from netfall.numerics.sparse import dissected, factors_of, substitute_one, tree_of
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
 MOST_PRODUCTS = 5e6  # that the factors may take, 5 ms; a cycle through levels is quicker in much larger nets

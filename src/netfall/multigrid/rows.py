@@ -8,7 +8,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
+
+from netfall.parallel.mpi import MPI
 
 
 class Owners:

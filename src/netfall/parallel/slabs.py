@@ -1,7 +1,8 @@
 """From owned rows, scattered over the global order, to contiguous blocks of it that are written at once."""
 
 import numpy as np
-from mpi4py import MPI
+
+from netfall.parallel.mpi import MPI
 
 
 class Slabs:

@@ -11,10 +11,10 @@ copies.
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.compile import allocating_kernel
 from netfall.numerics.sets import among, distinct
+from netfall.parallel.mpi import MPI
 
 FAR = 4.0  # times farther apart in number than need be: then the given order of the particles is given up
 

@@ -8,7 +8,6 @@ held in 64-bit integers. Limbs of different ranks add up as integers, exactly; o
 import math
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.apart import Entry
 from netfall.ground.compile import (
@@ -19,6 +18,7 @@ from netfall.ground.compile import (
     vector_kernel,
 )
 from netfall.numerics.arithmetic import bits_of, number_of
+from netfall.parallel.mpi import MPI
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts what is not finite
 LOWEST = 1074  # the first limb's unit is 2^-1074

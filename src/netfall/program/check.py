@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.find import FEWEST
 from netfall.ground.room import RANK_BYTES, SETUP_BYTES
@@ -20,6 +19,7 @@ from netfall.model.layout import Layout, make_layout
 from netfall.model.model import Model
 from netfall.model.schedule import steps_line
 from netfall.net.build import build_net
+from netfall.parallel.mpi import MPI
 from netfall.program.run import scheduled
 from netfall.program.setup import prepare
 from netfall.roof.areas import GIVEN_AREAS, areas_are_given, largest_face, normals

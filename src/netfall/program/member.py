@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.errors import DivergedError, InputError, NoRest, OutputError
 from netfall.ground.progress import Progress
@@ -19,6 +18,7 @@ from netfall.model.state import crushing_strain
 from netfall.net.net import Net
 from netfall.net.parts import parts_of
 from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
 from netfall.program.extremes import Extremes, Watched, extremes_of_motion
 from netfall.program.run import desk_for, raise_failure, run_stages, scheduled
 from netfall.program.setup import prepare

@@ -6,12 +6,12 @@ import h5py
 import mpi4py
 import numba
 import numpy as np
-from mpi4py import MPI
 
 import netfall
 from netfall.messages.run import moved_lines, notes_of
 from netfall.model.model import Model
 from netfall.parallel import partition
+from netfall.parallel.mpi import MPI
 from netfall.stages.scene import Scene
 from netfall.write.h5 import PARALLEL
 

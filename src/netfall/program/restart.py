@@ -1,10 +1,10 @@
 """Taking up a run again, on any number of ranks: its state, its log of fractures, its result file."""
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.mechanics.state import State
 from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.write.checkpoint import Checkpoint, kept_fields
 from netfall.write.result import Result

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 import netfall
 from netfall.erection.erect import reactions
@@ -24,6 +23,7 @@ from netfall.messages.run import after_run, before_run
 from netfall.model.loads import load_section
 from netfall.model.schedule import schedule_of
 from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
 from netfall.program.provenance import how_it_writes, provenance_of
 from netfall.program.restart import register_result, restore_state
 from netfall.program.setup import prepare

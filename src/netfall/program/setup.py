@@ -5,14 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
 from netfall.form.initial import INITIAL, form_of, kept_form
 from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
-from netfall.ground.room import keep_freed, keep_program
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
 from netfall.job.asks import carries_permanent
@@ -27,6 +25,7 @@ from netfall.model.schedule import step_limits, with_slips
 from netfall.model.state import make_state
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.program.ahead import compile_ahead
 from netfall.program.build_up import built_up
@@ -59,8 +58,6 @@ def prepare(
     Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
     Interrupted if `stop` asks for it.
     """
-    keep_freed()
-    keep_program()
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _split(comm, job, phases, memory)
     net = layout and layout.net

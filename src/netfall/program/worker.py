@@ -48,8 +48,10 @@ def packed(array) -> dict:
 
 def serve() -> None:
     """Work on tasks until there are no more."""
-    from mpi4py import MPI
+    from netfall.parallel.alone import world
 
+    comm = world()
+    from netfall.ground.room import keep_freed, keep_program
     from netfall.ground.sources import TELLING, program_digest
     from netfall.job.memory import Memory
     from netfall.job.read import read_job
@@ -57,7 +59,9 @@ def serve() -> None:
     from netfall.program.member import net_of, run_member
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a study that is interrupted ends its workers itself
-    comm, tasks = MPI.COMM_WORLD, MPI.COMM_WORLD.Dup()
+    keep_freed()
+    keep_program()
+    tasks = comm.Dup()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves
     if comm.rank == 0:

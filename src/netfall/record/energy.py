@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.apart import Entry
 from netfall.ground.columns import vectors
@@ -20,6 +19,7 @@ from netfall.ground.handed import Laid, laid
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
+from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import LIMBS, adding, rounded_of_all
 from netfall.step.audit import Bodies, Room, Subject, observe, observe_once, observe_particles
 

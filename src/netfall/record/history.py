@@ -1,11 +1,11 @@
 """The history of a dynamic stage: rows by name, and those of the probes. The same on every rank."""
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
+from netfall.parallel.mpi import MPI
 from netfall.record.columns import HISTORY, Moment
 from netfall.step.rows import MOST_STRAIN
 

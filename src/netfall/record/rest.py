@@ -1,7 +1,6 @@
 """What is kept of an equilibrium besides its state: reactions, elements at a limit, how far bending leans."""
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.job.asks import has_second_moments
 from netfall.job.job import Job
@@ -11,6 +10,7 @@ from netfall.mechanics.state import State
 from netfall.mechanics.supports import keep_on_guides, spring_forces
 from netfall.model.model import Model
 from netfall.parallel.agree import all_of
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot
 

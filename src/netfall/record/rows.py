@@ -1,11 +1,11 @@
 """The rows of the history on their way from the time loop of each rank to the history, the same on all."""
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.apart import Entry
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Subdomain
 from netfall.parallel.sums import LIMBS, rounded_of_all
 from netfall.record.energy import make_room, with_rows

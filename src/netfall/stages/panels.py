@@ -9,13 +9,13 @@ which counts as negative external work, so that both audits hold.
 from typing import NamedTuple
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.mechanics.air import take_air
 from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.state import State
 from netfall.model.handover import HandOver
 from netfall.net.net import GRAVITY
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 
 

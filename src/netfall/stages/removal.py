@@ -8,12 +8,12 @@ What hung inside a lost cable goes to its ends (`handover`), in the motion and i
 import sys
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.loss import Carried, join, leave, lose_elements
 from netfall.model.handover import HandOver
 from netfall.model.losses import Loss, leaving_then
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import rows_of
 from netfall.stages.rests import Rest, RestsAfter
 from netfall.stages.scene import Scene

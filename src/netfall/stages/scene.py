@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.slip import Slips
@@ -23,6 +22,7 @@ from netfall.mechanics.state import State
 from netfall.model.model import Model
 from netfall.model.schedule import Schedule
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.write.result import Result
 from netfall.write.saver import Saver

@@ -9,7 +9,6 @@ same bits on any number of ranks.
 from collections.abc import Callable
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.mechanics.bending import add_joint_bounds, add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, geometric_stiffness
@@ -21,6 +20,7 @@ from netfall.mechanics.supports import add_between, keep_on_guides, largest_spri
 from netfall.multigrid.joints import joint_tangent
 from netfall.numerics.linear import top_of_tridiagonal
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 
 # Of omega_max^2: bound of what is missing, which is then added, so that the limit is on the safe side.

@@ -1,7 +1,6 @@
 """Stepping a net in which elements break: how long a step is, and what is taken back and stepped again."""
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.job.asks import carries_weight
 from netfall.mechanics.air import lose_all_wind
@@ -11,6 +10,7 @@ from netfall.mechanics.law.branches import stiffening
 from netfall.mechanics.slip.motion import STEP
 from netfall.net.net import GRAVITY
 from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
 from netfall.record.rows import RowTable
 from netfall.stages.panels import Tearing
 from netfall.stages.scene import Desk, Scene

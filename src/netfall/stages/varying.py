@@ -16,13 +16,13 @@ import sys
 from collections.abc import Callable
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.job.asks import grows, rests_in_wind
 from netfall.mechanics.ground import Ground
 from netfall.mechanics.state import State
 from netfall.model.handover import HandOver
 from netfall.numerics.functions import lengths
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.stages.scene import Scene
 from netfall.wind.field import WindField, particle_speeds

@@ -19,11 +19,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.errors import InputError
 from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.state import State
+from netfall.parallel.mpi import MPI
 from netfall.write.h5 import SharedFile, check_seal
 
 FORMAT = 12

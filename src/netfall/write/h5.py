@@ -13,10 +13,10 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.errors import OutputError
 from netfall.parallel.agree import on_all, on_root
+from netfall.parallel.mpi import MPI
 from netfall.parallel.slabs import Slabs
 from netfall.write.locks import give_back, h5_file, reserve, sync, writing
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from mpi4py import MPI
 
 from netfall.ground.errors import OutputError
 from netfall.mechanics.events import EventLog
@@ -17,6 +16,7 @@ from netfall.net.bars import CURVES, FLAGS, buckling_lengths, euler_load
 from netfall.net.net import Net
 from netfall.net.slides import Slides
 from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS, Field, Sight
 from netfall.results.datasets import ORDER, unit_of

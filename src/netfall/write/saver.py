@@ -4,9 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 
 from netfall.mechanics.state import State
+from netfall.parallel.mpi import MPI
 from netfall.write.checkpoint import KEPT, Checkpoint, checkpoint_path, remove_older, write_checkpoint
 from netfall.write.result import Result
 

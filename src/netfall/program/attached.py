@@ -1,0 +1,27 @@
+"""`netfall run` as a part of another process, such as that of a notebook.
+
+    python -m netfall.program.attached run JOB ...
+
+Standard input is a pipe that the other process holds open. When it is closed, by a wish to stop or because
+the other process has ended, the run stops as it does at a signal.
+"""
+
+import os
+import signal
+import threading
+
+from netfall.__main__ import main
+from netfall.ground.launch import launched_rank
+
+
+def _stop_with_input() -> None:
+    """Wait for the end of standard input, then ask this process to stop."""
+    while os.read(0, 1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+if __name__ == "__main__":
+    if launched_rank() == 0:  # the only one that mpirun gives the input to
+        threading.Thread(target=_stop_with_input, daemon=True).start()
+    main()

