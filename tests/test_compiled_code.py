@@ -14,14 +14,17 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-import netfall
 from netfall.ground.apart import Entry, call
 from netfall.ground.compile import FileForEach, allocating_kernel, kernel, kernel_apart, turn
 from netfall.ground.handed import laid
+from netfall.ground.progress import Progress
+from netfall.job.read import read_job
 from netfall.mechanics.fields import Features, Particles
 from netfall.mechanics.fracture import BREAKING
+from netfall.parallel.mpi import MPI
 from netfall.program import setup
 from netfall.program.ahead import Ahead, ahead_of, plan_of, state_with, types_of
+from netfall.program.run import run_job
 from netfall.step.beside import EXCHANGED, pack, unpack
 from netfall.step.forces import KICKED, kick_chunk
 from netfall.step.loop import time_loop
@@ -92,13 +95,14 @@ def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["stadium", "saddle", "taps", "trusses"])
-def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypatch, name):
+def test_the_time_loop_is_compiled_ahead_for_what_the_run_calls_it_with(monkeypatch, tmp_path, name):
     """Types that are known before there is a state: those with which the run then steps."""
     if not hasattr(time_loop, "overloads"):
         pytest.skip("kernels run as plain Python")
     known = []
     monkeypatch.setattr(setup, "compile_ahead", lambda *scene: known.append(ahead_of(*scene)))
-    netfall.run(ROOT / "jobs" / f"{name}.toml", {"dynamics.duration": 0.02}, quiet=True).close()
+    job = read_job(ROOT / "jobs" / f"{name}.toml", ["dynamics.duration=0.02"])
+    run_job(MPI.COMM_SELF, job, tmp_path / "r.vtkhdf", Progress(False))
     [ahead] = known
     plan = plan_of(ahead, state_with(ahead))
     assert types_of(ahead, plan) in time_loop.overloads

@@ -1,9 +1,8 @@
 """netfall: form finding, load analysis and collapse of cable roofs by the finite particle
 method, on MPI ranks.
 
-The work in order: a **job** (what was asked), a **net** (nodes, cables, supports), its **mechanics**
-(elements, steps, fracture, energy), the **wind**, the **parallel** split, the **solve** (form finding,
-statics, dynamics), the **output** (result file, pictures). Imports run from left to right of that line.
+`run` runs a job, `open` reads a result file, `Net` makes a net from arrays. The packages below are not part
+of this interface: the README.md beside this file describes them.
 """
 
 from importlib import import_module
@@ -30,12 +29,17 @@ def run(job, overrides=None, ranks=None, output=None, quiet=True):
         There "net" may be a `Net`, or hold its arrays: {"nodes": (n, 3) [m], "elements": (m, 2) by ids,
         "fixed": (n,), "groups": (m,)}. Paths in a dict are relative to the working directory.
     overrides : keys and values, {"wind.speed": 36.0} [m/s], as --set of the command, in the keys' SI units
-    ranks : MPI ranks; more than one are started for the run. None: one, or those of mpirun if a script runs
-        under it; there the call is collective, and every rank gets the result.
+    ranks : MPI ranks that are started for the run. None: one, or those of mpirun if a script runs on several;
+        there the call is collective, and every rank gets the result.
     output : path of the result file; None: a temporary one, gone when the result is
     quiet : False prints what the command prints
 
-    Raises InputError if the job is wrong (every error a line), DivergedError if it has no solution.
+    The run computes in a process of its own and leaves this one as it was, except on the ranks of mpirun.
+    KeyboardInterrupt stops it; if `output` is given, with a checkpoint, from which `netfall run --restart`
+    goes on.
+
+    Raises InputError if the job is wrong (every error a line), DivergedError if it has no solution,
+    OutputError if the result cannot be written, Interrupted if a signal stops the run.
     """
     return import_module("netfall.api.run").run(job, overrides, ranks, output, quiet)
 
