@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
 
+from netfall.ground.errors import InputError
+from netfall.model.motion import UNITS, read_at2
+
 BARE = STEEL.replace("prestress = 100e3\n", "")
 EA, HALF = 1.95e11 * 683.08e-6, 0.5 * 7850.0 * 683.08e-6  # N; kg for each metre
 BAR = '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
@@ -184,7 +187,10 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
         ("acceleration = 'bad.AT2'\n", "direction: missing"),
         ("acceleration = 'm.csv'\nbaseline = true\n", "a table is taken as it stands"),
         ("acceleration = 'bad.AT2'\ndirection = [1.0, 0.0, 0.0]\n", "NPTS = 3"),
-        ("acceleration = 'gal.AT2'\ndirection = [1.0, 0.0, 0.0]\n", "CM/S/S; expected UNITS OF G"),
+        (
+            "acceleration = 'volts.AT2'\ndirection = [1.0, 0.0, 0.0]\n",
+            "names the unit volts; expected one of g",
+        ),
     ],
 )
 def test_wrong_motions_are_refused(workshop, entry, message):
@@ -196,10 +202,42 @@ def test_wrong_motions_are_refused(workshop, entry, message):
     (job.parent / "m.csv").write_text("time,x\n0,0\n1,1\n")
     (job.parent / "late.csv").write_text("time,x\n0,0.5\n1,1\n")
     (job.parent / "bad.AT2").write_text("a\nb\nc\nNPTS= 3, DT= .01 SEC\n0.1 0.2\n")
-    head = "ACCELERATION TIME SERIES IN UNITS OF CM/S/S"
-    (job.parent / "gal.AT2").write_text(f"a\nb\n{head}\nNPTS= 3, DT= .01 SEC\n10 20 30\n")
+    head = "ACCELERATION TIME SERIES IN UNITS OF VOLTS"
+    (job.parent / "volts.AT2").write_text(f"a\nb\n{head}\nNPTS= 3, DT= .01 SEC\n10 20 30\n")
     done = workshop.run(job, code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
+
+
+UNITS_IN_HEADS = [  # m/s2 of one; None: refused
+    ("ACCELERATION TIME SERIES IN UNITS OF G", 9.81),
+    ("ACCELERATION (cm/s2)", 0.01),
+    ("ACCELERATION IN M/S**2", 1.0),
+    ("UNITS: CM/S/S", 0.01),
+    ("ACC. [mm/sec^2]", 0.001),
+    ("acceleration, in/s2", 0.0254),
+    ("FT PER SEC PER SEC", 0.3048),
+    ("IN GAL", 0.01),
+    ("LARGEST 0.3 G, UNITS OF M/SEC2", 1.0),
+    ("PGA = 312 CM/S2, UNITS OF G", 9.81),
+    ("ACCELERATION TIME SERIES", None),
+    ("UNITS OF %G", None),
+    ("UNITS OF CM/S", None),
+    ("CM/S2, UNITS OF G", None),
+]
+
+
+@pytest.mark.parametrize("words, one", UNITS_IN_HEADS)
+def test_a_record_is_read_in_the_unit_of_its_head(tmp_path, words, one):
+    """The unit stands anywhere in the head. Unknown ones, two, and none at all are refused."""
+    record = tmp_path / "record.AT2"
+    record.write_text(f"made\n{words}\nby hand\nNPTS= 3, DT= .01 SEC\n0 10 20\n")
+    if one is None:
+        with pytest.raises(InputError, match=r"expected one of g, m/s2.* Write the unit of the values"):
+            read_at2(record)
+        return
+    time, a, unit = read_at2(record)
+    assert time.tolist() == [0.0, 0.01, 0.02]
+    assert (UNITS[unit] * a).tolist() == [0.0, 10 * one, 20 * one]
 
 
 RIM = """[cable]

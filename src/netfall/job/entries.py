@@ -26,8 +26,8 @@ kind | choice ultimate service | | ultimate | which checks apply
 [motion]
 nodes | integers | | | ids of the supports that move; absent: all
 displacement [m] | path | | | path of a table time, x, y, z, linear between its rows
-acceleration [m/s2] | path | | | path of a record (.AT2, in g) or of a table time, x, y, z or time,
-    acceleration, likewise
+acceleration [m/s2] | path | | | path of a record (.AT2, in the unit of its head) or of a table time, x, y,
+    z or time, acceleration, likewise
 direction | vector | -1e9 to 1e9 | | of an acceleration of one component
 scale | number | -1e6 to 1e6 | 1.0 | by which it is multiplied
 speed [m/s] | number | > 0 to 1e6 | | of a wave that travels; absent: all at once

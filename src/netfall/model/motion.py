@@ -169,9 +169,9 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
             table.finish()
         rows = _integrated(*_from_zero(time, entry.scale * a))
         return *rows, table.notes + _drift(*rows)
-    time, a = read_at2(path)
-    a = entry.scale * GRAVITY * a[:, None] * _unit(entry.direction)
-    notes = []
+    time, a, unit = read_at2(path)
+    a = entry.scale * UNITS[unit] * a[:, None] * _unit(entry.direction)
+    notes = [] if unit == "g" else [f"{entry.acceleration}: read in {unit}, as its head says"]
     if entry.baseline is not False:
         time, rows = _integrated(time, a)
         slope = _parabola(time, rows[:, 1])
@@ -263,37 +263,61 @@ def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
     ]
 
 
-def _check_unit(path: Path, line: str) -> None:
-    """The third line of a record may name its unit: that has to be g. Raises InputError."""
-    named = re.search(r"\bunits?\b(?:\s+of|\s*[:=])?\s*(\S+)", line, re.I)
-    unit = named[1].strip(".,;()").lower() if named else "g"
-    if unit not in ("g", "g's"):
-        raise InputError(
-            f"{path}: line 3: {line.strip()[:60]!r}: the unit is {named[1]}; expected UNITS OF G: divide the "
-            "values (cm/s2: by 981), or give a table of time, acceleration in m/s2"
-        )
+# --- PEER's files (.AT2)
+
+HEAD = 4  # lines before the numbers
+UNITS = {"g": GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048}  # m/s2
+SPELLINGS = (  # of one unit, made alike
+    (r"\*\*|\^", ""),
+    ("²", "2"),
+    (r"\s*(?:/|\bper\b)\s*", "/"),
+    (r"/\(?s(?:ec(?:ond)?s?)?\b\)?", "/s"),
+    (r"/\(?s(?:ec(?:ond)?s?)?\)?\s*2\b|/s/s\b|[\s.]*s-2\b", "/s2"),
+    (r"\bgals?\b", "cm/s2"),
+)
+NAMED = r"\bunits?\b[\s:=(\[]*(?:(?:of|in|is|are)\b[\s:=(\[]*)?"
+RATE = r"(?P<rate>(?:[mc]?m|in|ft)/s2)(?![\w/])"
+KNOWN = re.compile(rf"(?P<value>[\d.]\s*)?(?<![\w/]){RATE}|(?:{NAMED}|\bin\s+|[(\[,;]\s*)g(?:'s)?(?![\w/])")
 
 
-def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Times (r,) [s] and accelerations (r,) [g] of a record of PEER's: four lines of head, then numbers.
+def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
+    """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS.
 
-    The fourth has "NPTS= 3000, DT= .0100 SEC". Raises InputError.
+    The fourth line of the head has "NPTS= 3000, DT= .0100 SEC", any line of it the unit. Raises InputError.
     """
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
-    _check_unit(path, lines[2] if len(lines) > 2 else "")
-    head = lines[3] if len(lines) > 3 else ""
-    points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", head, re.I) for name in ("NPTS", "DT"))
+    last = lines[HEAD - 1] if len(lines) >= HEAD else ""
+    points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", last, re.I) for name in ("NPTS", "DT"))
     if not (points and step):
-        raise InputError(f'{path}: line 4: {head[:60]!r}: expected "NPTS= 3000, DT= .0100 SEC"')
+        raise InputError(f'{path}: line 4: {last[:60]!r}: expected "NPTS= 3000, DT= .0100 SEC"')
     try:
         count, dt = int(float(points[1])), float(step[1])
-        a = np.array(" ".join(lines[4:]).split(), float)
+        a = np.array(" ".join(lines[HEAD:]).split(), float)
     except ValueError as error:
-        raise InputError(f"{path}: {error}; expected numbers, in g, below four lines of head") from None
+        raise InputError(f"{path}: {error}; expected numbers below four lines of head") from None
     if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
         what = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
         raise InputError(f"{path}: {what}; expected NPTS of them, 2 or more, and DT > 0")
-    return dt * np.arange(count), a
+    return dt * np.arange(count), a, _unit_of(path, "\n".join(lines[:HEAD]))
+
+
+def _unit_of(path: Path, head: str) -> str:
+    """Return the unit of acceleration that a head names. Raises InputError if it names none, or several.
+
+    A unit behind a number belongs to that number ("PGA 0.3 G"), not to the record.
+    """
+    head = head.lower()
+    for spelling, usual in SPELLINGS:
+        head = re.sub(spelling, usual, head)
+    found = {match["rate"] or "g" for match in KNOWN.finditer(head) if not match["value"]}
+    found |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
+    if len(found) == 1 and found <= UNITS.keys():
+        return found.pop()
+    named = f"its head names the unit {' and '.join(sorted(found))}" if found else "its head names no unit"
+    raise InputError(
+        f"{path}: {named}; expected one of {', '.join(UNITS)}. Write the unit of the values into the third "
+        "line, as in UNITS OF G, or give a table of time, acceleration in m/s2"
+    )
