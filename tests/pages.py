@@ -71,7 +71,6 @@ def code_map() -> str:
 NOUNS = {  # what a key takes, by its kind
     "number": "number",
     "integer": "integer",
-    "seed": "integer, or pairs `[[weight, seed], ...]`",
     "flag": "`true`, `false`",
     "text": "text",
     "path": "path",

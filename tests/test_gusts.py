@@ -273,33 +273,6 @@ def test_no_pair_of_speeds_has_unrelated_gusts():
     assert least_correlation(40.0, 41.0, 0.05, ar_order=4) > 0.99
 
 
-def test_seeds_with_weights_are_as_random_as_one():
-    """One of weight 1 is that seed to the bit; a mixture has variance and coherence of one, and correlation w
-    with each of its parts, within three deviations of the sample's.
-    """
-    model = model_of(0.5, POINTS[:3], spectrum="kaimal")[1]
-    one = of_steps(model, 7, 400)
-    assert (of_steps(model, [[1.0, 7]], 400) == one).all()
-    steps = 40_000
-    parts = [of_steps(model, seed, steps) for seed in (7, 8)]
-    mixed = of_steps(model, [[0.6, 7], [0.8, 8]], steps)
-    assert np.allclose(mixed, 0.6 * parts[0] + 0.8 * parts[1], atol=1e-9)  # the recursion is linear
-    scatter = max(abs(parts[0].var(0) / parts[1].var(0) - 1.0))  # of two samples: sqrt 2 of one's
-    assert mixed.var(0) == pytest.approx(parts[0].var(0), rel=3 * max(scatter, 0.02))
-    alike = lambda u: np.corrcoef(u.T)[np.triu_indices(u.shape[1], 1)]
-    assert alike(mixed) == pytest.approx(alike(parts[0]), abs=0.05)
-    assert np.corrcoef(mixed[:, 0], parts[0][:, 0])[0, 1] == pytest.approx(0.6, abs=0.05)
-
-
-@pytest.mark.parametrize(
-    "seed", [[[0.6, 7], [0.8, 7]], [[0.6, 7], [0.7, 8]], [[1.0, -1]], [[1.0, 1.5]], [], [1.0, 7], 1.5]
-)
-def test_seeds_that_are_none_are_refused(seed):
-    """The same seed twice, squares that do not add to 1, what is no seed."""
-    key = next(key for key in SECTIONS["wind"] if key.name == "seed")
-    assert not key.fits(seed) and "squares of whose weights add to 1" in key.expected()
-
-
 def test_noise_is_a_function_of_seed_and_step():
     """The same numbers whatever was drawn before, also before time 0; others for another seed or step."""
     model = model_of(0.05, POINTS[:3])[1]

@@ -1,16 +1,17 @@
 """From a fragility curve to a year: hazard, reliability, own measures of failure; closed forms."""
 
+import re
 import subprocess
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
-from conftest import AREAS, BIN, ENVIRONMENT, run_netfall, run_on_standing_ranks, wait_for
+from conftest import AREAS, BIN, ENVIRONMENT, ROOT, run_on_standing_ranks
 from scipy import integrate, stats
 from study_files import columns, drawn_members, net, write_study
-from test_study_runs import STUDY, same_studies, write
+from test_study_runs import STUDY, write
 
+from netfall.ground.errors import InputError
 from netfall.plots.study.study import pictures_of
 from netfall.results.outcomes import OUTCOMES
 from netfall.study.answers import fragility, probit, samples
@@ -26,9 +27,7 @@ from netfall.study.answers.hazard import (
 from netfall.study.answers.info import print_study
 from netfall.study.answers.measures import Failure, failure_section, failures
 from netfall.study.answers.read import read_study
-from netfall.study.answers.subset import Rare, Subset
 from netfall.study.file import read_plan
-from netfall.study.rare import Chains
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
 GUMBEL = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
@@ -141,19 +140,6 @@ def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rest
     members["rest_after_loss"] = np.array(["equilibrium", "breaks", "unstable", "equilibrium"], object)
     failed, judged = failures(members, (Failure("swings", "dynamic_factor_max", 2.0),))["swings"]
     assert failed.tolist() == [False, True, True, False] and judged.tolist() == [True, True, True, False]
-
-
-@pytest.mark.parametrize("K", [0.2, 0.5])
-def test_years_without_wind_have_the_least_that_a_job_takes(K):
-    """Of annual maxima that may be nothing: those members failed at their input, and counted as failures."""
-    hazard = Hazard("en1991", {"basic_speed": 25.0, "K": K, "n": 0.5})
-    never = np.array([1.0 - 1e-6])
-    assert 0.0 <= hazard.speed_at(never)[0] < 13.0
-    job = SimpleNamespace(groups={}, cable=SimpleNamespace(strength_deviation=0.0), wind=True)
-    calm = Hazard("weibull", {"shape": 1.0, "scale": 1.0})
-    chains = Chains(Rare("displacement_max", 1.0, 2000, 0.1, 1), {}, calm, job)
-    speeds = np.array([chains.values(number)["wind.speed"] for number in range(2000)])
-    assert speeds.min() == 0.1 and abs((speeds == 0.1).mean() - (1.0 - np.exp(-0.1))) < 0.02
 
 
 def test_info_and_pictures_tell_of_the_year(tmp_path):
@@ -305,47 +291,6 @@ def test_every_measure_is_a_number_of_a_run():
     assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
 
 
-def estimate(response, variables: int, above: float, seed: int, count: int = 1000) -> Subset:
-    """A subset simulation of a response of standard normal numbers (b, variables)."""
-    found = Subset(count, 0.1, above, seed, variables)
-    while found.batch:
-        found.take(response(np.array([found.samples[number].z for number in found.batch])))
-    return found
-
-
-EXPONENTIALS = (lambda z: -np.log(stats.norm.sf(z)).sum(1), 100, 130.0)
-RP22 = (lambda z: -(2.5 - (z[:, 0] + z[:, 1]) / np.sqrt(2) + 0.1 * (z[:, 0] - z[:, 1]) ** 2), 2, 0.0)
-RARE = [(EXPONENTIALS, stats.gamma(100).sf(130.0)), (RP22, 4.207306e-3)]  # RP22: by quadrature
-
-
-@pytest.mark.parametrize("case, exact", RARE)
-def test_a_rare_probability_lies_in_its_interval(case, exact):
-    """A sum of 100 exponentials above 130, and a curved limit: ten estimates; 95 % of them would be 9.5,
-    fewer than 6 come once in 10^3 at 90 %. Their mean errs by a tenth (0.2 each).
-    """
-    assert exact == pytest.approx({100: 2.750408e-3, 2: 4.207306e-3}[case[1]], rel=1e-6)
-    found = [estimate(*case, seed) for seed in range(10)]
-    held = [low <= exact <= high for low, high in (each.interval for each in found)]
-    assert sum(held) >= 6 and all(each.ended == "reached" for each in found)
-    assert np.mean([each.probability for each in found]) == pytest.approx(exact, rel=0.3)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("case, exact", RARE)
-def test_intervals_of_rare_probabilities_hold_the_truth(case, exact):
-    """Of 200 estimates 90 to 98 %."""
-    found = [estimate(*case, seed).interval for seed in range(200)]
-    assert 0.90 <= np.mean([low <= exact <= high for low, high in found]) <= 0.98
-
-
-def test_a_response_that_saturates_or_is_never_reached_is_told():
-    """Ten levels do not reach 40 deviations; where all share a value no level rises."""
-    far = estimate(lambda z: z[:, 0], 1, 40.0, 1, count=100)
-    assert far.ended == "too rare" and far.interval[0] == 0.0 and far.interval[1] < 1e-8
-    flat = estimate(lambda z: np.minimum(z[:, 0], 0.5), 1, 1.0, 1, count=100)
-    assert flat.ended == "stuck"
-
-
 NODES = f"id,x,y,z,fixed{AREAS}\n1,0,0,0,1,0,0,0,1\n2,5,0,-0.5,0,10,0,0,1\n3,10,0,0,1,0,0,0,1\n"
 CABLE = """[net]
 nodes = "nodes.csv"
@@ -367,49 +312,23 @@ duration = 0.1
 [output]
 frames = 2
 """
-STORM_RARE = """job = "roof.toml"
-[vary]
-"wind.speed" = [20.0]
-[sample]
-"cable.prestress" = {distribution = "normal", mean = 1e4, deviation = 1e3}
-[rare]
-of = "displacement_max"
-above = ABOVE
-samples = 100
-level = 0.3
-[[failure]]
-name = "far"
-of = "displacement_max"
-above = ABOVE
-"""
 
 
-def test_a_study_of_a_rare_failure_goes_on_to_the_same_bits(tmp_path):
-    """Runs follow from earlier ones; killed and gone on with two workers: as undisturbed; info tells it."""
-    folders = []
-    for name, workers in (("whole", 1), ("torn", 2)):
-        folder = tmp_path / name
-        folder.mkdir()
-        folders.append(folder)
-        study = write(folder, STORM_RARE.replace("ABOVE", "0.16"))
-        (folder / "roof.toml").write_text(CABLE)
-        (folder / "nodes.csv").write_text(NODES)
-        (folder / "elements.csv").write_text("start,end\n1,2\n2,3\n")
-        if name == "torn":
-            command = [BIN / "netfall", "study", study, "--workers", "1"]
-            driver = subprocess.Popen(command, cwd=folder, env=ENVIRONMENT, stdout=subprocess.DEVNULL)
-            journal = folder / "storm.study.journal"
-            wait_for(lambda journal=journal: journal.exists() and journal.read_bytes().count(b'"done"') > 110)
-            driver.kill()
-            driver.wait()
-        run_netfall("study", study, "--workers", workers, cwd=folder)
-    told = run_on_standing_ranks("info", folders[0] / "storm.study.h5", cwd=tmp_path).stdout
-    assert "rare: displacement_max above 0.16 has the probability" in told and "level 2:" in told
-    same_studies(*(folder / "storm.study.h5" for folder in folders))
-    with h5py.File(folders[0] / "storm.study.h5") as f:
-        assert "failures" not in f and "fragility" not in f  # of members that are chosen near failure
-        seeds = f["members/wind.seed"].asstr()[:]
-        assert seeds[0].isdigit() and seeds[-1].startswith("[[") and len(f["members/member"]) > 150
+def test_a_study_with_a_removed_section_says_what_replaces_it(tmp_path):
+    """`[rare]` was part of version 0.4."""
+    with pytest.raises(InputError, match=r"\[rare\]: removed in version 0.5; see .*rare_openturns.py"):
+        read_plan(write(tmp_path, STUDY + "[rare]\nabove = 1.0\n"))
+
+
+@pytest.mark.long
+def test_openturns_finds_the_probability_of_a_rare_failure():
+    """The stadium at 50.8 m/s: 0.90e-2 by an earlier subset simulation with 1,400 runs, 0.50e-2 to 1.6e-2."""
+    pytest.importorskip("openturns")
+    script = ROOT / "jobs" / "studies" / "rare_openturns.py"
+    done = subprocess.run([BIN / "python", script], env=ENVIRONMENT, capture_output=True, text=True)
+    told = re.search(r"probability (\S+) \((\S+) to (\S+),", done.stdout)
+    probability, low, high = map(float, told.groups())
+    assert low <= 0.90e-2 <= high and 0.50e-2 <= probability <= 1.6e-2, done.stdout + done.stderr
 
 
 def test_utilisation_before_a_break_is_of_strain(tmp_path):

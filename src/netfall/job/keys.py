@@ -9,7 +9,6 @@ from typing import NamedTuple
 from netfall.ground.text_tables import rows_of
 
 REQUIRED = object()  # the key must stand in the job file if its section does
-ROUNDING = 1e-9  # of what adds to 1
 MOST_SHIFT = 1e6  # m
 LENGTHS = ("change", "length", "force")  # what may be said of a cable in a stage
 ABSENT = None  # the key may be missing: the thing that it describes is then not there
@@ -116,18 +115,6 @@ def _some(fits: Callable[[object], bool]) -> Callable[[Key, object], bool]:
     return lambda _, value: isinstance(value, list) and value != [] and all(map(fits, value))
 
 
-def _seed(key: Key, value) -> bool:
-    """A seed, or several with weights whose squares add to 1: their mixture is as random as one."""
-    if is_whole(value):
-        return key.number(value)
-    pair = lambda one: isinstance(one, list) and len(one) == 2 and is_whole(one[1]) and key.number(one[1])
-    if not isinstance(value, list) or not value or not all(map(pair, value)):
-        return False
-    weights, seeds = zip(*value)
-    numbers = all(isinstance(w, int | float) and not isinstance(w, bool) and abs(w) <= 1.0 for w in weights)
-    return numbers and len(set(seeds)) == len(seeds) and abs(sum(w * w for w in weights) - 1.0) < ROUNDING
-
-
 def _tables(key: Key, value) -> bool:
     some = isinstance(value, list) and all(isinstance(each, dict) for each in value)
     return some and (value != [] or key.default is not REQUIRED)
@@ -160,11 +147,6 @@ KINDS = {
     "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.also or key.number(v)),
     "integer": Kind(
         "an integer{of}{within}{also}", lambda key, v: v in key.also or (isinstance(v, int) and key.number(v))
-    ),
-    "seed": Kind(
-        "an integer{within}, or pairs [[weight, seed], ...] of different seeds, "
-        "the squares of whose weights add to 1",
-        _seed,
     ),
     "flag": Kind("true or false", lambda _, v: isinstance(v, bool)),
     "text": Kind("a text in quotes ({meaning})", _text),
@@ -219,7 +201,7 @@ def _key(name: str, kind: str, within: str, default: str, meaning: str, gone: tu
     name, _, unit = name.rstrip("]").partition(" [")
     kind, *words = kind.split()
     low, _, high = within.lstrip(">= ").partition(" to ")
-    number = int if kind in ("integer", "seed") else float
+    number = int if kind == "integer" else float
     return Key(
         name,
         kind,

@@ -78,9 +78,9 @@ fracture_strain | number | > 0 to 1e6 | | total strain at fracture; absent: none
 breaking_load [N] | number | > 0 to 1e20 | | tension at fracture; absent: none breaks by its tension
 strength_deviation | number | 0 to 0.5 | 0.0 | scatter of strength from cable to cable, share of its mean
 length_deviation [m] | number | 0 to 10 | 0.0 | scatter of the unstressed length of each piece of cable
-length_seed | seed | 0 to 9223372036854775807 | 1 | seed of the drawn errors of length: the same seed draws
+length_seed | integer | 0 to 9223372036854775807 | 1 | seed of the drawn errors of length: the same seed draws
     the same
-strength_seed | seed | 0 to 9223372036854775807 | 1 | seed of the drawn strengths: the same seed draws the
+strength_seed | integer | 0 to 9223372036854775807 | 1 | seed of the drawn strengths: the same seed draws the
     same strengths
 second_moment [m4] | number | > 0 to 1e4 | | of the area of a bar's section, about any axis: Euler's load
 buckling_length [m] | number | > 0 to 1e5 | | of a bar between what holds it, for Euler's load; absent: the
@@ -155,7 +155,7 @@ air_damping | number | 0 to 10 | 0.0 | kappa: a surface that moves along its nor
     0: no air damping
 time_step [s] | number | 1e-4 to 60 | 0.05 | time step of the generated histories
 ar_order | integer | 1 to 30 | 14 | largest number of lags of the autoregressive model of the gusts
-seed | seed | 0 to 9223372036854775807 | 1 | seed of the gusts: the same seed gives the same gusts
+seed | integer | 0 to 9223372036854775807 | 1 | seed of the gusts: the same seed gives the same gusts
 control_points | integer | 1 to 400 | 25 | largest number of points at which histories are generated
 gusts | choice points means | | points | of the control points; points: those there, as strong at every node;
     means: means over the roof around them, with which the load on the roof is that of their coherence

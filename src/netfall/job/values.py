@@ -39,8 +39,3 @@ def counted(what: str, ids) -> str:
 def more_of(what: str, count: int) -> list[str]:
     """A line on how many more things there are than are named."""
     return [f"{count - MOST_NAMED} more {what}"] if count > MOST_NAMED else []
-
-
-def weighted(seed: int | list) -> list[tuple[float, int]]:
-    """The seeds of a key, each with its weight; a single one has the weight 1."""
-    return [(float(w), s) for w, s in seed] if isinstance(seed, list) else [(1.0, seed)]

@@ -21,7 +21,7 @@ from netfall.job.job import Job
 from netfall.job.schema import EITHER
 from netfall.job.table import Table
 from netfall.job.validate import wanted
-from netfall.job.values import counted, nearest, shown, weighted
+from netfall.job.values import counted, nearest, shown
 from netfall.net.net import Net
 from netfall.numerics.functions import exp, log1p
 from netfall.numerics.normal import quantile
@@ -210,10 +210,10 @@ def set_strengths(job: Job, net: Net) -> None:
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
 
 
-def drawn_strength(net: Net, seed: int | list) -> np.ndarray:
-    """Strength (m,) of the elements over its mean: lognormal, one number for each piece of cable.
+def drawn_strength(net: Net, seed: int) -> np.ndarray:
+    """Return the random strength (m,) of the elements over its mean: lognormal, one number per cable.
 
-    Number k of the Philox sequence of the seed belongs to cable k; of several seeds, weighted, their sum.
+    Number k of the Philox sequence of the seed belongs to cable k.
     """
     z = _drawn_normal(net, seed, 0)
     spread = np.sqrt(log1p(net.strength_deviation**2))
@@ -227,12 +227,13 @@ def set_length_errors(job: Job, net: Net) -> None:
         net.length_error = np.round(error, DRAWN_DIGITS)
 
 
-def _drawn_normal(net: Net, seed: int | list, first: int) -> np.ndarray:
-    """A standard normal number (m,) of the piece of cable of each element; first : of the sequence."""
-    raws = ((w, np.random.Philox(key=s, counter=first)) for w, s in weighted(seed))
-    drawn = [(w, philox.random_raw(len(net.cable_names))) for w, philox in raws]
-    parts = (w * quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52) for w, raw in drawn)
-    return sum(parts, next(parts))[net.cable]
+def _drawn_normal(net: Net, seed: int, first: int) -> np.ndarray:
+    """Return a standard normal number (m,) for the cable of each element.
+
+    first : number in the sequence of the seed at which the first cable's stands
+    """
+    raw = np.random.Philox(key=seed, counter=first).random_raw(len(net.cable_names))
+    return quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52)[net.cable]
 
 
 def strength_errors(job: Job, net: Net) -> list[str]:

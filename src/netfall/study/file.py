@@ -22,12 +22,9 @@ from netfall.study import sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
 from netfall.study.answers.samples import SPEED
-from netfall.study.answers.subset import Rare
 from netfall.study.draws import draw
-from netfall.study.rare import Chains
 
 # A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
-TRIED = 20  # members of a study of rare failures that are tried before the first run
 FEW = 10  # pieces that a message names
 OWN = {"output.checkpoint": 0.0, "output.modes": 0}
 
@@ -53,7 +50,6 @@ class Plan:
 
     draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
     loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
-    chains : which members there are, where earlier ones decide, as for rare failures
     files : that the members read; nets_differ : members have other elements, or other ids of them
     failures, hazard : what is asked of the runs when they are there
     """
@@ -73,22 +69,16 @@ class Plan:
     exposure: float
     failures: tuple[Failure, ...]
     hazard: Hazard | None
-    chains: Chains | None
     files: list[Path]
     notes: list[str]
     nets_differ: bool = False
 
     def __len__(self) -> int:
-        if self.chains:
-            return self.chains.most
         count = 1 if self.draws is None else len(self.draws)
         return count * math.prod(len(axis.values) for axis in self.axes)
 
     def member(self, number: int) -> Member:
         """One run, by its number."""
-        if self.chains:
-            fixed = {axis.name: axis.values[0] for axis in self.axes}
-            return Member(number, fixed | self.chains.values(number), "", None)
         rest, row = divmod(number, 1 if self.draws is None else len(self.draws))
         chosen = {}
         for axis in reversed(self.axes):
@@ -108,8 +98,6 @@ class Plan:
     @property
     def inputs(self) -> list[str]:
         """The keys of the job that vary or are drawn."""
-        if self.chains:
-            return [axis.name for axis in self.axes] + self.chains.names
         return [axis.name for axis in self.axes if axis.name != sections.LOST] + self.sampled
 
     @property
@@ -132,9 +120,6 @@ class Plan:
         parts = [asked, self.sampled, draws, self.loss]
         if self.depth is not None:
             parts.append(self.depth)
-        if self.chains:
-            chains = self.chains
-            parts += [chains.rare, chains.distributions, chains.hazard]
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
@@ -144,7 +129,6 @@ class Sections(NamedTuple):
     run: dict
     failures: tuple[Failure, ...]
     hazard: Hazard | None
-    rare: Rare | None
     axes: list[sections.Axis]
     loss: dict | None
     sample: dict
@@ -172,22 +156,20 @@ def read_plan(path: Path) -> Plan:
         axes = [sections.Axis(sections.LOST, pieces) if axis.name == sections.LOST else axis for axis in axes]
     draws, notes = _draws(there)
     own = read_job(job)
-    chains = Chains(there.rare, there.distributions, there.hazard, own) if there.rare else None
     plan = Plan(
         path,
         text,
         data.get("title", ""),
         job,
         axes,
-        [] if chains else list(there.distributions),
+        list(there.distributions),
         {name for name, each in there.distributions.items() if each["distribution"] == "integer"},
         draws,
         loss,
         **there.run,
         exposure=own.dynamics.duration if own.dynamics else math.nan,
         failures=there.failures,
-        hazard=None if chains else there.hazard,
-        chains=chains,
+        hazard=there.hazard,
         files=[job, *own.files()],
         notes=notes,
     )
@@ -199,14 +181,16 @@ def _sections_of(path: Path, data: dict) -> Sections:
     """What stands in a study file. Raises InputError with a line for each thing that is wrong."""
     check = Validation(str(path), [])
     for name in data:
-        if name not in sections.TOP:
+        if name == "rare":
+            check.wrong("", "[rare]: removed in version 0.5; see jobs/studies/rare_openturns.py")
+        elif name not in sections.TOP:
             check.wrong("", f"{name}: unknown; {nearest(name, sections.TOP)}")
     if not isinstance(data.get("title", ""), str):
         check.wrong("", f"title = {shown(data['title'])}: expected a text")
     if not isinstance(data.get("job"), str):
         expected = "expected the path of a job file, relative to this one"
         check.wrong("", f"job = {shown(data.get('job'))}: {expected}")
-    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard", "rare")}
+    tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard")}
     for name, table in tables.items():
         if not isinstance(table, dict):
             check.wrong("", f"{name} = {shown(table)}: expected a section, [{name}]")
@@ -215,23 +199,19 @@ def _sections_of(path: Path, data: dict) -> Sections:
     of_draws = {key.name: sample.pop(key.name) for key in sections.KEYS["sample"] if key.name in sample}
     sections.check_distributions(sample, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
-    rare = sections.rare_section(tables["rare"], vary, any(each.by for each in failures), check)
     if of_draws and not sample:
         check.wrong("sample", "names no key of the job to draw")
     varied = {*vary, *sample}
     there = Sections(
         vars(check.table("run", sections.KEYS["run"], tables["run"])),
         failures,
-        sections.hazard_section(tables["hazard"], SPEED in varied or rare is not None, check),
-        rare,
+        sections.hazard_section(tables["hazard"], SPEED in varied, check),
         [sections.axis_of(name, value, check) for name, value in vary.items()],
         sections.loss_section(vary["remove"], check) if "remove" in vary else None,
-        sections.sample_section(of_draws, bool(sample), rare is not None, check),
+        sections.sample_section(of_draws, bool(sample), check),
         sample,
     )
-    if rare and tables["hazard"] and SPEED in varied:
-        check.wrong("", f"{SPEED}: is the annual maximum of [hazard] beside [rare]; remove one of the two")
-    if not varied and not rare:
+    if not varied:
         check.wrong("", "nothing varies; expected [vary] or [sample]")
     if check.errors:
         raise InputError(check.errors)
@@ -240,7 +220,7 @@ def _sections_of(path: Path, data: dict) -> Sections:
 
 def _draws(there: Sections) -> tuple[np.ndarray | None, list[str]]:
     """The values that are drawn, and what is to be noted of them."""
-    if not there.distributions or there.rare:
+    if not there.distributions:
         return None, []
     method, count = there.sample["method"], there.sample["count"]
     notes = []
@@ -308,8 +288,6 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
     for k, name in enumerate(plan.sampled):
         number = int if name in plan.whole else float
         tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
-    for number in range(TRIED if plan.chains else 0):
-        tried += plan.member(number).values.items()
     for name, value in tried:
         if name in OWN:
             errors.append(
@@ -333,9 +311,9 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
                     f"{plan.job}: a study is of the dynamic stage, or of equilibria; expected [dynamics], "
                     "[[case]], [[combination]], or [load] with steps"
                 )
-            elif job.dynamics is None and (plan.loss or plan.chains):
-                what = "[vary] remove" if plan.loss else "[rare]"
-                errors.append(f"{plan.path}: {what} takes a dynamic stage; expected [dynamics] in {plan.job}")
+            elif job.dynamics is None and plan.loss:
+                needs = "takes a dynamic stage; expected [dynamics] in"
+                errors.append(f"{plan.path}: [vary] remove {needs} {plan.job}")
             elif name.startswith("net."):
                 nets.add(_net_key(job))
     if math.isnan(plan.exposure):

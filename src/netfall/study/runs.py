@@ -37,7 +37,6 @@ class Runs:
         self.plan, self.place, self.table, self.header = plan, place, table, header
         self.watch, self.progress = watch, progress
         self.done = self.broke = 0
-        self.out: set[int] = set()  # members that are being run
         self.net_asked = table.net is not None
         self.token = secrets.token_hex(4)  # of this session's files, apart from those of one that was killed
         self.journal = Journal(place.journal, header)
@@ -46,10 +45,9 @@ class Runs:
         """Make the runs, and the study file. Raises Interrupted."""
         self.queue, self.count = Queue(self.plan, missing), len(missing)
         count, ranks = max(1, min(workers, len(missing))), self.plan.ranks
-        whole = "runs to make at first" if self.plan.chains else f"of {len(self.plan)} runs to make"
         self.progress.say(
-            f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} {whole}, "
-            f"{count} at once on {ranks} rank{'s' * (ranks > 1)} each"
+            f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
+            f"to make, {count} at once on {ranks} rank{'s' * (ranks > 1)} each"
         )
         self.progress.start()
         try:
@@ -60,12 +58,9 @@ class Runs:
         finally:
             self.journal.close()
         self.progress.end()
-        chains = self.plan.chains
-        if self.done < self.count or self.table.net is None or (chains and chains.subset.batch):
-            of = "" if chains else f" of {len(self.plan)}"
-            raise Interrupted(
-                f"interrupted after {int(self.table.there.sum())}{of} runs; the same command goes on"
-            )
+        if self.done < self.count or self.table.net is None:
+            done = int(self.table.there.sum())
+            raise Interrupted(f"interrupted after {done} of {len(self.plan)} runs; the same command goes on")
         write_study(self.plan, self.place, self.table, self.header, workers, self.progress)
 
     def _make_room(self, missing: set[int]) -> None:
@@ -93,24 +88,13 @@ class Runs:
         if not self.net_asked:
             self.net_asked = True
             return None, NET, task_of(self.plan, self.plan.member(0), net=True)
-        found = self.queue.take(last) or self._next_round(last)
+        found = self.queue.take(last)
         if found is None:
             return None
         key, number = found
-        self.out.add(number)
         self._note({"try": number})
         result = None if self.plan.keep == "none" else self._kept(number, self.token)
         return key, number, task_of(self.plan, self.plan.member(number), result)
-
-    def _next_round(self, last: str | None) -> tuple[str, int] | None:
-        """The first member of those that follow from what has been run, where the plan is one of rounds."""
-        if not self.plan.chains or self.out:
-            return None
-        level, more = len(self.plan.chains.subset.levels), self.plan.chains.advance(self.table)
-        for found in self.plan.chains.subset.levels[level:]:
-            self.progress.say(f"response {found.threshold:.6g}: passed by {found.passed:.3g} of a level")
-        self.queue, self.count = Queue(self.plan, more), self.count + len(more)
-        return self.queue.take(last)
 
     def finish(self, number: int, told: dict) -> None:
         """A run has ended. Raises InputError if what it has read is no longer what it was."""
@@ -118,7 +102,6 @@ class Runs:
         if number == NET:
             self._note({"net": told["net"]})
             return
-        self.out.discard(number)
         self._keep(number, told)  # first: what is noted is not run again
         self._note({"done": number, **told})
         self.done += 1

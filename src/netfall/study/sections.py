@@ -10,17 +10,15 @@ from netfall.job.values import nearest, shown
 from netfall.results.outcomes import BY_NAME, OUTCOMES
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
-from netfall.study.answers.subset import Rare
 from netfall.study.draws import DISTRIBUTIONS
 
 MOST = 10_000_000  # members
-TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard", "rare")
+TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard")
 REMOVE = ("each", "group", "ids", "time", "duration")
 EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
 SUNK = "sunk_area"  # the outcome that has a depth, `by`
 LOST = "[[remove]]"  # the name of the axis of losses: no key of a job can have it
 MEASURED = [one.name for one in OUTCOMES if one.measured]
-ALWAYS = [name for name in MEASURED if not BY_NAME[name].of_losses]
 KEYS = keys_of(f"""
 [run]
 ranks | integer | >= 1 | 1 | of each run
@@ -35,12 +33,6 @@ name | text | | required | how the measure is called
 of | choice {" ".join(MEASURED)} | | required | outcome of a run
 above | number | | required | more than it is a failure
 by [m] | number | > 0 | | depth from which a node has sunk
-[rare]
-of | choice {" ".join(ALWAYS)} | | utilisation_before_break | outcome of a run
-above | number | | 1.0 | more than it is a failure
-samples | integer | 100 to 100000 | 1000 | runs of a level
-level | number | 0.01 to 0.5 | 0.1 | share that passes a level
-seed | integer | 0 to 1073741823 | 1 | of the gusts and of what is drawn
 [gumbel]
 mode [m/s] | number | > 0 | required | of the largest speed of a year
 scale [m/s] | number | > 0 | required | of it
@@ -114,13 +106,8 @@ def axis_of(name: str, value, check: Validation) -> Axis:
     return Axis(name, value)
 
 
-def sample_section(table: dict, drawn: bool, rare: bool, check: Validation) -> dict:
-    """How values are drawn, if any are; rare : whether [rare] says how many, and how"""
-    if rare:
-        for name in table:
-            what = "no effect beside [rare], which has samples and seed of its own; remove it"
-            check.wrong("sample", f"{name}: {what}")
-        return {}
+def sample_section(table: dict, drawn: bool, check: Validation) -> dict:
+    """Return how values are drawn; nothing if none are."""
     return vars(check.table("sample", KEYS["sample"], table)) if table or drawn else {}
 
 
@@ -165,19 +152,6 @@ def failure_sections(entries, losses: bool, check: Validation) -> tuple[Failure,
         several = ", ".join(f"{by:g}" for by in sorted(depths))
         check.wrong("[[failure]]", f"by: {several}: expected one depth in a study")
     return tuple(Failure(**vars(each)) for each in found)
-
-
-def rare_section(table: dict, vary: dict, sunk: bool, check: Validation) -> Rare | None:
-    """What [rare] asks for; None without it. vary : the keys of [vary]; sunk : whether a depth is given"""
-    if not table:
-        return None
-    asked = check.table("rare", KEYS["rare"], table)
-    if asked.of == SUNK and not sunk:
-        check.wrong("rare", f"of = {shown(SUNK)}: expected its depth, `by`, in a [[failure]]")
-    for name, value in vary.items():
-        if name == "remove" or not isinstance(value, list) or len(value) != 1:
-            check.wrong("vary", f"{name}: beside [rare] a key of [vary] has one value, as [50.0]")
-    return Rare(**vars(asked))
 
 
 def hazard_section(table: dict, varies: bool, check: Validation) -> Hazard | None:

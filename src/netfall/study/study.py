@@ -7,7 +7,6 @@ NAME.study.h5, is made from it when all runs are there. The same command goes on
 import os
 from pathlib import Path
 
-from netfall.ground.errors import InputError
 from netfall.ground.progress import Progress
 from netfall.ground.room import memory_line
 from netfall.ground.sources import TELLING, program_digest
@@ -41,10 +40,6 @@ def study(
     Raises InputError, OutputError, Interrupted if asked to stop.
     """
     plan = read_plan(path)
-    if plan.chains and shard:
-        raise InputError(
-            f"{path}: [rare] runs in rounds that need each other; expected no --shard, more --workers"
-        )
     job = plan.read(plan.member(0))
     net = build_net(job)  # what is wrong in the net is said here, once
     progress.say(*default_warnings(job, net), *plan.notes)
@@ -58,11 +53,8 @@ def study(
         table = _what_there_is(plan, place, digests, shard, progress)
         if retry:
             table.forget_failed()
-        if plan.chains:
-            mine, missing = table.there.nonzero()[0], plan.chains.advance(table)
-        else:
-            mine = range(len(plan)) if shard is None else part_of(plan, *shard)
-            missing = [number for number in mine if not table.there[number]]
+        mine = range(len(plan)) if shard is None else part_of(plan, *shard)
+        missing = [number for number in mine if not table.there[number]]
         header = {"format": FORMAT, "members": len(plan), **digests}
         workers = workers or _cores(launcher) // plan.ranks or 1
         if missing and not launcher:

@@ -101,12 +101,9 @@ class Table:
             if self.net:
                 write_columns(f, "net", self.net)
                 self._write_counts(f, rows)
-            if plan.chains:  # its members are chosen to be near failure: no share of them says anything
-                sections = {"rare": plan.chains.section(self)}
-            else:
-                sections = curve_sections(members, plan.failures, plan.hazard)
-                if plan.failures:
-                    sections["failures"] = failure_section(members, plan.failures)
+            sections = curve_sections(members, plan.failures, plan.hazard)
+            if plan.failures:
+                sections["failures"] = failure_section(members, plan.failures)
             for name, columns in sections.items():
                 write_columns(f, name, columns)
             write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})

@@ -12,14 +12,12 @@ Everything here is a smooth function of the wind's speed, lags excepted, whose r
 little; the noise is one of (seed, step). So neighbouring speeds have almost the same gusts.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from netfall.ground.compile import kernel
 from netfall.ground.errors import InputError
-from netfall.job.values import weighted
 from netfall.numerics.functions import cos, geometric, log, sin
 from netfall.numerics.linear import eliminate, factorised, product, solve_columns
 from netfall.wind.coherence import davenport_coherence
@@ -292,16 +290,13 @@ class GustRecursion:
 
     Steps count from time 0, those of the burn-in are negative. The noise of step s is a function of
     (seed, s) alone (counter-based Philox), however long the burn-in is and whatever was drawn before.
-    Of several seeds with weights it is the weighted sum, as random as one where their squares add to 1.
     """
 
-    def __init__(self, model: GustModel, seed: int | list):
-        """seed : or pairs of a weight and a seed"""
+    def __init__(self, model: GustModel, seed: int):
         self.model = model
         self.past = np.zeros((int(model.lags[-1]), len(model.noise_root)))  # row s % len: speeds of step s
-        parts = weighted(seed)
-        self._weights, self._bits = [w for w, _ in parts], [np.random.Philox(key=s) for _, s in parts]
-        self._starts = [bits.state for bits in self._bits]  # with nothing drawn
+        self._bits = np.random.Philox(key=seed)
+        self._start = self._bits.state  # with nothing drawn
         self._block, self._noise, self._terms = None, None, np.empty((2, self.past.shape[1]))
         self.step = -model.burn_in
         while self.step < 0:
@@ -320,17 +315,15 @@ class GustRecursion:
         block, row = divmod(step, BLOCK)
         if block != self._block:
             c = self.past.shape[1]
-            parts = (w * z for w, z in zip(self._weights, self._drawn(block, BLOCK * c)))
-            self._block, self._noise = block, sum(parts, next(parts)).reshape(BLOCK, c)
+            self._block, self._noise = block, self._drawn(block, BLOCK * c).reshape(BLOCK, c)
         return self._noise[row:]
 
-    def _drawn(self, block: int, count: int) -> Iterator[np.ndarray]:
-        """Independent standard normal numbers (count,) of a block of steps, of each seed."""
-        for bits, start in zip(self._bits, self._starts):
-            start["state"]["counter"][:] = 0
-            start["state"]["counter"][3] = np.int64(block).astype(np.uint64)
-            bits.state = start
-            yield standard_normal(bits, count)
+    def _drawn(self, block: int, count: int) -> np.ndarray:
+        """Return the independent standard normal numbers (count,) of a block of steps."""
+        self._start["state"]["counter"][:] = 0
+        self._start["state"]["counter"][3] = np.int64(block).astype(np.uint64)
+        self._bits.state = self._start
+        return standard_normal(self._bits, count)
 
     def _take(self, noise: np.ndarray) -> None:
         """As many steps as there are rows of noise."""

@@ -11,13 +11,8 @@ FEWEST = 8  # members, below which nothing is told
 
 
 def drawn_inputs(study: Study) -> list[str]:
-    """The numeric inputs of many values, seeds left out: those that were drawn, or varied finely.
-
-    None of a study of rare failures, whose members are chosen by what came of earlier ones.
-    """
+    """Return the numeric inputs with many values, except seeds: those that were drawn or varied finely."""
     members = study.members
-    if study.rare:
-        return []
     numbers = [name for name in inputs_of(members) if members[name].dtype.kind in "if" and not is_seed(name)]
     return [name for name in numbers if len(np.unique(members[name])) > MOST_CURVES]
 

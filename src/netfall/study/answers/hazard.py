@@ -18,7 +18,6 @@ from netfall.study.answers import probit
 from netfall.study.answers.probit import Fits
 
 FASTEST = 1e4  # m/s, that no wind exceeds
-STILL = 1e-300  # of a square of speeds: of years that EN 1991 gives less than none
 YEARS = 50
 TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
 Z = np.linspace(-9.0, 9.0, 1801)  # of the normal variable; the trapezoidal rule is exact to rounding here
@@ -52,18 +51,6 @@ class Hazard(NamedTuple):
         once_in_fifty = 1.0 - p["K"] * float(np.log(-np.log(0.98)))
         grown = np.power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
         return -np.expm1(-np.exp((1.0 - grown) / p["K"]))
-
-    def speed_at(self, exceeded: np.ndarray) -> np.ndarray:
-        """The speed [m/s] that the largest of a year exceeds with these probabilities: of `exceedance`."""
-        p = self.parameters
-        if self.distribution == "weibull":
-            return p["scale"] * np.power(-np.log(exceeded), 1.0 / p["shape"])
-        reduced = -np.log(-np.log1p(-exceeded))
-        if self.distribution == "gumbel":
-            return p["mode"] + p["scale"] * reduced
-        once_in_fifty = 1.0 - p["K"] * float(np.log(-np.log(0.98)))
-        squared = np.maximum(1.0 + p["K"] * reduced, STILL)
-        return p["basic_speed"] * np.power(squared / once_in_fifty, p["n"])
 
 
 def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from netfall.results.loss_lines import RESTS
 from netfall.results.notes import LARGEST_BALANCE
 from netfall.study.answers.correlation import rank_correlations
-from netfall.study.answers.info_hazard import tell_hazard, tell_rare
+from netfall.study.answers.info_hazard import tell_hazard
 from netfall.study.answers.intervals import binned, half_width, narrower, wilson, with_interval
 from netfall.study.answers.losses import TELLING, losses_of, one_draw
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
@@ -30,7 +30,6 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
         _broken,
         _fragility,
         tell_hazard,
-        tell_rare,
         _failures,
         _elements,
         _losses,

@@ -1,8 +1,8 @@
-"""What `netfall info` tells of the probability of failure: in a year, and of rare failures."""
+"""Print the annual probability of failure for `netfall info`."""
 
 import numpy as np
 
-from netfall.study.answers.hazard import TARGETS, YEARS, reliability_index
+from netfall.study.answers.hazard import TARGETS, YEARS
 from netfall.study.answers.read import Study
 
 CODES = 600.0  # s, over which the mean speed of EN 1991-1-4 is taken
@@ -67,30 +67,3 @@ def _row(h, k: int) -> str:
     beta = f"{h['beta'][k]:.2f}, {h['beta_of_years'][k]:.2f}"
     of_year, of_years = f"{annual:.3g} ({bounds})", f"{h['probability'][k]:.3g}"
     return f"{of_year:<31}{of_years:<14}{beta:<19}{h['tail_share'][k]:.0%}"
-
-
-ENDS = {
-    "too rare": "the response was not reached in as many levels as there may be: an upper bound",
-    "stuck": "levels no longer rise: too many runs share one response; ask for another outcome",
-}
-
-
-def tell_rare(study: Study, say) -> None:
-    """The probability of a rare failure, its interval, and the levels by which it was found."""
-    r = study.rare
-    if not r:
-        return
-    low, high = r["interval"]
-    probability = float(r["probability"])
-    say(
-        f"rare: {r['of']} above {float(r['above']):g} has the probability {probability:.3g} "
-        f"({low:.2g}..{high:.2g}, 95 %), beta {reliability_index(np.array(probability)):.2f}; "
-        f"subset simulation, {int(r['runs'])} runs"
-    )
-    for k, (threshold, passed) in enumerate(zip(r["threshold"], r["passed"]), 1):
-        more = f", {r['accepted'][k - 1]:.0%} of the candidates accepted" if k > 1 else ""
-        say(f"  level {k}: {passed:.3g} reach {threshold:.4g}{more}")
-    if str(r["ended"]) in ENDS:
-        say(f"  note: {ENDS[str(r['ended'])]}")
-    if int(r["without_outcome"]):
-        say(f"  note: {int(r['without_outcome'])} runs diverged or failed, and count as failures")

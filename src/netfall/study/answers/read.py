@@ -11,7 +11,7 @@ from netfall.job.schema import SECTIONS
 from netfall.results.outcomes import BY_NAME, OUTCOMES
 from netfall.study.table import MARK, read_columns
 
-ASKED = ("fragility", "hazard", "failures", "rare")
+ASKED = ("fragility", "hazard", "failures")
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -21,7 +21,7 @@ class Study:
     """What a study file holds.
 
     name : of the file, without .study.h5
-    members, events, net, fragility, hazard, failures, rare : datasets by name; texts as str; fragility:
+    members, events, net, fragility, hazard, failures : datasets by name; texts as str; fragility:
         empty without several speeds; the three that follow: empty where the study file asks for none
     first_breaks, breaks : (m,) runs in which an element broke first, or at all
     """
@@ -34,7 +34,6 @@ class Study:
     fragility: dict[str, np.ndarray]
     hazard: dict[str, np.ndarray]
     failures: dict[str, np.ndarray]
-    rare: dict[str, np.ndarray]
     first_breaks: np.ndarray
     breaks: np.ndarray
 
