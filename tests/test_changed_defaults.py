@@ -3,6 +3,7 @@
 import pytest
 from test_right_answers import BRITTLE
 
+from netfall.job.asks import load_steps
 from netfall.job.read import read_job
 from netfall.net import defaults
 from netfall.net.build import build_net
@@ -61,3 +62,31 @@ def test_rows_name_keys_that_have_the_new_default():
     for row in CHANGED:
         (key,) = [key for key in (SECTIONS | LISTS)[row.section] if key.name == row.key]
         assert key.default in (row.new, None), row
+
+
+def warnings_of(workshop, text):
+    """Return the warnings of a job of tables."""
+    job = read_job(workshop.job(text))
+    return [line.removeprefix("warning: ") for line in default_warnings(job, build_net(job))]
+
+
+def test_self_weight_and_a_load_step_are_defaults(workshop):
+    """A job of loads alone weighs and has one load step; with a dynamic stage it has none."""
+    statics = BRITTLE.replace("195.0", "1.95e11").partition("[dynamics]")[0] + "[load]\n"
+    moves = statics + "[dynamics]\nduration = 0.1\n"
+    weight = "[load] self_weight is not set: true since version 0.5 (false before)"
+    step = "[load] steps is not set: 1 since version 0.5 (0 before)"
+    assert warnings_of(workshop, statics) == [weight, step] and warnings_of(workshop, moves) == [weight]
+    assert warnings_of(workshop, statics + "self_weight = false\nsteps = 0\n") == []
+    job = read_job(workshop.job(statics))
+    assert job.load.self_weight and load_steps(job) == 1
+    assert load_steps(read_job(workshop.job(moves))) == 0
+
+
+def test_a_polygon_cuts_by_default(workshop):
+    """Zones of groups have nothing to cut."""
+    zone = "[[zone]]\nname = 'a'\n"
+    text = BRITTLE.replace("195.0", "1.95e11").partition("[dynamics]")[0] + zone
+    cut = "[[zone]] cut is not set: true since version 0.5 (false before)"
+    assert warnings_of(workshop, text + "polygon = [[0, 0], [1, 0], [1, 1]]\n") == [cut]
+    assert warnings_of(workshop, text + "groups = ['x']\n") == []

@@ -4,12 +4,17 @@ A default that changes is a row of CHANGED. Everything that begins a run or desc
 """
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import NamedTuple
 
+import numpy as np
+
+from netfall.job.asks import load_steps
 from netfall.job.entries import LISTS
 from netfall.job.job import Job, tables_of
-from netfall.job.values import shown
+from netfall.job.values import counted, shown
 from netfall.net.net import Net
+from netfall.net.sections import are_other_bars, strength_of_cable
 
 SINCE = "0.5"  # version from which the new defaults hold
 
@@ -27,7 +32,11 @@ class ChangedDefault(NamedTuple):
     affects: Callable[[Job, Net], bool]
 
 
-CHANGED: tuple[ChangedDefault, ...] = ()
+CHANGED: tuple[ChangedDefault, ...] = (
+    ChangedDefault("load", "self_weight", True, False, lambda job, net: job.load is not None),
+    ChangedDefault("load", "steps", 1, 0, lambda job, net: load_steps(job) == 1),
+    ChangedDefault("zone", "cut", True, False, lambda job, net: any(map(_cuts_by_default, job.zones))),
+)
 
 
 def default_warnings(job: Job, net: Net) -> list[str]:
@@ -37,7 +46,26 @@ def default_warnings(job: Job, net: Net) -> list[str]:
         f"({shown(row.old)} before)"
         for row in CHANGED
         if _is_left_out(job, row.section, row.key) and row.affects(job, net)
+    ] + _strengths_not_inherited(job, net)
+
+
+def _strengths_not_inherited(job: Job, net: Net) -> list[str]:
+    """Return a warning for each group of bars that took the breaking load of [cable] before."""
+    inherited = strength_of_cable(job)
+    bars = are_other_bars(job, net) & np.isinf(net.breaking_load)
+    if inherited is None or not bars.any():
+        return []
+    return [
+        f"warning: {f'[cable.{name}]' if name else 'elements.csv:'} breaking_load of "
+        f"{counted('bar', net.element_id[bars & (net.group == g)])} is not set: none since version {SINCE} "
+        f"({inherited:g} N of [cable] before)"
+        for g, name in enumerate(net.group_names)
+        if (bars & (net.group == g)).any()
     ]
+
+
+def _cuts_by_default(zone: SimpleNamespace) -> bool:
+    return zone.polygon is not None and zone.cut is None
 
 
 def _place(section: str) -> str:

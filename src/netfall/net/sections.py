@@ -90,7 +90,7 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     errors += _put(found, *groups)
     _put(bars, *groups)
     found = {name: values[net.group] for name, values in found.items()}
-    strength = np.where(_are_other_bars(job, net), bars["breaking_load"][net.group], found["breaking_load"])
+    strength = np.where(are_other_bars(job, net), bars["breaking_load"][net.group], found["breaking_load"])
     found["breaking_load"] = strength
     if rows:
         of_rows = {name: rows[name] for name in OF_SECTION if name in rows}
@@ -104,9 +104,17 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     return found
 
 
-def _are_other_bars(job: Job, net: Net) -> np.ndarray:
+def are_other_bars(job: Job, net: Net) -> np.ndarray:
     """Whether each element is a bar although [cable] describes cables, (m,) bool."""
     return net.bar & (job.cable.kind != "bar")
+
+
+def strength_of_cable(job: Job) -> float | None:
+    """Return the breaking load [N] that [cable] gives by itself or by its type; None: none."""
+    if job.cable.breaking_load is not None or job.cable.type is None:
+        return job.cable.breaking_load
+    value = dict(zip(OF_TYPE, catalogue_of(job)[job.cable.type]))["breaking_load"]
+    return None if np.isnan(value) else value
 
 
 def _level(tables: list[dict]) -> tuple[dict, np.ndarray]:
@@ -294,21 +302,19 @@ def strength_notes(job: Job, net: Net) -> list[str]:
 
 
 def _bars_by_inheritance(job: Job, net: Net) -> list[str]:
-    """Bars that take a strength of [cable], which is then that of the cables."""
-    notes = []
+    """Return a note for each group of bars that takes the yield stress of [cable], which describes cables."""
+    value, notes = job.cable.yield_stress, []
     for g, name in enumerate(net.group_names):
         own = job.groups.get(name, {})
-        for key, unit in (("breaking_load", "N"), ("yield_stress", "Pa")):
-            value = getattr(job.cable, key)
-            if job.cable.kind == "bar" or own.get("kind") != "bar" or own.get(key) or value is None:
-                continue
-            given = getattr(net, key) / net.strength  # by the group's type or in rows: others
-            bare = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
-            if bare.any():
-                notes.append(
-                    f"[cable.{name}]: {counted('bar', net.element_id[bare])} with {key} = {value:g} {unit} "
-                    f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
-                )
+        if job.cable.kind == "bar" or own.get("kind") != "bar" or own.get("yield_stress") or value is None:
+            continue
+        given = net.yield_stress / net.strength  # by the group's type or in rows: others
+        bare = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
+        if bare.any():
+            notes.append(
+                f"[cable.{name}]: {counted('bar', net.element_id[bare])} with yield_stress = {value:g} Pa "
+                f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
+            )
     return notes
 
 
