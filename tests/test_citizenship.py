@@ -3,14 +3,16 @@
 import contextlib
 import io
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import h5py
 import pytest
-from conftest import ENVIRONMENT, ROOT, refused, run_netfall, wait_for
+from conftest import BIN, ENVIRONMENT, ROOT, on_ranks, refused, run_netfall, wait_for
 from test_python import cross
 
 import netfall
@@ -310,3 +312,109 @@ def test_studies_start_their_own_ranks(kept, tmp_path, launcher, code):
     output = tmp_path / "result.study.h5"
     run_netfall("study", "study.toml", "-o", output, cwd=kept, environment=launcher, code=code)
     assert output.exists() == (code == 0)
+
+
+# --- files: folders that ranks do not share, links, letters
+
+PARALLEL = h5py.get_config().mpi
+of_parallel_hdf5 = pytest.mark.skipif(not PARALLEL, reason="a serial HDF5 writes from rank 0 alone")
+
+
+def run_each(*ranks: list, cwd: Path) -> subprocess.CompletedProcess:
+    """Start one rank for each list of words, those of mpirun first; ended after a minute, if it hangs."""
+    words = " : ".join(f"-n 1 {' '.join(map(str, one))}" for one in ranks).split()
+    command = [str(BIN / "mpirun"), *words]
+    return subprocess.run(
+        command, env=ENVIRONMENT, cwd=cwd, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+@of_parallel_hdf5
+def test_ranks_that_do_not_share_the_folder_are_refused(kept, tmp_path):
+    """Each rank has a file of its own there, for which MPI waits for ever: an error before anything runs."""
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    run = [BIN / "netfall", "run", kept / "job.toml", "-o", "r.vtkhdf"]
+    done = run_each(*(["--wdir", tmp_path / name, *run] for name in ("one", "two", "one")), cwd=tmp_path)
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and line.startswith("r.vtkhdf: 1 of 3 ranks, rank 1 first, cannot see"), done
+    assert f"into {tmp_path}/one; all ranks write one file: give a folder that all of them share" in line
+    assert [*tmp_path.glob("*/*"), *tmp_path.glob("*/.*")] == []
+
+
+@pytest.mark.parametrize(
+    "second, says",
+    [
+        ("-o b.vtkhdf", "-o: rank 0 has a.vtkhdf, rank 1 has b.vtkhdf"),
+        ("-o a.vtkhdf --set dynamics.duration=0.02", "--set: rank 0 has , rank 1 has dynamics.duration=0.02"),
+        ("-o a.vtkhdf --restart c.h5", "--restart: rank 0 has None, rank 1 has c.h5"),
+    ],
+)
+def test_ranks_with_other_options_are_refused(kept, second, says):
+    """One job runs on all ranks: which of two is meant, nobody knows."""
+    run = [BIN / "netfall", "run", "job.toml"]
+    done = run_each([*run, "-o", "a.vtkhdf"], [*run, *second.split()], cwd=kept)
+    (line,) = done.stderr.splitlines()
+    assert (done.returncode, line) == (
+        2,
+        f"netfall run: {says}; start all ranks of a run with the same options",
+    )
+    assert not [*kept.glob("a.vtkhdf"), *kept.glob("b.vtkhdf")]
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("there", [True, False])
+def test_a_link_is_followed(kept, tmp_path, ranks, there):
+    """The result gets where the link leads, over an older one or anew; the link stays."""
+    target, link = tmp_path / "disk" / "r.vtkhdf", tmp_path / "r.vtkhdf"
+    target.parent.mkdir()
+    link.symlink_to("disk/r.vtkhdf")
+    if there:
+        shutil.copy(kept / "job.vtkhdf", target)
+    overrides = ["--set", "dynamics.duration=0.02", "--set", "output.checkpoint=0.01"]
+    run_netfall("run", kept / "job.toml", "-o", link, *overrides, ranks=ranks)
+    assert link.is_symlink()
+    with h5py.File(target) as file:
+        assert file["history/time"][-1] == pytest.approx(0.02)
+    assert {path.name for path in tmp_path.iterdir()} == {"disk", "r.vtkhdf"}
+    assert any("checkpoint" in path.name for path in target.parent.iterdir())
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["export job.vtkhdf -o link.vtu", "view job.vtkhdf -o link.html", "study study.toml -o link.study.h5"],
+)
+def test_what_is_made_of_a_result_follows_a_link(kept, tmp_path, words):
+    """As the result does."""
+    if words.startswith("view"):
+        pytest.importorskip("k3d")
+    name = words.split()[-1]
+    (tmp_path / name).symlink_to("target")
+    run_netfall(*words.split()[:-1], tmp_path / name, cwd=kept)
+    assert (tmp_path / name).is_symlink() and (tmp_path / "target").stat().st_size > 300
+
+
+@pytest.mark.parametrize(
+    "name, mode, ranks", [("Δομή größe", "1", 2), ("Δομή größe", "0", 1), (b"gr\xf6\xdfe", "1", 1)]
+)
+def test_letters_of_any_alphabet_in_paths(kept, tmp_path, name, mode, ranks):
+    """In the locale C, whose Python takes UTF-8 (mode 1) or ASCII (mode 0); and bytes that are no letters."""
+    here = tmp_path / os.fsdecode(name)
+    here.mkdir()
+    job = here / f"{here.name}.toml"
+    shutil.copy(kept / "job.toml", job)
+    for table in ("nodes.csv", "elements.csv"):
+        shutil.copy(kept / table, here)
+
+    def netfall(*words, ranks=1):
+        c = {"LC_ALL": "C", "PYTHONUTF8": mode, "PYTHONCOERCECLOCALE": "0"}
+        command = [*on_ranks(ranks), BIN / "netfall", *words]
+        done = subprocess.run(command, env=ENVIRONMENT | c, cwd=here, capture_output=True, timeout=100)
+        assert done.returncode == 0, done.stderr
+
+    result = job.with_suffix(".vtkhdf")
+    netfall("run", job, "--set", "output.checkpoint=0.01", ranks=ranks)
+    netfall("info", result)
+    netfall("report", result)
+    netfall("export", result, "-o", here / f"{here.name}.vtu")
+    assert (here / f"{here.name}-report" / "report.html").exists()

@@ -33,6 +33,9 @@ def _open_standard_files() -> None:
         except OSError:
             os.dup2(os.open(os.devnull, os.O_RDWR), number)
             setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if (stream.encoding or "utf-8").lower() != "utf-8":  # of a locale that lacks letters
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _tell(what) -> None:

@@ -91,7 +91,7 @@ def read_codes(path: Path | None = None) -> list[Check]:
     """The checks of a file, the shipped ones by default. Raises InputError with all that is wrong in it."""
     path = path or SHIPPED
     try:
-        data = tomllib.loads(path.read_text())
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise InputError(f"{path}: {reason}; expected a file in the form of {SHIPPED}") from None

@@ -64,6 +64,7 @@ def run(arguments) -> None:
     from netfall.parallel.alone import world
 
     comm = world()
+    _check_same_options(comm.allgather(vars(arguments)))
     from netfall.ground.progress import Progress
     from netfall.ground.room import keep_freed, keep_program
     from netfall.ground.stop import StopRequest
@@ -78,6 +79,27 @@ def run(arguments) -> None:
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
     path = arguments.output or Path(f"{job.name}.vtkhdf")
     run_job(comm, job, path, progress, arguments.restart, stop, arguments.profile)
+
+
+def _check_same_options(given: list[dict]) -> None:
+    """Raise InputError if a rank was started with other options than rank 0.
+
+    given : by rank, what each has read
+    """
+    names = {"job": "JOB", "output": "-o", "overrides": "--set"}
+    for rank, own in enumerate(given):
+        for name, value in own.items():
+            if value != given[0][name]:
+                option = names.get(name, f"--{name}")
+                raise InputError(
+                    f"netfall run: {option}: rank 0 has {_words(given[0][name])}, rank {rank} has "
+                    f"{_words(value)}; start all ranks of a run with the same options"
+                )
+
+
+def _words(value) -> str:
+    """Return the value of an option as it is typed."""
+    return " ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def info(arguments) -> None:

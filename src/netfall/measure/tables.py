@@ -16,7 +16,7 @@ def as_text(head: list[str], rows: list[list[str]]) -> list[str]:
 
 def write_csv(rows: list[dict], path: Path) -> Path:
     """Rows by the names of their columns."""
-    with whole(path) as place, open(place, "w", newline="") as file:
+    with whole(path) as place, open(place, "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
         writer.writerows(rows)

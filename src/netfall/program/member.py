@@ -27,6 +27,7 @@ from netfall.results.outcomes import NOTHING
 from netfall.stages import dynamics, statics
 from netfall.stages.scene import Scene
 from netfall.stages.static_outcome import NONE
+from netfall.write.h5 import check_one_folder
 from netfall.write.locks import check_place
 from netfall.write.result import Result
 
@@ -77,6 +78,7 @@ def _outcome(
     """Run the stages; what came of them, on rank 0. Collective."""
     if path:
         on_root(comm, lambda: check_place(path))
+        check_one_folder(comm, path)
     scene = scheduled(prepare(comm, job, phases, memory=memory)[0])
     log, own = EventLog(scene.distribution.n), scene.model and scene.model.net
     result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)

@@ -32,7 +32,8 @@ from netfall.stages import dynamics, modes, rests, statics
 from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
 from netfall.stages.static_outcome import NONE
 from netfall.write.checkpoint import Checkpoint
-from netfall.write.locks import check_place, claim, release
+from netfall.write.h5 import check_one_folder
+from netfall.write.locks import check_place, claim, followed, release
 from netfall.write.result import Result, net_section, slide_section
 from netfall.write.saver import Saver
 
@@ -57,8 +58,10 @@ def run_job(
     Interrupted after a checkpoint if `stop` asks for it.
     """
     phases = Phases(profile)
+    path = comm.bcast(followed(path))
     claimed = on_root(comm, lambda: (check_place(path), claim(path))[1])
     try:
+        check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
         progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {how_it_writes()}")
         at_iteration = lambda i, r: progress.detail(

@@ -66,7 +66,7 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
         pages = {"summary.md": text, "report.html": one_page(text, title_of(f) or result.stem, folder)}
     for name, page in pages.items():
         with whole(folder / name) as place:
-            place.write_text(page, encoding="utf-8")
+            place.write_text(page, encoding="utf-8", errors="surrogateescape")
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 

@@ -61,8 +61,8 @@ def put(path: Path, page: Page) -> str:
     text = plot.get_snapshot(additional_js_code="begin(netfallPage(K3DInstance));")
     words = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
     parts = {"title": html.escape(data["title"]), "data": words, "numbers": page.numbers.text()}
-    parts["code"] = (HERE / "page.js").read_text()
-    ours = (HERE / "page.html").read_text()
+    parts["code"] = (HERE / "page.js").read_text(encoding="utf-8")
+    ours = (HERE / "page.html").read_text(encoding="utf-8")
     ours = re.sub(r"\[\[(\w+)\]\]", lambda name: parts[name[1]], ours)
     text = re.sub(r"<title>.*?</title>", lambda _: f"<title>{parts['title']}</title>", text, count=1)
     text = text.replace("<body>", f"<body>\n{ours}", 1)

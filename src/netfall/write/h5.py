@@ -8,13 +8,14 @@ import hashlib
 import itertools
 import math
 import os
+import secrets
 from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-from netfall.ground.errors import OutputError
+from netfall.ground.errors import InputError, OutputError
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.slabs import Slabs
@@ -268,6 +269,32 @@ class SharedFile:
         if self.comm.rank == 0:
             self.discard()
         self.comm.Barrier()
+
+
+def check_one_folder(comm: MPI.Comm, path: Path) -> None:
+    """Check that every rank sees the folder in which all of them are to open a file. Collective.
+
+    MPI would wait for ever for a rank that opens a file of its own. Raises InputError.
+    """
+    if not PARALLEL or comm.size == 1:
+        return
+    mark = path.with_name(f".{path.name}.{comm.bcast(secrets.token_hex(8))}")
+
+    def make():
+        with writing(path):
+            mark.touch()
+
+    on_root(comm, make)
+    blind = [rank for rank, sees in enumerate(comm.allgather(os.path.exists(mark))) if not sees]
+    if comm.rank == 0:
+        mark.unlink(missing_ok=True)
+    if blind:
+        folder = comm.bcast(path.parent.resolve())
+        raise InputError(
+            f"{path}: {len(blind)} of {comm.size} ranks, rank {blind[0]} first, cannot see what rank 0 "
+            f"writes into {folder}; all ranks write one file: give a folder that all of them share with -o, "
+            "and start them in the same working directory"
+        )
 
 
 def publish(temporary: Path, path: Path, seal: bool = False) -> None:

@@ -39,12 +39,18 @@ def writing(path: Path):
         ) from error
 
 
+def followed(path: Path) -> Path:
+    """Return the file that a symbolic link stands for; another path as it is."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
 @contextmanager
 def whole(path: Path):
     """A place to write to; the file there gets the name `path` at the end of the block, or goes.
 
     Raises OutputError for what goes wrong.
     """
+    path = followed(path)
     temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # its ending says what kind of file it is
     with writing(path):
         try:

@@ -250,6 +250,8 @@ def label(file: h5py.File) -> None:
 
 def _write_provenance(group, values, phases):
     for name, value in values.items():
+        if isinstance(value, str):  # names of files may hold bytes that are no letters here
+            value = value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
         if isinstance(value, dict):
             for column, array in value.items():
                 group.create_dataset(f"{name}/{column}", data=array)
