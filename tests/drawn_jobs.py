@@ -497,7 +497,6 @@ def draw_dynamics(draw, scene: dict, dt: float, duration: float) -> dict:
         "damping": draw(st.sampled_from((0.0, 0.8))),
         "fragments": scene["fragments"],
         "fragment_mass": draw(st.sampled_from((0.5, 0.05, 0.0))),
-        "precision": "double",
     }
     if scene["band"]:
         keys |= {"damping_ratio": 0.005, "damping_band": [1.0 / duration, 30.0 / duration]}

@@ -13,6 +13,8 @@ from netfall.job.entries import LISTS
 from netfall.job.keys import REQUIRED
 from netfall.job.read import read_job
 from netfall.job.schema import GENERATOR_KEYS, SECTIONS
+from netfall.net.build import build_net
+from netfall.net.defaults import default_warnings
 
 WHOLE = """
 title = "all sections"
@@ -127,16 +129,17 @@ def test_the_contracts_own_message(workshop):
     ]
 
 
-@pytest.mark.parametrize("value, figure", [("mixed", "1.61 s for 1.53 s"), ("single", "3 % off the time")])
-def test_a_value_that_went_is_refused_with_the_reason(workshop, value, figure):
-    """With the figure that it went for, and where the table of these stands."""
+def test_a_removed_key_is_refused_unless_it_changes_nothing(workshop):
+    """`precision` had one value left, which is accepted with a warning; any other is an error."""
     path = workshop.job(WHOLE)
-    (line,) = errors_of(path, [f"dynamics.precision={value}"])
-    assert line.startswith(f'{path}: [dynamics] precision = "{value}": expected "double"; "{value}" went: ')
-    page = re.search(r"\((\S+), Precision\)$", line)[1]
-    assert figure in line and "\n## Precision\n" in (ROOT / page).read_text()
-    other = f'{path}: [dynamics] precision = "half": expected "double"'
-    assert errors_of(path, ["dynamics.precision=half"]) == [other]
+    why = "removed in version 0.5, numbers have double precision (jobs/trade/README.md)"
+    assert errors_of(path, ["dynamics.precision=single"]) == [
+        f'{path}: [dynamics] precision = "single": {why}; remove the key'
+    ]
+    job = read_job(path, ["dynamics.precision=double"])
+    assert not hasattr(job.dynamics, "precision")
+    warnings = default_warnings(job, build_net(job))
+    assert f"warning: [dynamics] precision: {why}. Remove the key." in warnings
 
 
 def test_unknown_key_and_section_name_the_nearest(workshop):

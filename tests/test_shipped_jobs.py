@@ -18,7 +18,6 @@ GIVES_UP = "where a run gives up; one that comes to its end never gets there"
 NOT_SHOWN = {
     "form_finding.max_iterations": GIVES_UP,
     "load.max_iterations": GIVES_UP,
-    "dynamics.precision": "each value against the others: jobs/trade",
 }
 
 

@@ -31,7 +31,6 @@ class Key:
 
     kind : one of KINDS
     low, high : bounds of a number; low_open : the lower one itself is excluded
-    gone : values that the key once had, each with the reason why it went
     """
 
     name: str
@@ -44,7 +43,6 @@ class Key:
     low_open: bool = False
     choices: tuple[str, ...] = ()
     also: tuple[str, ...] = ()  # words that stand in place of a number ("auto")
-    gone: tuple[tuple[str, str], ...] = ()
 
     def expected(self) -> str:
         """What is allowed, in words: "a number of m/s > 0"."""
@@ -59,10 +57,6 @@ class Key:
     def fits(self, value) -> bool:
         """Whether a value is what the key allows."""
         return KINDS[self.kind].fits(self, value)
-
-    def why_gone(self, value) -> str:
-        """The end of a message on a value that went; "" for any other value."""
-        return next((f'; "{word}" went: {why}' for word, why in self.gone if word == value), "")
 
     def _range(self) -> str:
         parts = []
@@ -182,8 +176,8 @@ KINDS = {
 }
 
 
-def keys_of(text: str, **gone: tuple[tuple[str, str], ...]) -> dict[str, tuple[Key, ...]]:
-    """The keys of each section of a table, below its name in brackets; gone : as of `Key`, by the key's name.
+def keys_of(text: str) -> dict[str, tuple[Key, ...]]:
+    """The keys of each section of a table, below its name in brackets.
 
     The cells of a row: name [unit]; kind, with the words of a choice or in place of a number; range; default,
     none: absent; meaning.
@@ -191,13 +185,13 @@ def keys_of(text: str, **gone: tuple[tuple[str, str], ...]) -> dict[str, tuple[K
     found, section = {}, ""
     for name, *cells in rows_of(text):
         if cells:
-            found[section] = (*found.get(section, ()), _key(name, *cells, gone.get(name, ())))
+            found[section] = (*found.get(section, ()), _key(name, *cells))
         else:
             section = name.strip("[]")
     return found
 
 
-def _key(name: str, kind: str, within: str, default: str, meaning: str, gone: tuple) -> Key:
+def _key(name: str, kind: str, within: str, default: str, meaning: str) -> Key:
     name, _, unit = name.rstrip("]").partition(" [")
     kind, *words = kind.split()
     low, _, high = within.lstrip(">= ").partition(" to ")
@@ -213,7 +207,6 @@ def _key(name: str, kind: str, within: str, default: str, meaning: str, gone: tu
         low_open=within.startswith("> "),
         choices=tuple(words) if kind == "choice" else (),
         also=() if kind == "choice" else tuple(words),
-        gone=gone,
     )
 
 

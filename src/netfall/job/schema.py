@@ -26,7 +26,8 @@ NEEDED = {  # what each key stands for, unless another of these or a type is giv
     "area": ("area", "axial_stiffness"),
     "density": ("density", "mass_per_length"),
 }
-PRECISION = "(jobs/trade/README.md, Precision)"  # where the figures are of what went
+# Keys that a former version had, by section: the value that is still accepted with a warning, and the reason.
+REMOVED = {"dynamics": {"precision": ("double", "numbers have double precision (jobs/trade/README.md)")}}
 
 KEYS = """
 title | text | | "" | what the job is
@@ -183,7 +184,6 @@ fragments | flag | | true | whether a particle splits off where an element break
     element is taken out of the net, its mass stays with its ends
 mass_scaling | number | 0 to 1 | 0.0 | largest share of the moving mass that is added, as inertia alone, where
     the stiffest elements ask for a short step; with fracture only without fragments
-precision | choice double | | double | of the numbers that are stepped; double: eight bytes each
 [limits]
 displacement [m] | number | > 0 to 1e6 | | of a node, in combinations for service; absent: no limit
 slack | integer | 0 to 1000000000 | | cables that may be slack, in combinations for service; absent: no limit
@@ -198,13 +198,7 @@ checkpoint [s] | number | 0 to 1e9 | 0.0 | simulated time between checkpoints; 0
 modes | integer | 0 to 1000 | 0 | natural modes and frequencies where dynamics begins: how many, lowest first;
     0: none
 """
-SECTIONS = keys_of(
-    KEYS,
-    precision=(
-        ("mixed", f"it was slower than double, 1.61 s for 1.53 s of the stadium {PRECISION}"),
-        ("single", f"it took 3 % off the time of the stadium, for accuracy {PRECISION}"),
-    ),
-)
+SECTIONS = keys_of(KEYS)
 
 
 def row_of(section: str, name: str) -> Key:

@@ -13,6 +13,7 @@ from netfall.job.schema import (
     IN_STAGES,
     NEEDED,
     OVERRIDES,
+    REMOVED,
     SECTIONS,
     defaults,
     row_of,
@@ -111,14 +112,22 @@ class Validation:
         """Put what is given, and right, into `values`."""
         rows = {key.name: key for key in keys}
         for name, value in table.items():
-            if name not in rows:
+            if name in REMOVED.get(place, {}):
+                self._removed(place, name, value)
+            elif name not in rows:
                 self.wrong(place, f"{shown(name)[1:-1]}: unknown key; {nearest(name, rows)}")
             else:
                 self._value(place, name, rows[name], value, values)
 
+    def _removed(self, place: str, name: str, value) -> None:
+        """Note an error for a removed key unless it has the value that changes nothing."""
+        accepted, why = REMOVED[place][name]
+        if value != accepted:
+            self.wrong(place, f"{name} = {shown(value)}: removed in version 0.5, {why}; remove the key")
+
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
         if not key.fits(value):
-            self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}{key.why_gone(value)}")
+            self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}")
         else:
             number = key.kind == "number" and not isinstance(value, str)
             values[name] = float(value) if number else value

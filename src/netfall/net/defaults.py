@@ -12,6 +12,7 @@ import numpy as np
 from netfall.job.asks import load_steps
 from netfall.job.entries import LISTS
 from netfall.job.job import Job, tables_of
+from netfall.job.schema import REMOVED
 from netfall.job.values import counted, shown
 from netfall.net.net import Net
 from netfall.net.sections import are_other_bars, strength_of_cable
@@ -41,12 +42,26 @@ CHANGED: tuple[ChangedDefault, ...] = (
 
 def default_warnings(job: Job, net: Net) -> list[str]:
     """Return a warning for each key that a job does not set, whose default changed, and that affects it."""
+    return (
+        [
+            f"warning: {_place(row.section)} {row.key} is not set: {shown(row.new)} since version {SINCE} "
+            f"({shown(row.old)} before)"
+            for row in CHANGED
+            if _is_left_out(job, row.section, row.key) and row.affects(job, net)
+        ]
+        + _strengths_not_inherited(job, net)
+        + _removed_keys(job)
+    )
+
+
+def _removed_keys(job: Job) -> list[str]:
+    """Return a warning for each removed key that a job still sets to the value that is accepted."""
     return [
-        f"warning: {_place(row.section)} {row.key} is not set: {shown(row.new)} since version {SINCE} "
-        f"({shown(row.old)} before)"
-        for row in CHANGED
-        if _is_left_out(job, row.section, row.key) and row.affects(job, net)
-    ] + _strengths_not_inherited(job, net)
+        f"warning: [{section}] {key}: removed in version {SINCE}, {why}. Remove the key."
+        for section, keys in REMOVED.items()
+        for key, (_, why) in keys.items()
+        if f"{section}.{key}" in job.given()
+    ]
 
 
 def _strengths_not_inherited(job: Job, net: Net) -> list[str]:
