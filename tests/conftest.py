@@ -66,7 +66,7 @@ LEFT_OUT = {  # by the mark
 # Workers take files from this list in turn, the longest first so that all end together; then the others.
 # Files with runs on three ranks stand between others: ranks of two tests wait for one another.
 LONGEST_FIRST = [
-    *("handover", "odd_results", "processors", "loads", "study", "output", "restart", "study_runs"),
+    *("redistribution", "odd_results", "processors", "loads", "study", "output", "restart", "study_runs"),
     *("report", "erection", "changes_of_form", "hazard", "slipping", "fracture", "random_nets", "dynamics"),
     *("bending", "removal", "parallel", "full_disks", "buckling", "readme", "turned_supports"),
 ]

@@ -5,9 +5,9 @@ dissipated, as where one is taken out at a fracture (`fracture.take_out`). Parti
 lost elements leave with them: they stand still where they were, without mass and load. Their kinetic energy
 counts as negative external work, as that of cladding that tears off.
 
-Those inside a lost cable hand over mass, momentum, loads and wind to others (`model.handover`) before they
-leave. Mass that joins another takes one velocity with it, as in a plastic impact; what that costs of the
-kinetic energy is in the same work, which is so the difference between the kinetic energies.
+Those inside a removed cable first give mass, momentum, loads and wind to others (`model.redistribution`).
+Mass that joins a particle takes one velocity with it, as in a plastic impact. The kinetic energy that this
+costs is in the same work, which is so the difference between the kinetic energies.
 """
 
 from typing import NamedTuple

@@ -9,7 +9,7 @@ from netfall.job.asks import moves_supports
 from netfall.job.entries import LOST
 from netfall.job.job import Job
 from netfall.job.values import MOST_NAMED, counted, listed, shown
-from netfall.model.handover import HandOver, hand_over
+from netfall.model.redistribution import Redistribution, redistribute
 from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
 from netfall.net.turned import borne_along
@@ -31,7 +31,7 @@ class Loss:
     entry: np.ndarray
     ends: np.ndarray
     particles: np.ndarray
-    handed: HandOver
+    handed: Redistribution
 
 
 def named_elements(job: Job, net: Net) -> list[np.ndarray]:
@@ -113,11 +113,13 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
     return found
 
 
-def leaving_with(model, elements: np.ndarray, there: np.ndarray, torn=()) -> tuple[np.ndarray, HandOver]:
+def leaving_with(
+    model, elements: np.ndarray, there: np.ndarray, torn=()
+) -> tuple[np.ndarray, Redistribution]:
     """Particles that nothing holds but the elements (k,) that go now, and what they hand over.
 
     Those inside a lost cable hand over all that they carry; of the others those leave that carry nothing.
-    there : (m,) bool, which elements remain; torn : as in `hand_over`
+    there : (m,) bool, which elements remain; torn : as in `redistribute`
     """
     net = model.net
     held = (np.bincount(net.elements[there].ravel(), minlength=net.n) > 0) | net.held.any(1)
@@ -125,11 +127,11 @@ def leaving_with(model, elements: np.ndarray, there: np.ndarray, torn=()) -> tup
     loose = np.zeros(net.n, bool)
     loose[net.elements[elements]] = True
     loose &= ~held
-    handed = hand_over(net, model.L0, elements, loose, torn)
+    handed = redistribute(net, model.L0, elements, loose, torn)
     return np.union1d(np.flatnonzero(loose & ~carries), handed.particles), handed
 
 
-def leaving_then(model, losses: list[Loss], k: int, torn) -> tuple[np.ndarray, HandOver]:
+def leaving_then(model, losses: list[Loss], k: int, torn) -> tuple[np.ndarray, Redistribution]:
     """As `leaving_with`, at loss k of a run in which some elements had broken before. Rank 0."""
     there = model.net.is_there
     for loss in losses[: k + 1]:

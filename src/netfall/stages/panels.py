@@ -13,7 +13,7 @@ import numpy as np
 from netfall.mechanics.air import take_air
 from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.state import State
-from netfall.model.handover import HandOver
+from netfall.model.redistribution import Redistribution
 from netfall.net.net import GRAVITY
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
@@ -81,7 +81,7 @@ class Tearing:
             if state.wind is not None:
                 state.wind[p] -= of.wind
 
-    def hand_over(self, handed: HandOver) -> None:
+    def hand_over(self, handed: Redistribution) -> None:
         """What corners that leave carry of each panel goes to others. Collective."""
         leaving = np.isin(self.corners.node, handed.particles)
         parts = self.distribution.comm.allgather(self.corners.at(leaving))

@@ -2,7 +2,8 @@
 
 At its step the elements leave the net (`mechanics.loss`). Their tensions stay as forces on their ends that
 fade (`loads.FadingLoad`), and the extremes of every element's tension in all steps are counted anew.
-What hung inside a lost cable goes to its ends (`handover`), in the motion and in the rest after it.
+The loads inside a removed cable go to its ends (`model.redistribution`), in motion and in the equilibrium
+after it.
 """
 
 import sys
@@ -11,8 +12,8 @@ import numpy as np
 
 from netfall.mechanics.events import EventLog
 from netfall.mechanics.loss import Carried, join, leave, lose_elements
-from netfall.model.handover import HandOver
 from netfall.model.losses import Loss, leaving_then
+from netfall.model.redistribution import Redistribution
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import rows_of
 from netfall.stages.rests import Rest, RestsAfter
@@ -92,7 +93,7 @@ class Removal:
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # others add zeros
         return force
 
-    def _leaving(self, k: int) -> tuple[np.ndarray, HandOver]:
+    def _leaving(self, k: int) -> tuple[np.ndarray, Redistribution]:
         """The particles that leave at loss k, and what they hand over, as the log has it. Collective."""
         loss = self.losses[k]
         torn = set(self.log.element[self.log.step < loss.step].tolist())
@@ -102,7 +103,7 @@ class Removal:
         then = leaving_then(self.model, self.losses, k, torn) if self.model else None
         return self.distribution.comm.bcast(then)
 
-    def _join(self, state, handed: HandOver) -> None:
+    def _join(self, state, handed: Redistribution) -> None:
         """What particles inside lost cables carry goes to others. Collective."""
         of = lambda rows: None if rows is None else handed.given(self.distribution, rows)
         given = Carried(*(of(getattr(state, name)) for name in Carried._fields))
@@ -117,7 +118,7 @@ class Removal:
             rows = rows_of(self.distribution.subdomain.element_gid, loss.elements[mine])
             self.fades[entry].begin(loss.step * self.dt, loss.ends[mine], force[entry], rows)
 
-    def _hand_over(self, simulation, handed: HandOver) -> None:
+    def _hand_over(self, simulation, handed: Redistribution) -> None:
         """All that particles have to hand over and that is not in the state. Collective."""
         simulation.loads.hand_over(handed, self.distribution)
         if simulation.tearing:

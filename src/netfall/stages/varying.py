@@ -5,8 +5,8 @@ A load that varies is anything with
     follows
     advance(step, step_at)    moves on to those around a step, which are due later than it; collective
     write(state, start, end)  puts its values at two times between these samples into the state
-    hand_over(handed, distribution)   gives what acts on particles that leave to others (`handover`);
-    collective
+    hand_over(handed, distribution)   gives what acts on particles that leave to others, as
+    `model.redistribution` says; collective
 A new one stands here, is made in `varying_loads`, and counts in `asks.varies`.
 Loads that are linear in time add to `load_before` and `load_after`; the wind has fields of its own.
 """
@@ -20,7 +20,7 @@ import numpy as np
 from netfall.job.asks import grows, rests_in_wind
 from netfall.mechanics.ground import Ground
 from netfall.mechanics.state import State
-from netfall.model.handover import HandOver
+from netfall.model.redistribution import Redistribution
 from netfall.numerics.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
@@ -94,7 +94,7 @@ class VaryingLoads:
             load.advance(step, step_at)
         self.renew(state)
 
-    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
         """Give what acts on particles that leave to others; `renew` is due after it. Collective."""
         for load in self.loads:
             load.hand_over(handed, distribution)
@@ -108,7 +108,7 @@ class GrowingLoad:
         self.force, self.ramp = force, ramp
         self.before, self.after = 0.0, ramp
 
-    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
         """Of particles that leave to others. Collective."""
         given = handed.given(distribution, self.force)
         handed.move(self.force, distribution.subdomain.particle_gid, given)
@@ -155,7 +155,7 @@ class FadingLoad:
         row = rows_of(self.particle_gid, particles)
         self.rows, self.force = row[row >= 0], force[row >= 0]
 
-    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
         """Of particles that leave to others."""
         if self.zero == math.inf:
             return
@@ -241,7 +241,7 @@ class WindLoad:
             self.samples += self.comm.bcast(chunk)
         return self.samples[k]
 
-    def hand_over(self, handed: HandOver, distribution: Distribution) -> None:
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
         """Nothing: what it acts on is in the state, and is handed over with that."""
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
