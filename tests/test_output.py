@@ -7,6 +7,7 @@ import subprocess
 from functools import cache
 from itertools import combinations, pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import matplotlib.pyplot as plt
@@ -27,6 +28,7 @@ from netfall.plots.force import ForceScale, edge_of
 from netfall.plots.labels import add_labels
 from netfall.plots.run import plot_all, plot_state
 from netfall.plots.states import deflection_scale, states
+from netfall.program.ranks import ranks_line, ranks_notes, steps_time
 from netfall.report.info import print_info
 from netfall.report.report import Inputs, write_report
 from netfall.results.notes import balance_notes
@@ -426,7 +428,23 @@ def test_the_expected_run_time_is_that_of_the_head(name):
     expected = float(re.search(r"expected run time about ([0-9.]+) s", told)[1])
     assert 0.5 * float(least) <= expected <= 2.0 * float(most or least)
     assert "compiling at the first run" in told
-    assert ("on several ranks, mostly slower" in told) == ("equilibria" in told)
+    assert ("ranks: one is fastest" in told) == (f"# Run     netfall run jobs/{name}.toml" in text)
+
+
+def test_the_number_of_ranks_that_is_fastest_is_told(workshop):
+    """By the size of the net and the time of its steps; a run on more ranks than that has one note."""
+    schedule = SimpleNamespace(steps=10**6, stride=1)
+    scene = lambda m, ranks=2: SimpleNamespace(
+        schedule=schedule, distribution=SimpleNamespace(m=m), comm=SimpleNamespace(size=ranks)
+    )
+    assert steps_time(scene(2000)) == pytest.approx(1e6 * (2000 * 5e-9 + 1e-6))  # 11 s, of which a rank saves
+    assert "two save about 2.1 s" in ranks_line(scene(2000))  # 0.26 times that, less 0.8 s
+    assert "two are faster than one" in ranks_line(scene(5000))
+    assert "one is fastest" in ranks_line(scene(899)) and ranks_notes(scene(2000)) == []
+    assert ranks_notes(scene(800, ranks=1)) == []
+    for ranks in (1, 2):
+        done = run_on_standing_ranks("run", workshop.job(STORM), ranks=ranks, cwd=workshop.folder)
+        assert done.stdout.count("note: 2 ranks: slower than one for") == ranks - 1
 
 
 def test_the_expected_run_time_counts_erection_targets_and_losses():

@@ -20,6 +20,7 @@ from netfall.model.model import Model
 from netfall.model.schedule import steps_line
 from netfall.net.build import build_net
 from netfall.parallel.mpi import MPI
+from netfall.program.ranks import ranks_line, steps_time
 from netfall.program.run import scheduled
 from netfall.program.setup import prepare
 from netfall.roof.areas import GIVEN_AREAS, areas_are_given, largest_face, normals
@@ -30,8 +31,6 @@ from netfall.wind.sectors import bearing
 from netfall.write.h5 import CHUNK_BYTES
 from netfall.write.locks import writing
 
-# For an element and step, and for a step, on one core: less for each in long rows, more where nets tear.
-STEP_NS, STEP_US = 5.0, 1.0
 ROW_S, FRAME_S = 3e-5, 7e-4  # of a row of the history, of a frame
 CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # of a checkpoint, and of each element in it
 EQUILIBRIUM_S = 1e-4  # for each element of a small net: slack and compression take more or less
@@ -41,7 +40,6 @@ RELAXED = "; a stage whose nodes hang far from where they are held taut is relax
 UNFORESEEN = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
 NOT_BORNE = 5  # times as long, until it is told how much of a load is borne
 START_S, NET_S = 0.8, 3e-4  # until Python, MPI and what they load stand; of net and form, for each element
-SMALL = 5_000  # elements below which equilibria on several ranks are no faster
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
 # Bytes of the result file for each particle and element: of a state in motion, of how they are joined, which
 # is written anew where some broke since the state before, of an equilibrium, of what stands there once.
@@ -143,7 +141,7 @@ def _describe_time(scene: Scene, say) -> None:
         parts["equilibria"], unknown = equilibria_time(scene)
         more += unknown
     if schedule:
-        parts["steps"] = schedule.steps // schedule.stride * (m * STEP_NS * 1e-9 + STEP_US * 1e-6)
+        parts["steps"] = steps_time(scene)
         parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
             parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + SAVED_S * m)
@@ -152,8 +150,7 @@ def _describe_time(scene: Scene, say) -> None:
         + ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
         + f"); modes, and compiling at the first run of its kind, come on top{more}"
     )
-    if has_statics(job) and m < SMALL:
-        say(f"ranks: equilibria of fewer than {SMALL} elements are no faster on several ranks, mostly slower")
+    say(ranks_line(scene))
 
 
 def equilibria_time(scene: Scene) -> tuple[float, str]:

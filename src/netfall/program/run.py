@@ -25,6 +25,7 @@ from netfall.model.schedule import schedule_of
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.program.provenance import how_it_writes, provenance_of
+from netfall.program.ranks import ranks_notes
 from netfall.program.restart import register_result, restore_state
 from netfall.program.setup import prepare
 from netfall.record.energy import take_snapshot
@@ -70,6 +71,7 @@ def run_job(
         scene, checkpoint = prepare(comm, job, phases, at_iteration, path, restart, stop)
         scene = scheduled(scene)
         before_run(scene, progress)
+        progress.say(*ranks_notes(scene))
         log = EventLog(scene.distribution.n)
         result = Result(comm, path, scene.distribution, scene.model and scene.model.net, log)
         desk = desk_for(scene, result, log, progress, phases, stop, given=restart, checkpoint=checkpoint)
