@@ -30,7 +30,7 @@ JOB = {
     "cable": {"modulus": "1.95e11", "area": "683.08e-6", "density": "7850.0", "prestress": "100e3"},
     "form_finding": {},
     "load": {},
-    "wind": {"speed": "30.0", "shape_coefficient": "-1.0"},
+    "wind": {"speed": "30.0", "turbulence": "0.2", "base_height": "0.0", "shape_coefficient": "-1.0"},
     "dynamics": {"duration": "0.01"},
     "output": {},
 }

@@ -44,6 +44,9 @@ self_weight = true
 onset = "sudden"
 speed = 60.0
 shape_coefficient = -3.0
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 seed = 3
 [dynamics]
 duration = 0.4

@@ -387,6 +387,7 @@ def test_a_positive_pressure_presses_on_the_roof(workshop, load, sign):
 def test_suction_lifts_and_a_positive_coefficient_presses(workshop, coefficient):
     """A steady wind moves the middle against the sign of the coefficient."""
     wind = f"[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+    wind += "base_height = 10.0\n"
     wind += "[dynamics]\nduration = 0.02\n"
     with workshop.run(workshop.job(SOFT + wind, *grid_tables())) as f:
         middle = f["VTKHDF/PointData/displacement"][:].reshape(-1, 25, 3)[-1, 12, 2]

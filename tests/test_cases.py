@@ -42,7 +42,8 @@ def apart(one: h5py.Group, other: h5py.Group) -> float:
     return np.abs(N - M).max() / M.max()
 
 
-WIND = '"wind.speed" = 30.0, "wind.shape_coefficient" = -0.8, "wind.zone.half.shape_coefficient" = -1.4'
+WIND = '"wind.base_height" = 10.0, "wind.speed" = 30.0, '
+WIND += '"wind.shape_coefficient" = -0.8, "wind.zone.half.shape_coefficient" = -1.4'
 
 
 def test_a_combination_is_the_case_of_the_same_loads(workshop):
@@ -181,7 +182,7 @@ def test_a_settlement_of_two_cables_by_hand(workshop):
 
 def test_a_static_wind_is_the_rest_under_the_mean_of_wind(workshop):
     """The same keys in a case and in [wind], whose dynamic stage begins there: the same forces."""
-    wind = "[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = -0.8\n"
+    wind = "[wind]\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = -0.8\nbase_height = 10.0\n"
     wind += "[wind.zone.half]\nshape_coefficient = -1.4\n"
     moves = "[dynamics]\nduration = 0.001\n"
     g = workshop.run(workshop.job(SADDLE + LOAD + wind + moves, name="rest"), output="rest.vtkhdf")
@@ -278,6 +279,10 @@ WRONG = [
     (
         case("a", 'set = {"wind.speed" = 30}'),
         "[[case]] a: set: wind.shape_coefficient: missing; expected it, or wind.sectors",
+    ),
+    (
+        case("a", 'set = {"wind.speed" = 30, "wind.shape_coefficient" = -1}'),
+        "[[case]] a: set: wind.base_height: missing; expected the height of z = 0 above ground in m",
     ),
     (
         case("a", 'set = {"wind.seed" = 3}'),

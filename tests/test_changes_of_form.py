@@ -253,6 +253,7 @@ pressure = [3.0, -2.0, 90.0]
 speed = 20.0
 roughness = 0.0
 shape_coefficient = -1.0
+base_height = 10.0
 onset = "sudden"
 after_fracture = "panels"
 [dynamics]

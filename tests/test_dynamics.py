@@ -368,6 +368,7 @@ def test_pressure_grows_over_a_ramp(workshop, beside):
     omega = np.sqrt(stiffness / (100.0 + 0.5e-7))
     wind = (
         "[wind]\nonset = 'sudden'\nspeed = 20.0\nshape_coefficient = 0.0\nroughness = 0.0\ntime_step = 0.07\n"
+        "base_height = 10.0\n"
     )
     if beside == "wind":
         job.write_text(job.read_text() + wind)

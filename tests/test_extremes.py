@@ -347,6 +347,7 @@ def test_wind_of_150_metres_a_second(workshop):
     """
     wind = (
         "[wind]\nonset = 'sudden'\nspeed = {}\nshape_coefficient = -1.5\n"
+        "base_height = 10.0\nroughness = 0.03\ngusts = 'points'\n"
         "[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
     )
     f = workshop.run(workshop.job(STORM + wind.format(150.0)))

@@ -155,7 +155,12 @@ ROOF = np.array([[x, y, 0.05 * x] for x in np.linspace(-40, 40, 9) for y in np.l
 def test_coherence_follows_the_direction(direction):
     """Control points along the wind, across it and askew, by the model itself."""
     wind = settings(
-        speed=40.0, turbulence=0.2, direction=direction, shape_coefficient=-1.0, profile_exponent=0.0
+        speed=40.0,
+        turbulence=0.2,
+        direction=direction,
+        shape_coefficient=-1.0,
+        profile_exponent=0.0,
+        gusts="points",
     )
     field = make_wind_field(ROOF, np.tile([0.0, 0, 1], (45, 1)), wind)
     angle = math.radians(direction)
@@ -216,7 +221,7 @@ def test_direction_is_a_turn_of_the_net():
     """The same gusts for a net turned with the wind; direction 0 leaves the bits of the places."""
     turned = along_wind(ROOF, 30.0)
     up = np.tile([0.0, 0, 1], (45, 1))
-    wind = dict(speed=40.0, shape_coefficient=-1.0)
+    wind = dict(speed=40.0, turbulence=0.4, shape_coefficient=-1.0, gusts="points")
     skew = make_wind_field(ROOF, up, settings(direction=30.0, **wind))
     straight = make_wind_field(turned, up, settings(**wind))
     assert np.allclose(along_wind(skew.control_point, 30.0), straight.control_point, atol=1e-12)
@@ -233,7 +238,7 @@ def test_the_order_of_the_nodes_does_not_matter_to_the_gusts():
     roof = np.column_stack([x, y, 0.01 * (x * x - y * y) + 0.05 * x])
     nodes, area = np.vstack([roof - (0.0, 0.0, 6.0), roof]), np.zeros((2 * len(roof), 3))
     area[len(roof) :, 2] = 16.0
-    wind = settings(speed=30.0, turbulence=0.2, shape_coefficient=-1.0)
+    wind = settings(speed=30.0, turbulence=0.2, shape_coefficient=-1.0, gusts="points")
     one = make_wind_field(nodes, area, wind)
     order = np.random.default_rng(1).permutation(len(nodes))
     other = make_wind_field(nodes[order], area[order], wind)

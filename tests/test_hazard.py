@@ -307,6 +307,8 @@ onset = "sudden"
 speed = 20.0
 turbulence = 0.3
 shape_coefficient = -1.5
+base_height = 10.0
+gusts = "points"
 [dynamics]
 duration = 0.1
 [output]

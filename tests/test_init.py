@@ -66,6 +66,9 @@ snow = 900.0
 speed = 25.0
 direction = 200.0
 shape_coefficient = -0.6
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 [[remove]]
 time = 0.1
 elements = [5, 9]

@@ -32,6 +32,9 @@ self_weight = false
 [wind]
 speed = 30.0
 shape_coefficient = -1.0
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 [dynamics]
 duration = 0.1
 [output]
@@ -307,3 +310,40 @@ def test_malformed_inputs_made_from_the_schema_are_refused(ranks, cases):
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines()[-1] == f"{cases} malformed inputs on {ranks} ranks, 0 answered wrong"
+
+
+WINDS = (
+    ("speed = 20.0\n", ("turbulence: missing", "base_height: missing")),
+    ("speed = 20.0\nturbulence = 0.0\n", ("base_height: missing",)),
+    ("speed = 20.0\nroughness = 0.0\nprofile_exponent = 0.0\n", ()),
+    ("speed = 20.0\nturbulence = 0.2\nbase_height = 0.0\n", ()),
+    (
+        "speed = 20.0\nturbulence = 0.0\nroughness = 0.0\nbase_height = 0.0\n",
+        ("roughness and turbulence excl",),
+    ),
+    ("file = 'speeds.csv'\n", ()),
+)
+
+
+@pytest.mark.parametrize("keys, missing", WINDS)
+def test_a_generated_wind_says_how_strong_its_gusts_are_and_how_high_the_net_is(workshop, keys, missing):
+    """Neither has a default; a measured wind needs neither."""
+    text = WHOLE.partition("[wind]")[0] + "[wind]\nshape_coefficient = -1.0\n" + keys
+    path = workshop.job(text + "[dynamics]\nduration = 0.1\n")
+    if missing:
+        lines = errors_of(path, [])
+        assert all(line.startswith(f"{path}: [wind] {m}") for line, m in zip(lines, missing)), lines
+        assert len(lines) == len(missing), lines
+    else:
+        read_job(path)
+
+
+def test_a_static_wind_takes_the_height_of_the_section_or_of_its_case(workshop):
+    """Given in [wind] or in the case; the error names the case. Gusts do not act in it."""
+    case = '[[case]]\nname = "west"\nset = {"wind.speed" = 20.0, "wind.shape_coefficient" = -1.0MORE}\n'
+    text = WHOLE.partition("[wind]")[0] + case
+    (line,) = errors_of(workshop.job(text.replace("MORE", "")), [])
+    assert "[[case]] west: set: wind.base_height: missing; expected the height of z = 0 above ground" in line
+    for more in (', "wind.base_height" = 4.0', ', "wind.profile_exponent" = 0.0'):
+        assert read_job(workshop.job(text.replace("MORE", more))).wind is None
+    read_job(workshop.job(WHOLE + case.replace("MORE", "")))

@@ -166,7 +166,8 @@ def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways
     assert f["cases/lift/tension"][0] == pytest.approx(EA * (np.hypot(5, sag(3000.0)) / 5 - 1), rel=1e-8)
 
 
-WIND = "[wind]\nspeed = 30.0\nroughness = {k}\nshape_coefficient = -1.0\nbase_height = 10.0\n{more}"
+WIND = "[wind]\nspeed = 30.0\nroughness = {k}\nshape_coefficient = -1.0\nbase_height = 10.0\n"
+WIND += "gusts = 'points'\n{more}"
 MOVES = "[dynamics]\nduration = {time}\n[output]\nhistory = 0.01\nprobes = [[0.0, 0.0]]\n"
 FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 
@@ -272,6 +273,7 @@ TORN = (
     "[cable.weak]\nfracture_strain = 2e-4\n"
     "[load]\nself_weight = false\n"
     "dead = 50.0\n[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
+    "base_height = 10.0\n"
     'onset = "sudden"\nafter_fracture = "{}"\n[dynamics]\nduration = 20\ndamping = 1.0\nfragment_mass = 0\n'
     "[output]\nhistory = 0.5\n"
 )
@@ -310,6 +312,7 @@ def test_panels_take_their_energy_along_whatever_tears(both_ways):
         "[form_finding]\n[load]\nself_weight = false\n"
         "dead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence = 0.2\n"
         'shape_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
+        "base_height = 10.0\ngusts = 'points'\n"
         "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
     )
     f = both_ways.run(both_ways.job(text))
@@ -452,6 +455,7 @@ STORM = (
     "dead = 200.0\nsnow = 100.0\nsteps = 2\ntemperature = -20.0\n"
     '[[case]]\nname = "deep"\nset = {"load.snow" = 300.0}\n[[case]]\nname = "none"\nset = {"load.snow" = 0}\n'
     "[wind]\nspeed = 33.0\nturbulence = 0.3\nshape_coefficient = -1.5\nramp = 0.2\ndirection = 30.0\n"
+    "base_height = 10.0\ngusts = 'points'\n"
     'after_fracture = "panels"\n[dynamics]\nduration = 0.6\n[output]\ncheckpoint = 0.31\nframes = 20\n'
 )
 

@@ -21,6 +21,7 @@ onset = "sudden"
 speed = 20.0
 roughness = 0
 shape_coefficient = -1.0
+base_height = 10.0
 [dynamics]
 duration = 16.2
 time_step = 1e-6

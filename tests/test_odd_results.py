@@ -16,7 +16,9 @@ BREAKS = SADDLE + "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 FOUND = '[form_finding]\nmethod = "force_density"\n'
 LOADED = "[load]\nself_weight = false\nsnow = 300.0\n"
 SHORT = "[dynamics]\nduration = 0.02\n"
-WIND = '[wind]\nspeed = 20.0\nshape_coefficient = -1.0\nonset = "sudden"\nroughness = 0.0\n'
+WIND = (
+    '[wind]\nspeed = 20.0\nshape_coefficient = -1.0\nbase_height = 10.0\nonset = "sudden"\nroughness = 0.0\n'
+)
 LOST = "[[remove]]\nelements = [ELEMENT]\ntime = 0.005\n"
 TRIPOD = "id,x,y,z,fixed\n1,0,0,0,1\n2,6,0,0,1\n3,3,5,0,1\n4,3,2,3,0\n"
 LEGS = "id,start,end\n1,1,4\n2,2,4\n3,3,4\n"

@@ -55,6 +55,9 @@ steps = 3
 onset = "sudden"
 speed = 60.0
 shape_coefficient = -3.0
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 seed = 3
 [dynamics]
 duration = 0.8

@@ -145,7 +145,7 @@ def test_what_breaks_at_rest_is_told_by_its_subject(workshop):
 
 def test_what_breaks_before_the_wind_is_told_with_the_key_that_helps(workshop):
     """Without load steps it is the wind's onset that asks for a rest."""
-    wind = "[wind]\nspeed = 10.0\nshape_coefficient = -1.0\n"
+    wind = "[wind]\nspeed = 10.0\nshape_coefficient = -1.0\nbase_height = 10.0\nroughness = 0.0\n"
     text = JOB.replace("[[remove]]\nelements = [1]\ntime = 0.1\n", wind)
     head, *rows = NODES.replace("-150e3", "-1500e3").splitlines()
     nodes = "\n".join([head + ",area,normal_x,normal_y,normal_z", *(row + ",1,0,0,1" for row in rows)])

@@ -38,6 +38,9 @@ steps = 2
 onset = "sudden"
 speed = 80.0
 shape_coefficient = -1.3
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 after_fracture = "{after}"
 [dynamics]
 duration = 1.0
@@ -145,6 +148,9 @@ tolerance = 1e-4
 onset = "sudden"
 speed = 20.0
 shape_coefficient = 0.8
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 [dynamics]
 duration = 0.2
 [output]

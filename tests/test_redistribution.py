@@ -260,6 +260,8 @@ ramp = 0.4
 speed = 40.0
 onset = "sudden"
 shape_coefficient = -0.3
+base_height = 10.0
+gusts = "points"
 roughness = 0.02
 seed = 3
 [dynamics]

@@ -160,6 +160,8 @@ TORN = (
     + """[wind]
 speed = 35.0
 shape_coefficient = -0.3
+base_height = 10.0
+gusts = "points"
 roughness = 0.02
 seed = 3
 ramp = 0.0

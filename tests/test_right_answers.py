@@ -115,6 +115,7 @@ WINDY = (
     BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
     + "[load]\nself_weight = false\n"
     "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\n"
+    "base_height = 10\nroughness = 0.03\ngusts = 'points'\n"
     "[output]\nhistory = 0.002\n"
 )
 
@@ -194,7 +195,8 @@ def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, 
 )
 def test_gusts_of_short_and_of_long_runs_are_noted(workshop, duration, said):
     """Those that never come to their full size; those of minutes, which Davenport's has less of."""
-    text = WINDY.replace("onset = 'sudden'", "turbulence = 0.2").replace("speed = 20", "speed = 46")
+    text = WINDY.replace("onset = 'sudden'\n", "").replace("speed = 20", "speed = 46")
+    text = text.replace("roughness = 0.03", "turbulence = 0.2")
     changes = ["--set", f"dynamics.duration={duration}", "--set", "output.history=0.1"]
     told = run_on_standing_ranks("check", workshop.job(text), *changes).stdout
     assert ("[wind] ramp" in told or "slower than" in told) == bool(said) and said in told
@@ -211,7 +213,7 @@ def test_cases_and_combinations_in_other_units_are_noted(workshop):
 
 IN_TIME = '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n'
 AT_TAPS = '[wind]\npressures = "wind.csv"\ntaps = "taps.csv"\n'
-BY_SECTORS = '[wind]\nspeed = 30.0\nsectors = "wind.csv"\n'
+BY_SECTORS = '[wind]\nspeed = 30.0\nroughness = 0.0\nbase_height = 10.0\nsectors = "wind.csv"\n'
 AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
 
 
@@ -266,7 +268,7 @@ IDLE = {
     "form_finding.method=force_density form_finding.start=given": "[form_finding] start, modulus_factor",
     "load.tolerance=1e-3": "[load] tolerance: no effect: steps = 0: no statics",
     "wind.shape_coefficient=0": "[wind]: no effect: shape_coefficient = 0",
-    "wind.roughness=0 wind.seed=3": "[wind] seed: no effect: roughness = 0: there are no gusts",
+    "wind.roughness=0 wind.seed=3": "[wind] seed, gusts: no effect: roughness = 0: there are no gusts",
     "wind.after_fracture=all": "[wind] after_fracture: no effect: nothing can break",
     "output.checkpoint=1": "[output] checkpoint: no effect: it is not shorter than the duration",
 }

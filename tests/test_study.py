@@ -29,6 +29,9 @@ dead = 300.0
 onset = "sudden"
 speed = 90.0
 shape_coefficient = -1.5
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 [dynamics]
 duration = 0.2
 damping = 0.5

@@ -59,6 +59,8 @@ max_iterations = 2000
 speed = 33.0
 turbulence = 0.3
 shape_coefficient = -1.5
+base_height = 10.0
+gusts = "points"
 [dynamics]
 duration = 1.6
 """

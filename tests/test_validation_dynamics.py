@@ -509,9 +509,8 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
         + STEEL
         + '[form_finding]\nmethod = "force_density"\n'
     )
-    text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = -1.3\n" + timing(
-        0.2, 2e-4, 25, frames=100
-    )
+    text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = -1.3\n"
+    text += "base_height = 10.0\n" + timing(0.2, 2e-4, 25, frames=100)
     job, steps = both_ways.job(text), (2e-4, 1e-4, 5e-5, 1.25e-5)
     found = [
         both_ways.run(

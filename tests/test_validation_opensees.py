@@ -305,6 +305,7 @@ onset = "sudden"
 speed = 40.0
 roughness = 0
 shape_coefficient = 0.8
+base_height = 10.0
 [dynamics]
 duration = 1.0
 time_step = 1e-4

@@ -54,6 +54,7 @@ onset = "sudden"
 speed = {U0}
 roughness = {K}
 shape_coefficient = -0.02
+gusts = "points"
 profile_exponent = 0.0
 time_step = {DT}
 control_points = 9
@@ -323,6 +324,7 @@ def test_profile_of_the_mean_speed(both_ways, compare):
         both_ways.job(
             '[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
             "[wind]\nonset = 'sudden'\nspeed = 30.0\nshape_coefficient = -1.0\n"
+            "roughness = 0.03\ngusts = 'points'\n"
             "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
         )
     )

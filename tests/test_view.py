@@ -38,6 +38,7 @@ method = "force_density"
 [wind]
 speed = 200.0
 shape_coefficient = -9.0
+base_height = 10.0
 onset = "sudden"
 roughness = 0.0
 [dynamics]

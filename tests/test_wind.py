@@ -18,7 +18,7 @@ FLAT = (
 )
 BLOW = (
     "[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\n"
-    "air_density = 1.25\nprofile_exponent = 0.0\n"
+    "base_height = 10.0\nair_density = 1.25\nprofile_exponent = 0.0\n"
     "[dynamics]\nduration = 0.002\ntime_step = 1e-5\n[output]\nhistory = 0.001\n"
 )
 
@@ -122,6 +122,7 @@ def test_wrong_keys_of_the_gusts_are_refused(tmp_path, keys, message):
 
 def checked(workshop, keys):
     """The lines of `check` on the wind of a flat roof at 10 m, and its notes on the wind."""
+    keys += "" if "gusts = " in keys or "= 0\n" in keys else 'gusts = "points"\n'
     text = FLAT + BLOW.replace("roughness = {k}\n", keys).format(u=-1.0).replace("= 0.002", "= 60.0")
     text = text.replace("time_step = 1e-5", "time_step = 0.001").replace("speed = 30.0", "speed = 40.0")
     job = workshop.job(text)
@@ -178,7 +179,7 @@ def test_check_notes_what_time_step_and_lags_lose(workshop):
 def test_gusts_that_load_nothing_have_no_note(workshop):
     """Coefficients of 0: nothing is too strong."""
     text = FLAT + BLOW.replace(
-        "roughness = {k}", "coherence_decay = [100.0, 200.0, 100.0]\nturbulence = 0.18"
+        "roughness = {k}", "coherence_decay = [100.0, 200.0, 100.0]\nturbulence = 0.18\ngusts = 'points'"
     )
     done = [run_on_standing_ranks("check", workshop.job(text.format(u=u))) for u in (-1.0, 0.0)]
     assert ['gusts = "points"' in each.stdout for each in done] == [True, False]
@@ -189,7 +190,9 @@ def test_gusts_that_load_nothing_have_no_note(workshop):
 def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
     """With the shares that check tells; not where there are points enough."""
     said = checked(
-        workshop, f'coherence_decay = [24.0, 60.0, 10.0]\ngusts = "means"\ncontrol_points = {points}\n'
+        workshop,
+        f'roughness = 0.03\ncontrol_points = {points}\ngusts = "means"\n'
+        "coherence_decay = [24.0, 60.0, 10.0]\n",
     )
     least = re.search(r"at a node they have (\d+%) to", " ".join(said))[1]
     notes = [line for line in said if line.startswith("note") and '"means"' in line]
@@ -198,7 +201,7 @@ def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
 
 def test_result_keeps_what_is_known_of_the_gusts(workshop):
     """In /wind, of the speeds there and of the model."""
-    text = FLAT + BLOW.replace("roughness = {k}", "turbulence = 0.6").format(u=-1.0)
+    text = FLAT + BLOW.replace("roughness = {k}", "turbulence = 0.6\ngusts = 'points'").format(u=-1.0)
     f = workshop.run(workshop.job(text.replace("duration = 0.002", "duration = 0.5")))["wind"]
     u, mean = f["speed"][:], f["mean_speed"][:]
     assert (f["gust_factor"][:] == u.max(0) / mean).all()
@@ -251,6 +254,9 @@ modulus_factor = 0
 onset = "sudden"
 speed = 60.0
 shape_coefficient = -3.0
+base_height = 10.0
+roughness = 0.03
+gusts = "points"
 seed = 3
 after_fracture = "{after}"
 [dynamics]

@@ -16,7 +16,7 @@ from netfall.wind.sectors import read_sectors
 
 SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
 STILL = "[dynamics]\nduration = 0.01\n"
-WIND = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
+WIND = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\nbase_height = 10.0\n"
 
 
 def node(x: int, y: int) -> int:

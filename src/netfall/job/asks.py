@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from netfall.job.cases import blows
 from netfall.job.job import Job
 from netfall.job.schema import defaults
+from netfall.wind.spectra import gust_of
 
 
 def carries_permanent(job: Job) -> bool:
@@ -62,6 +63,11 @@ def carries_weight(job: Job) -> bool:
     load = job.load
     tables = [vars(load), *load.zone.values()] if load else []
     return any(table.get(key) for table in tables for key in ("dead", "snow"))
+
+
+def has_gusts(job: Job) -> bool:
+    """Return whether gusts are generated."""
+    return job.wind is not None and gust_of(job.wind) is not None
 
 
 def air_damps(job: Job) -> bool:

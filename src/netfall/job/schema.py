@@ -139,10 +139,10 @@ pressures [N/m2] | path | | | path of a table of pressures in time at taps, inst
 taps | path | | | path of a table name, x, y: where the taps of pressures are
 direction [degrees] | number | -360 to 360 | 0.0 | where the wind blows to, counted from x towards y: 30 is a
     wind from 210
-roughness | number | 0 to 0.2 | 0.03 | roughness factor k of the gusts: their variance is 6 k U0^2; 0: no
-    gusts
-turbulence | number | 0 to 1 | | turbulence intensity I at 10 m, instead of roughness: k = I^2 / 6; 0: no
-    gusts
+roughness | number | 0 to 0.2 | | roughness factor k of the gusts, instead of turbulence: their variance is
+    6 k U0^2; 0: no gusts
+turbulence | number | 0 to 1 | | turbulence intensity I at 10 m; a generated wind needs it or roughness
+    (k = I^2 / 6); 0: no gusts
 spectrum | choice davenport kaimal von_karman en1991 | | davenport | spectrum of the gusts along the wind
 gust_length [m] | number auto | 0.1 to 1e5 | auto | L of the spectrum at 10 m; auto: 1200 (davenport), 56.7
     (kaimal), 63.2 (von_karman, en1991)
@@ -158,12 +158,13 @@ time_step [s] | number | 1e-4 to 60 | 0.05 | time step of the generated historie
 ar_order | integer | 1 to 30 | 14 | largest number of lags of the autoregressive model of the gusts
 seed | integer | 0 to 9223372036854775807 | 1 | seed of the gusts: the same seed gives the same gusts
 control_points | integer | 1 to 400 | 25 | largest number of points at which histories are generated
-gusts | choice points means | | points | of the control points; points: those there, as strong at every node;
-    means: means over the roof around them, with which the load on the roof is that of their coherence
+gusts | choice points means | | means | of the control points; means: means over the roof around them, with
+    which the load on the roof is that of their coherence; points: those there, as strong at every node
 coherence_decay | vector | 0 to 1e6 | [8.0, 16.0, 10.0] | decay C of Davenport's coherence along the wind,
     across it and vertically
 profile_exponent | number | 0 to 1 | 0.16 | exponent of the power law of the mean speed over height
-base_height [m] | number | -1e6 to 1e6 | 10.0 | height of z = 0 above ground
+base_height [m] | number | -1e6 to 1e6 | 10.0 | height of z = 0 above ground; it must be given for a generated
+    or a static wind with profile_exponent > 0
 onset | choice static sudden | | static | static: the roof rests under its loads and the mean wind, then the
     gusts grow in; sudden: all of the wind at t = 0
 ramp [s] | number | 0 to 1e9 | 2.0 | time over which the gusts grow in after a static onset; 0: at once

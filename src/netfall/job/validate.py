@@ -141,6 +141,7 @@ class Validation:
         if "wind" in given:
             self._source_of_the_wind(given["wind"])
             self._coefficients_of_the_wind(given["wind"])
+            self._gusts_of_the_wind(given["wind"])
         if "cable" in given:
             for place, what in wrong_combinations(given["cable"], "elements" in given.get("net", {})):
                 self.wrong(place, what)
@@ -152,6 +153,7 @@ class Validation:
             self.wrong("net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"')
         self._zones(lists)
         self._cases(found, lists)
+        self._height_of_the_wind(given.get("wind", {}), found["wind"], lists["cases"])
         self._losses(given, found, lists)
         self._motions(given, lists["motions"])
         moves = given.get("dynamics", {})
@@ -268,12 +270,41 @@ class Validation:
             self.wrong(
                 "wind", f"{missing}: missing; pressures in time and the places of their taps go together"
             )
-        if "roughness" in wind and "turbulence" in wind:
+        if "points" in wind and "file" not in wind:
+            self.wrong("wind", "points: only with file, whose speeds were measured there; add it")
+
+    def _gusts_of_the_wind(self, wind: dict) -> None:
+        """Check that a generated wind says how strong its gusts are, in one way."""
+        given = [key for key in ("roughness", "turbulence") if key in wind]
+        if len(given) == 2:
             self.wrong(
                 "wind", "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two"
             )
-        if "points" in wind and "file" not in wind:
-            self.wrong("wind", "points: only with file, whose speeds were measured there; add it")
+        elif not given and _is_generated(wind):
+            self.wrong(
+                "wind",
+                "turbulence: missing; expected the intensity of the gusts at 10 m (codes give 0.15 to 0.2 in "
+                "open terrain; 0: no gusts), or roughness, k of Davenport's spectrum",
+            )
+
+    def _height_of_the_wind(self, wind: dict, found: SimpleNamespace | None, each: list) -> None:
+        """Check that a generated or static wind on a profile says how high above ground z = 0 is.
+
+        wind, found : [wind] as it stands, and with its defaults; each : case
+        """
+        if "base_height" in wind:
+            return
+        missing = (
+            "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
+            "ground), or profile_exponent = 0 for the same speed at every height"
+        )
+        if _is_generated(wind) and found.profile_exponent > 0.0:
+            self.wrong("wind", missing)
+            return
+        for case in filter(cases.blows, each):
+            acting = cases.static_wind(found or defaults("wind"), case)
+            if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
+                self.wrong(f"[[case]] {case.name}:", f"set: wind.{missing}")
 
     def _coefficients_of_the_wind(self, wind: dict) -> None:
         if "pressures" in wind:
@@ -298,6 +329,11 @@ def _zones(table: dict) -> list[dict]:
     """The tables of the zones of a section as it stands."""
     zones = table.get("zone")
     return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
+
+
+def _is_generated(wind: dict) -> bool:
+    """Whether [wind], as it stands, is a speed from which the wind is generated."""
+    return "speed" in wind and "file" not in wind and "pressures" not in wind
 
 
 def _air_damping(wind: dict) -> bool:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.job.asks import load_steps
+from netfall.job.asks import has_gusts, load_steps
 from netfall.job.entries import LISTS
 from netfall.job.job import Job, tables_of
 from netfall.job.schema import REMOVED
@@ -37,6 +37,7 @@ CHANGED: tuple[ChangedDefault, ...] = (
     ChangedDefault("load", "self_weight", True, False, lambda job, net: job.load is not None),
     ChangedDefault("load", "steps", 1, 0, lambda job, net: load_steps(job) == 1),
     ChangedDefault("zone", "cut", True, False, lambda job, net: any(map(_cuts_by_default, job.zones))),
+    ChangedDefault("wind", "gusts", "means", "points", lambda job, net: has_gusts(job)),
 )
 
 

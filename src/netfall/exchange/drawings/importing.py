@@ -45,7 +45,8 @@ steps = 1
 
 # [wind]
 # speed = 40.0                  # m/s, mean at 10 m
-# turbulence = 0.2
+# turbulence = 0.2              # intensity of the gusts at 10 m
+# base_height = 0.0             # m of z = 0 above ground
 # shape_coefficient = -1.3      # suction
 #
 # [dynamics]
