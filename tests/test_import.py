@@ -1,7 +1,9 @@
 """Drawings and meshes become nets: what other libraries draw comes back, and what is wrong in it is told."""
 
 import csv
+import itertools
 import json
+import re
 import time
 
 import ezdxf
@@ -594,6 +596,51 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     for wrong in ("elastic", "elastic=0", "elastic=1,2"):
         done = run_on_standing_ranks("import", "s.dxf", "-o", "no", "--springs", wrong, cwd=tmp_path, code=2)
         assert "expected LAYER=K or LAYER=KX,KY,KZ" in done.stderr
+
+
+def facade(s):
+    """Draw three chains of upright cables between supports, and level ones across; places of supports."""
+    for i in range(5):
+        for j in range(4):
+            if i < 4:
+                s.line((2 * i, 0, 2 * j), (2 * i + 2, 0, 2 * j), "level")
+            if j < 3 and 0 < i < 4:
+                s.line((2 * i, 0, 2 * j), (2 * i, 0, 2 * j + 2), "upright")
+    return [(2 * i, 0, z) for i in range(5) for z in (0, 6)] + [
+        (x, 0, 2 * j) for x in (0, 8) for j in range(4)
+    ]
+
+
+def hung_deck(s):
+    """Draw a cable that sags between two masts with stays, hangers, a level cable; places of supports."""
+    sag = [(0, 0, 10), (4, 0, 7), (8, 0, 6), (12, 0, 7), (16, 0, 10)]
+    for a, b in itertools.pairwise(sag):
+        s.line(a, b, "main")
+    deck = [(0, 0, 2), *((x, 0, 2) for x, _, _ in sag[1:-1]), (16, 0, 2)]
+    for k, (a, b) in enumerate(itertools.pairwise(deck)):
+        s.line(a, b, "deck")
+        if k:
+            s.line(a, sag[k], "hanger")
+    for x, away in ((0, -6), (16, 6)):
+        s.line((x, 0, 0), (x, 0, 5), "mast")
+        s.line((x, 0, 5), (x, 0, 10), "mast")
+        s.line((x, 0, 10), (x + away, 0, 0), "stay")
+    return [(0, 0, 0), (16, 0, 0), (-6, 0, 0), (22, 0, 0), (0, 0, 2), (16, 0, 2)]
+
+
+@pytest.mark.parametrize("draw, bars, cables", [(facade, [], ["upright"]), (hung_deck, ["mast"], ["hanger"])])
+def test_upright_cables_are_no_bars(tmp_path, draw, bars, cables):
+    """Of a facade, and hangers: a mast alone, drawn in two parts, holds its top up by compression."""
+    sketch = Sketch("m")
+    for place in draw(sketch):
+        sketch.space.add_point(sketch.at(*place), dxfattribs={"layer": "held"})
+    said = []
+    path = sketch.save(tmp_path / "a.dxf")
+    import_file(path, tmp_path / "net", Options(supports="held"), said.append)
+    told, text = "\n".join(said), (tmp_path / "net" / "net.toml").read_text()
+    assert re.findall(r"^\[cable\.(.*)\]", text, re.M) == bars
+    assert re.findall(r'group "(.*)": upright, taken as kind', told) == bars
+    assert re.findall(r'group "(.*)": upright, taken as cables; if these are posts or struts', told) == cables
 
 
 def test_compas_files_of_both_versions_come_back(tmp_path):
