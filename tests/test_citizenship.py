@@ -42,7 +42,7 @@ def state():
         "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), len(gc.callbacks)),
         "environment": (dict(os.environ), ctypes.CDLL(None).getenv(b"OMPI_MCA_pml")),
         "handlers": [signal.getsignal(number) for number in signal.valid_signals()],
-        "caught": [line for line in status if line.startswith(("Sig", "Shd"))],
+        "caught": [line for line in status if line.startswith(("SigBlk", "SigIgn", "SigCgt"))],
         "mapped": mapped(),
         "folder": os.getcwd(), "path": list(sys.path), "warnings": repr(warnings.filters),
     }
@@ -304,6 +304,16 @@ def test_runs_within_slurm_are_not_refused(kept, tmp_path, launcher, ranks):
     output = tmp_path / "result.vtkhdf"
     run_netfall("run", kept / "job.toml", "-o", output, environment=launcher, ranks=ranks)
     assert output.exists()
+
+
+def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
+    """They have the variables of the shell too; that srun has started them, their number says."""
+    there = BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}
+    words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
+    done = subprocess.run(
+        ["sh", "-c", words], env=ENVIRONMENT | there, cwd=kept, capture_output=True, text=True, timeout=100
+    )
+    assert (done.returncode, done.stderr.count("the launcher started 8 processes")) == (2, 1)
 
 
 @pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])
