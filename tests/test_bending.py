@@ -391,15 +391,14 @@ def test_moments_of_a_ring_balance_its_spokes(bicycle):
 
 
 def test_the_report_has_moments(bicycle, shared_workshop):
-    """The largest of each element with its state, the page, its picture; what bends passes without that."""
+    """The largest of each element with its state, the page, its picture; parts of a chain have no check."""
     write_report(shared_workshop.folder / "result.vtkhdf", shared_workshop.folder / "report", Inputs())
     with open(shared_workshop.folder / "report" / "elements.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     most = np.max([bicycle[f"cases/{name}/bending_moment"][:].max(1) for name in bicycle["cases"]], axis=0)
     assert [float(row["bending_moment_max"]) for row in rows[:24]] == pytest.approx(most[:24].tolist())
     assert rows[30]["bending_moment_max"] == rows[30]["case_moment"] == ""
-    (ring,) = {row["result_en1993_buckling"] for row in rows[:24]}
-    assert ring == "passes without bending" and rows[30]["result_en1993"] in ("", "passes")
+    assert "result_en1993_buckling" not in rows[0] and rows[30]["result_en1993"] in ("", "passes")
     page = (shared_workshop.folder / "report" / "summary.md").read_text()
     assert "## Bending" in page and (shared_workshop.folder / "report" / "moments.png").exists()
 

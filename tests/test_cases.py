@@ -375,7 +375,7 @@ NEIGHBOURS += "".join(
 def test_the_factors_of_a_tangent_are_its_inverse(workshop):
     """Stiffness times what they answer is the force that was given, on a net with held nodes."""
     scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(NEIGHBOURS)), Phases())
-    finder, newton = scene.finder, scene.finder._newton(np.zeros_like(scene.state.x))
+    finder, newton = scene.finder, scene.finder.newton(np.zeros_like(scene.state.x))
     force = np.where(newton.moves, np.sin(1.0 + np.arange(newton.moves.size)).reshape(-1, 3), 0.0)
     back = newton.stiffness_times(newton.tangent(), finder.factors()(force))
     assert np.abs(back - force).max() < 1e-9  # rounding, times the ratio of axial stiffness to that across

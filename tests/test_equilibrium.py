@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from netfall.equilibrium import find, mixed, newton
+from netfall.equilibrium import find, goals, mixed, newton
 from netfall.equilibrium import increments as path
 from netfall.equilibrium.increments import _Increments
 from netfall.equilibrium.relaxation import Paused
@@ -266,7 +266,7 @@ def hung(workshop, strain, yields):
         low, high = (L, high) if carried < P else (low, L)
     assert (N == YIELD) == yields
     load = scene.model.loading.permanent + scene.model.loading.live
-    return scene.finder._newton(load), scene.state, np.sqrt(L * L - SUPPORTS**2)
+    return scene.finder.newton(load), scene.state, np.sqrt(L * L - SUPPORTS**2)
 
 
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
@@ -349,7 +349,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
         load = scene.model.loading.permanent
         with monkeypatch.context() as only:
             if few == 0:
-                only.setattr(find, "relax", None)
+                only.setattr(goals, "relax", None)
             found = scene.finder.find(load, tolerance, 80e3, 1_000_000, "weight")
         assert few or scene.finder.goal == find.MIXED
         errors_told.append((found.displacement_error, found.tension_error))
@@ -365,7 +365,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
 def given(workshop, cells):
     """Newton's method for the saddle as given, which is far from rest, and the state."""
     scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(GIVEN.format(cells=cells))), Phases())
-    return scene.finder._newton(scene.model.loading.permanent), scene.state
+    return scene.finder.newton(scene.model.loading.permanent), scene.state
 
 
 def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
@@ -395,7 +395,7 @@ def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
     """Cables that flow until the saddle bulges by a third of its span: right, at any size."""
     text = SADDLE.format(cells=12, cable="yield_stress = 0.75e9\n", pressure=[0.0, 0.0, 9 * AREA_LOAD])
     found = Statics(workshop.job(text), large, monkeypatch)
-    monkeypatch.setattr(find, "relax", None)
+    monkeypatch.setattr(goals, "relax", None)
     monkeypatch.setattr(find, "FEWEST", 0)
     found.find()
     assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1

@@ -69,7 +69,7 @@ def smoother(job):
     """That of a net's tangent at the start, and the tangent's matrix; both of one rank."""
     scene, _ = prepare(MPI.COMM_SELF, job, Phases())
     state, distribution = scene.state, scene.distribution
-    of_net = scene.finder._newton(scene.model.loading.permanent)
+    of_net = scene.finder.newton(scene.model.loading.permanent)
     K, at = of_net.tangent(), incidence_of(state.ends, distribution.subdomain.particle_gid, state.n_owned)
     rows = tangent_rows(distribution, of_net.net, K, at, 0.0)
     found = lines_of(distribution, state.ends, state.x_start, state.free)

@@ -9,10 +9,10 @@ from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 
 from netfall.equilibrium import find as finding
+from netfall.equilibrium import goals, mixed
 from netfall.equilibrium import limit as limits
-from netfall.equilibrium import mixed
 from netfall.equilibrium.find import MIXED
-from netfall.equilibrium.overload import UNDECIDED, GivesWay, strained
+from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, GivesWay, strained
 from netfall.equilibrium.relaxation import net_of
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
@@ -324,7 +324,7 @@ def test_a_load_that_is_borne_after_all_is_found_whole(workshop, monkeypatch):
     _, exact, none = by_work(monkeypatch, job)
     tried = settling._tried
     undecided = lambda scene, each, *more, watched=True: (
-        settling._Tried(UNDECIDED) if each.kind == "step" and watched else tried(scene, each, *more)
+        settling._Tried(NOT_FOUND_AT_ONCE) if each.kind == "step" and watched else tried(scene, each, *more)
     )
     _, row, _ = by_work(monkeypatch, job, _tried=undecided)
     assert not none and row["load_factor"] == exact["load_factor"] == 1.0
@@ -335,8 +335,8 @@ def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
     """The whole load, then shares of it, where steps with tensions as unknowns are too few."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     _, exact, _ = by_work(monkeypatch, job)
-    relaxed, relax = [], finding.relax
-    monkeypatch.setattr(finding, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
+    relaxed, relax = [], goals.relax
+    monkeypatch.setattr(goals, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
     monkeypatch.setattr(mixed, "MOST_STEPS", 0)
     _, row, _ = by_work(monkeypatch, job, _by_trials=settling._by_trials)
     assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
@@ -371,7 +371,7 @@ def test_no_step_turns_a_cable_far(workshop, monkeypatch):
     job = workshop.job(SADDLE.format(steps=1))
     scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
     state = scene.state
-    newton = scene.finder._newton(scene.model.loading.permanent + scene.model.loading.live)
+    newton = scene.finder.newton(scene.model.loading.permanent + scene.model.loading.live)
     steps, turned = mixed.Mixed(newton, state, NEVER), []
     for _ in range(5):
         before, L = state.x.copy(), state.elements_now().L

@@ -7,6 +7,7 @@ chi = 1 / (phi + sqrt(phi^2 - lambda^2)), at most 1
 
 import numpy as np
 
+from netfall.results.file import job_of
 from netfall.results.states import MOTION, equilibria
 
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha, table 6.1
@@ -56,13 +57,25 @@ def moment_columns(f) -> dict[str, np.ndarray]:
 
 
 def strengths_of_bars(f) -> dict[str, np.ndarray]:
-    """Strengths (m,) [N] against compression, inf: none, as `Check.resistance` takes them."""
+    """Strengths (m,) [N] against compression, inf: none, as `Check.resistance` takes them.
+
+    The parts of a chain that bends have none without a buckling_length in the job: the chain does not buckle
+    between its nodes but as a whole, which statics computes.
+    """
     bars, none = bar_columns(f), np.full(len(f["net/elements"]), np.inf)
-    if not bars or "yield_force" not in f["net"]:
-        return {"buckling": none, "euler_load": _or_none(bars.get("euler_load", none))}
-    buckling = np.where(np.isnan(bars["chi"]), np.inf, bars["chi"] * f["net/yield_force"][:])
-    return {"buckling": buckling, "euler_load": _or_none(bars["euler_load"])}
+    if not bars:
+        return {"buckling": none, "euler_load": none}
+    parts = parts_of_chains(f)
+    known = lambda strength: np.where(np.isnan(strength) | parts, np.inf, strength)
+    yields = f["net/yield_force"][:] if "yield_force" in f["net"] else none
+    return {"buckling": known(bars["chi"] * yields), "euler_load": known(bars["euler_load"])}
 
 
-def _or_none(strength: np.ndarray) -> np.ndarray:
-    return np.where(np.isnan(strength), np.inf, strength)
+def parts_of_chains(f) -> np.ndarray:
+    """Bars (m,) of chains that bend whose job gives them no buckling_length."""
+    if "bending" not in f["net"]:
+        return np.zeros(len(f["net/elements"]), bool)
+    cable, names = job_of(f).get("cable", {}), f["net/group_names"].asstr()[:]
+    length = [{**cable, **cable.get(name, {})}.get("buckling_length") for name in names]
+    given = np.array([each is not None for each in length])
+    return (f["net/bending"][:] == 1) & ~given[f["net/group"][:]]

@@ -3,9 +3,9 @@
 import numpy as np
 
 from netfall.results.cases import KINDS, cases_of
-from netfall.results.states import Envelope, no_equilibrium, not_stable
+from netfall.results.states import Envelope, is_undecided, no_equilibrium, not_stable
 
-UNBORNE = "no equilibrium", "not stable"
+UNBORNE = "no equilibrium", "undecided", "not stable"
 
 
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:
@@ -46,5 +46,7 @@ def without_stability(f, places: list[str]) -> list[str]:
 
 def unborne_of(f, places: list[str]) -> str:
     """One of UNBORNE for a check that these groups of the result count for, "": all of them are borne."""
-    found = without_equilibrium(f, places), without_stability(f, places)
+    without = without_equilibrium(f, places)
+    undecided = [place for place in without if is_undecided(f[place])]
+    found = len(without) > len(undecided), undecided, without_stability(f, places)
     return next((word for word, some in zip(UNBORNE, found) if some), "")

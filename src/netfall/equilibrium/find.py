@@ -1,10 +1,9 @@
-"""One equilibrium of a net: by Newton's method, or by dynamic relaxation where that does not find it.
+"""One equilibrium of a net, by Newton's method or by the ways that serve where that does not find it.
 
-Whichever finds it, the estimated error decides when it is found: what one more correction of Newton's would
-move, as a share of the largest displacement, and what it would change of tensions, as a share of the largest.
-So `tolerance` means the same for any net and any refinement. Where the tangent gives no estimate (compressed
-bars buckle, a mechanism hangs) the net is relaxed to a tenth of the residual, and again, until that changes
-no more.
+The estimated error decides when it is found: what one more correction would move, as a share of the largest
+displacement, and what it would change of tensions, as a share of the largest. So `tolerance` means the same
+for any net and any refinement. What Newton's method does not find is relaxed (`goals`). What that does not
+find soon is sought from where chains hang (`hang`), and with tensions as unknowns (`mixed`).
 """
 
 from collections.abc import Callable
@@ -14,14 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.equilibrium.goals import Goals
+from netfall.equilibrium.hang import hung_positions
 from netfall.equilibrium.increments import Watch, approach, at_once
 from netfall.equilibrium.limit import LimitLoad, limit_load
 from netfall.equilibrium.mixed import Mixed
 from netfall.equilibrium.newton import AT_START, Newton, NoConvergence, StartPoint, Stopped, is_large
-from netfall.equilibrium.overload import SURELY, UNDECIDED, UNSTRAINED, GivesWay, Strained
-from netfall.equilibrium.relaxation import Paused, Relaxation, net_of, not_begun, relax
+from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, SURELY, UNSTRAINED, GivesWay, Strained
+from netfall.equilibrium.relaxation import Paused, Relaxation, RunsAway, net_of, not_begun
 from netfall.equilibrium.slip import Slips
-from netfall.equilibrium.stable import unstable_shape
+from netfall.equilibrium.stable import unstable_at
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.elements import add_tensions, axial_forces
@@ -36,15 +37,11 @@ from netfall.parallel.subdomain import Distribution
 
 ALIKE = 1.5  # times stiffer or softer: what the first approximate inverse serves
 SLACKER = 0.01  # of the largest stiffness: below that an element counts as slack in comparing two tangents
-NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
 SMALLER = 0.5  # times: the residual of a guess, if it is to be taken
-TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
-MOST_AGAIN = 6  # times
-AGAIN = 1000  # iterations and as many as it has taken so far: what each of these may take
-ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
+QUICK = 10_000  # iterations of a relaxation of a small net; beyond that tensions as unknowns are quicker
 EXACT = 1e-10  # of the forces out of balance, that a response leaves
-STABLE, UNKNOWN = -1, -2
 MIXED = -1
+NO_ELEMENTS = np.zeros(0, np.int64)
 FEWEST = 2000  # particles for that, and for factors of many answers; below it others take hardly longer
 NEAR = 1e-4, 1e-6, 0.0  # steps with tensions as unknowns: so near Newton's method is tried again
 ROUNDED = 10.0  # times the tolerance: what is then missing is told, where rounding ends these steps
@@ -132,62 +129,35 @@ class Finder:
 
         Raises DivergedError if neither finds one, Paused if asked to stop, GivesWay.
         """
-        newton, state = self._newton(load), self.state
-        first, total = 0, 0
+        newton, state = self.newton(load), self.state
         if resume is not None and (resume.iteration > 0 or resume.stage > 0):
-            first, total, start = resume.stage, resume.total, resume.start
+            start = resume.start
         else:
             resume, start = None, state.x.copy(order="K")
             by_newton = self._begun_by_newton(newton, tolerance, stop, guess, watch, goal)
             if by_newton is not None:
                 return by_newton
-        asked, before, found, last, enough = tolerance * reference, start, None, None, None
-        goals = [*(share * reference for share in NEARER if share > tolerance), asked]
-        goals += [max(asked / TIGHTER**k, ROUNDING * reference) for k in range(1, MOST_AGAIN)]
-        if goal and goal != MIXED and resume is None:  # of a finer search there may be more
-            first = min(goal, len(goals)) - 1
-        for stage in range(first, len(goals)):
-            self.goal = stage + 1
+        first = goal - 1 if goal and goal != MIXED and resume is None else 0  # a finer search may have more
+        goals = Goals(self, newton, tolerance, reference, what, stop, start, goal is None, first)
+        count = len(goals.residuals)
+        if resume is None or resume.stage < count:
             try:
-                iterations, residual = relax(
-                    self.comm,
-                    self.halo,
-                    newton.net,
-                    goals[stage],
-                    min(max_iterations, AGAIN + total) if found else max_iterations,
-                    what,
-                    lambda i, r, g=goals[stage]: self.report(
-                        f"{what}: relaxing, residual {r:.2g} N of {g:.2g} N"
-                    ),
-                    stop=stop,
-                    resume=resume,
-                )
-            except Paused as pause:
-                pause.at.stage, pause.at.total = stage, total
-                pause.at = enough or pause.at  # from where the same follows
-                pause.at.start = start
+                return goals.relax(min(max_iterations, QUICK), resume, in_all=True)
+            except RunsAway:
                 raise
             except DivergedError:
-                if found is None:
-                    raise
-                state.x[:] = before
-                return found
-            if found and not iterations:  # nothing has changed
-                continue
-            total, resume, before = total + iterations, None, state.x.copy(order="K")
+                resume = None
+        if resume is None or (resume.stage == count and resume.iteration == 0):
+            state.x[:], resume = start, None
             try:
-                if goal is not None and iterations == 0 and goals[stage] > asked:
-                    raise NoConvergence("it was not from here")
-                relaxed = StartPoint(total)
-                return self._corrected(newton, tolerance, relaxed, NEVER, True, patient=goal is None)
+                return self._from_far(newton, load, tolerance, stop)
+            except Stopped:
+                state.x[:] = start
+                raise Paused(replace(not_begun(start), stage=count, start=start)) from None
             except NoConvergence:
-                state.x[:] = before
-            if goals[stage] <= asked:
-                found, last = self._relaxed(newton, total, residual, last), (before, state.elements_now().N)
-                if found.error <= tolerance:
-                    break
-                enough = enough or replace(not_begun(before), stage=stage, total=total)
-        return found
+                state.x[:] = start
+        goals.first = 0
+        return goals.relax(max_iterations, resume, begun=count)
 
     def _begun_by_newton(
         self, newton: Newton, tolerance: float, stop: StopRequest, guess, watch, goal: int | None
@@ -218,14 +188,14 @@ class Finder:
     def residual(self, load: np.ndarray) -> np.ndarray:
         """Residual forces (n, 3) [N] on the free axes under a load, 0 at halo particles."""
         r = np.zeros_like(self.state.x)
-        r[: self.state.n_owned] = self._newton(load).residual()
+        r[: self.state.n_owned] = self.newton(load).residual()
         return r
 
     def foresees(self, load: np.ndarray) -> bool:
         """Whether the tangent tells nearly what a load (n, 3) [N] does, so that rest is near. Collective."""
         x = self.state.x.copy(order="K")
         try:
-            return at_once(self._newton(load), self.state.x_start, NEVER) is not AT_START
+            return at_once(self.newton(load), self.state.x_start, NEVER) is not AT_START
         except NoConvergence:
             return False
         finally:
@@ -242,7 +212,7 @@ class Finder:
             state.x[:] = before
         return nearer
 
-    def _relaxed(self, newton: Newton, total: int, residual: float, last: tuple | None) -> Solution:
+    def relaxed(self, newton: Newton, total: int, residual: float, last: tuple | None) -> Solution:
         """What relaxation alone has reached. Collective.
 
         last : positions (n, 3) [m] and axial forces (m,) [N] of ten times the residual, None: not known
@@ -251,7 +221,7 @@ class Finder:
             errors = newton.errors(self.state.x_start)
         except NoConvergence:
             errors = newton.changes(*last, self.state) if last else (np.nan, np.nan)
-        return Solution(total, residual, *errors, True, self._unstable_at(newton))
+        return Solution(total, residual, *errors, True, unstable_at(newton))
 
     def _by_newton(
         self,
@@ -273,21 +243,34 @@ class Finder:
                 return self._corrected(newton, tolerance, AT_START, stop, watch=watch)
             except NoConvergence:
                 self.state.x[:] = before
-        if not self._is_mixed():
+        if goal != MIXED and not self._is_mixed():
             raise NoConvergence("there is more than cables, or the net is small")
+        return self._by_tensions(newton, tolerance, stop, watch, self.has_limit_load())
+
+    def _by_tensions(
+        self,
+        newton: Newton,
+        tolerance: float,
+        stop: StopRequest,
+        watch: Watch | None = None,
+        limited: bool = False,
+    ) -> Solution:
+        """With tensions as unknowns, then by Newton's method. Collective.
+
+        limited : whether `limit_load` is to decide what gives way. Raises as `_by_newton`.
+        """
         self.goal, mixed = MIXED, Mixed(newton, self.state, stop)
-        limited = watch if self.has_limit_load() else None
         for size in NEAR:
             try:
-                near = mixed.narrow(size, tolerance, limited)
+                near = mixed.narrow(size, tolerance, watch if limited else None)
                 there = watch() if watch else UNSTRAINED
                 if there.most > SURELY:  # no more is to be known of it
                     raise GivesWay(0.0, 1.0, there)
             except NoConvergence:
                 if max(mixed.missing) <= ROUNDED * tolerance:
                     break
-                if limited:
-                    raise GivesWay(0.0, 1.0, UNDECIDED) from None
+                if watch and limited:
+                    raise GivesWay(0.0, 1.0, NOT_FOUND_AT_ONCE) from None
                 raise
             if size == 0.0 or max(mixed.missing) <= tolerance:
                 break
@@ -296,8 +279,31 @@ class Finder:
                 return self._corrected(newton, tolerance, near, stop, True)
             except NoConvergence:
                 self.state.x[:] = before
-        residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
-        return Solution(mixed.gradients, *residual, *mixed.missing, False, unstable_at)
+        residual = newton.largest(newton.residual())
+        return Solution(mixed.gradients, *residual, *mixed.missing, False, unstable_at(newton))
+
+    def _from_far(self, newton: Newton, load: np.ndarray, tolerance: float, stop: StopRequest) -> Solution:
+        """From where chains hang, else with tensions as unknowns. Collective.
+
+        Raises NoConvergence, Stopped.
+        """
+        x, slipping = self.state.x, self.slips.chains.element if self.slips else NO_ELEMENTS
+        start, hung = x.copy(order="K"), hung_positions(self.distribution, self.state, load, slipping)
+        for begin in (hung, start):
+            if begin is None:
+                continue
+            x[:] = begin
+            if begin is hung:
+                try:
+                    return self._corrected(newton, tolerance, AT_START, stop, patient=False)
+                except NoConvergence:
+                    x[:] = begin
+            try:
+                if self._has_tensions():
+                    return self._by_tensions(newton, tolerance, stop)
+            except NoConvergence:
+                continue
+        raise NoConvergence("neither led to an equilibrium")
 
     def has_limit_load(self) -> bool:
         """Whether `limit_load` serves the net."""
@@ -317,13 +323,22 @@ class Finder:
         The rest as of `limit.limit_load`.
         """
         own = more[: self.state.n_owned]
-        limit = limit_load(self._newton(load), self.state, own, strained, tolerances, stop, report)
-        newton = self._newton(load + limit.factor * more)
-        residual, unstable_at = newton.largest(newton.residual()), self._unstable_at(newton)
-        return limit, Solution(limit.gradients, *residual, *limit.missing, False, unstable_at)
+        limit = limit_load(self.newton(load), self.state, own, strained, tolerances, stop, report)
+        newton = self.newton(load + limit.factor * more)
+        residual = newton.largest(newton.residual())
+        return limit, Solution(limit.gradients, *residual, *limit.missing, False, unstable_at(newton))
+
+    def _has_tensions(self) -> bool:
+        """Whether tensions may be unknowns."""
+        return self.slips is None and self.state.joints is None
 
     def _is_mixed(self) -> bool:
-        return self.distribution.n >= FEWEST and self.slips is None and self.state.joints is None
+        """Whether they are before anything is relaxed."""
+        return self.distribution.n >= FEWEST and self._has_tensions()
+
+    def corrected_from(self, newton: Newton, tolerance: float, begun: StartPoint, patient: bool) -> Solution:
+        """By Newton's method, from where a relaxation has come. Raises NoConvergence. Collective."""
+        return self._corrected(newton, tolerance, begun, NEVER, True, patient=patient)
 
     def _corrected(
         self,
@@ -345,8 +360,8 @@ class Finder:
             direct = self._is_mixed() and (watch is None or self.state.features.plastic)
             begun = at_once(newton, start, stop) if direct else approach(newton, start, stop, watch)
         found = newton.find(tolerance, start, stop, near and patient, begun)
-        unstable_at = self._unstable_at(newton)
-        return Solution(found.gradients, found.residual, found.moved, found.tension, False, unstable_at)
+        of_errors = found.residual, found.moved, found.tension
+        return Solution(found.gradients, *of_errors, False, unstable_at(newton))
 
     def responses(self, load: np.ndarray, count: int) -> Callable[[np.ndarray], tuple]:
         """What so many changes (m,) [m] of unstressed lengths do where the net is, each by a call.
@@ -354,7 +369,7 @@ class Finder:
         load : (n, 3) [N] that acts. Collective, and so are the calls: they give (n, 3) [m] of nodes and
         (m,) [N], and raise NoConvergence where the tangent is singular.
         """
-        newton, state = self._newton(load), self.state
+        newton, state = self.newton(load), self.state
         newton.begin()
         K = newton.tangent()
         inverse = cache(lambda: self._factors_for(K, count) or self._approximate_inverse(newton, K))
@@ -388,7 +403,8 @@ class Finder:
             change = K.slip.of_strands(change)
         return -K.axial * (state.elements_now().L / state.L0) * change
 
-    def _newton(self, load: np.ndarray) -> Newton:
+    def newton(self, load: np.ndarray) -> Newton:
+        """Newton's method for the net under a load (n, 3) [N]."""
         net, state = net_of(self.state, load, self.slips), self.state
         if self._structure is None:  # lines of the net at the start, also in a run that is taken up
             of_state = lambda: lines_of(self.distribution, state.ends, state.x_start, state.free)
@@ -426,20 +442,6 @@ class Finder:
         for rows, values in now:
             rows[:] = values
         return first
-
-    def _unstable_at(self, newton: Newton) -> int:
-        """Global number of the particle that moves most in an equilibrium that is not stable, or `STABLE`."""
-        try:
-            shape = unstable_shape(newton)
-        except NoConvergence:
-            return UNKNOWN
-        if shape is None:
-            return STABLE
-        size = np.sqrt(shape[:, 0] ** 2 + shape[:, 1] ** 2 + shape[:, 2] ** 2)
-        gid = self.distribution.subdomain.particle_gid[: len(size)]
-        p = np.lexsort((gid, -size))[0] if len(size) else 0
-        mine = (float(size[p]), -int(gid[p])) if len(size) else (-1.0, 0)
-        return -max(self.comm.allgather(mine))[1]
 
 
 def _alike(now: np.ndarray, before: np.ndarray, least: float) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 
 from netfall.equilibrium.increments import Watch
 from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, still_missing
-from netfall.equilibrium.overload import UNDECIDED, GivesWay
+from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, GivesWay
 from netfall.equilibrium.relaxation import RunsAway
 from netfall.equilibrium.work import Work
 from netfall.ground.compile import kernel, part_of_kernel
@@ -120,7 +120,7 @@ class Mixed:
             gap = self.gap
             self.step()
             if watch and self.gap < gap < first and watch().most > TOO_FAR:  # first steps go too far
-                raise GivesWay(0.0, 1.0, UNDECIDED)
+                raise GivesWay(0.0, 1.0, NOT_FOUND_AT_ONCE)
         return StartPoint(self.gradients, self.size)
 
     def off(self) -> float:

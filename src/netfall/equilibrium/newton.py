@@ -43,6 +43,7 @@ LARGE = 10_000  # particles; below that relaxation takes no longer than what ser
 SHORT = 0.3  # of a correction: if no more than that can be gone, the next gets more inertia
 FASTEST, SLOWEST = 0.5, 0.99  # of the size of the last step, that the next ones are taken to have
 ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
+ULPS = 4.0  # units in the last place of coordinates, by which lengths are off
 NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
 
 
@@ -310,7 +311,8 @@ class Newton:
                 cycle = None
             left = CAUTION * share if self.large and count > MANY_GRADIENTS else share
             missing = max(left, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
-            if whole and exact and missing * size <= tolerance:
+            done = missing * size <= tolerance or missing * size <= self.rounding(K)
+            if whole and exact and done:
                 mine = largest_residual(self.f, self.net.free, self.halo.n_owned)
                 worst = self.comm.allreduce(mine, MPI.MAX)
                 return NewtonResult(total, worst, missing * moved, missing * change)
@@ -322,6 +324,13 @@ class Newton:
             elif part == 1.0:
                 self.inertia = 0.0 if self.inertia <= FIRST_INERTIA else 0.1 * self.inertia
         raise NoConvergence(f"{most} corrections were not enough")
+
+    def rounding(self, K: Tangent) -> float:
+        """What rounded coordinates may change of tensions, a share of the largest. Collective."""
+        size = np.abs(self.net.x).max(1, initial=0.0)[self.net.ends].max(1, initial=0.0)
+        force = ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size
+        force, tension = self.largest(force[self.moved_elements], K.N[self.moved_elements])
+        return force / tension if tension > 0.0 else 0.0
 
     def errors(self, start: np.ndarray) -> tuple[float, float]:
         """Estimated errors where the net is: of displacement and tension, shares of the largest. Collective.

@@ -41,9 +41,14 @@ class Strained(NamedTuple):
     elements: tuple[int, ...] = ()
     reason: str = ""
 
+    @property
+    def is_decided(self) -> bool:
+        """Whether it is known that something gives way, or that nothing does; else the search has ended."""
+        return self.reason in ("", BREAKS, RUNS_AWAY)
+
 
 UNSTRAINED = Strained()
-UNDECIDED = Strained(np.inf, (), "no equilibrium was found")
+NOT_FOUND_AT_ONCE = Strained(np.inf, (), "no equilibrium was found")
 
 
 class GivesWay(Exception):

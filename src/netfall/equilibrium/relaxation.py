@@ -187,7 +187,7 @@ def relax(
             previous = 0.0
     raise DivergedError(
         f"{what}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
-        f"asked {tolerance:.3g} N; raise max_iterations or tolerance, or look for a mechanism"
+        f"tolerance {tolerance:.3g} N"
     )
 
 

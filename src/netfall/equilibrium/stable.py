@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from netfall.equilibrium.newton import Newton, NotPositiveDefinite, SlowConvergence
+from netfall.equilibrium.newton import Newton, NoConvergence, NotPositiveDefinite, SlowConvergence
 from netfall.multigrid.tangent import scattered
 from netfall.parallel.mpi import MPI
 
+STABLE, UNKNOWN = -1, -2
 LEFT = 1e-4  # of the residual, in search of displacements without stiffness
 
 
@@ -29,3 +30,21 @@ def unstable_shape(newton: Newton) -> np.ndarray | None:
     except NotPositiveDefinite as error:
         return error.shape
     return None
+
+
+def unstable_at(newton: Newton) -> int:
+    """Global number of the particle that moves most in an unstable equilibrium, else `STABLE` or `UNKNOWN`.
+
+    Collective.
+    """
+    try:
+        shape = unstable_shape(newton)
+    except NoConvergence:
+        return UNKNOWN
+    if shape is None:
+        return STABLE
+    size = np.sqrt(shape[:, 0] ** 2 + shape[:, 1] ** 2 + shape[:, 2] ** 2)
+    gid = newton.distribution.subdomain.particle_gid[: len(size)]
+    p = np.lexsort((gid, -size))[0] if len(size) else 0
+    mine = (float(size[p]), -int(gid[p])) if len(size) else (-1.0, 0)
+    return -max(newton.comm.allgather(mine))[1]

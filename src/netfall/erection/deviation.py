@@ -15,7 +15,7 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.net.net import Net
 from netfall.stages.scene import Scene
 from netfall.stages.settle import reference_force, settle
-from netfall.stages.static_outcome import NONE
+from netfall.stages.static_outcome import EQUILIBRIUM, NONE, UNDECIDED, undecided
 
 NAMED = 3  # pieces that matter most
 
@@ -26,6 +26,7 @@ class Deviated(NamedTuple):
     tension : (m,) [N] standard deviation by linear influence; effect : (k,) [N] of each piece of cable, the
         largest change of a tension by one standard deviation of its length; lines : to say
     failed : why there is no equilibrium with them, "": there is; x is then how far it came
+    state : of the equilibrium, as of `StaticOutcome`
     """
 
     x: np.ndarray
@@ -34,6 +35,7 @@ class Deviated(NamedTuple):
     effect: np.ndarray
     lines: list[str]
     failed: str = ""
+    state: str = EQUILIBRIUM
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The arrays, by name."""
@@ -51,14 +53,17 @@ def deviate(scene: Scene) -> Deviated | None:
     Without a form, what is given is no equilibrium without load, and nodes stay where they are. On rank 0
     what came of it, None elsewhere.
     """
-    model, spread, failed = scene.model, scene.distribution, ""
+    model, spread, failed, state = scene.model, scene.distribution, "", EQUILIBRIUM
     each = of_form(scene, "deviation", "errors of length")
     tension, effect = _influence(scene, each.load)
     L0 = model and model.cut_length + model.net.length_error * shares(model.net, model.cut_length)
     set_strands(scene.state, spread.elements(L0))
     if scene.form is not None:
         outcome = elastic(scene, settle(scene, each, reference_force(scene, each), NEVER))
-        if outcome.state == NONE:
+        state = outcome.state
+        if state == UNDECIDED:
+            failed = undecided(each.words, outcome)
+        elif state == NONE:
             failed = f"{each.words}: there is no equilibrium with them: {outcome.reason}"
     x = spread.gather_particles(scene.state.x)
     if model is None:
@@ -69,7 +74,7 @@ def deviate(scene: Scene) -> Deviated | None:
         f"errors of length: tensions scatter by up to {tension.max():.4g} N (standard deviation, linear); "
         f"the pieces that matter most, by one deviation of each: {names}"
     ]
-    return Deviated(x, L0, tension, effect, lines, failed)
+    return Deviated(x, L0, tension, effect, lines, failed, state)
 
 
 def _influence(scene: Scene, load: np.ndarray) -> tuple:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from netfall.equilibrium.find import STABLE
+from netfall.equilibrium.stable import STABLE
 from netfall.erection.lengths import rows_named
 from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import elastic, tension_to
@@ -17,10 +17,10 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.model.actions import StaticLoad
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
-from netfall.results.notes import error_words, limit_notes, stop_notes
+from netfall.results.notes import error_words, limit_notes, limit_point_warning, stop_notes
 from netfall.stages import settle
 from netfall.stages.scene import Scene, let_slip
-from netfall.stages.static_outcome import NONE, StaticOutcome, by_ids
+from netfall.stages.static_outcome import NONE, UNDECIDED, StaticOutcome, by_ids, undecided
 
 MOST_TURNS = 10  # of forces at jacks
 
@@ -41,6 +41,11 @@ class Erection:
     labels: dict[str, dict] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
     failed: str = ""
+
+    @property
+    def last_state(self) -> str:
+        """The state of the last equilibrium, as of `StaticOutcome`."""
+        return list(self.labels.values())[-1]["state"]
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restored`; arrays on rank 0."""
@@ -92,9 +97,16 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
         _note(scene, erection, stage, setting, x, outcome)
         erection.done, erection.x, erection.setting = erection.done + 1, x, setting
         if not outcome.carries:
-            reason = f"{each.words}: there is no equilibrium in it: {outcome.reason}"
-            erection.failed = f"{reason}; change lengths in smaller stages, or hold more nodes"
+            erection.failed = _failure(each.words, outcome)
             break
+
+
+def _failure(words: str, outcome: StaticOutcome) -> str:
+    """Why a stage is the last one, and what to do."""
+    if outcome.state == UNDECIDED:
+        return f"{undecided(words, outcome)}; or change lengths in smaller stages"
+    reason = f"{words}: there is no equilibrium in it: {outcome.reason}"
+    return f"{reason}; change lengths in smaller stages, or hold more nodes"
 
 
 def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.ndarray:
@@ -219,7 +231,8 @@ def reactions(model, held: np.ndarray, load: np.ndarray, x: np.ndarray, N: np.nd
 def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
     """What is said of a stage: its equilibrium, how far nodes went, forces at the jacks."""
     if not outcome.carries:
-        return [f"stage {stage.name}: NO EQUILIBRIUM: {outcome.reason}"]
+        state = outcome.state.replace("_", " ").upper()
+        return [f"stage {stage.name}: {state}: {outcome.reason}"]
     net, solution = model.net, outcome.equilibrium.solution
     before = erection.x if erection.x is not None else model.x
     moved = lengths(x - before)
@@ -235,6 +248,12 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
         lines.append(
             f"  {name}: {N[rows].min():.5g} to {N[rows].max():.5g} N, unstressed length "
             f"{setting.L0[rows].sum():.6g} m in all"
+        )
+    if outcome.limit is not None:
+        p = outcome.limit.particle
+        node = net.node_id[p] if p >= 0 else None
+        lines.append(
+            limit_point_warning(f"stage {stage.name}", outcome.limit.share, node, outcome.limit.jump)
         )
     lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
     return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))

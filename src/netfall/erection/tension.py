@@ -68,7 +68,7 @@ def tension_to(
     for count in range(1, MOST_EQUILIBRIA + 1):
         set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
         outcome = settle.settle(scene, each, reference, stop)
-        if outcome.state == NONE:
+        if not outcome.carries:
             size = np.inf
         else:
             now = _measure(scene, wanted)
@@ -78,7 +78,12 @@ def tension_to(
         if size > WORSE * best or size == np.inf:
             if before is None:
                 reason = outcome.reason or "the forces are no numbers"
-                return Tensioned(L0, None, outcome._replace(state=NONE, reason=reason), count)
+                return Tensioned(
+                    L0,
+                    None,
+                    outcome._replace(state=NONE if outcome.carries else outcome.state, reason=reason),
+                    count,
+                )
             settle.put_back(scene.state, before[0])
             tried = 0.5 * tried
             L0 = scene.model and _changed(jacks, before[1], tried)

@@ -22,6 +22,7 @@ from netfall.numerics.rotation import from_own, to_own
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
 SHOWN = 5  # nodes out of equilibrium
+NOTHING = 1e-9  # of the prestress that is asked for: a nearest state with less has none of it
 ROUNDING = 1e-12  # of the largest pivot: what the prestress does not determine
 
 
@@ -66,6 +67,8 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
         _check_states(net, equations, fit, asked)
     u = fit.x + times(fit.null, _nearest(net.prestress, equations, fit, asked))
     N = np.where(equations.of >= 0, (u / np.sqrt(equations.count))[equations.of], net.prestress)
+    if load is None and np.abs(N[asked]).max() <= NOTHING * np.abs(net.prestress[asked]).max():
+        raise InputError(_not_in_states(net, equations, fit, asked))
     residual = _residual(net, N, load)
     found = SelfStress(N, residual, _states(equations, fit.null))
     _check_residual(net, found, tolerance)
@@ -138,6 +141,20 @@ def _check_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> Non
             '[form_finding] method = "keep": no element that can move has a prestress, to which the '
             "self-stress could be the nearest; give [cable] prestress, or that of one group"
         )
+
+
+def _not_in_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> str:
+    """That no state of self-stress has the prestress that is asked for; which groups have forces in them."""
+    states = _states(equations, fit.null)
+    named = lambda rows: ", ".join(
+        net.group_names[g] or "(without a name)" for g in np.unique(net.group[rows])
+    )
+    taking = (np.abs(states) > NOTHING).any(0)
+    return (
+        f'[form_finding] method = "keep": prestress of group {named(asked)}: no state of self-stress of the '
+        f"geometry has it ({len(states)} known, with forces in {named(taking)}; the nearest one to the "
+        "prestress is zero). Give a prestress to groups that take part, or correct the geometry or the groups"
+    )
 
 
 def _no_state(net: Net, equations: Equations, least: float) -> str:

@@ -47,7 +47,8 @@ def form_by_tensions(
         worst, moving.x[:] = worst_nodes(comm, net, distribution, moving), begun
         found = by_newton() if isinstance(error, RunTogether) and not large else None
         if found is None:
-            raise DivergedError(f"{error}; {worst}; {ADVICE}") from None
+            more = "raise max_iterations or tolerance"
+            raise DivergedError(f"{error}; {more}; {worst}; {ADVICE}") from None
         return found
 
 

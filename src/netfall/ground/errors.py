@@ -25,6 +25,10 @@ class NoRest(DivergedError):
     """There is no equilibrium under the mean wind."""
 
 
+class Undecided(DivergedError):
+    """No equilibrium was found, but there may be one: the search ended before it was decided."""
+
+
 class Interrupted(Exception):
     """The run stopped at a common step with a checkpoint. Exit code 4."""
 

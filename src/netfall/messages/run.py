@@ -33,6 +33,7 @@ from netfall.stages.statics import rest_words
 
 MUCH_LONGER = 0.01  # of the duration: a last step that ends later is reported
 FAR_OFF = 0.01  # of it: a larger one of a net as given is reported where its equilibrium is sought
+ROUNDING = 1e-11  # strain: a residual below that times the largest stiffness EA is rounding
 AT_REST = 1e-6  # of the largest tension: a larger residual of the start is reported
 
 
@@ -172,8 +173,9 @@ def moved_lines(scene: Scene) -> list[str]:
     if scene.form.self_stress is not None:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
     net, area, asked = model.net, float(model.roof.area.sum()), scene.job.form_finding
-    lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area)
-    if asked and asked.method == "fpm" and asked.modulus_factor == 0.0:
+    constant = bool(asked) and asked.method == "fpm" and asked.modulus_factor == 0.0
+    lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant)
+    if constant:
         lines += loose_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
     return lines
 
@@ -193,7 +195,8 @@ def _not_at_rest(scene: Scene) -> list[str]:
     if scene.failure or (there if built else scene.form):
         return []
     residual, force = scene.build_up.left if built else (scene.residual, scene.reference)
-    far = residual > (FAR_OFF if there or built else AT_REST) * max(force, 1e-300)
+    rounding = ROUNDING * float(scene.model.net.EA.max(initial=0.0))
+    far = residual > max((FAR_OFF if there or built else AT_REST) * force, rounding)
     if not ((warm and not built) or far):
         return []
     told = f"largest residual {residual:.3g} N, largest tension {force:.3g} N"

@@ -21,6 +21,9 @@ PLAUSIBLE = (
     ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "cable steel has some 1.5e9 Pa; was N/mm2 meant?"),
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
+# The same where bars are made of other sizes.
+OF_BARS = {"section": (1e-6, 50.0, "a tube of 200 mm has some 6e-3 m2; was mm2 or cm2 meant?")}
+OF_MATERIAL = ("modulus", "section", "density")  # columns that follow from the stiffness of nominal elements
 # Section, key there, in zones, cases and stages, unit, least and most of its size for roofs, and a word.
 LOADS = (
     ("load", "dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
@@ -45,6 +48,7 @@ SLOWEST, FASTEST = 400.0, 20e3  # m/s: waves along cables, by stiffness and mass
 LOOSEST = 3e-6  # no net is built with less strain in its tightest element, if with any
 SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
 FAR = 3.0  # times the roof's diagonal in plan: taps and points as far outside of it are in another unit
+ROUNDING = 1e-10  # of the largest force: a smaller one is none
 COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
 UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
 
@@ -52,15 +56,18 @@ UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstresse
 def unit_notes(net: Net) -> list[str]:
     """A note for each section value that no material of a cable has."""
     notes = []
-    for column, key, unit, low, high, example in PLAUSIBLE:
-        values = getattr(net, column)
-        odd = np.flatnonzero(np.isfinite(values) & ((values < low) | (values > high)))
-        if len(odd):
-            these = counted("element", net.element_id[odd])
-            notes.append(
-                f"{key} = {values[odd[0]]:g} {unit} of {these} is far from what cables have, "
-                f"{low:g} to {high:g}: {example}".replace("  ", " ")
-            )
+    for column, key, unit, *of_cables in PLAUSIBLE:
+        given = ~net.nominal if column in OF_MATERIAL else np.ones(net.m, bool)
+        for kind, mine in (("cables", ~net.bar), ("bars", net.bar)):
+            low, high, example = OF_BARS.get(column, of_cables) if kind == "bars" else of_cables
+            values = getattr(net, column)
+            odd = np.flatnonzero(given & mine & np.isfinite(values) & ((values < low) | (values > high)))
+            if len(odd):
+                these = counted("element", net.element_id[odd])
+                notes.append(
+                    f"{key} = {values[odd[0]]:g} {unit} of {these} is far from what {kind} have, "
+                    f"{low:g} to {high:g}: {example}".replace("  ", " ")
+                )
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < SLOWEST) | (speed > FASTEST))
     if len(odd) and not notes:
@@ -300,7 +307,7 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
     checks = (
         (
-            (N < 0) & ~net.bar,
+            (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar,
             lambda e: f'{at_start(e)}: a cable carries no compression; give its group kind = "bar"',
         ),
         (

@@ -12,6 +12,7 @@ from netfall.net.net import Net
 
 OF_BARS = ("second_moment", "buckling_length")
 FLAGS = ("bending", "buckling")
+MOST_SECOND_MOMENT = 1e5  # times the square of the area; tubes have up to 10, trusses as one bar some 1000
 KEYS = (*OF_BARS, "buckling_curve", *FLAGS)
 
 
@@ -106,12 +107,12 @@ def bar_notes(job: Job, net: Net) -> list[str]:
         given = job.given() & {f"cable.{key}" for key in KEYS}
         given |= {f"cable.{name}.{key}" for name, table in job.groups.items() for key in KEYS if key in table}
         return [f"{key}: no effect: no bar has a second_moment" for key in sorted(given)]
-    radius = np.sqrt(net.second_moment / net.section)
-    stout = np.flatnonzero(radius > buckling_lengths(net, net.lengths()))
+    stout = np.flatnonzero(net.second_moment > MOST_SECOND_MOMENT * net.section**2)
     if not len(stout):
         return []
     e = stout[0]
     return [
-        f"second_moment = {net.second_moment[e]:g} m4 of {counted('element', net.element_id[stout])}: the "
-        f"radius of gyration is {radius[e]:.4g} m, longer than the bar; was mm4 or cm4 meant?"
+        f"second_moment = {net.second_moment[e]:g} m4 of {counted('element', net.element_id[stout])}: no "
+        f"section of {net.section[e]:g} m2 has so much: its radius of gyration would be "
+        f"{np.sqrt(net.second_moment[e] / net.section[e]):.4g} m; was mm4 or cm4 meant?"
     ]

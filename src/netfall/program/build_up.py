@@ -14,7 +14,7 @@ from netfall.erection.targets import Reached, reach_targets
 from netfall.erection.tension import of_form
 from netfall.form.find import Form
 from netfall.form.initial import INITIAL, initial_record, write_before_stages
-from netfall.ground.errors import DivergedError, interrupted
+from netfall.ground.errors import DivergedError, Undecided, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
@@ -25,7 +25,7 @@ from netfall.model.state import make_state
 from netfall.numerics.functions import lengths
 from netfall.parallel.agree import on_root
 from netfall.stages.scene import BuildUp, Scene
-from netfall.stages.static_outcome import NONE, by_ids
+from netfall.stages.static_outcome import NONE, UNDECIDED, by_ids
 
 TARGETS, DEVIATION, ERECTION = "targets", "errors of length", "erection"  # names in checkpoints
 MOST_TURNS = 10  # of targets under the permanent load
@@ -138,10 +138,16 @@ def _deviated(scene: Scene, build_up: BuildUp, kept: tuple | None) -> tuple[Scen
     if scene.model:
         scatter = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
         lines = [*build_up.lines, *small["lines"]]
-        labels = {"deviation": {"state": NONE, "reason": failed}} if failed else {}
+        labels = {"deviation": {"state": found.state, "reason": failed}} if failed else {}
         build_up = replace(build_up, sections={"deviation": scatter}, lines=lines, labels=labels)
     records = build_up.records | {DEVIATION: (scene.comm.bcast(small), arrays or {})}
-    return after, replace(build_up, records=records, failure=DivergedError(failed) if failed else None)
+    failure = _failure(failed, scene.comm.bcast(found and found.state)) if failed else None
+    return after, replace(build_up, records=records, failure=failure)
+
+
+def _failure(failed: str, state: str) -> DivergedError:
+    """Why the run ends. state : of the equilibrium that was sought"""
+    return (Undecided if state == UNDECIDED else DivergedError)(failed)
 
 
 def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
@@ -162,7 +168,7 @@ def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
         labels=scene.model and {group: by_ids(each, ids) for group, each in erection.labels.items()},
         lines=[*build_up.lines, *erection.lines],
         records=build_up.records | {ERECTION: erection.record()},
-        failure=DivergedError(erection.failed) if erection.failed else None,
+        failure=_failure(erection.failed, erection.last_state) if erection.failed else None,
     )
     return replace(after, build_up=build_up)
 

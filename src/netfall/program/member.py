@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.ground.errors import DivergedError, InputError, NoRest, OutputError
+from netfall.ground.errors import DivergedError, InputError, NoRest, OutputError, Undecided
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
 from netfall.job.job import Job
@@ -26,7 +26,7 @@ from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
 from netfall.results.outcomes import NOTHING
 from netfall.stages import dynamics, statics
 from netfall.stages.scene import Scene
-from netfall.stages.static_outcome import NONE
+from netfall.stages.static_outcome import NONE, UNDECIDED
 from netfall.write.h5 import check_one_folder
 from netfall.write.locks import check_place
 from netfall.write.result import Result
@@ -55,6 +55,8 @@ def run_member(
         found["state"] = found.get("state") or "finished"
     except NoRest as error:  # it fails before the first gust
         found = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
+    except Undecided as error:
+        found = _ended("undecided", error)
     except DivergedError as error:
         found = _ended("diverged", error)
     except InputError as error:
@@ -111,9 +113,13 @@ def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, d
         return None
     found = NOTHING | _of_net(scene.model.net, scene.model.roof.area, extremes, depth)
     groups = path.labels.items()
-    failed = [f"{group}: {each['reason']}" for group, each in groups if each["state"] == NONE]
-    if failed or path.failed:
-        found |= {"state": "no_rest", "reason": path.failed or "; ".join(failed)}
+    ended = {
+        state: [f"{group}: {each['reason']}" for group, each in groups if each["state"] == state]
+        for state in (NONE, UNDECIDED)
+    }
+    if any(ended.values()) or path.failed:
+        state = "no_rest" if ended[NONE] else "undecided"
+        found |= {"state": state, "reason": path.failed or "; ".join(ended[NONE] or ended[UNDECIDED])}
     return found | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model, extremes)}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import netfall
 from netfall.erection.erect import reactions
 from netfall.form.initial import FORM, INITIAL, initial_record
-from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError, Undecided
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
@@ -31,7 +31,7 @@ from netfall.program.setup import prepare
 from netfall.record.energy import take_snapshot
 from netfall.stages import dynamics, modes, rests, statics
 from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
-from netfall.stages.static_outcome import NONE
+from netfall.stages.static_outcome import NONE, UNDECIDED
 from netfall.write.checkpoint import Checkpoint
 from netfall.write.h5 import check_one_folder
 from netfall.write.locks import check_place, claim, followed, release
@@ -175,7 +175,9 @@ def take_up(scene: Scene, desk: Desk) -> None:
 def of_form(scene: Scene) -> Outcome:
     """What came of the form, of targets and stages of erection."""
     built, sections = scene.build_up, initial_sections(scene)
-    ended = {"exit_state": NONE} if scene.failure else {}
+    ended = (
+        {"exit_state": UNDECIDED if isinstance(scene.failure, Undecided) else NONE} if scene.failure else {}
+    )
     return Outcome(None, (), sections, ended, built.labels if built and scene.model else {}, scene.failure)
 
 

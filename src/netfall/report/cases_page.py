@@ -10,7 +10,7 @@ from netfall.checks.groups import limits_of, members
 from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.file import job_of
-from netfall.results.states import Envelope, start_words, state_words
+from netfall.results.states import Envelope, is_undecided, start_words, state_words
 
 WORST = 10
 
@@ -37,7 +37,7 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
     failed = [case for case in made if case.state != EQUILIBRIUM]
     told = [f"- {case.name}: {case.reason}" for case in failed if case.reason]
     if failed:
-        none = f"**{len(failed)} of {len(made)} cases have no equilibrium, or none that is stable.**"
+        none = f"**{len(failed)} of {len(made)} cases have no equilibrium that was found and is stable.**"
         told = [none, "", *told]
     return [
         f"Each is an equilibrium of its own; displacements count from {start_words(f)}. By groups:",
@@ -61,7 +61,16 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
         mine = np.flatnonzero(known & (table["check"] == check.name))
         lines += [f"### {check.title}", "", _counts(names, check), ""]
         failed = without_equilibrium(f, places)
-        lines += [f"**FAILS: {state_words(f, place)} has no equilibrium.**" for place in failed]
+        lines += [
+            f"**FAILS: {state_words(f, place)} has no equilibrium.**"
+            for place in failed
+            if not is_undecided(f[place])
+        ]
+        lines += [
+            f"**UNDECIDED: no equilibrium of {state_words(f, place)} was found.**"
+            for place in failed
+            if is_undecided(f[place])
+        ]
         failed = without_stability(f, places)
         lines += [f"**FAILS: {state_words(f, place)} is not stable.**" for place in failed]
         lines += [""] if lines[-1] else []

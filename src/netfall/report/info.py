@@ -95,12 +95,14 @@ def _equilibria(f):
             factor = g.attrs["load_factor"]
             reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
             yield (
-                f"note: {states.state_words(f, place)}: NO EQUILIBRIUM: {g.attrs['reason']}{where}; "
+                f"{states.state_words(f, place)}: {g.attrs['state'].replace('_', ' ').upper()}: "
+                f"{g.attrs['reason']}{where}; "
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
             yield f"note: an equilibrium of /{place} is NOT STABLE: {notes.NOT_STABLE}"
         yield from notes.limit_notes(states.state_words(f, place), g.attrs)
+    yield from notes.limit_point_warnings_of(f)
 
 
 def _dynamics(f):

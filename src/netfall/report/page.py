@@ -12,9 +12,10 @@ from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
 from netfall.results.losses import worst_after
-from netfall.results.notes import NOT_STABLE, displacement_notes_of, limit_notes_of
+from netfall.results.notes import NOT_STABLE, displacement_notes_of, limit_notes_of, limit_point_warnings_of
 from netfall.results.states import (
     Envelope,
+    is_undecided,
     last_stage,
     no_equilibrium,
     not_stable,
@@ -94,14 +95,14 @@ def _what_ran(f, result: Path) -> list[str]:
         if "deviation" in f and no_equilibrium(f["deviation"]):
             lines.append(f"**No equilibrium: {f['deviation'].attrs['reason']}.**")
     lines += [
-        f"**{state_words(f, place)} has no equilibrium: {f[place].attrs['reason']}.**" for place in failed
+        f"**{state_words(f, place)} {_without(f[place])}: {f[place].attrs['reason']}.**" for place in failed
     ]
     lines += [
         f"**{state_words(f, place)} is not stable: {NOT_STABLE}.**"
         for place in state_groups(f)
         if not_stable(f[place])
     ]
-    lines += _sentences(displacement_notes_of(f) + limit_notes_of(f))
+    lines += _sentences(limit_point_warnings_of(f) + displacement_notes_of(f) + limit_notes_of(f))
     if "history" in f:
         if len(f["events/element"]):
             broken = len(np.unique(f["events/element"][:]))
@@ -112,6 +113,11 @@ def _what_ran(f, result: Path) -> list[str]:
     lines += ["", *notes] if notes else []
     lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
     return lines + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
+
+
+def _without(group) -> str:
+    """What is said of a group without an equilibrium."""
+    return "is undecided (there may be an equilibrium)" if is_undecided(group) else "has no equilibrium"
 
 
 def _sentences(lines: list[str]) -> list[str]:
@@ -179,7 +185,8 @@ def _bending(elements: dict) -> list[str]:
         rows[-1].append(elements["case_moment"][worst])
     told = (
         "Bending is not part of the checks, in which these elements pass without it: add the stress of these "
-        "moments to that of the axial forces."
+        "moments to that of the axial forces. Parts of a chain are not checked for buckling unless the job "
+        "gives their buckling_length."
     )
     table = as_table(["group", "element", "largest bending moment", "in"], rows)
     return [told, "", *table, *picture("largest bending moments", "moments.png")]

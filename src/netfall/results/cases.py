@@ -3,17 +3,17 @@
 from typing import NamedTuple
 
 from netfall.results.file import job_of
-from netfall.results.states import ShownState, state_groups, states_of
+from netfall.results.states import WITHOUT, ShownState, state_groups, states_of
 
 PLAIN, KINDS = "case", ("ultimate", "service")  # a case as it stands; a combination of either kind
-EQUILIBRIUM, NO_EQUILIBRIUM = "equilibrium", "no_equilibrium"
+EQUILIBRIUM = "equilibrium"
 
 
 class Case(NamedTuple):
     """A case or combination.
 
     name : as in the job; kind : PLAIN, or one of KINDS; shown : its equilibrium, or that which was reached
-    state : equilibrium | no_equilibrium | unstable; load_factor : reached; reason : why no more
+    state : equilibrium | no_equilibrium | unstable | undecided; load_factor : reached; reason : why no more
     """
 
     name: str
@@ -25,8 +25,8 @@ class Case(NamedTuple):
 
     @property
     def carries(self) -> bool:
-        """Whether there is an equilibrium under the whole load."""
-        return self.state != NO_EQUILIBRIUM
+        """Whether an equilibrium was found under the whole load."""
+        return self.state not in WITHOUT
 
 
 def cases_of(f) -> list[Case]:

@@ -149,7 +149,7 @@ tension_peak | r, m | N | of all steps from there to the next loss or the end, t
 tension_after | r, m | N | at rest in the net without what was lost so far, under all constant loads and the
     mean wind, also where something breaks in that rest; nan: no rest
 state | r | | what came of that rest: `equilibrium`; `breaks`: there is one, but elements are beyond their
-    fracture strain in it; `unstable`; `no_equilibrium`; empty: nothing was lost
+    fracture strain in it; `unstable`; `no_equilibrium`; `undecided`; empty: nothing was lost
 breaking_element | k | 1 | numbers of the elements that are beyond it
 breaking_entry | k | 1 | the entry of each, from 0
 dynamic_factor | r, m | 1 | (peak - before) / (after - before); nan where the loss changes the tension, that

@@ -7,13 +7,17 @@ from netfall.numerics.functions import lengths
 
 STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
 NO_PART = 1e-9  # of the largest force of a state: an element with less takes no part
-FAR = 0.05  # of the span: a node that moved farther is told
+FAR = 0.02  # of the span in plan: netfall warns if a node moved farther in plan
+LARGER = 0.05  # of the roof's area as given: netfall warns if the form changes it by more
 
 
-def form_lines(given, found, free, node_id, area_given: float, area: float) -> list[str]:
-    """How far the nodes moved, what became of the roof, and a note where nodes moved far.
+def form_lines(
+    given, found, free, node_id, area_given: float, area: float, constant: bool = False
+) -> list[str]:
+    """How far the nodes moved, what became of the roof, and a warning if either is much.
 
     given, found : (n, 3) [m]; free : (n,) bool, nodes that can move on some axis; area_given, area : [m2]
+    constant : whether the form has constant tension
     """
     moved = np.where(free, lengths(found - given), 0.0)
     if not free.any():
@@ -23,19 +27,32 @@ def form_lines(given, found, free, node_id, area_given: float, area: float) -> l
         f"form: nodes moved by up to {moved[most]:.4g} m (node {node_id[most]}), "
         f"{moved[free].mean():.4g} m on the mean"
     )
+    larger = area / area_given - 1.0 if area_given > 0.0 else 0.0
     if area_given > 0.0:
-        change = f"{area / area_given - 1.0:+.1%}"
-        line += f"; roof {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({change})"
-    span = float(np.ptp(given, axis=0).max())
-    far = int((moved > FAR * span).sum())
-    if not far:
+        line += f"; roof {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({larger:+.1%})"
+    in_plan = np.where(free, np.hypot(*(found - given)[:, :2].T), 0.0)
+    span, p = float(np.ptp(given[:, :2], axis=0).max()), int(np.argmax(in_plan))
+    facts = []
+    if in_plan[p] > FAR * span:
+        count = int((in_plan > FAR * span).sum())
+        facts.append(
+            f"{count} of {len(moved)} nodes moved in plan by more than {FAR:.0%} of the span of {span:.4g} "
+            f"m, node {node_id[p]} most, by {in_plan[p]:.4g} m"
+        )
+    if abs(larger) > LARGER:
+        facts.append(f"the roof's area changed by {larger:+.1%} (limit {LARGER:.0%})")
+    if not facts:
         return [line]
+    remedy = "Check supports, prestress and force densities"
+    if constant:
+        remedy = (
+            "Constant tension moves nodes along cables; to keep them near their places, use [form_finding] "
+            'modulus_factor = 1e-3 or method = "force_density", or keep the geometry with method = "keep"'
+        )
     return [
         line,
-        f"note: form finding moved {far} of {len(moved)} nodes by more than a twentieth of the span of "
-        f"{span:.4g} m, node {node_id[most]} most, by {moved[most]:.4g} m: the form is not the geometry that "
-        "was given; what is built and loaded is the form: look at it, and at supports, prestress and force "
-        "densities",
+        f"warning: form finding: {'; '.join(facts)}. The form that is built and loaded is not the geometry "
+        f"given. {remedy}",
     ]
 
 

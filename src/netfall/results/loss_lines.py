@@ -12,6 +12,7 @@ SOMETHING_BREAKS = "something breaks there"
 # What came of the search for the rest after a loss, the worst first, and how it is told everywhere.
 RESTS = {
     "no_equilibrium": "no rest was found",
+    "undecided": "it is undecided whether the rest of the net comes to rest: the search ended",
     "unstable": "no rest was found, not stable",
     "breaks": f"the rest of the net would come to rest, but {SOMETHING_BREAKS}",
     "equilibrium": "the rest of the net comes to rest",

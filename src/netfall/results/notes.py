@@ -41,19 +41,66 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
     share = f" (and so in {len(far)} of {len(found)} equilibria)" if len(found) > 1 else ""
     return [
         f"note: {words}: node {node} moved by {moved:.4g} m, by more than a fifth of the net's largest "
-        f"dimension, {size:.4g} m{share}: the net snapped through, or was slack at the start; look "
-        "at its shape, and at the units of loads, the prestress and the supports"
+        f"dimension, {size:.4g} m{share}. Check its shape, the units of loads, the prestress and the supports"
     ]
 
 
-def hold_notes(found: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
-    """Notes on equilibria in which sections are held by much; found : as of `largest_hold`."""
+def limit_point_warning(what: str, factor: float, node: int | None, jump: float) -> str:
+    """A warning of a limit point on the path to an equilibrium; node : that jumps, None: none does."""
+    if node is None:
+        fact = f"no stable equilibrium follows steadily beyond load factor {factor:.4g}"
+    else:
+        fact = f"the net snaps through at load factor {factor:.4g}: node {node} jumps by {jump:.4g} m"
+    return (
+        f"warning: {what}: {fact}. The state found lies beyond this limit load; the net would reach it in "
+        "motion, if at all. Keep the load below, or brace what is compressed"
+    )
+
+
+def limit_point_warnings_of(f) -> list[str]:
+    """Warnings of limit points on the paths to the equilibria of a result."""
     return [
-        f"note: {what}: the section at node {node_id[p]} is held against tilting by {share:.0%} of the "
-        "largest bending moment, which nothing in the model does: a chain that is curved without moment "
-        "bends truly in its plane alone; support it across, or take its moments there for a rough value"
-        for what, (share, p) in found
-        if share > HELD
+        f"warning: {states.state_words(f, place)}: a limit point was passed at load factor "
+        f"{f[place].attrs[LIMIT]:.4g}. The state found lies beyond this limit load"
+        for place in states.state_groups(f)
+        if LIMIT in f[place].attrs
+    ]
+
+
+LIMIT = "limit_load_factor"  # attribute of an equilibrium
+
+
+def hold_notes(found: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
+    """A warning of the equilibrium in which a section is held most; found : as of `largest_hold`."""
+    held = [each for each in found if each[1][0] > HELD]
+    if not held:
+        return []
+    what, (share, p) = max(held, key=lambda each: each[1][0])
+    others = f" (more than {HELD:.0%} in {len(held)} of {len(found)} equilibria)" if len(found) > 1 else ""
+    return [
+        f"warning: {what}: the section at node {node_id[p]} is held against tilting by {share:.0%} of the "
+        f"largest bending moment{others}, which nothing in the model does. A chain that is curved without "
+        "moment is computed right in its plane alone. Support it across, or use its moments there as a "
+        "rough value only"
+    ]
+
+
+def rounding_warnings(found: list[tuple[str, float, float]], tolerance: float) -> list[str]:
+    """A warning of the equilibrium with the largest error above the tolerance.
+
+    found : what each is, its estimated error, the least that rounding allows
+    """
+    if not found:
+        return []
+    what, error, least = max(found, key=lambda each: each[1])
+    remedy = (
+        f"Set tolerance to {2.0 * least:.0e} or more"
+        if error <= 2.0 * least
+        else "Compare with more load steps"
+    )
+    return [
+        f"warning: {what}: estimated error {error:.1e} ([load] tolerance = {tolerance:g}; rounded "
+        f"coordinates allow {least:.1e} here). {remedy}"
     ]
 
 

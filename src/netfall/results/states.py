@@ -16,6 +16,7 @@ from netfall.results.datasets import ORDER
 from netfall.results.losses import broken_at, loss_rows, lost_at
 
 MOTION = "dynamics"  # the stage of an envelope
+WITHOUT = "no_equilibrium", "undecided"  # states of what was found under less than the load
 FORM = "form_finding"  # the group of the form, which has all elements
 ALIKE = 1e-6  # of a tension: frames are in single precision, and the earlier stage governs
 
@@ -162,7 +163,7 @@ def states_of(f, name: str) -> Iterator[ShownState]:
     if "load_factor" not in group:
         factor = group.attrs["load_factor"] if failed else np.nan
         reached = f", load factor {factor:.4g}, reached of 1" if factor == factor else ""
-        reached = reached or ", no equilibrium" * failed
+        reached = reached or f", {group.attrs['state'].replace('_', ' ')}" * failed
         yield _state(group, words + reached, name, x, ...)
         return
     factors = group["load_factor"][:]
@@ -190,8 +191,13 @@ def yielded_in(f) -> np.ndarray:
 
 
 def no_equilibrium(group) -> bool:
-    """Whether a group holds, at its end, what a load reached that has no equilibrium."""
-    return group.attrs.get("state") == "no_equilibrium"
+    """Whether a group holds, at its end, what a load reached for which no equilibrium was found."""
+    return group.attrs.get("state") in WITHOUT
+
+
+def is_undecided(group) -> bool:
+    """Whether the search for an equilibrium of a group ended before it was decided."""
+    return group.attrs.get("state") == WITHOUT[1]
 
 
 def not_stable(group) -> bool:

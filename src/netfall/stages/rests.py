@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.find import STABLE
 from netfall.equilibrium.relaxation import Paused, Relaxation
+from netfall.equilibrium.stable import STABLE
 from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.job.values import counted, listed
@@ -25,6 +25,7 @@ from netfall.stages.settle import (
     settle,
     taken_up,
 )
+from netfall.stages.static_outcome import UNDECIDED, undecided
 
 MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
 
@@ -179,7 +180,9 @@ def _rest_under(
     settled = outcome.equilibrium
     if not outcome.carries:
         line = f"no rest: {each.words}: {outcome.reason}"
-        return np.full_like(settled.snapshot.N, np.nan), Rest("no_equilibrium"), line, MOST_ITERATIONS
+        if outcome.state == UNDECIDED:
+            line = f"warning: {undecided(each.words, outcome)}"
+        return np.full_like(settled.snapshot.N, np.nan), Rest(outcome.state), line, MOST_ITERATIONS
     rest, N = settled.solution, settled.snapshot.N
     if rest.unstable_at >= 0:
         node = scene.comm.bcast(scene.model and scene.model.net.node_id[rest.unstable_at])

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.find import UNKNOWN, Solution
+from netfall.equilibrium.find import Solution
 from netfall.equilibrium.newton import NoConvergence, Stopped, is_large
 from netfall.equilibrium.overload import (
     BREAKS,
+    NOT_FOUND_AT_ONCE,
     SHARP,
-    UNDECIDED,
     UNSTRAINED,
     GivesWay,
     Strained,
@@ -27,6 +27,8 @@ from netfall.equilibrium.relaxation import (
     restored_relaxation,
 )
 from netfall.equilibrium.slip import find_slipping
+from netfall.equilibrium.snap import LoadPath
+from netfall.equilibrium.stable import UNKNOWN
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import settings_of, tears
@@ -35,6 +37,7 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import all_of
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
 from netfall.record.rest import at_limit_in, beyond_euler
@@ -44,6 +47,7 @@ from netfall.stages.static_outcome import (
     EQUILIBRIUM,
     MOST_NAMED,
     NONE,
+    UNDECIDED,
     UNSTABLE,
     Equilibrium,
     StaticOutcome,
@@ -58,6 +62,7 @@ SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter t
 BACK = 0, 1, 2, 3, 5, 10, 20, 50  # times `SHARP` less of a load: tried for an exact equilibrium
 ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
+FOLLOWED = (*SEARCHED, "stage")  # kinds whose path is searched for limit points
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
 
 
@@ -109,12 +114,17 @@ def settle(
         start["x"][:] = resume.start
     tried = _tried(scene, each, reference, stop, resume, most, guess)
     if not tried.whole.reason:
-        return _borne_whole(scene, each, tried.found)
+        return _on_its_path(scene, each, reference, start, tried.found, stop)
     if each.kind in SEARCHED or tried.whole.reason == BREAKS:
         return _largest_share(scene, each, reference, start, tried, stop)
     put_back(scene.state, start)
     reason, elements = _named(scene, tried.whole), tried.whole.elements[:MOST_NAMED]
-    return StaticOutcome(NONE, each.reached(0.0), reason, elements, as_it_began(scene))
+    return StaticOutcome(_failed(tried.whole), each.reached(0.0), reason, elements, as_it_began(scene))
+
+
+def _failed(*tried: Strained) -> str:
+    """The state of a load without an equilibrium, by what came of it and of parts of it."""
+    return NONE if any(each.is_decided for each in tried) else UNDECIDED
 
 
 class _Tried(NamedTuple):
@@ -152,6 +162,45 @@ def _borne_whole(scene: Scene, each: StaticLoad, found: Equilibrium) -> StaticOu
     if found.solution.unstable_at >= 0:
         state, elements = UNSTABLE, _compressed_at(scene, found.solution.unstable_at)
     return StaticOutcome(state, each.factor, NOT_STABLE if elements else "", elements, found)
+
+
+def _on_its_path(
+    scene: Scene, each: StaticLoad, reference: float, start: dict, found: Equilibrium, stop: StopRequest
+) -> StaticOutcome:
+    """An equilibrium under the whole load, with the limit point on the path to it. Collective.
+
+    start : the state without the load, as of `committed`. Where the path leads to another equilibrium without
+    a limit point, the state comes to that. Raises Paused.
+    """
+    if each.kind not in FOLLOWED or scene.finder.slips is not None or not _compressible(scene):
+        return _borne_whole(scene, each, found)
+    state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
+    put_back(state, start)
+    left = scene.finder.residual(each.load)
+    part = lambda share: each.load - (1.0 - share) * left
+    find = lambda share: scene.finder.find(part(share), tolerance, reference, FEW, each.words, stop)
+    path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find)
+    try:
+        unstable = found.solution.unstable_at >= 0
+        limit, x = path.limit_point(start["x"], None if unstable else end["x"])
+        put_back(state, end)
+        if limit is None and not unstable and x is not end["x"]:
+            state.x[:] = x
+            found = _found(scene, each, reference, stop)
+    except Paused:
+        put_back(state, start)
+        raise Paused(not_begun(start["x"])) from None
+    outcome = _borne_whole(scene, each, found)
+    if limit is None:
+        return outcome
+    factor = limit.share if each.kind == "permanent" else each.reached(limit.share)
+    return outcome._replace(limit=limit._replace(share=factor))
+
+
+def _compressible(scene: Scene) -> bool:
+    """Whether anything carries compression or bends; else the energy is convex. Collective."""
+    here = scene.state.joints is not None or bool((scene.state.bar != 0).any())
+    return scene.comm.allreduce(here, MPI.LOR)
 
 
 def _strained(scene: Scene, each: StaticLoad) -> Strained:
@@ -246,21 +295,23 @@ def _largest_share(
     say = lambda low, high: scene.finder.report(f"{words} {low:.3g} to {high:.3g} of it")
     try:
         limit = _limit(scene, each, left, stop, say) if scene.finder.has_limit_load() else None
-        if limit is BORNE or (limit is None and tried.whole is UNDECIDED):
+        if limit is BORNE or (limit is None and tried.whole is NOT_FOUND_AT_ONCE):
             put_back(scene.state, start)
             tried, limit = _tried(scene, each, reference, stop, None, None, None, watched=False), None
             if not tried.whole.reason:
-                return _borne_whole(scene, each, tried.found)
+                return _on_its_path(scene, each, reference, start, tried.found, stop)
         limit = limit or _by_trials(scene, each, left, reference, start, reached, tried, stop, say)
     except Paused:
         put_back(scene.state, start)
         raise Paused(not_begun(start["x"])) from None
     share, there, found = limit
     if share == 1.0:
-        return _borne_whole(scene, each, found)
+        return _on_its_path(scene, each, reference, start, found, stop)
     _commit(scene.state, found.snapshot)
-    reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent")
-    return StaticOutcome(NONE, each.reached(share), reason, there.elements[:MOST_NAMED], found)
+    state = _failed(there, tried.whole)
+    there = there if there.is_decided else tried.whole
+    reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent" and state == NONE)
+    return StaticOutcome(state, each.reached(share), reason, there.elements[:MOST_NAMED], found)
 
 
 def _limit(scene: Scene, each: StaticLoad, left: np.ndarray, stop, say) -> tuple | None:

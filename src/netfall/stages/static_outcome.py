@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.equilibrium.find import Solution
+from netfall.equilibrium.snap import LimitPoint
 from netfall.job.asks import load_steps, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.model.actions import ALL_LOADS, StaticLoad
@@ -12,6 +13,7 @@ from netfall.record.energy import Snapshot
 from netfall.results.notes import AT_LIMIT, MOST_MARKED
 
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
+UNDECIDED = "undecided"  # the search ended: there may be an equilibrium
 MOST_NAMED = 100  # elements where a net gives way
 
 
@@ -39,10 +41,11 @@ class Equilibrium(NamedTuple):
 class StaticOutcome(NamedTuple):
     """What came of the search for an equilibrium under one load. The state stands in `equilibrium`.
 
-    state : "equilibrium"; "unstable": one in which compressed bars buckle; or "no_equilibrium"
+    state : "equilibrium"; "unstable": one in which compressed bars buckle; "no_equilibrium"; or "undecided"
     load_factor : reached, see `StaticLoad.factor`; nan: not known
     reason : in words, ""; elements : global numbers, where it gives way, at most `MOST_NAMED`
     equilibrium : that under `load_factor`; where none was found, the state from which it began
+    limit : the first limit point on the way, None: there is none; its share counts from where the load began
     """
 
     state: str
@@ -50,17 +53,19 @@ class StaticOutcome(NamedTuple):
     reason: str
     elements: tuple[int, ...]
     equilibrium: Equilibrium
+    limit: LimitPoint | None = None
 
     @property
     def carries(self) -> bool:
-        """Whether there is an equilibrium under the whole load."""
-        return self.state != NONE
+        """Whether an equilibrium was found under the whole load."""
+        return self.state not in (NONE, UNDECIDED)
 
     def labels(self) -> dict:
         """Attributes of its group of the file, elements by their global numbers."""
         names = ("state", "load_factor", "reason", "elements")
         at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
-        return {name: getattr(self, name) for name in names} | at_limit
+        limit = {} if self.limit is None else {"limit_load_factor": self.limit.share}
+        return {name: getattr(self, name) for name in names} | at_limit | limit
 
 
 def by_ids(labels: dict, element_id: np.ndarray) -> dict:
@@ -70,11 +75,26 @@ def by_ids(labels: dict, element_id: np.ndarray) -> dict:
 
 
 def no_equilibrium(job: Job, each: StaticLoad, outcome: StaticOutcome) -> str:
-    """That a load has no equilibrium, what gives way, how far it was borne, what to do."""
+    """That a load has no equilibrium, or that none was found, how far it was carried, what to do."""
+    if outcome.state == UNDECIDED:
+        return undecided(each.words, outcome)
     factor = outcome.load_factor
     reached = f" (load factor reached {factor:.4g})" if factor == factor else ""
     what = f"under {each.words} " if outcome.elements else f"{each.words}: "
     return f"{what}{outcome.reason}{reached}{_advice(job, each)}"
+
+
+def undecided(words: str, outcome: StaticOutcome) -> str:
+    """That the search for an equilibrium has ended without one, and what to do. words : what acts"""
+    factor = outcome.load_factor
+    up_to = f"; an equilibrium was found up to load factor {factor:.4g}" if factor > 0.0 else ""
+    return f"{words}: undecided: {outcome.reason}{up_to}. {NOT_A_PROOF} {WHAT_TO_DO}"
+
+
+NOT_A_PROOF = "This does not show that the load cannot be carried."
+WHAT_TO_DO = (
+    "Raise [load] max_iterations, apply the load in more steps, or give coordinates nearer to the equilibrium"
+)
 
 
 def _advice(job: Job, each: StaticLoad) -> str:

@@ -13,12 +13,12 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from netfall.equilibrium.find import STABLE, UNKNOWN
 from netfall.equilibrium.newton import is_large
 from netfall.equilibrium.relaxation import Paused, Relaxation
-from netfall.ground.errors import DivergedError, NoRest
+from netfall.equilibrium.stable import STABLE, UNKNOWN
+from netfall.ground.errors import DivergedError, NoRest, Undecided
 from netfall.ground.stop import NEVER
-from netfall.job.asks import has_statics, load_steps, rests_at_loss, rests_in_wind
+from netfall.job.asks import has_statics, load_steps, rests_at_loss, rests_in_wind, settings_of
 from netfall.job.job import Job
 from netfall.job.memory import key_of
 from netfall.mechanics.slip.law import set_strands
@@ -37,11 +37,20 @@ from netfall.stages.settle import (
     settle,
     taken_up,
 )
-from netfall.stages.static_outcome import EQUILIBRIUM, NONE, StaticOutcome, by_ids, no_equilibrium
+from netfall.stages.static_outcome import (
+    EQUILIBRIUM,
+    NONE,
+    NOT_A_PROOF,
+    UNDECIDED,
+    WHAT_TO_DO,
+    StaticOutcome,
+    by_ids,
+    no_equilibrium,
+)
 from netfall.stages.wanted import equilibria, loaded
 from netfall.write.result import texts
 
-OF_LINES = ("moved", "held", "stopped")  # of an equilibrium: for what is said of it
+OF_LINES = ("moved", "held", "stopped", "rounding")  # of an equilibrium: for what is said of it
 
 
 @dataclass
@@ -52,6 +61,8 @@ class StaticPath:
     steps : load_factor, `Equilibrium.numbers` and `farthest` of the permanent loads, then of each load step
     cases : the same by name; rest : the same, once found
     labels : attributes of the groups of the file that hold these; failed : why the run cannot go on, or ""
+    undecided : whether that is a search that ended without a decision
+    limits : what acts, its load factor, number of the particle that jumps, jump [m]: of each limit point
     """
 
     reference: float | None = None
@@ -62,6 +73,8 @@ class StaticPath:
     rest: dict = field(default_factory=dict)
     labels: dict[str, dict] = field(default_factory=dict)
     failed: str = ""
+    undecided: bool = False
+    limits: list[tuple[str, float, int, float]] = field(default_factory=list)
 
     def record(self) -> tuple[dict, dict]:
         """What a continuation needs, for `restore`."""
@@ -97,7 +110,7 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
         except Paused as pause:
             words = equilibria(scene)[path.done].each.words
             raise paused(scene, desk, NAME, words, path.total, pause) from None
-    more = {} if not path.failed else {"exit_state": NONE}
+    more = {} if not path.failed else {"exit_state": failed_as(path)}
     labels = group_labels(path, scene)
     return Outcome(path, lines(path, scene), sections(path), more, labels, failure_of(scene.job, path))
 
@@ -106,8 +119,15 @@ def failure_of(job: Job, path: StaticPath) -> DivergedError | None:
     """Why the run cannot go on, None: it can."""
     if not path.failed:
         return None
+    if failed_as(path) == UNDECIDED:
+        return Undecided(path.failed)
     no_rest = rests_in_wind(job) and path.labels.get("rest", {}).get("state") == NONE
     return (NoRest if no_rest else DivergedError)(path.failed)
+
+
+def failed_as(path: StaticPath) -> str:
+    """The state of what ended the search for equilibria: "no_equilibrium" or "undecided"."""
+    return UNDECIDED if path.undecided else NONE
 
 
 def find_or_recall(scene: Scene, desk: Desk, path: StaticPath) -> None:
@@ -132,7 +152,7 @@ def _again(scene: Scene, desk: Desk, path: StaticPath, known: list[tuple[StaticO
     for want, (outcome, there, failed) in zip(equilibria(scene), known):
         put_back(scene.state, there)
         note(scene, desk, path, loaded(scene, want), outcome)
-        path.failed = failed
+        path.failed, path.undecided = failed, bool(failed) and outcome.state == UNDECIDED
     if path.failed:
         _not_begun(scene, desk, path, outcome)
     if want.each.kind in APART:
@@ -177,7 +197,8 @@ def find_equilibria(
         resume = None
         if not outcome.carries and each.kind not in APART:
             path.failed = no_equilibrium(scene.job, each, outcome)
-            if each.kind == "rest" and rests_in_wind(scene.job):
+            path.undecided = outcome.state == UNDECIDED
+            if each.kind == "rest" and rests_in_wind(scene.job) and not path.undecided:
                 path.failed += f"; {_borne(scene.job, outcome.load_factor)}"
         if each.kind == "permanent":
             base = committed(state)
@@ -198,8 +219,9 @@ def _not_begun(scene: Scene, desk: Desk, path: StaticPath, last: StaticOutcome) 
 
     last : what was found before the run had to end, whose state stands for theirs. Collective.
     """
-    reason = f"the permanent loads, with which it begins, have no equilibrium: {last.reason}"
-    outcome = last._replace(state=NONE, load_factor=math.nan, reason=reason)
+    none = "are undecided" if last.state == UNDECIDED else "have no equilibrium"
+    reason = f"the permanent loads, with which it begins, {none}: {last.reason}"
+    outcome = last._replace(load_factor=math.nan, reason=reason)
     for want in equilibria(scene)[path.done :]:
         if want.each.kind in APART:
             keep(scene, desk, path, loaded(scene, want), outcome)
@@ -208,6 +230,8 @@ def _not_begun(scene: Scene, desk: Desk, path: StaticPath, last: StaticOutcome) 
 def note(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: StaticOutcome) -> None:
     """Write what was found, and count it. Collective."""
     keep(scene, desk, path, each, outcome)
+    if outcome.limit is not None:
+        path.limits.append((each.words, *outcome.limit))
     path.done += 1
     path.total += outcome.equilibrium.solution.iterations
 
@@ -241,6 +265,10 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     state, snapshot = scene.state, outcome.equilibrium.snapshot
     numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
     numbers |= {"held": largest_hold(scene.comm, state)} if state.joints is not None else {}
+    tolerance, errors = settings_of(scene.job).tolerance, outcome.equilibrium.solution[2:4]
+    if max(errors) > tolerance:
+        newton = scene.finder.newton(each.load)
+        numbers |= {"rounding": newton.rounding(newton.tangent())}
     numbers |= {"stopped": outcome.equilibrium.stopped} if state.slip is not None else {}
     group = f"cases/{each.name}" if each.kind in APART else "rest" if each.kind == "rest" else "statics"
     if group == "statics" and (each.kind == "at once" or not load_steps(scene.job)):
@@ -259,7 +287,7 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
         path.steps.append({"load_factor": outcome.load_factor, **numbers})
         desk.result.write_static_step(state, snapshot, reaction)
     if group not in path.labels or outcome.state != EQUILIBRIUM or path.labels[group]["state"] == EQUILIBRIUM:
-        path.labels[group] = outcome.labels()
+        path.labels[group] = path.labels.get(group, {}) | outcome.labels()
 
 
 def farthest(scene: Scene) -> tuple[float, int]:
@@ -291,9 +319,10 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         last.append(("rest", rest_words(scene.job), path.rest))
     words = lambda group, each: _in_words(each, path.labels[group], scene.distribution.m)
     lines = [f"{what}: {words(group, each)}" for group, what, each in last]
-    failed = [name for name in path.cases if path.labels[f"cases/{name}"]["state"] == NONE]
-    if failed:
-        lines.append(f"{len(failed)} of {len(path.cases)} cases have no equilibrium")
+    for state, told in ((NONE, "have no equilibrium"), (UNDECIDED, "are undecided")):
+        count = sum(path.labels[f"cases/{name}"]["state"] == state for name in path.cases)
+        if count:
+            lines.append(f"warning: {count} of {len(path.cases)} cases {told}")
     if scene.model is None:
         return lines
     steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
@@ -304,7 +333,19 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         for _, what, each in every
         if each["unstable_at"] != STABLE
     ]
+    lines += [
+        notes.limit_point_warning(what, factor, node_id[p] if p >= 0 else None, jump)
+        for what, factor, p, jump in path.limits
+    ]
     lines += notes.hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
+    lines += notes.rounding_warnings(
+        [
+            (what, max(each["displacement_error"], each["tension_error"]), each["rounding"])
+            for _, what, each in every
+            if "rounding" in each
+        ],
+        settings_of(scene.job).tolerance,
+    )
     stopped = [(what, each["stopped"]) for _, what, each in every if "stopped" in each]
     lines += notes.stop_notes(stopped, element_id)
     for group, what, _ in last:
@@ -360,6 +401,8 @@ def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
 
 
 def _in_words(numbers: dict, label: dict, elements: int) -> str:
+    if label["state"] == UNDECIDED:
+        return f"UNDECIDED: {label['reason']}. {NOT_A_PROOF} {WHAT_TO_DO}"
     if label["state"] == NONE:
         return f"NO EQUILIBRIUM: {label['reason']}; load factor reached {label['load_factor']:.4g}"
     return (

@@ -69,10 +69,11 @@ def _values(values: np.ndarray, unit: str) -> str:
 
 def _states(study: Study, say) -> None:
     state, reason = study.members["state"], study.members["reason"]
-    known = ("finished", "no_rest", "diverged", "failed")
+    known = ("finished", "no_rest", "undecided", "diverged", "failed")
     under = "the mean wind" if study.moves else "a load"
     what = {
         "no_rest": f" (no equilibrium under {under}: count as failed, with all of the roof)",
+        "undecided": " (no equilibrium was found, but there may be one; left out of the curves)",
         "diverged": " (left out of the curves)",
         "failed": " (for technical reasons; left out of the curves)",
     }

@@ -1,0 +1,144 @@
+"""Limit points between two equilibria of one load path: where a net snaps through, and under how much load.
+
+From an equilibrium A the part of the load that is missing comes on, from 0 to 1. If the displacements up to
+the equilibrium B are those that the tangent stiffness at A foresees, and that at B too, the path between them
+is plain. Otherwise the interval is halved, the equilibrium between is found from its lower end, and both
+halves are judged. A path that only bends becomes plain in short intervals. At a limit point the net jumps
+however short the interval is, and if the equilibrium between is not stable, the tangent has lost its positive
+definiteness below it. The energy of cables is convex in the positions: a net without bars has no limit point.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.equilibrium.newton import NoConvergence
+from netfall.equilibrium.stable import unstable_at
+from netfall.ground.errors import DivergedError
+from netfall.numerics.functions import lengths
+from netfall.parallel.mpi import MPI
+
+OFF = 0.5  # of the motion of an element's ends against each other: what a tangent may miss of it
+LEAST = 1e-3  # of an element's length: a smaller motion of its ends against each other is no jump
+NARROW = 2.0**-9  # of the load: in so short an interval a path that only bends is plain
+NARROWEST = 2.0**-16  # the same where the tangent foresees more than there is, as where cables become taut
+MOST_TRIALS = 60  # equilibria between
+
+
+class LimitPoint(NamedTuple):
+    """Where a load path snaps through, or loses its stability.
+
+    share : of the load, to `NARROW`; particle : global number of the one that jumps most, -1: none jumps
+    jump : its displacement beyond what the tangent foresees [m]
+    """
+
+    share: float
+    particle: int
+    jump: float
+
+
+class _Motion(NamedTuple):
+    """What happens in an interval; plain : whether both tangents foresee it; jumps : whether one misses.
+
+    particle, size : global number of the particle that moves most beyond that, and by how much [m]
+    """
+
+    plain: bool
+    jumps: bool
+    particle: int
+    size: float
+
+
+UNKNOWN = _Motion(False, False, -1, 0.0)
+
+
+class LoadPath:
+    """The path from an equilibrium to another under more load.
+
+    newton(share) : Newton's method under a share of the load that comes on
+    find(share) : brings the state from where it is to the equilibrium under it; raises DivergedError
+    """
+
+    def __init__(self, state, newton: Callable, find: Callable[[float], object]):
+        self.state, self.newton, self.find = state, newton, find
+
+    def limit_point(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
+        """The first limit point, None: there is none, or it cannot be told; positions at the end. Collective.
+
+        x : (n, 3) [m] in the equilibrium without that load; end : with it, None: it is not stable
+        The end may be another than was given: that to which the path leads.
+        """
+        low, above, sought = 0.0, [(1.0, end)], end is None
+        for _ in range(MOST_TRIALS):
+            high, there = above[-1]
+            motion = UNKNOWN if there is None else self._motion(x, there, low, high)
+            if motion is None and (low, high) == (0.0, 1.0):
+                return None, end
+            motion = motion or UNKNOWN
+            if motion.plain:
+                low, x = above.pop()
+                if not above:
+                    return None, x
+                continue
+            narrow = high - low <= NARROW
+            if narrow and not sought and high == 1.0:
+                sought, above[-1] = True, (high, self._between(x, high))
+                continue
+            if narrow and (there is None or motion.jumps):
+                return LimitPoint(low, motion.particle, motion.size), end
+            if high - low <= NARROWEST:
+                low, x = above.pop()
+                if not above:
+                    return None, x
+                continue
+            middle = 0.5 * (low + high)
+            above.append((middle, self._between(x, middle)))
+        return None, end
+
+    def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
+        """Positions in the stable equilibrium under a share of the load, from x; None: none was found."""
+        self.state.x[:] = x
+        try:
+            self.find(share)
+        except DivergedError:
+            return None
+        return None if unstable_at(self.newton(share)) >= 0 else self.state.x.copy(order="K")
+
+    def _motion(self, x, there, low: float, high: float) -> _Motion | None:
+        """What happens from x to there (n, 3) [m]; None: a tangent is singular, so it cannot be judged."""
+        state, newton = self.state, self.newton(high)
+        moved, foreseen = there - x, []
+        for begin, share, sign in ((x, high, 1.0), (there, low, -1.0)):
+            state.x[:] = begin
+            step = self._answer(self.newton(share))
+            if step is None:
+                return None
+            foreseen.append(sign * step)
+        a, b = state.ends.T
+        apart = moved[b] - moved[a]
+        size = lengths(apart)
+        counts = size > LEAST * state.elements_now().L
+        missed = [apart - (step[b] - step[a]) for step in foreseen]
+        off = [bool((counts & (lengths(each) > OFF * size)).any()) for each in missed]
+        short = [counts & ((each * apart).sum(1) > OFF * size**2) for each in missed]
+        own = slice(state.n_owned)
+        beyond = lengths((moved - foreseen[0])[own])
+        gid = newton.distribution.subdomain.particle_gid[own]
+        p = int(np.argmax(beyond)) if len(beyond) else -1
+        here = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
+        most, particle = max(newton.comm.allgather(here))
+        found = np.array([any(off), short[0].any()], np.int64)
+        newton.comm.Allreduce(MPI.IN_PLACE, found, MPI.MAX)
+        return _Motion(not found[0], bool(found[1]), -particle, most)
+
+    def _answer(self, newton) -> np.ndarray | None:
+        """Displacements (n, 3) [m] that the tangent foresees under what is missing; None: it is singular."""
+        newton.begin()
+        K = newton.tangent()
+        try:
+            s, _ = newton.solve(K, newton.inverse(newton, K), newton.residual())
+        except NoConvergence:
+            return None
+        newton.spread_out(s)
+        return newton.spread.copy()

@@ -1,0 +1,238 @@
+"""Chains of nodes with two cables each, which are mechanisms until they hang; searches that end undecided."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from conftest import assert_same_results, run_on_standing_ranks
+from scipy.optimize import brentq, root
+
+EA, WEIGHT = 1.6e11 * 5e-4, 7850.0 * 5e-4 * 9.81  # N, N/m of unstressed length
+CABLE = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n[load]\nself_weight = true\nsteps = 1\n"
+
+
+class Chains:
+    """Tables of a net that chains are added to."""
+
+    def __init__(self):
+        self.x, self.fixed, self.load, self.elements, self.length = [], [], [], [], []
+
+    def node(self, x, fixed=0, load=(0.0, 0.0, 0.0)) -> int:
+        """Add a node; its id."""
+        self.x.append(tuple(x))
+        self.fixed.append(fixed)
+        self.load.append(load)
+        return len(self.x) - 1
+
+    def chain(self, a: int, b: int, n: int, ratio: float, at=None, loads=None) -> list[int]:
+        """Add n elements from node a to b, straight or at (n + 1, 3) [m]; the ids of its nodes."""
+        line = np.linspace(self.x[a], self.x[b], n + 1) if at is None else at
+        inner = [self.node(line[k], 0, (loads or {}).get(k, (0.0, 0.0, 0.0))) for k in range(1, n)]
+        ids = [a, *inner, b]
+        self.elements += list(pairwise(ids))
+        self.length += [ratio * np.linalg.norm(np.subtract(self.x[b], self.x[a])) / n] * n
+        return ids
+
+    def job(self, workshop, text=CABLE):
+        """The job file."""
+        rows = zip(self.x, self.fixed, self.load)
+        nodes = "id,x,y,z,fixed,load_x,load_y,load_z\n" + "".join(
+            f"{k},{x[0]!r},{x[1]!r},{x[2]!r},{fixed},{p[0]!r},{p[1]!r},{p[2]!r}\n"
+            for k, (x, fixed, p) in enumerate((tuple(map(float, x)), f, p) for x, f, p in rows)
+        )
+        elements = "start,end,unstressed_length\n" + "".join(
+            f"{a},{b},{float(L)!r}\n" for (a, b), L in zip(self.elements, self.length)
+        )
+        return workshop.job(text, nodes, elements)
+
+
+def positions(f) -> np.ndarray:
+    """Of the last load step [m]."""
+    return f["net/particles"][:] + f["statics/displacement"][-1]
+
+
+def hung(a, b, L0: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Nodes (n + 1, 3) [m] of a chain between points a and b, by shooting.
+
+    L0 : (n,) [m]; p : (n - 1, 3) [N] at its inner nodes
+
+    The tension at the first end is sought with which the chain ends at b; from there on it follows from the
+    loads, element by element.
+    """
+
+    def shape(first):
+        T = first - np.vstack([np.zeros(3), np.cumsum(p, 0)])
+        size = np.linalg.norm(T, axis=1)
+        steps = (L0 * (1.0 + size / EA) / size)[:, None] * T
+        return np.vstack([a, a + np.cumsum(steps, 0)])
+
+    chord, total = np.subtract(b, a), p.sum(0)
+    pull = np.linalg.norm(total) * chord / np.linalg.norm(chord)
+    found = root(lambda first: shape(first)[-1] - b, 0.5 * total + pull, method="lm", tol=1e-13)
+    assert np.abs(found.fun).max() < 1e-8
+    return shape(found.x)
+
+
+@pytest.mark.parametrize("n, ratio", [(150, 1.05), (200, 1.05), (1000, 1.05), (1000, 1.0001), (1000, 2.0)])
+def test_a_long_chain_is_an_elastic_catenary(workshop, n, ratio):
+    """Between supports 100 m apart on one level (Irvine 1981): 100 = H L0 / EA + 2 H / w asinh(w L0 / 2 H).
+
+    It sags by w L0^2 / 8 EA + H / w (sqrt(1 + (w L0 / 2 H)^2) - 1). A chain of n straight parts with the
+    weight at its nodes is off by less than 1 / n^2 of this at the middle, and of H.
+    """
+    net, L0 = Chains(), 100.0 * ratio
+    net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((100.0, 0.0, 0.0), 1), n, ratio)
+    span = lambda H: H * L0 / EA + 2.0 * H / WEIGHT * np.arcsinh(WEIGHT * L0 / (2.0 * H)) - 100.0
+    H = brentq(span, 1.0, 1e7, xtol=1e-9)
+    half = WEIGHT * L0 / (2.0 * H)
+    sag = WEIGHT * L0**2 / (8.0 * EA) + H / WEIGHT * (np.sqrt(1.0 + half**2) - 1.0)
+    with workshop.run(net.job(workshop)) as f:
+        x, N = positions(f), f["statics/tension"][-1]
+        assert f["statics"].attrs["state"] == "equilibrium" and not f["statics/relaxed"][-1]
+    assert -x[:, 2].min() == pytest.approx(sag, rel=1.0 / n**2 + 1e-6)
+    in_parts = np.hypot(H, WEIGHT * L0 / (2.0 * n))  # beside the lowest node, which carries one part's weight
+    assert N.min() == pytest.approx(in_parts, rel=1.0 / n**2 + 1e-6)
+
+
+def odd_chains() -> tuple[Chains, list[tuple]]:
+    """Chains of every kind in one net: ids of the nodes and loads of each."""
+    net, made = Chains(), []
+    held = lambda *x: net.node(x, 1)
+    a, b = held(0.0, 0.0, 0.0), held(80.0, 10.0, 40.0)
+    made.append((net.chain(a, b, 120, 1.05), {}))
+    points = {40: (0.0, 2e3, -5e4), 87: (1e4, 0.0, 1e4)}
+    a, b = held(0.0, 30.0, 0.0), held(100.0, 30.0, 0.0)
+    made.append((net.chain(a, b, 120, 1.05, loads=points), points))
+    a, b = held(0.0, 90.0, 0.0), held(100.0, 90.0, 0.0)
+    middle = net.node((50.0, 90.0, 0.0))  # from which another chain hangs
+    made += [(net.chain(a, middle, 60, 1.05), {}), (net.chain(middle, b, 60, 1.05), {})]
+    made.append((net.chain(middle, held(50.0, 150.0, -20.0), 60, 1.1), {}))
+    folded = np.vstack(
+        [np.linspace((0, 170, 0), (60, 170, 0), 61), np.linspace((60, 170, 0), (30, 170, 0), 61)[1:]]
+    )
+    made.append((net.chain(held(0.0, 170.0, 0.0), held(30.0, 170.0, 0.0), 120, 3.0, at=folded), {}))
+    return net, made
+
+
+def test_chains_of_every_kind_hang_as_by_hand(both_ways):
+    """Inclined, with point loads, in a tree, given folded: nodes where shooting has them, to 1e-5 m.
+
+    The default tolerance is 1e-6 of displacements of up to 40 m.
+    """
+    net, made = odd_chains()
+    job = net.job(both_ways)
+    with both_ways.run(job, ranks=1) as f:
+        x = positions(f)
+        assert f["statics"].attrs["state"] == "equilibrium"
+        for ids, loads in made:
+            first = net.elements.index((ids[0], ids[1]))
+            L0 = np.array(net.length[first : first + len(ids) - 1])
+            p = np.zeros((len(ids) - 2, 3))
+            p[:, 2] = -WEIGHT * L0[0]
+            for k, force in loads.items():
+                p[k - 1] += force
+            assert np.abs(hung(x[ids[0]], x[ids[-1]], L0, p) - x[ids]).max() < 4e-5
+        for ranks in (2, 3):
+            with both_ways.run(job, ranks=ranks, output=f"{ranks}.vtkhdf") as several:
+                assert_same_results(f, several)
+
+
+def test_a_chain_between_points_above_one_another_hangs_in_two_legs(workshop):
+    """52 m between supports 40 m apart: legs of 46 and 6 m but for their stretch, to the length of a part."""
+    net, n = Chains(), 200
+    line = np.linspace((0.0, 0.0, 0.0), (0.0, 0.0, 40.0), n + 1)
+    line[1:-1, 0] += 1e-3 * np.sin(np.arange(n - 1))
+    net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((0.0, 0.0, 40.0), 1), n, 1.3, at=line)
+    with workshop.run(net.job(workshop)) as f:
+        x = positions(f)
+    assert x[:, 2].min() == pytest.approx(-6.0, abs=52.0 / n) and np.abs(x[:, :2]).max() < 52.0 / n
+
+
+def test_garlands_hang_in_a_net(workshop):
+    """From nodes of a taut saddle, one of which a load pulls down: between where their ends are they are
+    catenaries, to 1e-5 m.
+    """
+    net, cells, made = Chains(), 8, []
+    at = {}
+    for i in range(cells + 1):
+        for j in range(cells + 1):
+            s, t = 2.0 * i / cells - 1.0, 2.0 * j / cells - 1.0
+            edge = abs(s) == 1.0, abs(t) == 1.0
+            if not all(edge):
+                load = (0.0, 0.0, -1e4) if (i, j) == (4, 4) else (0.0, 0.0, 0.0)
+                at[i, j] = net.node((20.0 * s, 20.0 * t, 4.0 * (s * s - t * t)), int(any(edge)), load)
+    for (i, j), p in at.items():
+        for q in (at.get((i + 1, j)), at.get((i, j + 1))):
+            if q is not None and not (net.fixed[p] and net.fixed[q]):
+                net.chain(p, q, 1, 1.0 / 1.001)
+    for one, other in (((2, 3), (4, 4)), ((4, 4), (6, 5)), ((2, 6), (6, 2))):
+        made.append(net.chain(at[one], at[other], 100, 1.05))
+    with workshop.run(net.job(workshop)) as f:
+        x = positions(f)
+        assert f["statics"].attrs["state"] == "equilibrium"
+    for ids in made:
+        L0 = np.full(100, net.length[net.elements.index((ids[0], ids[1]))])
+        p = np.tile([0.0, 0.0, -WEIGHT * L0[0]], (99, 1))
+        assert np.abs(hung(x[ids[0]], x[ids[-1]], L0, p) - x[ids]).max() < 1e-5
+
+
+LINKS = CABLE.replace("[cable]\n", '[cable]\nkind = "bar"\n') + "max_iterations = 100\n"
+
+
+def links(workshop, text=LINKS):
+    """A chain of 60 bars with hinges, which are not hung beforehand, under its weight; the job."""
+    net = Chains()
+    net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((100.0, 0.0, 0.0), 1), 60, 1.05)
+    return net.job(workshop, text)
+
+
+def test_a_search_that_ends_is_undecided(workshop):
+    """Of bars with hinges, relaxed in 100 iterations: exit code 3, what was not shown, and what to do."""
+    done = workshop.run(links(workshop), code=3)
+    with workshop.open() as f:
+        label = f["statics"].attrs
+        assert label["state"] == "undecided" and f["provenance"].attrs["exit_state"] == "undecided"
+    for words in (
+        "the permanent loads: undecided: not in equilibrium after 100 iterations: largest residual ",
+        "This does not show that the load cannot be carried. Raise [load] max_iterations",
+    ):
+        assert words in done.stderr
+    everything = done.stdout + done.stderr
+    assert "NO EQUILIBRIUM" not in everything and "no static equilibrium" not in everything
+    info = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
+    assert "statics: UNDECIDED: not in equilibrium after 100 iterations" in info
+    run_on_standing_ranks("report", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "report")
+    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "is undecided (there may be an equilibrium)" in page and "has no equilibrium" not in page
+
+
+def test_more_iterations_decide_it(workshop):
+    """The same chain with the default of iterations: as deep as the catenary of test 1, to 1 / 60^2."""
+    with workshop.run(links(workshop, LINKS.replace("max_iterations = 100\n", ""))) as f:
+        N = f["statics/tension"][-1]
+        assert f["statics"].attrs["state"] == "equilibrium"
+    span = lambda H: H * 105.0 / EA + 2.0 * H / WEIGHT * np.arcsinh(WEIGHT * 105.0 / (2.0 * H)) - 100.0
+    assert N.min() == pytest.approx(brentq(span, 1.0, 1e7), rel=1.0 / 60**2)
+
+
+def test_an_undecided_case_is_one_among_others(workshop):
+    """A case whose search ends leaves the run with 0 and a line that counts it; a study leaves it out."""
+    net = Chains()
+    held = [net.node((100.0 * k, 0.0, 0.0), 1) for k in range(2)]
+    net.chain(*held, 60, 1.0 / 1.0005)
+    case = '[[case]]\nname = "slack"\nset = {"load.temperature" = 500.0}\n'
+    text = LINKS.replace("steps = 1\n", "steps = 0\n").replace("[load]", "expansion = 1e-4\n[load]") + case
+    with workshop.run(net.job(workshop, text)) as f:
+        assert (
+            f["cases/slack"].attrs["state"] == "undecided"
+            and f["provenance"].attrs["exit_state"] == "finished"
+        )
+    job = workshop.folder / "job.toml"
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "again.vtkhdf")
+    assert "case slack: UNDECIDED: not in equilibrium after 100 iterations" in done.stdout
+    assert "warning: 1 of 1 cases are undecided" in done.stdout
+    study = workshop.folder / "study.toml"
+    study.write_text('job = "job.toml"\n[vary]\n"load.tolerance" = [1e-6]\n')
+    told = run_on_standing_ranks("study", study, "--workers", 1, "-o", workshop.folder / "s.study.h5").stdout
+    told = run_on_standing_ranks("info", workshop.folder / "s.study.h5").stdout
+    assert "1 undecided (no equilibrium was found, but there may be one; left out of the curves)" in told

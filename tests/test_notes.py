@@ -1,0 +1,126 @@
+"""Notes, warnings and refusals say what is true, once, and nothing where nothing is wrong."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+from conftest import STEEL, refused, run_on_standing_ranks
+
+CURVED = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_y\n" + "".join(
+    f"{k},{10.0 * np.cos(t):.9f},0,{10.0 * np.sin(t):.9f},{int(k < 2)},{{y}},{int(k < 2)},{{load}}\n"
+    for k, t in enumerate(0.1 * np.arange(12))
+)
+IN_PLANE, ACROSS = (
+    CURVED.format(y=1, load=0),
+    CURVED.format(y=0, load=1e4).replace("1,0,1,10000.0", "1,1,1,0"),
+)
+CHAIN = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(11))
+RING = (
+    '[cable]\nkind = "bar"\nbending = true\nmodulus = 3e10\narea = 1.2\ndensity = 2500.0\n'
+    "yield_stress = 30e6\nsecond_moment = 0.16\n[load]\nself_weight = {weight}\nsteps = {steps}\n"
+)
+HEAVY = RING.format(weight="true", steps=1)
+
+
+def text_of(workshop, verb: str, job) -> str:
+    """What a command says of a job."""
+    more = ["-o", workshop.folder / "result.vtkhdf"] if verb == "run" else []
+    return run_on_standing_ranks(verb, job, *more).stdout
+
+
+@pytest.mark.parametrize("verb", ["check", "run"])
+def test_a_curved_chain_without_forces_is_in_equilibrium(workshop, verb):
+    """A chain that is curved without moment has residuals of rounding alone: nothing is said of them.
+
+    Its section is that of a concrete ring, 1.2 m2 and 0.16 m4, in parts of 1 m: nothing is said of units.
+    """
+    text = text_of(workshop, verb, workshop.job(HEAVY, IN_PLANE, CHAIN))
+    assert "in equilibrium with its prestress" not in text and "meant?" not in text, text
+
+
+def test_the_parts_of_a_chain_have_no_resistance_of_their_own(workshop):
+    """Euler's load between two nodes says nothing of a chain, which has one with buckling_length alone."""
+    for length, stands in (("", False), ("buckling_length = 8.0\n", True)):
+        text_of(workshop, "run", workshop.job(HEAVY.replace("second", length + "second"), IN_PLANE, CHAIN))
+        run_on_standing_ranks("report", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "report")
+        with open(workshop.folder / "report" / "elements.csv", newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert any(row.get("result_en1993_buckling") for row in rows) == stands, rows
+
+
+@pytest.mark.parametrize(
+    "area, second_moment, words",
+    [
+        (1e-3, 80.0, "second_moment = 80 m4 of 11 elements"),  # cm4
+        (120.0, 0.16, "area = 120 m2 of 11 elements (0, 1, 2, 3, 4, ...) is far from what bars have"),  # dm2
+    ],
+)
+def test_units_of_bars_are_still_doubted(workshop, area, second_moment, words):
+    """A second moment in cm4, an area in dm2."""
+    text = HEAVY.replace("area = 1.2", f"area = {area}").replace("= 0.16", f"= {second_moment}")
+    told = text_of(workshop, "check", workshop.job(text, IN_PLANE, CHAIN))
+    assert words in told, told
+
+
+def test_a_stiffness_that_is_given_whole_says_nothing_of_its_modulus(workshop):
+    """A bungee of EA = 100 N and 4 kg/m: as steel of that mass it would have 2e5 Pa, which was not given."""
+    text = "[cable]\naxial_stiffness = 100.0\nmass_per_length = 4.0\n"
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n"
+    told = text_of(workshop, "check", workshop.job(text, nodes, "start,end\n1,2\n2,3\n"))
+    assert "modulus =" not in told and "waves run along them at 5 m/s" in told, told
+
+
+def test_a_prestress_that_no_state_has_is_refused_by_its_group(workshop):
+    """Two cables on one line have a state, one across it none: the prestress of that one is refused."""
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,0,1\n"
+    elements = "start,end,group\n1,2,line\n2,3,line\n2,4,stay\n"
+    assert "prestress = 100e3\n" in STEEL
+    text = STEEL.replace("prestress = 100e3\n", "") + "[cable.stay]\nprestress = 1e4\n"
+    job = workshop.job(text + '[form_finding]\nmethod = "keep"\n', nodes, elements)
+    line = refused("run", job, "-o", workshop.folder / "result.vtkhdf")
+    assert "prestress of group stay: no state of self-stress of the geometry has it" in line
+    assert "(1 known, with forces in line;" in line and "axial force is" not in line
+
+
+def test_a_hold_against_tilting_is_told_once(workshop):
+    """Of four load steps in which it is, and the permanent loads in which it is not: in one line."""
+    job = workshop.job(RING.format(weight="false", steps=4), ACROSS, CHAIN)
+    lines = [line for line in text_of(workshop, "run", job).splitlines() if "held against tilting" in line]
+    assert len(lines) == 1 and lines[0].startswith("warning: statics") and "in 4 of 5 equilibria" in lines[0]
+
+
+def test_a_tolerance_below_rounding_is_told_with_the_least_one(workshop):
+    """1e-12 of the tension of a chain of 100 parts of 1 m at 4000 m from the origin, with EA = 8e7 N.
+
+    Coordinates are rounded to 4.5e-13 m there, so strains to 4.5e-13 and forces to 3.6e-5 N. At 1.05 times
+    its span the chain has 2 to 5 kN.
+    """
+    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{4000 + k},0,0,{int(k % 100 == 0)}\n" for k in range(101))
+    elements = "start,end,unstressed_length\n" + "".join(f"{k},{k + 1},1.05\n" for k in range(100))
+    text = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n"
+    text += "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-12\n"
+    told = text_of(workshop, "run", workshop.job(text, nodes, elements))
+    found = re.search(r"tolerance = 1e-12; rounded coordinates allow (\S+) here\). Set tolerance to", told)
+    assert 3.6e-5 / 5e3 < float(found[1]) < 10.0 * 3.6e-5 / 2e3, told
+
+
+PLAN = "id,x,y,z,fixed\n1,0,0,0,1\n2,10,0,0,1\n3,10,10,0,1\n4,0,10,0,1\n5,{x},5,0,0\n"
+SIDES = "start,end,force_density\n" + "".join(
+    f"{ends},1e4\n" for ends in ("1,5", "2,5", "3,5", "4,5", "1,2", "2,3", "3,4", "4,1")
+)
+
+
+@pytest.mark.parametrize("x, told", [(5.15, False), (5.25, True)])
+@pytest.mark.parametrize("form", ["modulus_factor = 0.0", 'method = "force_density"'])
+def test_a_form_that_moves_nodes_in_plan_is_a_warning(workshop, x, told, form):
+    """The middle of a square by 1.5 % and by 2.5 % of its side; at constant tension, what to use instead."""
+    text = f"{STEEL}[form_finding]\n{form}\n"
+    lines = text_of(workshop, "check", workshop.job(text, PLAN.format(x=x), SIDES)).splitlines()
+    found = [line for line in lines if line.startswith("warning: form finding: ")]
+    assert len(found) == told
+    if told:
+        assert (
+            "1 of 5 nodes moved in plan by more than 2% of the span of 10 m, node 5 most, by 0.2" in found[0]
+        )
+        assert ("Constant tension moves nodes along cables" in found[0]) == (form == "modulus_factor = 0.0")

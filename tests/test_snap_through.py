@@ -1,0 +1,111 @@
+"""Static load paths that pass a limit point: each is a warning, with the limit load factor."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import run_on_standing_ranks
+
+SPAN, RISE, EA = 20.0, 0.5, 2.1e11 * 1e-3
+BARS = '[cable]\nkind = "bar"\nmodulus = 2.1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\n'
+
+
+def limit_load() -> float:
+    """Limit load [N] of two bars that meet RISE above their supports (von Mises truss), in closed form.
+
+    At height z both have the force N = EA (sqrt(a^2 + z^2) / L0 - 1), and the load is P = -2 N z / L. With
+    c = L / L0 that is P = 2 EA z (1 / L - 1 / L0), largest where d/dz: a^2 / L^3 = 1 / L0, so L^3 = a^2 L0.
+    """
+    a, L0 = 0.5 * SPAN, np.hypot(0.5 * SPAN, RISE)
+    L = (a * a * L0) ** (1.0 / 3.0)
+    return 2.0 * EA * np.sqrt(L * L - a * a) * (1.0 / L - 1.0 / L0)
+
+
+def frame(workshop, share: float, more: str = "steps = 1\n"):
+    """The job of two bars under a share of their limit load."""
+    nodes = (
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n"
+        f"1,0,0,0,1,1,1,0\n2,{0.5 * SPAN},0,{RISE},0,1,0,{-float(share * limit_load())!r}\n"
+        f"3,{SPAN},0,0,1,1,1,0\n"
+    )
+    return workshop.job(BARS + more, nodes, "start,end\n1,2\n2,3\n")
+
+
+def warnings_of(workshop, job) -> list[str]:
+    """The warnings of snap-through of a run, its info and its report."""
+    result = workshop.folder / "again.vtkhdf"
+    found = [
+        run_on_standing_ranks("run", job, "-o", result).stdout,
+        run_on_standing_ranks("info", result).stdout,
+    ]
+    run_on_standing_ranks("report", result, "-o", workshop.folder / "report")
+    found.append((workshop.folder / "report" / "summary.md").read_text())
+    return [
+        line for text in found for line in text.splitlines() if "limit load" in line and "arning: " in line
+    ]
+
+
+@pytest.mark.parametrize("steps", [1, 5])
+def test_a_shallow_frame_beyond_its_limit_load_is_a_warning(workshop, steps):
+    """1.05 times the limit load of the truss, in one step and in five: run, info and report say so, to 0.4 %.
+
+    The interval in which the jump lies is 1/512 of a load step.
+    """
+    job = frame(workshop, 1.05, f"steps = {steps}\n")
+    with workshop.run(job) as f:
+        assert f["statics"].attrs["limit_load_factor"] == pytest.approx(1.0 / 1.05, rel=4e-3)
+        assert f["statics/displacement"][-1][1, 2] < -2.0 * RISE
+    lines = warnings_of(workshop, job)
+    assert len(lines) == 3
+    told = re.search(r"the net snaps through at load factor (0\.\d+): node 2 jumps by (\S+) m", lines[0])
+    assert float(told[1]) == pytest.approx(1.0 / 1.05, rel=4e-3)
+    a, L0 = 0.5 * SPAN, np.hypot(0.5 * SPAN, RISE)
+    height = np.sqrt((a * a * L0) ** (2.0 / 3.0) - a * a)  # at the limit; from there to below the supports
+    assert RISE + height < float(told[2]) + (RISE - height) < 2.5 * RISE
+
+
+@pytest.mark.parametrize("steps", [1, 5])
+@pytest.mark.parametrize("share", [0.95, 0.99, -3.0])
+def test_a_shallow_frame_below_its_limit_load_is_none(workshop, steps, share):
+    """Neither at 0.95 nor 0.99 times it, nor under three times as much upwards."""
+    job = frame(workshop, share, f"steps = {steps}\n")
+    with workshop.run(job) as f:
+        assert "limit_load_factor" not in f["statics"].attrs
+    assert warnings_of(workshop, job) == []
+
+
+def test_much_more_than_the_limit_load_is_a_warning(workshop):
+    """16 times it, under which the tangent of the start happens to foresee where the node ends."""
+    with workshop.run(frame(workshop, 16.0)) as f:
+        assert f["statics"].attrs["limit_load_factor"] == pytest.approx(1.0 / 16.0, abs=1.0 / 256.0)
+
+
+def test_cases_combinations_and_permanent_loads_are_searched(workshop):
+    """A case of its own, a combination with 1.5 times half of it, a permanent load by self weight."""
+    text = "steps = 0\n" + "".join(
+        f'[[combination]]\nname = "{name}"\nfactors = {{load = {factor}}}\n'
+        for name, factor in (("held", 0.9), ("snaps", 1.2))
+    )
+    with workshop.run(frame(workshop, 1.0, text)) as f:
+        assert "limit_load_factor" not in f["cases/held"].attrs
+        assert f["cases/snaps"].attrs["limit_load_factor"] == pytest.approx(1.0 / 1.2, rel=4e-3)
+    weight = BARS.replace("self_weight = false", "self_weight = true").replace(
+        "density = 7850.0", "density = {}"
+    )
+    density = 1.1 * limit_load() / (np.hypot(0.5 * SPAN, RISE) * 1e-3 * 9.81)  # half of each bar at the node
+    job = frame(workshop, 0.0)
+    job.write_text(job.read_text().replace(BARS, weight.format(density)))
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "weight.vtkhdf")
+    told = re.search(
+        r"warning: the permanent loads: the net snaps through at load factor (\S+):", done.stdout
+    )
+    assert float(told[1]) == pytest.approx(1.0 / 1.1, rel=4e-3)
+
+
+def test_bits_do_not_depend_on_the_ranks(both_ways):
+    """What is found between two equilibria neither."""
+    from conftest import assert_same_results
+
+    job = frame(both_ways, 1.05)
+    with both_ways.run(job, ranks=1) as one, both_ways.run(job, ranks=2, output="two.vtkhdf") as two:
+        assert_same_results(one, two)
