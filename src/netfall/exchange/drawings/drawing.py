@@ -21,7 +21,7 @@ class Drawing:
     """k lines and p points.
 
     lines : (k, 2, 3), in the unit of the drawing until `scaled`; layer : (k,) rows of `layers`
-    curves : with the row of the layer of each; `curves.cut_curves` makes lines of them
+    curves : splines of ezdxf, with the row of the layer of each; `curves.cut_curves` makes lines of them
     points : (p, 3) that may mark supports; point_layer : (p,) rows of `layers`
     held : (q, 3) supports that the file itself names; in_part : (r, 3) those along some axes alone
     keys : (k, 2) ids of nodes at the ends, None: the file has none
@@ -67,6 +67,13 @@ def edges_of(faces) -> tuple[np.ndarray, list[list[int]]]:
             of.setdefault((min(a, b), max(a, b)), []).append(number)
     pairs = sorted(of)
     return np.array(pairs, np.int64).reshape(-1, 2), [of[pair] for pair in pairs]
+
+
+def depth(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+    """Return how far points (f, 3) are from the segment between two places, at most."""
+    along = end - start
+    share = np.clip((points - start) @ along / max(along @ along, np.finfo(float).tiny), 0.0, 1.0)
+    return float(np.linalg.norm(start + share[:, None] * along - points, axis=1).max(initial=0.0))
 
 
 def rows_called(name: str | None, names: list[str]) -> list[int]:

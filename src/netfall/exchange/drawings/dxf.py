@@ -1,8 +1,12 @@
-"""Reading DXF: lines, polylines and curves of the model space, blocks exploded."""
+"""Reading DXF: lines, polylines, curves and faces of the model space, blocks exploded.
 
-import io
+ezdxf knows the geometry of entities: it gives their corners, splines, faces and the matrices of blocks.
+"""
+
 from collections import Counter
+from collections.abc import Iterator
 from itertools import pairwise
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +14,18 @@ import numpy as np
 from netfall.exchange.drawings.drawing import Drawing, alike, counted
 from netfall.ground.errors import InputError
 
-CURVES = ("LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE", "HELIX")
+POLYLINES = ("LWPOLYLINE", "POLYLINE")
+ROUND = ("ARC", "CIRCLE", "ELLIPSE")
+SPLINES = ("SPLINE", "HELIX")
 FACES = ("3DFACE", "SOLID", "TRACE", "MESH")
-CUBICS = 16  # cubic curves that stand for a circle, an arc, an ellipse: within 7e-8 of the radius
-DEEPEST = 32  # blocks in blocks
-PLACES = {10: (0, 0), 20: (0, 1), 30: (0, 2), 11: (1, 0), 21: (1, 1), 31: (1, 2)}  # group code: end, axis
-LAYER, PAPER, INVISIBLE = 8, 67, 60
+FRAME = 16  # flag of a vertex that a fitted polyline does not pass: a corner of the frame of its spline
+STRAIGHT_BULGE = 1e-6  # half of it is the depth of an arc over its chord; ezdxf.path has the same limit
+STRAIGHT_ARC = 1e-6  # degrees; ezdxf takes an arc of less for a circle
+MOST_WORDS = 100  # letters of an error of ezdxf
 
 
 def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
-    """The lines of a DXF file, in its own unit.
+    """Read the lines of a DXF file, in its own unit.
 
     supports : names of layers whose circles and blocks are points; wanted : layers to read, None: all
 
@@ -28,49 +34,32 @@ def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
     import ezdxf
 
     try:
-        document, plain = _open(path)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; expected a DXF file") from None
-    except (ezdxf.DXFError, ValueError, IndexError) as error:
+        document = ezdxf.readfile(path)
+    except (OSError, ezdxf.DXFError, ValueError, IndexError) as error:
+        if getattr(error, "strerror", None):  # else ezdxf's own
+            raise InputError(f"{path}: {error.strerror}; expected a DXF file") from None
         raise InputError(f"{path}: not a DXF file that can be read: {error}") from None
     reader = _Reader(document, supports, wanted)
-    reader.add_lines(*plain)
     for entity in document.modelspace():
-        reader.add(entity, None, 0)
+        reader.add(entity, None, None, ())
     return reader.drawing()
 
 
-def _open(path: Path):
-    """The document, and its plain lines: ends (k, 2, 3), layers; ezdxf takes ten times as long for these."""
-    import ezdxf
-    from ezdxf.filemanagement import dxf_file_info
-
-    with open(path, "rb") as file:
-        binary = file.read(22).startswith(b"AutoCAD Binary DXF")
-    if binary:
-        return ezdxf.readfile(path), (np.zeros((0, 2, 3)), [])
-    text = path.read_text(encoding=dxf_file_info(str(path)).encoding, errors="surrogateescape")
-    lines, layers, rest = split_lines(text)
-    return ezdxf.read(io.StringIO(rest)), (lines, layers)
-
-
 class _Reader:
-    """What has been found so far, layer by layer."""
+    """What has been read so far, and what was left out."""
 
     def __init__(self, document, supports, wanted):
         self.document, self.supports = document, [name.lower() for name in supports]
         self.wanted = None if wanted is None else {name.lower() for name in wanted}
-        self.lines, self.line_layers, self.points, self.point_layers = [], [], [], []
-        self.plain = np.zeros((0, 2, 3))
-        self.kinds, self.skipped, self.hidden, self.blocks = Counter(), Counter(), Counter(), Counter()
-        self.others, self.invisible, self.curves = Counter(), Counter(), []
+        self.lines, self.line_layers, self.points, self.point_layers, self.curves = [], [], [], [], []
+        self.kinds, self.blocks, self.left = Counter(), Counter(), Counter()
         self.spelled = {layer.dxf.name.lower(): layer.dxf.name for layer in document.layers}
         self.spellings = set()
-        off = [layer for layer in document.layers if layer.is_off() or layer.is_frozen()]
-        self.off = {layer.dxf.name.lower() for layer in off}
+        self.frozen = {layer.dxf.name.lower() for layer in document.layers if layer.is_frozen()}
+        self.dark = self.frozen | {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
 
     def called(self, layer: str) -> str:
-        """The one name of a layer: upper and lower case are alike in a DXF."""
+        """Return the one name of a layer: upper and lower case are alike in a DXF."""
         self.spellings.add(layer)
         return self.spelled.setdefault(layer.lower(), layer)
 
@@ -79,92 +68,93 @@ class _Reader:
         return layer.lower() in self.supports
 
     def shows(self, layer: str) -> bool:
-        """Whether a layer is to be read; if not, that is counted."""
-        if layer.lower() in self.off:
-            self.hidden[layer] += 1
+        """Whether a layer is to be read; if not, count what is left out."""
+        if layer.lower() in self.dark:
+            self.left[f'on layer "{layer}", which is off or frozen'] += 1
         elif self.wanted is not None and layer.lower() not in self.wanted and not self.holds(layer):
-            self.others[layer] += 1
+            self.left[f'on layer "{layer}", which --layers does not name'] += 1
         else:
             return True
         return False
 
-    def add_lines(self, lines: np.ndarray, layers: list[str]) -> None:
-        """The plain lines."""
-        layers = [self.called(layer) for layer in layers]
-        shown = [self.shows(layer) for layer in layers]
-        self.plain = lines[np.array(shown, bool)]
-        self.line_layers = [layer for layer, there in zip(layers, shown, strict=True) if there]
-        self.kinds["LINE"] += len(self.plain)
+    def add(self, entity, layer: str | None, matrix, blocks: tuple[str, ...]) -> None:
+        """Add an entity, or count why it is left out.
 
-    def add(self, entity, layer: str | None, depth: int) -> None:
-        """An entity of the model space, or of a block that stands on `layer`, at so many blocks' depth."""
+        layer, matrix : of the block reference that it is drawn by, None: it stands in the model space
+        blocks : names of the blocks that it stands in, the outermost first
+        """
+        try:
+            self._add(entity, layer, matrix, blocks)
+        except Exception as error:  # ezdxf raises errors of many kinds where an entity is faulty
+            words = f"{type(error).__name__}: {error}"[:MOST_WORDS]
+            self.left[f"{entity.dxftype()}, which cannot be read ({words})"] += 1
+
+    def _add(self, entity, layer: str | None, matrix, blocks: tuple[str, ...]) -> None:
         kind, own = entity.dxftype(), entity.dxf.layer
         layer = self.called(own if layer is None or own != "0" else layer)
         if entity.dxf.get("invisible", 0):
-            self.invisible[kind] += 1
+            self.left[f"{kind}, which is invisible"] += 1
+        elif kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.frozen:
+            self._explode(entity, layer, matrix, blocks)
+        elif not self.shows(layer):
             return
-        if kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.off:
-            self._explode(entity, layer, depth)
-            return
-        if not self.shows(layer):
-            return
-        self.kinds[kind] += 1
-        if kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
-            self.points.append(_middle(entity))
+        elif kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
+            self.points += [_checked(_moved([_middle(entity)], matrix))[0]]
             self.point_layers.append(layer)
-        elif kind == "LINE":
-            self._segments([entity.dxf.start, entity.dxf.end], layer)
-        elif kind in CURVES and not (kind == "POLYLINE" and _has_faces(entity)):
-            self._curve(entity, layer)
-        elif kind in FACES or kind == "POLYLINE":
-            sides, invisible = _sides(entity)
-            for side in sides:
-                self._segments(side, layer)
-            if invisible:
-                self.invisible["side of a face"] += invisible
+            self.kinds[kind] += 1
+        elif kind == "MESH" and entity.dxf.subdivision_levels:
+            self.left["MESH, of which a smoothed surface is drawn: set its smoothness to 0"] += 1
+        elif kind in ("LINE", *POLYLINES, *ROUND, *SPLINES, *FACES):
+            parts, undrawn = _parts(entity)
+            self._draw([_moved(part, matrix) for part in parts], layer)
+            self.left += undrawn
+            self.kinds[kind] += 1
         else:
-            self.kinds[kind] -= 1
-            self.skipped[kind] += 1
+            self.left[f"{kind}, which is no line"] += 1
 
-    def _explode(self, insert, layer: str, depth: int) -> None:
-        if depth >= DEEPEST:
-            raise InputError(
-                f"block {insert.dxf.name}: more than {DEEPEST} blocks in blocks; does it hold itself?"
-            )
-        self.blocks[depth + 1] += 1
-        for one in insert.multi_insert() if insert.mcount > 1 else [insert]:
-            for entity in one.virtual_entities():
-                self.add(entity, layer, depth + 1)
+    def _explode(self, insert, layer: str, matrix, blocks: tuple[str, ...]) -> None:
+        """Add what a reference to a block draws, or say why it draws nothing."""
+        from ezdxf.xclip import XClip
 
-    def _curve(self, entity, layer: str) -> None:
-        """A polyline by its straight sides and its arcs; whatever is smooth as it is."""
-        from ezdxf import path
-
-        way = path.make_path(entity, segments=CUBICS)
-        if not way.has_curves:
-            self._segments(list(way.control_vertices()), layer)
-        elif entity.dxftype() in ("LWPOLYLINE", "POLYLINE"):
-            for part in entity.virtual_entities():
-                self._curve(part, layer)
+        name, block = insert.dxf.name, insert.block()
+        if block is None:
+            self.left[f'INSERT of block "{name}", which the file does not hold'] += 1
+        elif block.block.is_xref or block.block.is_xref_overlay:
+            file = block.block.dxf.xref_path
+            advice = "bind it in the drawing, or import that file"
+            self.left[f'INSERT of "{name}", which is another file ({file}): {advice}'] += 1
+        elif name.lower() in blocks:
+            self.left[f'INSERT of block "{name}" within itself'] += 1
         else:
-            self.curves.append((layer, way))
+            if XClip(insert).is_clipping_enabled:
+                self.left[f'edge that clips block "{name}" (XCLIP): the block is read whole'] += 1
+            for one in insert.multi_insert() if insert.mcount > 1 else [insert]:
+                self.blocks[len(blocks) + 1] += 1
+                place = one.matrix44() if matrix is None else one.matrix44() * matrix
+                for entity in block:
+                    self.add(entity, layer, place, (*blocks, name.lower()))
 
-    def _segments(self, points, layer: str) -> None:
-        places = [tuple(point) for point in points]
-        for a, b in pairwise(places):
-            self.lines.append((a, b))
-            self.line_layers.append(layer)
+    def _draw(self, parts: list, layer: str) -> None:
+        """Add polylines, lists of corners, and splines."""
+        for part in parts:
+            if isinstance(part, list):
+                corners = _checked(part)
+                self.lines += pairwise(corners)
+                self.line_layers += [layer] * (len(corners) - 1)
+            else:
+                _checked(part.control_points)
+                self.curves.append((layer, part))
 
     def drawing(self) -> Drawing:
-        """All that was read."""
+        """Return all that was read."""
         names = sorted({*self.line_layers, *self.point_layers, *(layer for layer, _ in self.curves)})
         row = {name: k for k, name in enumerate(names)}
         unit, unit_from = _unit(self.document)
         return Drawing(
-            lines=np.concatenate([self.plain, np.array(self.lines, float).reshape(-1, 2, 3)]),
+            lines=np.array(self.lines, float).reshape(-1, 2, 3),
             layer=np.array([row[name] for name in self.line_layers], np.int64),
             layers=names,
-            curves=[(row[layer], way) for layer, way in self.curves],
+            curves=[(row[layer], spline) for layer, spline in self.curves],
             points=np.array(self.points, float).reshape(-1, 3),
             point_layer=np.array([row[name] for name in self.point_layers], np.int64),
             unit=unit,
@@ -174,7 +164,7 @@ class _Reader:
         )
 
     def _read(self) -> list[str]:
-        told = [counted(+self.kinds)]
+        told = [counted(self.kinds)]
         if self.blocks:
             inserts = f"{sum(self.blocks.values())} blocks exploded"
             deep = f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else ""
@@ -182,57 +172,111 @@ class _Reader:
         return told + [f"layers {words}, and are one" for words in alike(self.spellings)]
 
     def _left_out(self) -> list[str]:
-        told = [f"{count} {kind}, which is no line" for kind, count in sorted(self.skipped.items())]
-        told += [f"{n} {kind}, which is invisible" for kind, n in sorted(self.invisible.items())]
-        told += [f'{n} on layer "{name}", which is off or frozen' for name, n in sorted(self.hidden.items())]
-        others = sorted(self.others.items())
-        told += [f'{n} on layer "{name}", which --layers does not name' for name, n in others]
+        told = [f"{count} {what}" for what, count in sorted(self.left.items())]
         paper = sum(len(layout) for layout in self.document.layouts if layout.name != "Model")
         return told + ([f"{paper} in paper space"] if paper else [])
 
 
-def _middle(entity):
-    place = entity.dxf.center if entity.dxftype() == "CIRCLE" else None
-    place = entity.dxf.location if entity.dxftype() == "POINT" else place
-    place = entity.dxf.insert if entity.dxftype() == "INSERT" else place
-    return tuple(place if entity.dxftype() == "POINT" else entity.ocs().to_wcs(place))
+def _parts(entity) -> tuple[list, Counter]:
+    """Return what an entity draws, lists of corners and splines, and count what of it is not drawn."""
+    from ezdxf.entities import Spline
+
+    kind, undrawn = entity.dxftype(), Counter()
+    if kind == "LINE":
+        return [[entity.dxf.start, entity.dxf.end]], undrawn
+    if kind == "ARC" and 0.0 < (entity.dxf.end_angle - entity.dxf.start_angle) % 360.0 < STRAIGHT_ARC:
+        return [[entity.start_point, entity.end_point]], undrawn
+    if kind in ROUND:
+        return [Spline.from_arc(entity).construction_tool()], undrawn
+    if kind in SPLINES:
+        spline = entity.construction_tool()
+        return [list(spline.control_points) if spline.degree == 1 else spline], undrawn
+    if kind in POLYLINES:
+        entity, frame = _as_drawn(entity)
+        undrawn["vertex of the frame of a fitted polyline, which is not drawn"] = frame
+        if kind == "LWPOLYLINE" or entity.is_2d_polyline or entity.is_3d_polyline:
+            return [part for side in entity.virtual_entities() for part in _parts(side)[0]], +undrawn
+    sides = _sides(entity)
+    undrawn["side of a face, which is invisible"] = sum(not visible for visible in sides.values())
+    return [list(side) for side, visible in sides.items() if visible], +undrawn
 
 
-def _has_faces(entity) -> bool:
-    return entity.is_poly_face_mesh or entity.is_polygon_mesh
+def _as_drawn(polyline):
+    """Return a polyline or mesh without the frame of its spline, and how many vertices that has.
+
+    Bulges that are rounding are zero: as arcs their radius would be without bounds.
+    """
+    drawn = polyline.copy()
+    if drawn.dxftype() == "LWPOLYLINE":
+        drawn.set_points([(*point[:4], _bulge(point[4])) for point in drawn.get_points()])
+        return drawn, 0
+    drawn.vertices[:] = [vertex for vertex in drawn.vertices if not vertex.dxf.flags & FRAME]
+    for vertex in drawn.vertices:
+        vertex.dxf.bulge = _bulge(vertex.dxf.bulge)
+    frame = len(polyline.vertices) - len(drawn.vertices)
+    if frame and drawn.is_polygon_mesh:
+        drawn.dxf.m_count, drawn.dxf.n_count = drawn.dxf.m_smooth_density, drawn.dxf.n_smooth_density
+    return drawn, frame
 
 
-def _sides(entity) -> tuple[list, int]:
-    """Sides of faces as pairs of points, each once; and how many are drawn invisible."""
-    corners, faces = _faces(entity)
-    seen: dict[frozenset, bool] = {}
-    for face, visible in faces:
-        for pair, shown in zip(zip(face, [*face[1:], face[0]], strict=True), visible, strict=True):
-            if len(set(pair)) == 2:
-                seen[frozenset(pair)] = seen.get(frozenset(pair), False) or shown
-    sides = [[corners[k] for k in sorted(pair)] for pair, shown in seen.items() if shown]
-    return sides, len(seen) - len(sides)
+def _bulge(value: float) -> float:
+    return value if abs(value) >= STRAIGHT_BULGE else 0.0
 
 
-def _faces(entity):
-    """Corners, and faces: rows of corners, and whether the side from each to the next is visible."""
+def _sides(entity) -> dict[tuple, bool]:
+    """Return the sides of faces, each once, as pairs of corners, and whether one of its faces shows it."""
+    sides: dict[tuple, bool] = {}
+    for face, visible in _faces(entity):
+        corners = [tuple(corner) for corner in face]
+        for a, b, shown in zip(corners, [*corners[1:], corners[0]], visible, strict=True):
+            side = (b, a) if (b, a) in sides else (a, b)
+            if a != b:
+                sides[side] = sides.get(side, False) or shown
+    return sides
+
+
+def _faces(entity) -> Iterator[tuple[list, list[bool]]]:
+    """Yield the corners of each face, and whether the side from each to the next is visible."""
     from ezdxf.render import MeshBuilder
 
     kind = entity.dxftype()
-    if kind == "3DFACE":
-        corners, flags = entity.wcs_vertices(), entity.get_edges_visibility()
-        if len(corners) == 3 and entity.dxf.hasattr("vtx3"):
-            flags = [flags[0], flags[1], flags[3]]  # the third side of four has no length
-        return corners, [(range(len(corners)), flags[: len(corners)])]
     if kind == "POLYLINE" and entity.is_poly_face_mesh:
-        vertices, faces = entity.indexed_faces()
-        faces = [(face.indices, [face.is_edge_visible(k) for k in range(len(face))]) for face in faces]
-        return [vertex.dxf.location for vertex in vertices], faces
-    if kind in ("MESH", "POLYLINE"):
-        mesh = (MeshBuilder.from_mesh if kind == "MESH" else MeshBuilder.from_polyface)(entity)
-        return mesh.vertices, [(face, [True] * len(face)) for face in mesh.faces]
-    corners = entity.wcs_vertices()
-    return corners, [(range(len(corners)), [True] * len(corners))]
+        for face in entity.indexed_faces()[1]:
+            yield list(face.points()), [face.is_edge_visible(k) for k in range(len(face))]
+    elif kind == "POLYLINE":
+        for face in entity.virtual_entities():
+            yield from _faces(face)
+    elif kind == "MESH":
+        for face in MeshBuilder.from_mesh(entity).faces_as_vertices():
+            yield list(face), [True] * len(face)
+    else:
+        corners = entity.wcs_vertices()
+        visible = entity.get_edges_visibility() if kind == "3DFACE" else [True] * 4
+        if len(corners) == 3 and entity.dxf.hasattr("vtx3"):
+            del visible[2]  # the third side, from a corner to itself, has no length
+        yield corners, visible[: len(corners)]
+
+
+def _moved(part, matrix):
+    """Move a list of corners or a spline from a block to where the block is drawn."""
+    if matrix is None:
+        return part
+    return list(matrix.transform_vertices(part)) if isinstance(part, list) else part.transform(matrix)
+
+
+def _checked(corners) -> list[tuple[float, float, float]]:
+    """Return corners as numbers. Raises ValueError for what is no finite number."""
+    places = [tuple(corner) for corner in corners]
+    if not all(isfinite(value) for place in places for value in place):
+        raise ValueError("a coordinate is no finite number")
+    return places
+
+
+def _middle(entity):
+    """Return the place that a point, a circle or a block reference marks."""
+    if entity.dxftype() == "POINT":
+        return entity.dxf.location
+    return entity.ocs().to_wcs(entity.dxf.center if entity.dxftype() == "CIRCLE" else entity.dxf.insert)
 
 
 def _unit(document) -> tuple[str | None, str]:
@@ -240,48 +284,3 @@ def _unit(document) -> tuple[str | None, str]:
     number = int(document.header.get("$INSUNITS", 0))
     name = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 7: "km", 10: "yd", 14: "dm"}.get(number)
     return name, f"$INSUNITS = {number}"
-
-
-def split_lines(text: str) -> tuple[np.ndarray, list[str], str]:
-    """The LINE entities of the model space, their ends (k, 2, 3) and layers, and the text without them.
-
-    A DXF file is pairs of lines, a group code and a value; an entity begins with the code 0. (DXF Reference,
-    Autodesk, "ENTITIES section".)
-    """
-    words = text.split("\n")
-    words = words[: len(words) // 2 * 2]
-    codes = np.array([int(word) for word in words[0::2]], np.int64)
-    values = np.array(words[1::2], dtype=object)
-    starts = np.flatnonzero(codes == 0)
-    inside = _entities(codes, values, starts)
-    kinds = np.array([value.strip() == "LINE" for value in values[starts].tolist()], bool) & inside
-    entity = np.searchsorted(starts, np.arange(len(codes)), "right") - 1  # of each pair
-    hidden = np.isin(codes, (PAPER, INVISIBLE)) & (entity >= 0)
-    hidden[hidden] = [int(value) != 0 for value in values[hidden].tolist()]
-    kinds[entity[hidden]] = False
-    of_line = (entity >= 0) & kinds[entity]
-    number = np.cumsum(kinds) - 1
-    lines = np.zeros((int(kinds.sum()), 2, 3))
-    for code, (end, axis) in PLACES.items():
-        here = of_line & (codes == code)
-        lines[number[entity[here]], end, axis] = values[here].astype(float)
-    layers = np.full(len(lines), "0", dtype=object)
-    here = of_line & (codes == LAYER)
-    layers[number[entity[here]]] = values[here]
-    return lines, layers.tolist(), _without(words, of_line)
-
-
-def _entities(codes: np.ndarray, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Which of the starts stand in the section ENTITIES."""
-    inside = np.zeros(len(starts), bool)
-    named = np.flatnonzero((codes == 2) & (values == "ENTITIES"))
-    if len(named):
-        ends = starts[np.array([value.strip() == "ENDSEC" for value in values[starts].tolist()], bool)]
-        end = ends[ends > named[0]]
-        inside = (starts > named[0]) & (starts < (end[0] if len(end) else len(codes)))
-    return inside
-
-
-def _without(words: list[str], of_line: np.ndarray) -> str:
-    kept = np.repeat(~of_line, 2)
-    return "\n".join(np.array(words, dtype=object)[kept].tolist()) + "\n"

@@ -12,6 +12,7 @@ from netfall.job.toml_text import toml_name, toml_value
 from netfall.write.locks import whole_folder
 
 UPRIGHT = 10.0  # degrees from the vertical
+LEVEL = 0.02  # sine of the angle to the horizontal, below which an element pulls neither up nor down
 TEXT = """\
 # {name}: a first job for the net that was imported. Sections and forces are placeholders: CHOOSE them.
 #
@@ -59,7 +60,7 @@ GROUP = """\
 """
 POSTS = """\
 [cable.{name}]
-kind = "bar"                    # GUESSED: its elements are upright; remove it if they are cables
+kind = "bar"                    # GUESSED: upright, and nothing but compression in it holds up a node
 # area = 4000e-6                # m2
 # modulus = 2.1e11
 """
@@ -105,9 +106,17 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
     job = folder / f"{folder.resolve().name}.toml"
     made = not job.exists()
     if made:
-        posts = upright_groups(group, x[net.ends[:, 1]] - x[net.ends[:, 0]])
+        upright = upright_groups(group, x[net.ends[:, 1]] - x[net.ends[:, 0]])
+        props = {group[e] for e in np.flatnonzero(props_of(x, net.ends, reading.held)).tolist()}
+        posts = [name for name in upright if name in props]
         text = first_job(reading.path.stem, sorted(set(group)), posts)
         told += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
+        told += [
+            f'    group "{name}": upright, taken as cables; if these are posts or struts, set kind = "bar" '
+            f"in {job.name}"
+            for name in upright
+            if name not in props
+        ]
         (place / job.name).write_text(text, encoding="utf-8")
     sprung = x[reading.held & ~reading.fixed]
     as_read(x[net.ends], group, x[reading.fixed], sprung, reading.marks, reading.path.name, place / "net.png")
@@ -121,13 +130,27 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
 
 
 def upright_groups(group: list[str], along: np.ndarray) -> list[str]:
-    """The groups all of whose elements, along (m, 3) [m], are upright to UPRIGHT: posts, masts, struts.
+    """Return the groups all of whose elements, along (m, 3) [m], are upright to UPRIGHT.
 
-    Not where every group is, as of a net that hangs from one place.
+    None if every group is, as of a net that hangs from one place.
     """
     upright = np.abs(along[:, 2]) >= np.cos(np.radians(UPRIGHT)) * np.linalg.norm(along, axis=1)
     others = {name for name, is_so in zip(group, upright) if not is_so}
     return sorted(set(group) - others) if others else []
+
+
+def props_of(x: np.ndarray, ends: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Return which elements (m,) have a free node on top at which no element pulls up, but another one down.
+
+    Only compression in one of them holds such a node up. x : (n, 3) [m]; ends : (m, 2); held : (n,) bool
+    """
+    rise = np.diff(x[ends, 2], axis=1)[:, 0] / np.linalg.norm(np.diff(x[ends], axis=1)[:, 0], axis=1)
+    up = np.full(len(x), -np.inf)
+    np.maximum.at(up, ends[:, 0], rise)
+    np.maximum.at(up, ends[:, 1], -rise)
+    down = np.bincount(np.where(rise > 0.0, ends[:, 1], ends[:, 0])[np.abs(rise) > LEVEL], minlength=len(x))
+    propped = ~held & (up <= LEVEL) & (down >= 2)
+    return propped[np.where(rise > 0.0, ends[:, 1], ends[:, 0])]
 
 
 def _node_ids(reading: Reading) -> np.ndarray:

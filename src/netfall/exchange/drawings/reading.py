@@ -111,6 +111,8 @@ def _read(path: Path, options: Options) -> Drawing:
     named = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
     marking = [name for name in (named, options.springs and options.springs[0]) if name]
     drawing = read(path, marking, options.layers)
+    if not np.isfinite(drawing.lines).all():
+        raise InputError(f"{path}: a coordinate is no finite number")
     cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
     if not len(drawing.lines):
         left = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
