@@ -4,8 +4,14 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import assert_same_results, run_on_standing_ranks
+from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from scipy.optimize import brentq, root
+
+from netfall.ground.errors import Interrupted
+from netfall.ground.progress import Progress
+from netfall.job.read import read_job
+from netfall.parallel.mpi import MPI
+from netfall.program.run import run_job
 
 EA, WEIGHT = 1.6e11 * 5e-4, 7850.0 * 5e-4 * 9.81  # N, N/m of unstressed length
 CABLE = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n[load]\nself_weight = true\nsteps = 1\n"
@@ -176,6 +182,23 @@ def test_garlands_hang_in_a_net(workshop):
         assert np.abs(hung(x[ids[0]], x[ids[-1]], L0, p) - x[ids]).max() < 1e-5
 
 
+@pytest.mark.parametrize("before_the_end", [300, 8, 3])
+def test_a_pause_changes_no_bit(workshop, before_the_end):
+    """Stopped so many looks before the end, while it is relaxed or hangs; taken up on other ranks."""
+    net = Chains()
+    net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((60.0, 0.0, 20.0), 1), 150, 1.05)
+    job, quiet = net.job(workshop), Progress(False, False)
+    looks = StopAfter(10**9)
+    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "whole.vtkhdf", quiet, stop=looks)
+    result, looked = workshop.folder / "result.vtkhdf", 10**9 - looks.left
+    with pytest.raises(Interrupted):
+        run_job(MPI.COMM_WORLD, read_job(job), result, quiet, stop=StopAfter(looked - before_the_end))
+    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    workshop.run(job, "--restart", checkpoint, ranks=2)
+    with workshop.open("whole.vtkhdf") as whole, workshop.open() as again:
+        assert_same_results(whole, again)
+
+
 LINKS = CABLE.replace("[cable]\n", '[cable]\nkind = "bar"\n') + "max_iterations = 100\n"
 
 
@@ -233,6 +256,6 @@ def test_an_undecided_case_is_one_among_others(workshop):
     assert "warning: 1 of 1 cases are undecided" in done.stdout
     study = workshop.folder / "study.toml"
     study.write_text('job = "job.toml"\n[vary]\n"load.tolerance" = [1e-6]\n')
-    told = run_on_standing_ranks("study", study, "--workers", 1, "-o", workshop.folder / "s.study.h5").stdout
+    run_on_standing_ranks("study", study, "--workers", 1, "-o", workshop.folder / "s.study.h5")
     told = run_on_standing_ranks("info", workshop.folder / "s.study.h5").stdout
     assert "1 undecided (no equilibrium was found, but there may be one; left out of the curves)" in told
