@@ -10,7 +10,7 @@ from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.ground.launch import launched_rank
-from netfall.ground.progress import unread
+from netfall.ground.progress import tell, unread
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before a command loads numpy and numba: a rank is one thread
@@ -41,7 +41,7 @@ def _open_standard_files() -> None:
 def _tell(what) -> None:
     """A line on standard error, if anybody reads it."""
     try:
-        print(what, file=sys.stderr, flush=True)
+        tell(what, stream=sys.stderr)
     except OSError:
         unread(sys.stderr)
 

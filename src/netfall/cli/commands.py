@@ -8,6 +8,7 @@ from pathlib import Path
 
 import netfall
 from netfall.ground.errors import InputError
+from netfall.ground.progress import tell
 
 OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot`
 
@@ -20,7 +21,7 @@ def init(arguments) -> None:
     text = new_template(arguments.job)
     with whole(arguments.job) as place:
         place.write_text(text, encoding="utf-8")
-    print(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
+    tell(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
 
 
 def check(arguments) -> None:
@@ -32,7 +33,7 @@ def check(arguments) -> None:
     from netfall.program.check import check_job
 
     folder = arguments.folder and _folder(arguments.folder)
-    check_job(read_job(arguments.job, arguments.overrides), print, folder)
+    check_job(read_job(arguments.job, arguments.overrides), tell, folder)
 
 
 def partition(arguments) -> None:
@@ -51,7 +52,7 @@ def partition(arguments) -> None:
     part = p.metis_partition(net.n, net.elements, arguments.parts)
     with whole_folder(p.FOLDER) as folder:
         p.write_partition(folder, job.name, net.elements, part, arguments.parts)
-    print(
+    tell(
         f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: "
         f"{net.n} particles, {net.m} elements in {arguments.parts} parts, "
         f"edge cut {p.edge_cut(net.elements, part)}, "
@@ -108,7 +109,7 @@ def info(arguments) -> None:
     from netfall.study.answers.info import print_study
     from netfall.study.answers.read import is_study
 
-    (print_study if is_study(arguments.result) else print_info)(arguments.result, print)
+    (print_study if is_study(arguments.result) else print_info)(arguments.result, tell)
 
 
 def plot(arguments) -> None:
@@ -124,11 +125,11 @@ def plot(arguments) -> None:
         if is_study(arguments.result):
             raise InputError(f"--case {arguments.case}: {arguments.result} is a study file")
         folder = _folder(arguments.folder or arguments.result.parent)
-        print(plot_state(arguments.result, folder, arguments.case))
+        tell(plot_state(arguments.result, folder, arguments.case))
         return
     draw = plot_study if is_study(arguments.result) else plot_all
     for picture in draw(arguments.result, _folder(arguments.folder or arguments.result.parent)):
-        print(picture)
+        tell(picture)
 
 
 def _animate(arguments) -> None:
@@ -148,7 +149,7 @@ def _animate(arguments) -> None:
         asked["view"] = VIEWS[a.view]
     folder = _folder(a.folder or a.result.parent)
     for path, words in animate(a.result, folder, a.format, a.fps, Shot(**asked)):
-        print(f"{path}: {words}")
+        tell(f"{path}: {words}")
 
 
 def view(arguments) -> None:
@@ -166,7 +167,7 @@ def view(arguments) -> None:
         raise InputError(f"--member {a.member}: {path} is not a study file")
     else:
         words = write_page(path, page)
-    print(f"{page}: {words}; open it in a browser")
+    tell(f"{page}: {words}; open it in a browser")
 
 
 def report(arguments) -> None:
@@ -177,7 +178,7 @@ def report(arguments) -> None:
     a, beside = arguments, arguments.result.with_name(f"{arguments.result.stem}-report")
     inputs = Inputs(a.codes, Cutting(a.temperature, a.load), a.deductions)
     for path in write_report(a.result, _folder(a.folder or beside), inputs):
-        print(path)
+        tell(path)
 
 
 def scale(arguments) -> None:
@@ -193,7 +194,7 @@ def scale(arguments) -> None:
         if a.overrides:
             raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
         for path in throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), say):
-            print(path)
+            tell(path)
         return
     from netfall.ground.launch import default_launcher
     from netfall.measure.scale import scale as run_scale
@@ -201,7 +202,7 @@ def scale(arguments) -> None:
     launcher = arguments.launcher or default_launcher()
     of_runs = arguments.job, arguments.overrides, arguments.ranks, launcher, arguments.repeats
     for path in run_scale(*of_runs, _folder(arguments.folder), _say()):
-        print(path)
+        tell(path)
 
 
 def _say():
@@ -220,7 +221,7 @@ def trade(arguments) -> None:
     a, launcher = arguments, arguments.launcher or default_launcher()
     asked = a.job, a.overrides, a.vary, a.reference, a.ranks, launcher, a.repeats, a.tolerance
     for path in run_trade(*asked, _folder(a.folder), _say(), StopRequest()):
-        print(path)
+        tell(path)
 
 
 def study(arguments) -> None:
@@ -241,7 +242,7 @@ def import_(arguments) -> None:
     from netfall.exchange.drawings.importing import Options, import_file
 
     asked = {name: getattr(arguments, name) for name in Options.__dataclass_fields__}
-    import_file(arguments.drawing, arguments.folder, Options(**asked), print)
+    import_file(arguments.drawing, arguments.folder, Options(**asked), tell)
 
 
 def export(arguments) -> None:
@@ -250,14 +251,14 @@ def export(arguments) -> None:
     from netfall.exchange.export import export as write
 
     wanted = Wanted(arguments.time, arguments.case, arguments.unit)
-    write(arguments.result, arguments.output, wanted, print)
+    write(arguments.result, arguments.output, wanted, tell)
 
 
 def version() -> None:
     """netfall --version"""
     from netfall.program.run import how_it_writes
 
-    print(f"netfall {netfall.__version__}, {how_it_writes()}")
+    tell(f"netfall {netfall.__version__}, {how_it_writes()}")
 
 
 def _folder(path: Path) -> Path:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from netfall.exchange.state import MARK, State
+from netfall.ground.progress import one_line
 from netfall.job.cases import in_zone
 from netfall.job.entries import LISTS
 from netfall.job.schema import SECTIONS
@@ -61,7 +62,7 @@ def job_again(result: Result, state: State, folder: Path, faces: bool, own: tupl
     if kept and "probes" in job.get("output", {}):  # a place may be nearer to another node in the form
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
     told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(own))
-    head = HEAD.format(mark=MARK, title=" ".join(result.title.split()))
+    head = HEAD.format(mark=MARK, title=one_line(result.title))
     order = {name: job[name] for name in ("title", "net", "cable")} | job
     (folder / "job.toml").write_text(head + toml_text(order), encoding="utf-8")
     return [f"{folder / 'job.toml'}: runs this net again, without form finding", *told]

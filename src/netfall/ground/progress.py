@@ -1,6 +1,7 @@
 """Progress on rank 0: a bar on a terminal (tqdm), sparse plain lines elsewhere, nothing when quiet."""
 
 import os
+import re
 import sys
 import time
 from contextlib import contextmanager
@@ -9,6 +10,26 @@ from netfall.ground.launch import RANKS, launched
 
 LINE_EVERY = 10.0  # s between plain lines, at the least
 DRAW_EVERY = 0.2  # s between drawings of the bar
+
+CONTROL = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]"
+)  # but tabs and new lines
+
+
+def plain(text) -> str:
+    """Return a text in which characters that steer a terminal or turn what follows are written out."""
+    return CONTROL.sub(lambda each: each[0].encode("unicode_escape").decode(), str(text))
+
+
+def one_line(text) -> str:
+    """Return a text as `plain` does, in one line."""
+    return plain(" ".join(str(text).split()))
+
+
+def tell(*lines, stream=None) -> None:
+    """Print lines, which may hold names from jobs and tables, as what they are."""
+    for line in lines:
+        print(plain(line), file=stream or sys.stdout, flush=True)
 
 
 class Progress:
@@ -87,7 +108,7 @@ class Progress:
 
     def _print(self, text: str) -> None:
         with self._while_read():
-            print(text, file=self.stream, flush=True)
+            tell(text, stream=self.stream)
 
     def _draw(self, now: float, share: float, text: str) -> None:
         """Bring the bar up to date, if it is time."""
@@ -98,7 +119,7 @@ class Progress:
             self._bar = tqdm(total=100, file=self.stream, bar_format=how, leave=True)
         if now - self._last >= DRAW_EVERY or share >= 1.0:
             self._bar.n = 100 * share
-            self._bar.set_description_str(text)
+            self._bar.set_description_str(plain(text))
             self._last = now
 
     @contextmanager

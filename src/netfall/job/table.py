@@ -2,7 +2,9 @@
 
 import csv
 import difflib
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -13,6 +15,7 @@ MOST_ERRORS = 20  # lines reported for one table
 LARGEST = 1e15  # of any number; far beyond, products overflow
 DELIMITERS = ",;\t"
 SEVERAL = "/"  # between zones of a node in one cell, whose names have none, and between their shares
+FORMULA = re.compile(r"'*[=+\-@\t\r]")  # begins what a spreadsheet takes for a formula, or would with fewer '
 CLOSE = 0.7  # likeness from which on an unknown column is a slip of the pen
 
 
@@ -32,7 +35,7 @@ class Table:
         rows, self.delimiter = _rows_of(path)
         if not rows:
             raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
-        header = [name.strip().lower() for name in rows[0][1]]
+        header = [bare(name.strip()).lower() for name in rows[0][1]]
         self.lines = [line for line, _ in rows[1:]]
         self._check_header(header, rows[0][0], known, required)
         for line, row in rows[1:]:
@@ -42,7 +45,7 @@ class Table:
         if not self.lines:
             self.errors.append(f"{path}: no rows below the header")
         self.finish()
-        self.columns = {name: [row[k].strip() for _, row in rows[1:]] for k, name in enumerate(header)}
+        self.columns = {name: [bare(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)}
 
     def _check_header(self, header, line, known, required) -> None:
         unknown = [name for name in dict.fromkeys(header) if name not in known]
@@ -165,12 +168,26 @@ def write_table(path: Path, columns: dict, note: str = "", digits: int | None = 
     cells = [[_cell(value, digits) for value in np.asarray(values).tolist()] for values in columns.values()]
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {note}\n" if note else "")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
+        # a cell is quoted where it has a letter of what ends a line
+        ended = SimpleNamespace(write=lambda line: file.write(line.removesuffix("\r\n") + "\n"))
+        writer = csv.writer(ended, lineterminator="\r\n")
+        writer.writerow([guarded(name) for name in columns])
         writer.writerows(zip(*cells))
 
 
+def guarded(text: str) -> str:
+    """Return a text for a cell of a table, with a ' before what a spreadsheet would take for a formula."""
+    return f"'{text}" if FORMULA.match(text) and not np.isfinite(number_in(text)) else text
+
+
+def bare(text: str) -> str:
+    """Return the text that `guarded` made a cell of."""
+    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
+
+
 def _cell(value, digits: int | None):
+    if isinstance(value, str):
+        return guarded(value)
     if not isinstance(value, float):
         return value
     if value != value:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from netfall.job.table import guarded
 from netfall.write.locks import whole
 
 
@@ -15,11 +16,12 @@ def as_text(head: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def write_csv(rows: list[dict], path: Path) -> Path:
-    """Rows by the names of their columns."""
+    """Write rows by the names of their columns."""
+    cells = lambda values: [guarded(each) if isinstance(each, str) else each for each in values]
     with whole(path) as place, open(place, "w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
+        writer = csv.writer(file)
+        writer.writerow(cells(rows[0]))
+        writer.writerows(cells(row.values()) for row in rows)
     return path
 
 

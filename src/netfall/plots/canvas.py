@@ -7,9 +7,11 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter, LogFormatterMathtext, NullLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+from netfall.ground.progress import one_line, plain
 from netfall.write.locks import whole
 
 matplotlib.use("Agg")
@@ -58,15 +60,23 @@ def save(figure, path: Path) -> Path:
                 axis.set_major_formatter(LogFormatter())
             if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
                 axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
+    write_out_controls(figure)
     with whole(path) as place:
         figure.savefig(place)
     plt.close(figure)
     return path
 
 
+def write_out_controls(figure) -> None:
+    """Write out characters of names in a figure that are no letters: fonts have none for them."""
+    for text in figure.findobj(Text):
+        if plain(text.get_text()) != text.get_text():
+            text.set_text(plain(text.get_text()))
+
+
 def heading(figure, title: str, words: str) -> None:
     """The title of a job or study, cut to what fits above a picture, and what is shown, in lines that fit."""
-    title = " ".join(title.split())
+    title = one_line(title)
     title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
     most = int(CHARACTERS * figure.get_figwidth())
     figure.suptitle("\n".join(fill(line, most) for line in f"{title}{words}".split("\n")))

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from mpl_toolkits.mplot3d import proj3d
 
-from netfall.plots.canvas import SMALL
+from netfall.plots.canvas import SMALL, write_out_controls
 
 DIRECTIONS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
 REACHES = (6, 16, 30, 48, 70, 100, 140, 190)  # points from the place to the nearest corner of its label
@@ -20,6 +20,7 @@ def add_labels(axes, places: np.ndarray, texts: list[str]) -> list[str]:
     Each goes where it covers no other label, nor numbers and names of the axes, near its place and within the
     axes, above or below if it is too long for either side, with a line to the place.
     """
+    write_out_controls(axes.figure)
     axes.figure.canvas.draw()  # places on the page are known from now on
     if places.shape[1] == 3:
         places = np.stack(proj3d.proj_transform(*places.T, axes.get_proj())[:2], 1)

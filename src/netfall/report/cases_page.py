@@ -7,7 +7,7 @@ from netfall.checks.cases import largest_displacements, slack_cables
 from netfall.checks.codes import Check
 from netfall.checks.counted import counted, places_of, stage_kinds, without_equilibrium, without_stability
 from netfall.checks.groups import limits_of, members
-from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
+from netfall.report.markdown import MOST_LISTED, as_table, bold, force, heading, item, more, picture, share
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.file import job_of
 from netfall.results.states import Envelope, is_undecided, start_words, state_words
@@ -35,9 +35,9 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
         "slack cables",
     ]
     failed = [case for case in made if case.state != EQUILIBRIUM]
-    told = [f"- {case.name}: {case.reason}" for case in failed if case.reason]
+    told = [item(f"{case.name}: {case.reason}") for case in failed if case.reason]
     if failed:
-        none = f"**{len(failed)} of {len(made)} cases have no equilibrium that was found and is stable.**"
+        none = bold(f"{len(failed)} of {len(made)} cases have no equilibrium that was found and is stable.")
         told = [none, "", *told]
     return [
         f"Each is an equilibrium of its own; displacements count from {start_words(f)}. By groups:",
@@ -59,20 +59,20 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
         names = [name for name, counts in zip(envelope.names, which) if counts]
         places = places_of(envelope, which)
         mine = np.flatnonzero(known & (table["check"] == check.name))
-        lines += [f"### {check.title}", "", _counts(names, check), ""]
+        lines += [heading(3, check.title), "", _counts(names, check), ""]
         failed = without_equilibrium(f, places)
         lines += [
-            f"**FAILS: {state_words(f, place)} has no equilibrium.**"
+            bold(f"FAILS: {state_words(f, place)} has no equilibrium.")
             for place in failed
             if not is_undecided(f[place])
         ]
         lines += [
-            f"**UNDECIDED: no equilibrium of {state_words(f, place)} was found.**"
+            bold(f"UNDECIDED: no equilibrium of {state_words(f, place)} was found.")
             for place in failed
             if is_undecided(f[place])
         ]
         failed = without_stability(f, places)
-        lines += [f"**FAILS: {state_words(f, place)} is not stable.**" for place in failed]
+        lines += [bold(f"FAILS: {state_words(f, place)} is not stable.") for place in failed]
         lines += [""] if lines[-1] else []
         if not len(mine):
             lines += [f"Empty: {checked.why_empty(check)}.", ""]
@@ -91,7 +91,7 @@ def _counts(names: list[str], check: Check) -> str:
 def _group_row(table: dict, k: int) -> list:
     of = {name: values[k] for name, values in table.items()}
     member = f"element {of['element']} of {of['cable']}"
-    result = of["result"] if of["result"] != "FAILS" else "**FAILS**"
+    result = of["result"] if of["result"] != "FAILS" else bold("FAILS")
     return [
         *(of["group"] or "(none)", of["type"], member, of["alike"], force(of["N_Ed"]), of["case"]),
         *(force(of["N_Rd"]), share(of["utilisation"]), result),
@@ -121,13 +121,13 @@ def limits(f, made: list[Case]) -> list[str]:
     """What the limits in service come to."""
     job = job_of(f)
     if "limits" not in job:
-        return ["None: the job has no `[limits]`."]
+        return ["None: the job has no [limits]."]
     found = limits_of(job, made, largest_displacements(f, made), slack_cables(f, made))
     if not found:
         return [f"Not checked: no combination is of kind {KINDS[1]}."]
     lines = [
         [each.case, each.what, f"{each.value:.4g} {each.unit}" if np.isfinite(each.value) else "none"]
-        + [each.at, f"{each.allowed:.4g} {each.unit}", "passes" if each.holds else "**FAILS**"]
+        + [each.at, f"{each.allowed:.4g} {each.unit}", "passes" if each.holds else bold("FAILS")]
         for each in sorted(found, key=lambda each: each.holds)
     ]
     header = ["combination", "what", "reached", "at", "limit", ""]

@@ -1,31 +1,88 @@
-"""Words of a report in Markdown: tables, forces with their unit."""
+"""The pieces of a report's page in Markdown, in which text from jobs, tables and results stays text."""
+
+import re
 
 import numpy as np
 
+from netfall.ground.progress import one_line
+
 MOST_LISTED = 15  # rows of a list; the rest is in the tables
+INLINE = re.compile(r"[\\`*\[|~$]|(?<!\S)#|<(?=[A-Za-z/!?])|&(?=[#\w]+;)|(?<![^\W_])_|_(?![^\W_])")
+AT_START = re.compile(r">|[-+](?!\S)|-+$|=+$|\d+(?=[.)](?!\S))")
+
+
+class Markup(str):
+    """Text that is Markdown. Every other text is plain, and escaped where a page is put together."""
+
+
+def escaped(text) -> Markup:
+    """Return a plain text as Markdown that shows it as it is, in one line; markup stays what it is."""
+    if isinstance(text, Markup):
+        return text
+    line = INLINE.sub(r"\\\g<0>", one_line(text))
+    start = AT_START.match(line)
+    if start is None:
+        return Markup(line)
+    cut = start.end() if start[0].isdigit() else 0
+    return Markup(f"{line[:cut]}\\{line[cut:]}")
+
+
+def markup(template: str, *values, **named) -> Markup:
+    """Return a template of Markdown filled with values, which are escaped."""
+    return Markup(
+        template.format(*map(escaped, values), **{name: escaped(each) for name, each in named.items()})
+    )
+
+
+def heading(level: int, text: str) -> Markup:
+    """Return a heading."""
+    return markup("{} {}", Markup("#" * level), text)
+
+
+def bold(text: str) -> Markup:
+    """Return a text in bold letters."""
+    return markup("**{}**", text)
+
+
+def item(text: str) -> Markup:
+    """Return an item of a list."""
+    return markup("- {}", text)
+
+
+def code(text: str) -> Markup:
+    """Return a text in the letters of code, between more backticks in a row than it has."""
+    line = one_line(text)
+    fence = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
+    space = " " if "`" in line else ""
+    return Markup(f"{fence}{space}{line}{space}{fence}")
+
+
+def page(lines: list[str]) -> str:
+    """Return the text of a page."""
+    return "\n".join(map(escaped, lines)) + "\n"
 
 
 def force(N: float) -> str:
-    """A force with its unit."""
+    """Return a force with its unit."""
     return f"{N / 1e3:.5g} kN" if np.isfinite(N) else "none"
 
 
 def as_table(header: list[str], lines: list[list]) -> list[str]:
-    """A table of Markdown."""
-    every = [header, ["---"] * len(header), *lines]
-    return ["| " + " | ".join(str(cell).replace("|", "/") for cell in line) + " |" for line in every]
+    """Return the lines of a table."""
+    every = [header, [Markup("---")] * len(header), *lines]
+    return [Markup("| " + " | ".join(map(escaped, line)) + " |") for line in every]
 
 
 def more(lines, where: str) -> list[str]:
-    """What is said below a list that was cut; where : the table that has all."""
+    """Return what is said below a list that was cut; where : the table that has all."""
     return ["", f"and {len(lines) - MOST_LISTED} more ({where})"] if len(lines) > MOST_LISTED else []
 
 
 def share(value: float) -> str:
-    """A utilisation; empty where there is none."""
+    """Return a utilisation; empty where there is none."""
     return f"{value:.3f}" if np.isfinite(value) else ""
 
 
 def picture(words: str, name: str) -> list[str]:
-    """A picture that lies beside the page."""
-    return ["", f"![{words}]({name})"]
+    """Return the lines of a picture that lies beside the page."""
+    return ["", markup("![{}]({})", words, Markup(name))]

@@ -7,7 +7,21 @@ import numpy as np
 from netfall.checks.cables import Checked, Cutting
 from netfall.checks.slides import SAFETY
 from netfall.report.cases_page import cases, checks, limits, most_used
-from netfall.report.markdown import MOST_LISTED, as_table, force, more, picture, share
+from netfall.report.markdown import (
+    MOST_LISTED,
+    Markup,
+    as_table,
+    bold,
+    code,
+    force,
+    heading,
+    item,
+    markup,
+    more,
+    page,
+    picture,
+    share,
+)
 from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import loss_lines, rises, telling_factor
@@ -58,47 +72,51 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
     """The page."""
     cables, made, bends = tables["cables.csv"], cases_of(f), "bending_moment_max" in tables["elements.csv"]
     parts = [
-        [f"# {title_of(f) or result.stem}", "", *_what_ran(f, result)],
-        *([["## Cases and combinations", "", *cases(f, made, tables["cases.csv"])]] if made else []),
-        ["## Checks", "", *checks(f, envelope, checked, tables["checks.csv"])],
-        *([["## Limits in service", "", *limits(f, made)]] if made else []),
-        ["## Utilisation", "", *_utilisation(f, cables, envelope, checked)],
-        *([["## Bending", "", *_bending(tables["elements.csv"])]] if bends else []),
-        *([["## Clamps and saddles", "", *_slides(tables["slides.csv"])]] if "slides.csv" in tables else []),
-        ["## Factors", "", *_factors(checked)],
-        ["## Tensions", "", *_tensions(f, envelope, checked.checks[0].name)],
-        *([["## Losses", "", *_losses(f, checked)]] if "removal" in f else []),
-        ["## Lost and broken cables", "", *_gone(cables)],
-        ["## Slack cables", "", *_slack(cables, envelope)],
-        ["## Reactions", "", *_reactions(tables["reactions.csv"])],
-        ["## Cutting list", "", *_cutting(f, tables["cutting_list.csv"], cutting)],
-        ["## Shop list", "", *_shop(tables["shop_list.csv"])],
-        ["## Tables", "", *_tables(f)],
+        [heading(1, title_of(f) or result.stem), "", *_what_ran(f, result)],
+        *([[heading(2, "Cases and combinations"), "", *cases(f, made, tables["cases.csv"])]] if made else []),
+        [heading(2, "Checks"), "", *checks(f, envelope, checked, tables["checks.csv"])],
+        *([[heading(2, "Limits in service"), "", *limits(f, made)]] if made else []),
+        [heading(2, "Utilisation"), "", *_utilisation(f, cables, envelope, checked)],
+        *([[heading(2, "Bending"), "", *_bending(tables["elements.csv"])]] if bends else []),
+        *(
+            [[heading(2, "Clamps and saddles"), "", *_slides(tables["slides.csv"])]]
+            if "slides.csv" in tables
+            else []
+        ),
+        [heading(2, "Factors"), "", *_factors(checked)],
+        [heading(2, "Tensions"), "", *_tensions(f, envelope, checked.checks[0].name)],
+        *([[heading(2, "Losses"), "", *_losses(f, checked)]] if "removal" in f else []),
+        [heading(2, "Lost and broken cables"), "", *_gone(cables)],
+        [heading(2, "Slack cables"), "", *_slack(cables, envelope)],
+        [heading(2, "Reactions"), "", *_reactions(tables["reactions.csv"])],
+        [heading(2, "Cutting list"), "", *_cutting(f, tables["cutting_list.csv"], cutting)],
+        [heading(2, "Shop list"), "", *_shop(tables["shop_list.csv"])],
+        [heading(2, "Tables"), "", *_tables(f)],
     ]
-    return "\n".join("\n".join(lines) + "\n" for lines in parts)
+    return "\n".join(map(page, parts))
 
 
 def _what_ran(f, result: Path) -> list[str]:
     p, overrides = f["provenance"].attrs, provenance_text(f, "overrides")
     lines = [
-        f"Result `{result.name}` of netfall {p['netfall']}, {p['exit_state']}.",
+        markup("Result {} of netfall {}, {}.", code(result.name), p["netfall"], p["exit_state"]),
         f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
         f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
     ]
     failed = [place for place in state_groups(f) if no_equilibrium(f[place])]
     if overrides:
-        lines.append("With " + ", ".join(f"`{line}`" for line in overrides.split("\n")) + ".")
+        lines.append(markup("With {}.", Markup(", ".join(map(code, overrides.split("\n"))))))
     if "form_finding" in f:
         lines += _sentences(lines_of_form(f))
         if no_equilibrium(f["form_finding"]):
-            lines.append(f"**Not reached: {f['form_finding'].attrs['reason']}.**")
+            lines.append(bold(f"Not reached: {f['form_finding'].attrs['reason']}."))
         if "deviation" in f and no_equilibrium(f["deviation"]):
-            lines.append(f"**No equilibrium: {f['deviation'].attrs['reason']}.**")
+            lines.append(bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
     lines += [
-        f"**{state_words(f, place)} {_without(f[place])}: {f[place].attrs['reason']}.**" for place in failed
+        bold(f"{state_words(f, place)} {_without(f[place])}: {f[place].attrs['reason']}.") for place in failed
     ]
     lines += [
-        f"**{state_words(f, place)} is not stable: {NOT_STABLE}.**"
+        bold(f"{state_words(f, place)} is not stable: {NOT_STABLE}.")
         for place in state_groups(f)
         if not_stable(f[place])
     ]
@@ -109,7 +127,7 @@ def _what_ran(f, result: Path) -> list[str]:
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
         lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
         lines += _sentences(overloads_of(f))
-    notes = [f"- {line}" for line in _sentences(notes_of_run(f))]
+    notes = [item(line) for line in _sentences(notes_of_run(f))]
     lines += ["", *notes] if notes else []
     lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
     return lines + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
@@ -135,7 +153,7 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
     lines = [
         "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
         "compression, over resistance; strengths are those given, not those drawn. Compression is checked of",
-        "bars with a `second_moment` alone. A force never exceeds what an element yields or buckles at: one",
+        "bars with a second_moment alone. A force never exceeds what an element yields or buckles at: one",
         "that does, or broke in motion, fails, whatever its utilisation.",
         "",
     ]
@@ -144,19 +162,18 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
         known = np.flatnonzero(np.isfinite(values))
         if len(known):
             worst = known[np.argmax(values[known])]
-            lines.append(
-                f"- {check.title}: largest {values[worst]:.4g} in cable {cables['cable'][worst]}, "
+            told = (
+                f"{check.title}: largest {values[worst]:.4g} in cable {cables['cable'][worst]}, "
                 f"{int((cables[f'result_{check.name}'] == 'FAILS').sum())} cables fail, "
                 f"{len(values) - len(known)} without"
             )
         else:
-            lines.append(f"- {check.title}: empty, {checked.why_empty(check)}")
+            told = f"{check.title}: empty, {checked.why_empty(check)}"
+        lines.append(item(told))
     without = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if without.any():
-        lines.append(
-            f"- {int(without.sum())} cables have neither breaking_load nor yield_stress: "
-            "their utilisation is empty"
-        )
+        none = "cables have neither breaking_load nor yield_stress: their utilisation is empty"
+        lines.append(item(f"{int(without.sum())} {none}"))
     lines += _unchecked(cables, checked)
     return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
 
@@ -169,10 +186,8 @@ def _unchecked(cables: dict, checked: Checked) -> list[str]:
             compressed[np.isfinite(cables[f"resistance_{check.name}"])] = 0.0
     least = int(np.argmin(compressed))
     if compressed[least] < 0.0:
-        lines.append(
-            f"- compression, not checked: largest {force(-compressed[least])} in cable "
-            f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
-        )
+        place = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
+        lines.append(item(f"compression, not checked: largest {force(-compressed[least])} in cable {place}"))
     return lines
 
 
@@ -225,7 +240,7 @@ def _factors(checked: Checked) -> list[str]:
                 own = "".join(f"; {group}: {value:g}" for group, value in factor.groups.items())
                 sign = "times" if factor.use == "multiply" else "over"
                 rows.append(
-                    [check.name, f"`{of}`", factor.name, f"{sign} {factor.value:g}{own}"]
+                    [check.name, code(of), factor.name, f"{sign} {factor.value:g}{own}"]
                     + [factor.edition, factor.meaning]
                 )
     return as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
@@ -245,7 +260,7 @@ def _losses(f, checked: Checked) -> list[str]:
     """What each loss did, and the tensions that are worst after them."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
-    lines = [f"- {line}" for line in loss_lines(g, f["events"], ids)]
+    lines = [item(line) for line in loss_lines(g, f["events"], ids)]
     check = checked.checks[0].name
     resistance, rows = checked.resistance[check], []
     for k, e in worst_after(f, resistance, WORST):
@@ -318,8 +333,10 @@ def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
     at = "after" if last_stage(f) else "in"
     load = f"its mean tension {at} {start_words(f)}" if cutting.load is None else force(cutting.load)
     drawn = [
-        "**Errors of length that were drawn (`length_deviation`) are in these lengths and in the shop list:",
-        "what is to be cut stands in the report of a run without them.**",
+        bold(
+            "Errors of length that were drawn (length_deviation) are in these lengths and in the shop list: "
+            "what is to be cut stands in the report of a run without them."
+        ),
         "",
     ]
     return drawn * ("deviation" in f) + [
@@ -353,5 +370,5 @@ def _shop(table: dict) -> list[str]:
 
 
 def _tables(f) -> list[str]:
-    lines = [f"- `{name}`: {what.format(start=start_words(f))}" for name, what in COLUMNS.items()]
+    lines = [markup("- {}: " + what, code(name), start=start_words(f)) for name, what in COLUMNS.items()]
     return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]

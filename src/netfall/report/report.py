@@ -63,7 +63,8 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
             with whole(folder / name) as place:
                 write_table(place, columns, digits=DIGITS)
         pictures = _pictures(f, envelope, checked, tables, folder)
-        pages = {"summary.md": text, "report.html": one_page(text, title_of(f) or result.stem, folder)}
+        title = title_of(f) or result.stem
+        pages = {"summary.md": text, "report.html": one_page(text, title, folder, pictures)}
     for name, page in pages.items():
         with whole(folder / name) as place:
             place.write_text(page, encoding="utf-8", errors="surrogateescape")

@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.exchange.state import State, form_of, lengths
 from netfall.ground.errors import InputError
+from netfall.ground.progress import one_line
 from netfall.job.values import counted
 from netfall.mechanics.law.measures import elastic_forces, unstressed_length
 from netfall.numerics.rotation import directions
@@ -75,7 +76,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
     names["foot"] = first_foot(state)
-    head = HEAD.format(title=" ".join(result.title.split()), what=what, source=result.path.name, **names)
+    head = HEAD.format(title=one_line(result.title), what=one_line(what), source=result.path.name, **names)
     parts = [head, _nodes(state, moved), _elements(state, free, EA, bar), _springs(state, springs)]
     parts.append(_loads(state, load, moved))
     with whole(path) as place:

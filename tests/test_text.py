@@ -1,0 +1,209 @@
+"""Text from jobs and tables is text: in terminals, Markdown, HTML and spreadsheets nothing of it is done."""
+
+import csv
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from conftest import run_netfall
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from markdown_it import MarkdownIt
+
+from netfall.exchange.export import Wanted, export
+from netfall.ground.progress import one_line, plain
+from netfall.job.read import read_job
+from netfall.job.table import Table, write_table
+from netfall.net.build import build_net
+from netfall.plots.run import plot_all
+from netfall.report.html import one_page
+from netfall.report.markdown import as_table, bold, code, heading, item, markup, page
+from netfall.report.report import Inputs, write_report
+from netfall.view.page import write_page
+
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+FORMULA = re.compile(r"[=+\-@\t\r]")
+COMMENT = re.compile("\x00|[\r\n]\\s*#")  # within a cell: what a table cannot hold
+SECRET = "to be seen by nobody"
+TITLE = (
+    "![x](secret.txt) </title><script>alert(1)</script> \x1b[31m\x07\n# <img src=x> `a` $\\frac{x$ _b_ \u202e"
+)
+UPPER, LOWER = '=HYPERLINK("http://a.b/c";"x")', "@low_er|*x* \x1b]0;y\x07 </script>"
+CASE = "+1, ![c](secret.txt) **c** $y$ \x9b2J"
+NODES = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z,zone\n1,-3,0,4,1,0,,,,\n2,3,0,4,1,0,,,,\n"
+NODES += "3,0,0,-4,1,0,,,,\n5,0,0,0,0,10,0,0,1,-z<b>\n"
+JOB = """
+title = {title}
+[net]
+nodes = "nodes.csv"
+elements = "elements.csv"
+[cable]
+modulus = 1.95e11
+area = 683.08e-6
+density = 7850.0
+[cable.{upper}]
+breaking_load = 240e3
+[load]
+self_weight = false
+steps = 1
+[load.zone.{zone}]
+dead = 100.0
+[[case]]
+name = {case}
+set = {{"load.snow" = 2000.0}}
+"""
+ORDINARY = st.text(max_size=12)
+SPECIAL = st.text(st.sampled_from(list("ab 1.)(!#*_-+=<>[]`~|\\&;:/\"'$@\n\t\r\x1b\u202e")), max_size=14)
+TEXTS = ORDINARY | SPECIAL
+
+
+class Words(HTMLParser):
+    """What a page shows, and the tags in it."""
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.shown, self.tags, self.sources = "", [], []
+        self.feed(page)
+
+    def handle_data(self, data):
+        self.shown += data
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.sources += [value for name, value in attributes if name in ("src", "href")]
+
+
+def rendered(lines: list[str]) -> Words:
+    """The page of some lines, as a browser gets it."""
+    return Words(MarkdownIt("commonmark", {"html": False}).enable("table").render(page(lines)))
+
+
+@settings(max_examples=300, deadline=None)
+@given(TEXTS, TEXTS)
+def test_a_page_shows_any_text_as_it_is(a, b):
+    """As a line, an item, a heading, in bold, as code and in a table; nothing but that is made of it."""
+    words, other = one_line(a), one_line(b)
+    for lines, tags, shown in (
+        ([a], {"p"}, [words]),
+        (["first", a, b], {"p"}, ["first", words, other]),
+        ([item(a)], {"ul", "li", "p"}, [words]),
+        ([heading(2, a)], {"h2"}, [words]),
+        ([bold(f"x{a}x")], {"p", "strong"}, [one_line(f"x{a}x")]),
+        ([markup("With {}.", code(f"x{a}x"))], {"p", "code"}, [f"With {one_line(f'x{a}x')}."]),
+        (
+            as_table(["head", a], [[a, b]]),
+            {"table", "thead", "tbody", "tr", "th", "td"},
+            ["head", words, words, other],
+        ),
+    ):
+        if len(lines) == 3 and not (words and other):
+            continue  # an empty line ends a paragraph
+        found = rendered(lines)
+        assert set(found.tags) <= tags
+        assert [line.strip() for line in found.shown.split("\n") if line.strip()] == [
+            text for text in shown if text
+        ]
+
+
+def test_a_page_embeds_its_own_pictures_alone(tmp_path):
+    """A picture of another name is words, whatever is in the folder."""
+    for name in ("form.png", "secret.txt"):
+        (tmp_path / name).write_text(SECRET)
+    text = "![form](form.png)\n\n![secret](secret.txt)\n\n![gone](gone.png)\n"
+    found = Words(one_page(text, "a", tmp_path, ["form.png"]))
+    assert found.tags.count("img") == 1 and "secret" in found.shown and "gone" in found.shown
+
+
+@settings(max_examples=200, deadline=None)
+@given(TEXTS)
+def test_control_characters_are_written_out(text):
+    """For a terminal, which shows what they are; other letters, tabs and new lines stay."""
+    assert not CONTROL.search(plain(text))
+    assert plain(text) == text or CONTROL.search(text)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("text")
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(TEXTS.map(str.strip).filter(lambda text: text and not COMMENT.search(text)), min_size=1))
+def test_no_cell_of_a_table_is_a_formula_and_all_come_back(folder, texts):
+    """Names that a spreadsheet would compute have a ' before them, which reading takes off; numbers none."""
+    path = folder / "a.csv"
+    values = [-1.5 * k for k in range(len(texts))]
+    write_table(path, {"number": values, "text": texts})
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    assert [float(row[0]) for row in rows[1:]] == values
+    for _, cell in rows[1:]:
+        assert not FORMULA.match(cell) or np.isfinite(float(cell))
+    table = Table(path, ("number", "text"), ())
+    assert table.words("text") == texts
+    assert table.numbers("number").tolist() == values
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory):
+    """The result of a job whose names are all that a name should not be; what its commands printed."""
+    place = tmp_path_factory.mktemp("hostile")
+    names = dict(title=TITLE, upper=UPPER, zone="-z<b>", case=CASE)
+    (place / "job.toml").write_text(JOB.format(**{name: json.dumps(text) for name, text in names.items()}))
+    (place / "nodes.csv").write_text(NODES)
+    columns = {"id": [11, 12, 13], "start": [1, 2, 5], "end": [5, 5, 3], "group": [UPPER, UPPER, LOWER]}
+    write_table(place / "elements.csv", columns | {"prestress": [50e3, 50e3, 80e3]})
+    (place / "secret.txt").write_text(SECRET)
+    told = [run_netfall(*words, cwd=place) for words in (("check", "job.toml"), ("run", "job.toml"))]
+    told += [run_netfall("info", "job.vtkhdf", cwd=place)]
+    return place, "".join(done.stdout + done.stderr for done in told)
+
+
+def test_commands_print_no_control_characters(hostile):
+    """check, run and info of a job with such names."""
+    _, told = hostile
+    assert not CONTROL.search(told) and "\\x1b[31m" in told
+
+
+def test_a_report_holds_names_as_text(hostile):
+    """No file but its own pictures, no tags of a name, no formulas; the title is what the job says."""
+    place, _ = hostile
+    written = write_report(place / "job.vtkhdf", place / "report", Inputs())
+    text = (place / "report" / "report.html").read_text()
+    found = Words(text)
+    assert SECRET not in text and not {"script", "a"} & set(found.tags)
+    assert all(source.startswith("data:image/png;base64,iVBOR") for source in found.sources)
+    assert found.tags.count("img") == sum(path.suffix == ".png" for path in written)
+    assert one_line(TITLE) in found.shown and one_line(CASE) in found.shown.replace("\u200b", "")
+    assert not CONTROL.search(text) and not CONTROL.search((place / "report" / "summary.md").read_text())
+    for path in (path for path in written if path.suffix == ".csv"):
+        with open(path, newline="") as file:
+            cells = [cell for row in csv.reader(file) for cell in row]
+        assert [cell for cell in cells if FORMULA.match(cell) and not is_number(cell)] == []
+
+
+def is_number(cell: str) -> bool:
+    try:
+        return np.isfinite(float(cell))
+    except ValueError:
+        return False
+
+
+def test_names_come_back_from_exported_tables(hostile):
+    """Groups and zones of a net that was exported as tables, and its title."""
+    place, _ = hostile
+    export(place / "job.vtkhdf", place / "again.csv", Wanted(), lambda line: None)
+    job = read_job(next(place.glob("again*/job.toml")))
+    net = build_net(job)
+    assert {net.group_names[k] for k in net.group} == {UPPER, LOWER} and job.title == TITLE
+
+
+def test_pages_and_pictures_take_any_name(hostile):
+    """netfall view and netfall plot."""
+    place, _ = hostile
+    write_page(place / "job.vtkhdf", place / "page.html")
+    text = (place / "page.html").read_text()
+    assert "<script>alert" not in text and text.count("</title>") == 1
+    assert plot_all(place / "job.vtkhdf", place / "plots")
