@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
+from scipy.optimize import brentq
 
 SPAN, RISE, EA = 20.0, 0.5, 2.1e11 * 1e-3
 BARS = '[cable]\nkind = "bar"\nmodulus = 2.1e11\narea = 1e-3\ndensity = 7850.0\n[load]\nself_weight = false\n'
@@ -96,9 +97,7 @@ def test_cases_combinations_and_permanent_loads_are_searched(workshop):
     job = frame(workshop, 0.0)
     job.write_text(job.read_text().replace(BARS, weight.format(density)))
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "weight.vtkhdf")
-    told = re.search(
-        r"warning: the permanent loads: the net snaps through at load factor (\S+):", done.stdout
-    )
+    told = re.search(r"warning: the permanent loads: the net snaps through at (\S+) of them:", done.stdout)
     assert float(told[1]) == pytest.approx(1.0 / 1.1, rel=4e-3)
 
 
@@ -109,3 +108,37 @@ def test_bits_do_not_depend_on_the_ranks(both_ways):
     job = frame(both_ways, 1.05)
     with both_ways.run(job, ranks=1) as one, both_ways.run(job, ranks=2, output="two.vtkhdf") as two:
         assert_same_results(one, two)
+
+
+def test_bars_that_yield_snap_through_before_they_run_away(workshop):
+    """Bars that yield at 1 kN: it snaps under 2 N_y z / L at its first height, 99.9 N, to 1/500 of 11 kN.
+
+    What is told to be carried is what it carries hanging, when its bars have yielded to twice their length.
+    """
+    job = frame(workshop, 1.05)
+    job.write_text(job.read_text().replace("density", "yield_stress = 1e6\ndensity"))
+    run = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", code=3).stdout
+    told = re.search(r"warning: static load step 1 of 1: .* (?:at|beyond) load factor (\S+?)[:.] ", run)
+    assert float(told[1]) == pytest.approx(
+        2e3 * RISE / np.hypot(10.0, RISE) / (1.05 * limit_load()), abs=2e-3
+    )
+
+
+def test_a_stage_that_snaps_is_a_warning(workshop):
+    """Half the limit load, then both bars are shortened until that is their limit load: by hand, to 1/500.
+
+    P = 2 EA z (1 / L - 1 / L0) is largest at L^3 = a^2 L0, and falls as L0 does.
+    """
+    more = '[[stage]]\nname = "a"\n[[stage]]\nname = "b"\nlengths = {"e0" = {change = -0.04}}\n'  # of both
+    run = run_on_standing_ranks(
+        "run", frame(workshop, 0.5, "steps = 0\n" + more), "-o", workshop.folder / "r.vtkhdf"
+    )
+    a, L0 = 0.5 * SPAN, np.hypot(0.5 * SPAN, RISE)
+
+    def limit(less: float) -> float:
+        L = (a * a * (L0 - less)) ** (1.0 / 3.0)
+        return 2.0 * EA * np.sqrt(max(L * L - a * a, 0.0)) * (1.0 / L - 1.0 / (L0 - less))
+
+    less = brentq(lambda less: limit(less) - 0.5 * limit_load(), 0.0, L0 - a - 1e-9)
+    told = re.search(r"warning: stage b: the net snaps through at (\S+) of its changes", run.stdout)
+    assert float(told[1]) == pytest.approx(less / 0.02, abs=4e-3)

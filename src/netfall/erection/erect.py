@@ -17,10 +17,10 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.model.actions import StaticLoad
 from netfall.net.turned import held_along, on_held, turned_column
 from netfall.numerics.functions import lengths
-from netfall.results.notes import error_words, limit_notes, limit_point_warning, stop_notes
+from netfall.results.notes import error_words, limit_notes, stop_notes
 from netfall.stages import settle
 from netfall.stages.scene import Scene, let_slip
-from netfall.stages.static_outcome import NONE, UNDECIDED, StaticOutcome, by_ids, undecided
+from netfall.stages.static_outcome import NONE, UNDECIDED, StaticOutcome, by_ids, limit_warning, undecided
 
 MOST_TURNS = 10  # of forces at jacks
 
@@ -250,10 +250,7 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
             f"{setting.L0[rows].sum():.6g} m in all"
         )
     if outcome.limit is not None:
-        p = outcome.limit.particle
-        node = net.node_id[p] if p >= 0 else None
-        lines.append(
-            limit_point_warning(f"stage {stage.name}", outcome.limit.share, node, outcome.limit.jump)
-        )
+        each = StaticLoad("stage", f"stage {stage.name}", None)
+        lines.append(limit_warning(each, outcome.limit, net.node_id[outcome.limit.particle]))
     lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
     return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))

@@ -45,15 +45,15 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
     ]
 
 
-def limit_point_warning(what: str, factor: float, node: int | None, jump: float) -> str:
+def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> str:
     """A warning of a limit point on the path to an equilibrium; node : that jumps, None: none does."""
     if node is None:
-        fact = f"no stable equilibrium follows steadily beyond load factor {factor:.4g}"
+        fact = f"no stable equilibrium follows steadily beyond {at}"
     else:
-        fact = f"the net snaps through at load factor {factor:.4g}: node {node} jumps by {jump:.4g} m"
+        fact = f"the net snaps through at {at}: node {node} jumps by {jump:.4g} m"
     return (
         f"warning: {what}: {fact}. The state found lies beyond this limit load; the net would reach it in "
-        "motion, if at all. Keep the load below, or brace what is compressed"
+        "motion, if at all. Keep below it, or brace what is compressed"
     )
 
 

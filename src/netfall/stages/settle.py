@@ -27,7 +27,7 @@ from netfall.equilibrium.relaxation import (
     restored_relaxation,
 )
 from netfall.equilibrium.slip import find_slipping
-from netfall.equilibrium.snap import LoadPath
+from netfall.equilibrium.snap import LimitPoint, LoadPath
 from netfall.equilibrium.stable import UNKNOWN
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
@@ -169,15 +169,32 @@ def _on_its_path(
 ) -> StaticOutcome:
     """An equilibrium under the whole load, with the limit point on the path to it. Collective.
 
-    start : the state without the load, as of `committed`. Where the path leads to another equilibrium without
-    a limit point, the state comes to that. Raises Paused.
+    start : the state without the load, as of `committed`. Raises Paused.
+    """
+    limit, found = _limit_point(scene, each, reference, start, found, stop)
+    return _borne_whole(scene, each, found)._replace(limit=limit)
+
+
+def _limit_point(
+    scene: Scene,
+    each: StaticLoad,
+    reference: float,
+    start: dict,
+    found: Equilibrium,
+    stop: StopRequest,
+    carried: float = 1.0,
+) -> tuple[LimitPoint | None, Equilibrium]:
+    """The limit point on the path to an equilibrium under a share of a load, its share as load factor.
+
+    Collective. carried : that share; the others as of `_on_its_path`. If the path leads to another
+    equilibrium without a limit point, the state comes to that, which is returned. Raises Paused.
     """
     if each.kind not in FOLLOWED or scene.finder.slips is not None or not _compressible(scene):
-        return _borne_whole(scene, each, found)
+        return None, found
     state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
     put_back(state, start)
     left = scene.finder.residual(each.load)
-    part = lambda share: each.load - (1.0 - share) * left
+    part = lambda share: each.load - (1.0 - share * carried) * left
     find = lambda share: scene.finder.find(part(share), tolerance, reference, FEW, each.words, stop)
     path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find)
     try:
@@ -186,15 +203,14 @@ def _on_its_path(
         put_back(state, end)
         if limit is None and not unstable and x is not end["x"]:
             state.x[:] = x
-            found = _found(scene, each, reference, stop)
+            found = _found(scene, each._replace(load=part(1.0)), reference, stop)
     except Paused:
         put_back(state, start)
         raise Paused(not_begun(start["x"])) from None
-    outcome = _borne_whole(scene, each, found)
     if limit is None:
-        return outcome
-    factor = limit.share if each.kind == "permanent" else each.reached(limit.share)
-    return outcome._replace(limit=limit._replace(share=factor))
+        return None, found
+    share = limit.share * carried
+    return limit._replace(share=share if each.kind == "permanent" else each.reached(share)), found
 
 
 def _compressible(scene: Scene) -> bool:
@@ -307,11 +323,14 @@ def _largest_share(
     share, there, found = limit
     if share == 1.0:
         return _on_its_path(scene, each, reference, start, found, stop)
+    passed = None
+    if share > 0.0:
+        passed, found = _limit_point(scene, each, reference, start, found, stop, share)
     _commit(scene.state, found.snapshot)
     state = _failed(there, tried.whole)
     there = there if there.is_decided else tried.whole
     reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent" and state == NONE)
-    return StaticOutcome(state, each.reached(share), reason, there.elements[:MOST_NAMED], found)
+    return StaticOutcome(state, each.reached(share), reason, there.elements[:MOST_NAMED], found, passed)
 
 
 def _limit(scene: Scene, each: StaticLoad, left: np.ndarray, stop, say) -> tuple | None:

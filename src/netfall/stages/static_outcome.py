@@ -10,7 +10,7 @@ from netfall.job.asks import load_steps, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.model.actions import ALL_LOADS, StaticLoad
 from netfall.record.energy import Snapshot
-from netfall.results.notes import AT_LIMIT, MOST_MARKED
+from netfall.results.notes import AT_LIMIT, MOST_MARKED, limit_point_warning
 
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 UNDECIDED = "undecided"  # the search ended: there may be an equilibrium
@@ -66,6 +66,13 @@ class StaticOutcome(NamedTuple):
         at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
         limit = {} if self.limit is None else {"limit_load_factor": self.limit.share}
         return {name: getattr(self, name) for name in names} | at_limit | limit
+
+
+def limit_warning(each: StaticLoad, limit: LimitPoint, node: int | None) -> str:
+    """A warning of a limit point on the path to an equilibrium; node : the id of that which jumps."""
+    at = {"permanent": f"{limit.share:.4g} of them", "stage": f"{limit.share:.4g} of its changes"}
+    at = at.get(each.kind, f"load factor {limit.share:.4g}")
+    return limit_point_warning(each.words, at, node if limit.particle >= 0 else None, limit.jump)
 
 
 def by_ids(labels: dict, element_id: np.ndarray) -> dict:

@@ -45,6 +45,7 @@ from netfall.stages.static_outcome import (
     WHAT_TO_DO,
     StaticOutcome,
     by_ids,
+    limit_warning,
     no_equilibrium,
 )
 from netfall.stages.wanted import equilibria, loaded
@@ -62,7 +63,7 @@ class StaticPath:
     cases : the same by name; rest : the same, once found
     labels : attributes of the groups of the file that hold these; failed : why the run cannot go on, or ""
     undecided : whether that is a search that ended without a decision
-    limits : what acts, its load factor, number of the particle that jumps, jump [m]: of each limit point
+    limits : a warning of each limit point that was passed
     """
 
     reference: float | None = None
@@ -74,7 +75,7 @@ class StaticPath:
     labels: dict[str, dict] = field(default_factory=dict)
     failed: str = ""
     undecided: bool = False
-    limits: list[tuple[str, float, int, float]] = field(default_factory=list)
+    limits: list[str] = field(default_factory=list)
 
     def record(self) -> tuple[dict, dict]:
         """What a continuation needs, for `restore`."""
@@ -231,7 +232,9 @@ def note(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     """Write what was found, and count it. Collective."""
     keep(scene, desk, path, each, outcome)
     if outcome.limit is not None:
-        path.limits.append((each.words, *outcome.limit))
+        p = outcome.limit.particle
+        node = scene.comm.bcast(scene.model and scene.model.net.node_id[p])
+        path.limits.append(limit_warning(each, outcome.limit, node))
     path.done += 1
     path.total += outcome.equilibrium.solution.iterations
 
@@ -333,10 +336,7 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         for _, what, each in every
         if each["unstable_at"] != STABLE
     ]
-    lines += [
-        notes.limit_point_warning(what, factor, node_id[p] if p >= 0 else None, jump)
-        for what, factor, p, jump in path.limits
-    ]
+    lines += path.limits
     lines += notes.hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
     lines += notes.rounding_warnings(
         [
