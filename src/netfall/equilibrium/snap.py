@@ -56,7 +56,7 @@ UNKNOWN = _Motion(False, False, -1, 0.0)
 class LoadPath:
     """The path from an equilibrium to another under more load.
 
-    newton(share) : Newton's method under a share of the load that comes on
+    newton(share) : Newton's method under a share of the load that comes on, with its lengths and held nodes
     find(share) : brings the state from where it is to the equilibrium under it; raises DivergedError
     """
 
@@ -107,14 +107,13 @@ class LoadPath:
 
     def _motion(self, x, there, low: float, high: float) -> _Motion | None:
         """What happens from x to there (n, 3) [m]; None: a tangent is singular, so it cannot be judged."""
-        state, newton = self.state, self.newton(high)
-        moved, foreseen = there - x, []
-        for begin, share, sign in ((x, high, 1.0), (there, low, -1.0)):
+        state, moved, foreseen = self.state, there - x, []
+        for begin, share, to, sign in ((x, low, high, 1.0), (there, high, low, -1.0)):
             state.x[:] = begin
-            step = self._answer(self.newton(share))
+            step = self._answer(share, to)
             if step is None:
                 return None
-            foreseen.append(sign * step)
+            foreseen.append(np.where(state.free[: len(step)] != 0, sign * step, moved))
         a, b = state.ends.T
         apart = moved[b] - moved[a]
         size = lengths(apart)
@@ -124,6 +123,7 @@ class LoadPath:
         short = [counts & ((each * apart).sum(1) > OFF * size**2) for each in missed]
         own = slice(state.n_owned)
         beyond = lengths((moved - foreseen[0])[own])
+        newton = self.newton(low)
         gid = newton.distribution.subdomain.particle_gid[own]
         p = int(np.argmax(beyond)) if len(beyond) else -1
         here = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
@@ -132,13 +132,50 @@ class LoadPath:
         newton.comm.Allreduce(MPI.IN_PLACE, found, MPI.MAX)
         return _Motion(not found[0], bool(found[1]), -particle, most)
 
-    def _answer(self, newton) -> np.ndarray | None:
-        """Displacements (n, 3) [m] that the tangent foresees under what is missing; None: it is singular."""
+    def _answer(self, share: float, to: float) -> np.ndarray | None:
+        """Displacements (n, 3) [m] that the tangent under one share foresees under another.
+
+        The net is in equilibrium under the first. None: the tangent is singular.
+        """
+        newton = self.newton(share)
         newton.begin()
         K = newton.tangent()
+        inverse, newton = newton.inverse(newton, K), self.newton(to)
         try:
-            s, _ = newton.solve(K, newton.inverse(newton, K), newton.residual())
+            s, _ = newton.solve(K, inverse, newton.residual())
         except NoConvergence:
             return None
         newton.spread_out(s)
         return newton.spread.copy()
+
+
+def parts_of(finder, load: np.ndarray, before: dict, start: dict, carried: float) -> Callable:
+    """What acts at a share of the way from the state before a load to that under it: load(share) (n, 3) [N].
+
+    finder : `find.Finder`; before, start : arrays of the state, by name, in equilibrium before the load, and
+    with the unstressed lengths and held nodes that come with it; carried : share of all at the end of the way
+
+    The call also sets lengths and held nodes, which change in proportion. Collective.
+    """
+    state = finder.state
+    held, lengths = state.free == 0, [name for name in ("L0", "strand") if name in start]
+
+    def set_lengths(share: float) -> None:
+        for name in lengths:
+            getattr(state, name)[:] = before[name] + share * (start[name] - before[name])
+        state.x[held] = (before["x"] + share * (start["x"] - before["x"]))[held]
+
+    state.x[:] = before["x"]
+    set_lengths(0.0)
+    left = finder.residual(load)
+
+    def part(share: float) -> np.ndarray:
+        set_lengths(share * carried)
+        return load - (1.0 - share * carried) * left
+
+    return part
+
+
+def is_compressible(comm: MPI.Comm, state) -> bool:
+    """Whether anything carries compression or bends; else the energy is convex. Collective."""
+    return comm.allreduce(state.joints is not None or bool((state.bar != 0).any()), MPI.LOR)

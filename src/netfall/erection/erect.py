@@ -89,9 +89,10 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
         setting, x = first_setting(scene.job, model), model.x
     for stage in scene.job.stages[erection.done :]:
         setting = model and after(setting, stage, model.net)
+        before = settle.committed(scene.state)
         load = _set_up(scene, setting, x)
         words, weights = f"stage {stage.name}", own_weight(scene.job)
-        each = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights)
+        each = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
         outcome, setting = _equilibrium(scene, each, setting, stop)
         x = scene.distribution.gather_particles(scene.state.x)
         _note(scene, erection, stage, setting, x, outcome)

@@ -47,6 +47,7 @@ class StaticLoad(NamedTuple):
     begins : the factor of the equilibrium that it starts from
     weights : factor of the self weight in it
     L0, spring_rest, settlement : as in `Actions`, on this rank; None: as in the model
+    before : arrays of the state before lengths and held nodes changed, by name; None: these are the same
     """
 
     kind: str
@@ -60,6 +61,7 @@ class StaticLoad(NamedTuple):
     spring_rest: np.ndarray | None = None
     settlement: np.ndarray | None = None
     weights: float = 0.0
+    before: dict[str, np.ndarray] | None = None
 
     def reached(self, share: float) -> float:
         """The load factor at a share of the way from its start; nan: permanent loads have none."""

@@ -27,7 +27,7 @@ from netfall.equilibrium.relaxation import (
     restored_relaxation,
 )
 from netfall.equilibrium.slip import find_slipping
-from netfall.equilibrium.snap import LimitPoint, LoadPath
+from netfall.equilibrium.snap import LimitPoint, LoadPath, is_compressible, parts_of
 from netfall.equilibrium.stable import UNKNOWN
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
@@ -37,7 +37,6 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.state import State
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import all_of
-from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot, take_snapshot
 from netfall.record.rest import at_limit_in, beyond_euler
@@ -189,17 +188,20 @@ def _limit_point(
     Collective. carried : that share; the others as of `_on_its_path`. If the path leads to another
     equilibrium without a limit point, the state comes to that, which is returned. Raises Paused.
     """
-    if each.kind not in FOLLOWED or scene.finder.slips is not None or not _compressible(scene):
+    if (
+        each.kind not in FOLLOWED
+        or scene.finder.slips is not None
+        or not is_compressible(scene.comm, scene.state)
+    ):
         return None, found
     state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
     put_back(state, start)
-    left = scene.finder.residual(each.load)
-    part = lambda share: each.load - (1.0 - share * carried) * left
+    part = parts_of(scene.finder, each.load, each.before or start, start, carried)
     find = lambda share: scene.finder.find(part(share), tolerance, reference, FEW, each.words, stop)
     path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find)
     try:
         unstable = found.solution.unstable_at >= 0
-        limit, x = path.limit_point(start["x"], None if unstable else end["x"])
+        limit, x = path.limit_point((each.before or start)["x"], None if unstable else end["x"])
         put_back(state, end)
         if limit is None and not unstable and x is not end["x"]:
             state.x[:] = x
@@ -211,12 +213,6 @@ def _limit_point(
         return None, found
     share = limit.share * carried
     return limit._replace(share=share if each.kind == "permanent" else each.reached(share)), found
-
-
-def _compressible(scene: Scene) -> bool:
-    """Whether anything carries compression or bends; else the energy is convex. Collective."""
-    here = scene.state.joints is not None or bool((scene.state.bar != 0).any())
-    return scene.comm.allreduce(here, MPI.LOR)
 
 
 def _strained(scene: Scene, each: StaticLoad) -> Strained:

@@ -189,6 +189,8 @@ def find_equilibria(
         if each.from_permanent and base:
             put_back(state, base)
         scene.finder.serving = factors if apart else None
+        if each.L0 is not None or each.settlement is not None:
+            each = each._replace(before=committed(state))
         set_net(state, each)
         guess = None
         if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
