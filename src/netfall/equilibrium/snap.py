@@ -50,6 +50,10 @@ class _Motion(NamedTuple):
     size: float
 
 
+class _Untold(Exception):
+    """The path goes through states of which it cannot be told whether they follow steadily."""
+
+
 UNKNOWN = _Motion(False, False, -1, 0.0)
 
 
@@ -60,8 +64,9 @@ class LoadPath:
     find(share) : brings the state from where it is to the equilibrium under it; raises DivergedError
     """
 
-    def __init__(self, state, newton: Callable, find: Callable[[float], object]):
-        self.state, self.newton, self.find = state, newton, find
+    def __init__(self, state, newton: Callable, find: Callable[[float], object], hangs: bool):
+        """hangs : whether the net may be a mechanism on the way, stable only when it is taut."""
+        self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
 
     def limit_point(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
         """The first limit point, None: there is none, or it cannot be told; positions at the end. Collective.
@@ -69,6 +74,12 @@ class LoadPath:
         x : (n, 3) [m] in the equilibrium without that load; end : with it, None: it is not stable
         The end may be another than was given: that to which the path leads.
         """
+        try:
+            return self._search(x, end)
+        except _Untold:
+            return None, end
+
+    def _search(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
         low, above, sought = 0.0, [(1.0, end)], end is None
         for _ in range(MOST_TRIALS):
             high, there = above[-1]
@@ -101,9 +112,12 @@ class LoadPath:
         self.state.x[:] = x
         try:
             self.find(share)
+            stable = unstable_at(self.newton(share)) < 0
         except DivergedError:
-            return None
-        return None if unstable_at(self.newton(share)) >= 0 else self.state.x.copy(order="K")
+            stable = False
+        if not stable and self.hangs:
+            raise _Untold
+        return self.state.x.copy(order="K") if stable else None
 
     def _motion(self, x, there, low: float, high: float) -> _Motion | None:
         """What happens from x to there (n, 3) [m]; None: a tangent is singular, so it cannot be judged."""

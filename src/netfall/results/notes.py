@@ -48,7 +48,7 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
 def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> str:
     """A warning of a limit point on the path to an equilibrium; node : that jumps, None: none does."""
     if node is None:
-        fact = f"no stable equilibrium follows steadily beyond {at}"
+        fact = f"no stable equilibrium was found that follows steadily beyond {at}"
     else:
         fact = f"the net snaps through at {at}: node {node} jumps by {jump:.4g} m"
     return (

@@ -194,13 +194,15 @@ def _limit_point(
         or not is_compressible(scene.comm, scene.state)
     ):
         return None, found
+    unstable = found.solution.unstable_at >= 0
+    if unstable and each.kind == "stage":
+        return None, found
     state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
     put_back(state, start)
     part = parts_of(scene.finder, each.load, each.before or start, start, carried)
     find = lambda share: scene.finder.find(part(share), tolerance, reference, FEW, each.words, stop)
-    path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find)
+    path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find, each.kind == "stage")
     try:
-        unstable = found.solution.unstable_at >= 0
         limit, x = path.limit_point((each.before or start)["x"], None if unstable else end["x"])
         put_back(state, end)
         if limit is None and not unstable and x is not end["x"]:
