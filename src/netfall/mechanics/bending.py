@@ -1,13 +1,18 @@
-"""Bending of chains of bars without rotations: joints of three particles h, i, j in a row.
+"""Bending chains of bars, without rotations: joints of three particles h, i, j in a row.
 
-With a = x_i - x_h and b = x_j - x_i, at an angle phi (curvature of a discrete rod: Bergou and others 2008):
+With a = x_i - x_h and b = x_j - x_i, and the rotation R about a x b that turned a along b in the state
+without moment (by the angle phi0):
 
-    kb = 2 (a x b) / (|a||b| + a.b)                  its size is 2 tan(phi / 2)
-    U = k |kb - kb0|^2 / 2,   r = k (kb - kb0)       k = EI / l, l the mean of both unstressed lengths
+    psi = angle from R a to b, from 0 to pi, about the axis e = R a x b / |R a x b|
+    U = k psi^2 / 2,   m = k psi e        k = EI / l, l the mean of both unstressed lengths
 
-kb0 is fixed in space, of the state without moment. That is exact for motion in the plane of a ring; out of
-it the sum of moments k (kb x kb0) is that of a section that something not modelled keeps from tilting. A
-straight chain, kb0 = 0, is free of it. |r| is the bending moment at i. The section has one second moment.
+In the plane of a chain psi = |phi - phi0|, with phi the angle from a to b, however large phi0 is: at a corner
+too. |m| is the bending moment at i: the forces of the joint are -dU/db = b x m / |b|^2 at j and the like at
+h. The section has one second moment.
+
+R is fixed in space. That is exact for motion in the plane of a chain, and for chains that are straight
+without moment (R = 1). Out of its plane a curved chain bends as a straight one of the same length does, for
+its sections cannot turn about its axis. The moments m - R^T m, which hold them, are torsion that is missing.
 """
 
 import math
@@ -16,12 +21,14 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.ground.compile import allocating_kernel, kernel, part_of_kernel
+from netfall.numerics.arithmetic import angle_per_sine
 from netfall.numerics.functions import lengths
 
 
 class Joints(NamedTuple):
-    """Joints (k,), in ascending number: particles (k, 3) h, i, j; stiffness (k,) [N m]; rest (k, 3) kb0.
+    """Joints (k,), in ascending number: particles (k, 3) h, i, j; stiffness k (k,) [N m].
 
+    rest : (k, 3) R, by `curvatures` of the state without moment
     owned : (k,) uint8, 1 on the one rank that counts its energy: the owner of i
     """
 
@@ -58,20 +65,35 @@ def _dot(a, b):
 
 
 @part_of_kernel
-def _sides(x, joints, k):
-    """a, b [m] of joint k at x (n, 3) [m], their lengths, and d = |a||b| + a.b."""
-    h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
-    a = (x[i, 0] - x[h, 0], x[i, 1] - x[h, 1], x[i, 2] - x[h, 2])
-    b = (x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2])
-    A, B = math.sqrt(_dot(a, a)), math.sqrt(_dot(b, b))
-    return a, b, A, B, A * B + _dot(a, b)
+def _turn(g, v):
+    """Turn v by the rotation about g whose half angle has the tangent |g|."""
+    u = _cross(g, v)
+    w, f = _cross(g, u), 2.0 / (1.0 + _dot(g, g))
+    return v[0] + f * (u[0] + w[0]), v[1] + f * (u[1] + w[1]), v[2] + f * (u[2] + w[2])
 
 
 @part_of_kernel
-def _moment(joints, k, c, d):
-    """r [N m] of joint k; c : a x b."""
-    s, rest, twice = joints.stiffness[k], joints.rest, 2.0 / d
-    return s * (twice * c[0] - rest[k, 0]), s * (twice * c[1] - rest[k, 1]), s * (twice * c[2] - rest[k, 2])
+def _sides(x, joints, k):
+    """a, b [m] of joint k at x (n, 3) [m], and g, which turns a where b is without moment."""
+    h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
+    a = (x[i, 0] - x[h, 0], x[i, 1] - x[h, 1], x[i, 2] - x[h, 2])
+    b = (x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2])
+    rest = joints.rest
+    return a, b, (0.5 * rest[k, 0], 0.5 * rest[k, 1], 0.5 * rest[k, 2])
+
+
+@part_of_kernel
+def _back(g):
+    return -g[0], -g[1], -g[2]
+
+
+@part_of_kernel
+def _moment(joints, k, a, b, g):
+    """The moment m (3,) [N m] of joint k."""
+    t = _turn(g, a)
+    c = _cross(t, b)
+    s = joints.stiffness[k] * angle_per_sine(math.sqrt(_dot(c, c)), _dot(t, b))
+    return s * c[0], s * c[1], s * c[2]
 
 
 @kernel
@@ -79,13 +101,12 @@ def add_bending_forces(x, joints, f):
     """Add the forces of joints at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
-        a, b, A, B, d = _sides(x, joints, k)
-        c = _cross(a, b)
-        r = _moment(joints, k, c, d)
-        u, v, s = _cross(b, r), _cross(r, a), 2.0 * _dot(c, r) / (d * d)
+        a, b, g = _sides(x, joints, k)
+        m = _moment(joints, k, a, b, g)
+        u, v = _cross(a, _turn(_back(g), m)), _cross(m, b)
+        A2, B2 = _dot(a, a), _dot(b, b)
         for axis in range(3):
-            on_a = 2.0 / d * u[axis] - s * (B / A * a[axis] + b[axis])  # dU/da
-            on_b = 2.0 / d * v[axis] - s * (A / B * b[axis] + a[axis])
+            on_a, on_b = u[axis] / A2, v[axis] / B2  # dU/da, dU/db
             f[h, axis] += on_a
             f[i, axis] += on_b - on_a
             f[j, axis] -= on_b
@@ -103,75 +124,80 @@ def find_bending_forces(bends):
 
 @kernel
 def joint_moments(x, joints, moment, hold):
-    """Sizes (k,) [N m] of the moments r of joints, and of what holds their sections, k (kb x kb0)."""
+    """Find the sizes (k,) [N m] of the moments m of joints, and of m - R^T m, which hold sections."""
     for k in range(moment.shape[0]):
-        a, b, _, _, d = _sides(x, joints, k)
-        c, rest = _cross(a, b), (joints.rest[k, 0], joints.rest[k, 1], joints.rest[k, 2])
-        r = _moment(joints, k, c, d)
-        moment[k] = math.sqrt(_dot(r, r))
-        t = _cross((2.0 / d * c[0], 2.0 / d * c[1], 2.0 / d * c[2]), rest)
-        hold[k] = joints.stiffness[k] * math.sqrt(_dot(t, t))
+        a, b, g = _sides(x, joints, k)
+        m = _moment(joints, k, a, b, g)
+        on_a = _turn(_back(g), m)
+        t = (m[0] - on_a[0], m[1] - on_a[1], m[2] - on_a[2])
+        moment[k], hold[k] = math.sqrt(_dot(m, m)), math.sqrt(_dot(t, t))
 
 
 @part_of_kernel
 def joint_moment(x, joints, k):
-    """The moment |r| [N m] of joint k at x (n, 3) [m]."""
-    a, b, _, _, d = _sides(x, joints, k)
-    r = _moment(joints, k, _cross(a, b), d)
-    return math.sqrt(_dot(r, r))
+    """The moment |m| [N m] of joint k at x (n, 3) [m]."""
+    a, b, g = _sides(x, joints, k)
+    m = _moment(joints, k, a, b, g)
+    return math.sqrt(_dot(m, m))
 
 
 @part_of_kernel
 def joint_energy(x, joints, k):
     """Energy [J] stored in joint k at x (n, 3) [m]."""
-    a, b, _, _, d = _sides(x, joints, k)
-    r = _moment(joints, k, _cross(a, b), d)
-    return 0.5 * _dot(r, r) / joints.stiffness[k]
+    a, b, g = _sides(x, joints, k)
+    m = _moment(joints, k, a, b, g)
+    return 0.5 * _dot(m, m) / joints.stiffness[k]
 
 
 @allocating_kernel
 def joint_tangents(x, joints, stiffness, positive):
     """Fill the (k, 6, 6) of `JointTangent`: the second derivatives of U by (a, b).
 
-    J^T k J, J = dkb/d(a, b): positive. To it comes the second derivative of 2 (c.r) / d at a fixed r.
+    With unit vectors p along a and r along b, the axis e of psi, e' = R^T e, and Q, which turns R p to r
+    about e, U has in the blocks aa, ab and bb
+
+        k / |a|^2  [1 - pp - (1 - psi cot psi) e'e' + psi (q'p + pq')]     q' = e' x p
+        -k / |a||b| [R^T Q^T - pr + (psi / sin psi - 1) e'e]
+        k / |b|^2  [1 - rr - (1 - psi cot psi) ee - psi (qr + rq)]         q = e x r
+
+    Without the terms with psi it is k |Q R dp - dr|^2 / 2, which is positive.
     """
-    J, S, D = np.empty((3, 6)), np.empty(6), np.empty(6)
     for k in range(joints.stiffness.shape[0]):
-        a, b, A, B, d = _sides(x, joints, k)
-        c = _cross(a, b)
-        r = _moment(joints, k, c, d)
-        s, of_a, of_b = _dot(c, r), _cross(b, r), _cross(r, a)
-        for m in range(3):
-            S[m], S[3 + m] = of_a[m], of_b[m]  # ds
-            D[m], D[3 + m] = B / A * a[m] + b[m], A / B * b[m] + a[m]  # dd
-        for m in range(3):
-            p, q = (m + 1) % 3, (m + 2) % 3
-            for n in range(6):
-                J[m, n] = -2.0 * c[m] / (d * d) * D[n]
-            J[m, p] += 2.0 / d * b[q]  # of the change of a x b with a, and with b
-            J[m, q] -= 2.0 / d * b[p]
-            J[m, 3 + q] += 2.0 / d * a[p]
-            J[m, 3 + p] -= 2.0 / d * a[q]
-        for m in range(6):
-            for n in range(6):
-                jj = J[0, m] * J[0, n] + J[1, m] * J[1, n] + J[2, m] * J[2, n]
-                positive[k, m, n] = joints.stiffness[k] * jj
-                more = 4.0 * s / (d * d * d) * D[m] * D[n] - 2.0 / (d * d) * (S[m] * D[n] + D[m] * S[n])
-                stiffness[k, m, n] = positive[k, m, n] + more
-        w = -2.0 * s / (d * d)  # times the second derivatives of d
-        for m in range(3):
-            for n in range(3):
+        a, b, g = _sides(x, joints, k)
+        back, t = _back(g), _turn(g, a)
+        c, C = _cross(t, b), _dot(t, b)
+        A, B, S = math.sqrt(_dot(a, a)), math.sqrt(_dot(b, b)), math.sqrt(_dot(c, c))
+        ratio, way = angle_per_sine(S, C), 1.0 / S if S > 0.0 else 0.0
+        psi, out, skew = ratio * S, 1.0 - ratio * C, ratio * A * B - 1.0
+        cosine, sine = C / (A * B), S / (A * B)
+        e = (way * c[0], way * c[1], way * c[2])
+        ea = _turn(back, e)
+        p, r = (a[0] / A, a[1] / A, a[2] / A), (b[0] / B, b[1] / B, b[2] / B)
+        qa, qb = _cross(ea, p), _cross(e, r)
+        aa, bb = joints.stiffness[k] / (A * A), joints.stiffness[k] / (B * B)
+        ab = joints.stiffness[k] / (A * B)
+        for n in range(3):
+            unit = (1.0 if n == 0 else 0.0, 1.0 if n == 1 else 0.0, 1.0 if n == 2 else 0.0)
+            u, along = _cross(e, unit), (1.0 - cosine) * e[n]
+            turned = _turn(  # column n of R^T Q^T
+                back,
+                (
+                    cosine * unit[0] - sine * u[0] + along * e[0],
+                    cosine * unit[1] - sine * u[1] + along * e[1],
+                    cosine * unit[2] - sine * u[2] + along * e[2],
+                ),
+            )
+            for m in range(3):
                 one = 1.0 if m == n else 0.0
-                cross = a[m] * b[n] / (A * B) + one
-                stiffness[k, m, n] += w * B / A * (one - a[m] * a[n] / (A * A))
-                stiffness[k, 3 + m, 3 + n] += w * A / B * (one - b[m] * b[n] / (B * B))
-                stiffness[k, m, 3 + n] += w * cross
-                stiffness[k, 3 + n, m] += w * cross
-            p, q = (m + 1) % 3, (m + 2) % 3  # of s: -r x, of a change of b, in what a change of a does
-            stiffness[k, m, 3 + p] += 2.0 / d * r[q]
-            stiffness[k, m, 3 + q] -= 2.0 / d * r[p]
-            stiffness[k, 3 + p, m] += 2.0 / d * r[q]
-            stiffness[k, 3 + q, m] -= 2.0 / d * r[p]
+                of_aa, of_bb = aa * (one - p[m] * p[n]), bb * (one - r[m] * r[n])
+                of_ab = -ab * (turned[m] - p[m] * r[n])
+                positive[k, m, n], positive[k, 3 + m, 3 + n] = of_aa, of_bb
+                positive[k, m, 3 + n] = positive[k, 3 + n, m] = of_ab
+                more_a = psi * (qa[m] * p[n] + p[m] * qa[n]) - out * ea[m] * ea[n]
+                more_b = psi * (qb[m] * r[n] + r[m] * qb[n]) + out * e[m] * e[n]
+                stiffness[k, m, n] = of_aa + aa * more_a
+                stiffness[k, 3 + m, 3 + n] = of_bb - bb * more_b
+                stiffness[k, m, 3 + n] = stiffness[k, 3 + n, m] = of_ab - ab * skew * ea[m] * e[n]
 
 
 @allocating_kernel
@@ -194,27 +220,26 @@ def add_joint_stiffness(u, particles, stiffness, force):
 
 @kernel
 def add_joint_bounds(x, joints, times, out):
-    """Add to out (n,) [N/m] at each particle, so many times, k |dkb/dx|^2 of its joints at x (n, 3) [m].
+    """Add to out (n,) [N/m] at each particle, so many times, k |dpsi/dx|^2 of its joints at x (n, 3) [m].
 
-    |dkb/da| is at most 2 |b| / d + 2 |c| |dd| / d^2; with what the moment adds, 4 |r| / d, a joint's
-    stiffness is at most three times these sizes.
+    |dpsi/da| is 1 / |a|. With what the moment k psi adds, a joint's stiffness is at most three times these
+    sizes.
     """
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
-        a, b, A, B, d = _sides(x, joints, k)
-        c = _cross(a, b)
-        bend = 2.0 * math.sqrt(_dot(c, c)) / (d * d)
-        turned = math.sqrt(2.0 * d / (A * B))  # size of dd/da over that of b, and of dd/db over that of a
-        by_a, by_b = B * (2.0 / d + bend * turned), A * (2.0 / d + bend * turned)
-        r, s = _moment(joints, k, c, d), times * joints.stiffness[k]
-        more = 4.0 * times * math.sqrt(_dot(r, r)) / d
-        out[h] += s * by_a * by_a + more
-        out[i] += s * (by_a + by_b) * (by_a + by_b) + more
-        out[j] += s * by_b * by_b + more
+        a, b, g = _sides(x, joints, k)
+        t = _turn(g, a)
+        c = _cross(t, b)
+        S, s = math.sqrt(_dot(c, c)), times * joints.stiffness[k]
+        psi = S * angle_per_sine(S, _dot(t, b))
+        by_a, by_b = 1.0 / math.sqrt(_dot(a, a)), 1.0 / math.sqrt(_dot(b, b))
+        out[h] += s * (1.0 + psi) * by_a * by_a
+        out[i] += s * ((by_a + by_b) * (by_a + by_b) + psi * (by_a * by_a + by_b * by_b))
+        out[j] += s * (1.0 + psi) * by_b * by_b
 
 
 def curvatures(x: np.ndarray, particles: np.ndarray) -> np.ndarray:
-    """kb (k, 3) of joints of particles (k, 3) at x (n, 3) [m]."""
+    """2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m], phi n the angle from a to b."""
     a, b = (x[particles[:, k + 1]] - x[particles[:, k]] for k in (0, 1))
     d = lengths(a) * lengths(b) + a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
     return 2.0 / d[:, None] * np.cross(a, b)

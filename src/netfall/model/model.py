@@ -34,6 +34,8 @@ from netfall.roof.zones import Roof
 from netfall.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.wind.measured import TableHistory
 
+FOLDED = 22.86  # 2 tan(170 deg / 2): the largest curvature without moment at which a chain has an axis
+
 
 @dataclass(frozen=True)
 class Model:
@@ -188,17 +190,28 @@ def make_model(
         history=history,
         motion=motion,
         panels=_panels(job, layout, areas.shares, loading) if tears else None,
-        joints=_joints(layout, x, L0) if layout.chains else None,
+        joints=_joints(job, layout, x, L0) if layout.chains else None,
         start_notes=tuple(notes),
     )
 
 
-def _joints(layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
-    """The joints of chains that bend: k = EI / l, of two unlike bars 2 / (l1 / EI1 + l2 / EI2)."""
-    net, chains = layout.net, layout.chains
-    gives = (L0 / (net.modulus * net.second_moment))[chains.elements]
-    particles = chains.particles
-    return Joints(particles, 2.0 / (gives[:, 0] + gives[:, 1]), curvatures(x, particles))
+def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
+    """The joints of chains that bend: k = EI / l, of two unlike bars 2 / (l1 / EI1 + l2 / EI2).
+
+    Raises InputError where a chain folds back, so that no axis is known about which it bends.
+    """
+    net, particles, elements = layout.net, layout.chains.particles, layout.chains.elements
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rest = curvatures(x, particles)
+    for k in np.flatnonzero(~(lengths(rest) < FOLDED))[:1]:
+        first, second = net.element_id[elements[k]]
+        raise InputError(
+            f"{job.path}: node {net.node_id[particles[k, 1]]}: the bending chain turns back by more than 170 "
+            f"degrees from element {first} to element {second}; expected at most 170 degrees; move the node, "
+            "or put the two bars in different groups"
+        )
+    gives = (L0 / (net.modulus * net.second_moment))[elements]
+    return Joints(particles, 2.0 / (gives[:, 0] + gives[:, 1]), rest)
 
 
 def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from netfall.model.model import Model
 
 ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
 QUOTIENT = 4.0 * np.finfo(float).eps  # of a time divided by the step: its rounding, which counts in long runs
-TURNED = 1.5  # times the size of joints in the initial state: of those with larger angles
+TURNED = 1.5  # times the size of joints in the initial state: of joints that bend by up to half a radian
 # Short steps in a long one, at least: what a fracture sets free swings at the highest frequencies of the net,
 # and gains 5e-3 of its energy where that is stepped with the long one, 5e-4 with a third.
 RELEASE = 3

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.net.net import Net
+from netfall.net.parts import parts_of
 
 CHAIN_END, NO_BENDING = -1, -2
 
@@ -18,11 +19,13 @@ class Chains(NamedTuple):
     """Joints (k,) of a net: particles (k, 3) in a row; elements (k, 2) between them.
 
     at : (m, 2) the joint at start and end of each element; CHAIN_END: none; NO_BENDING: the element has none
+    chain : (k,) number of the chain that each joint is part of, the least of its joints
     """
 
     particles: np.ndarray
     elements: np.ndarray
     at: np.ndarray
+    chain: np.ndarray
 
 
 def chains_of(net: Net) -> Chains | None:
@@ -41,7 +44,9 @@ def chains_of(net: Net) -> Chains | None:
     at = np.full(2 * net.m, NO_BENDING)
     at[ends] = CHAIN_END
     at[pairs.T] = np.arange(len(pairs))
-    return Chains(np.column_stack([first, middle, second]), pairs // 2, at.reshape(net.m, 2))
+    at = at.reshape(net.m, 2)
+    chain = parts_of(at[(at >= 0).all(1)], len(pairs))
+    return Chains(np.column_stack([first, middle, second]), pairs // 2, at, chain)
 
 
 def chain_notes(chains: Chains) -> list[str]:

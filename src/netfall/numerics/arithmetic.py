@@ -1,9 +1,9 @@
-"""Inverse root, logarithm and exponential, for vector registers or a number at a time.
+"""Inverse root, logarithm, exponential and angle, for vector registers or a number at a time.
 
 A processor's own root and division together take some 35 cycles for a register, four times as long as all
 the rest of an element; a guess and two rounds of fused multiply-add take seven, and give the same bits on
 every processor. The logarithm of the mathematical library works on one number at a time. Both are right to
-two units in the last place (tests/test_arithmetic.py).
+two units in the last place (tests/test_arithmetic.py), the angle to five.
 """
 
 import math
@@ -17,6 +17,7 @@ from netfall.ground.compile import part_of_kernel
 from netfall.numerics.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
+FOLD = 1e-6  # least sine of an angle near pi, beyond which psi / sin psi is that of this sine
 GUESS = np.int64(0x5FE6EB50C7B537A9)  # less half the bits of a number: its inverse root within 3.5 %
 
 
@@ -107,3 +108,25 @@ def exponential_less_one(a):
     if abs(a) < 0.35:
         return fused(a * a, _series(a), a)
     return exponential(a) - 1.0
+
+
+@part_of_kernel
+def angle_per_sine(S, C):
+    """psi / S of the angle psi from 0 to pi with tan psi = S / C, S >= 0; 1 / C at S = 0 < C.
+
+    It is bisected until its tangent v is at most tan(pi / 16). The series of the arc tangent is cut after
+    v^21, which leaves 2e-17.
+    """
+    H = math.sqrt(S * S + C * C)
+    half = H + abs(C)  # S / half = tan(psi / 2), beyond a right angle tan((pi - psi) / 2)
+    t = S / half
+    fourth = 1.0 + math.sqrt(1.0 + t * t)
+    u = t / fourth
+    eighth = 1.0 + math.sqrt(1.0 + u * u)
+    v = u / eighth
+    z = -v * v
+    series = 1.0 / 21.0
+    for n in range(9, -1, -1):
+        series = fused(series, z, 1.0 / (2 * n + 1))
+    ratio = 8.0 * series / (half * fourth * eighth)
+    return ratio if C >= 0.0 else (math.pi - ratio * S) / max(S, FOLD * H)

@@ -246,10 +246,17 @@ class Distribution:
 
         mine : (m,) bool, the elements that this rank reports, where rows are not equal on all
         """
-        parts = self.comm.gather((self.subdomain.element_gid[mine], np.ascontiguousarray(rows[mine])))
+        return self._gather(self.subdomain.element_gid[mine], rows[mine], self.m)
+
+    def gather_joints(self, rows: np.ndarray, mine: np.ndarray, count: int) -> np.ndarray | None:
+        """Global array (count, ...) on rank 0 of rows of joints; mine : those to report. Collective."""
+        return self._gather(self.subdomain.joint_gid[mine], rows[mine], count)
+
+    def _gather(self, gid: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray | None:
+        parts = self.comm.gather((gid, np.ascontiguousarray(rows)))
         if parts is None:
             return None
-        whole = np.empty((self.m,) + rows.shape[1:], rows.dtype)
+        whole = np.empty((count,) + rows.shape[1:], rows.dtype)
         for gid, part in parts:
             whole[gid] = part
         return whole

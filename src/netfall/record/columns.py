@@ -157,7 +157,7 @@ CELL_FIELDS = (
         np.float32,
         (2,),
         "N m",
-        "at both ends, of chains that bend; nan: no bending. Where bars bend",
+        "size >= 0, at start and end; 0 at an end of a chain, nan: no bending. Where bars bend",
         lambda sight: sight.state.bending_moments(),
         "bending",
     ),

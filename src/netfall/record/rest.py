@@ -1,4 +1,4 @@
-"""What is kept of an equilibrium besides its state: reactions, elements at a limit, how far bending leans."""
+"""What is kept of an equilibrium besides its state: reactions, elements at a limit, torsion left out."""
 
 import numpy as np
 
@@ -17,20 +17,26 @@ from netfall.record.energy import Snapshot
 NIL = 1e-9  # of EI / l: a moment below that is rounding
 
 
-def largest_hold(comm: MPI.Comm, state: State) -> tuple[float, int]:
-    """The largest moment that holds a section against tilting, and the number of its particle. Collective.
+def largest_torsion(distribution: Distribution, state: State, chains) -> tuple[float, int]:
+    """Find the largest torsion of a chain that is not modelled, and where most of it is. Collective.
 
-    As a share of the largest bending moment.
+    It is the sum of the moments that hold the sections of the chain, the same at any refinement, as a share
+    of the largest bending moment. With it comes the number of a particle.
+    chains : `net.chains.Chains` on rank 0, None elsewhere
     """
     joints = state.joints
     moment, hold = np.empty((2, len(joints.stiffness)))
     joint_moments(state.x, joints, moment, hold)
-    k = int(np.argmax(hold)) if len(hold) else -1
-    here = (float(hold[k]), -int(state.gid[joints.particles[k, 1]])) if k >= 0 else (0.0, 0)
-    mine = float(moment.max(initial=0.0)), NIL * float(joints.stiffness.max(initial=0.0))
-    found = comm.allgather((*mine, here))
-    most, nil, (held, p) = (max(column) for column in zip(*found))
-    return held / most if most > nil else 0.0, -p
+    rows = np.column_stack([moment, hold, NIL * joints.stiffness])
+    rows = distribution.gather_joints(rows, joints.owned == 1, len(chains.chain) if chains else 0)
+    found = None
+    if rows is not None:
+        (moment, hold, nil), found = rows.T, (0.0, 0)
+        if len(rows) and moment.max() > nil.max():
+            total = np.bincount(chains.chain, hold)
+            k = np.argmax(np.where(chains.chain == np.argmax(total), hold, -1.0))
+            found = float(total.max() / moment.max()), int(chains.particles[k, 1])
+    return distribution.comm.bcast(found)
 
 
 def at_limit_in(

@@ -32,6 +32,9 @@ class Group(NamedTuple):
     datasets: tuple[Dataset, ...]
 
 
+MOMENT = (
+    "size >= 0, at start and end of each element; 0 at an end of a chain, nan: no bending. Where bars bend"
+)
 REACTION = "on what holds the nodes: of elements, and what acts on the node itself; 0 where nothing does"
 
 
@@ -81,7 +84,7 @@ piece_effect | k | N | of a piece of cable_names: most that one deviation change
 /stages/* | [[stage]] | the equilibria of stages of erection, each from the last one
 displacement | n, 3 | m | in the equilibrium, from the form, or the net as given
 tension | m | N | in the equilibrium; 0 of what is not there
-bending_moment | m, 2 | N m | at both ends of each element; nan: no bending. Where bars bend
+bending_moment | m, 2 | N m | {MOMENT}
 active | m | 1 | 1: there, 0: not
 held | n, 3 | 1 | 1: an axis that is held in it, 0: free, or no element is there
 unstressed_length | m | m | at the temperature of form finding
@@ -91,20 +94,20 @@ reaction | n, 3 | N | on the foundation: pull of the elements and load, on held 
 load_factor | s | 1 | 0: permanent loads alone; then the share of the rest
 displacement | s, n, 3 | m | in equilibrium
 tension | s, m | N | in equilibrium
-bending_moment | s, m, 2 | N m | at both ends of each element; nan: no bending. Where bars bend
+bending_moment | s, m, 2 | N m | {MOMENT}
 reaction | s, n, 3 | N | {REACTION}
 {equilibrium("s")}
 /cases/* | [[case]] | the equilibria of static cases
 displacement | n, 3 | m | in the equilibrium
 tension | m | N | in the equilibrium
-bending_moment | m, 2 | N m | at both ends of each element; nan: no bending. Where bars bend
+bending_moment | m, 2 | N m | {MOMENT}
 reaction | n, 3 | N | {REACTION}
 {equilibrium()}
 /rest | wind with onset = "static" | the rest under all constant loads and the mean wind, where dynamics
     begins
 position | n, 3 | m | at rest
 tension | m | N | at rest
-bending_moment | m, 2 | N m | at both ends of each element; nan: no bending. Where bars bend
+bending_moment | m, 2 | N m | {MOMENT}
 reaction | n, 3 | N | {REACTION}
 {equilibrium()}
 /slide | [[slide]] | places where a cable may slip over a node, in the order of cables
@@ -132,7 +135,7 @@ element_id | k | 1 | their ids in the tables
 tension_max | m | N | 0 once broken off or lost
 tension_max_time | m | s | of the first row that has it, or after the step that has it
 tension_min | m | N | of all steps where members are lost, or bars stand in what may break
-bending_moment_max | m | N m | at either end; nan: no bending. Where bars bend
+bending_moment_max | m | N m | the larger size at either end; nan: no bending. Where bars bend
 slack_time | m | s | of cables; one that is slack in a row counts as slack since the row before
 displacement_max | n | m | of the nodes; of what splits off nothing
 displacement_max_time | n | s | of the first row that has it
@@ -202,7 +205,7 @@ position | p, 3 | m |
 velocity | p, 3 | m/s |
 element_id | m | 1 | numbers, not ids of the tables
 tension | m | N |
-bending_moment | m, 2 | N m | at both ends of each element; nan: no bending. Where bars bend
+bending_moment | m, 2 | N m | {MOMENT}
 plastic_strain | m | 1 |
 /net |  | the net as it was built
 particles | n, 3 | m | nodes as given

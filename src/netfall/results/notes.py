@@ -8,7 +8,7 @@ from netfall.numerics.functions import lengths
 from netfall.results import states
 
 LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
-HELD = 0.05  # of the largest bending moment: a hold against tilting above that is told
+TORSION = 0.05  # of the largest bending moment: a chain with more torsion than that gets a warning
 MOST_MARKED = 4096  # elements of an equilibrium by each attribute of it, which may have 64 kB
 FAR = 0.2  # of a net's largest dimension: a node that moves farther under static load is told
 
@@ -70,18 +70,19 @@ def limit_point_warnings_of(f) -> list[str]:
 LIMIT = "limit_load_factor"  # attribute of an equilibrium
 
 
-def hold_notes(found: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
-    """A warning of the equilibrium in which a section is held most; found : as of `largest_hold`."""
-    held = [each for each in found if each[1][0] > HELD]
-    if not held:
+def torsion_warnings(found: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
+    """A warning of the equilibrium with most torsion in a chain; found : as of `largest_torsion`."""
+    above = [each for each in found if each[1][0] > TORSION]
+    if not above:
         return []
-    what, (share, p) = max(held, key=lambda each: each[1][0])
-    others = f" (more than {HELD:.0%} in {len(held)} of {len(found)} equilibria)" if len(found) > 1 else ""
+    what, (share, p) = max(above, key=lambda each: each[1][0])
+    others = (
+        f" (more than {TORSION:.0%} in {len(above)} of {len(found)} equilibria)" if len(found) > 1 else ""
+    )
     return [
-        f"warning: {what}: the section at node {node_id[p]} is held against tilting by {share:.0%} of the "
-        f"largest bending moment{others}, which nothing in the model does. A chain that is curved without "
-        "moment is computed right in its plane alone. Support it across, or use its moments there as a "
-        "rough value only"
+        f"warning: {what}: the curved bending chain at node {node_id[p]} bends out of its plane: its torsion, "
+        f"{share:.0%} of the largest bending moment{others}, is not modelled. Across its plane it bends as a "
+        "straight chain of the same length. Support it across, or compute it as a frame with torsion"
     ]
 
 

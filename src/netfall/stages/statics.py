@@ -24,7 +24,7 @@ from netfall.job.memory import key_of
 from netfall.mechanics.slip.law import set_strands
 from netfall.model.actions import StaticLoad
 from netfall.numerics.functions import lengths
-from netfall.record.rest import forces_on_supports, largest_hold
+from netfall.record.rest import forces_on_supports, largest_torsion
 from netfall.results import notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
@@ -51,7 +51,7 @@ from netfall.stages.static_outcome import (
 from netfall.stages.wanted import equilibria, loaded
 from netfall.write.result import texts
 
-OF_LINES = ("moved", "held", "stopped", "rounding")  # of an equilibrium: for what is said of it
+OF_LINES = ("moved", "torsion", "stopped", "rounding")  # of an equilibrium: for what is said of it
 
 
 @dataclass
@@ -269,7 +269,9 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     """Note what was found, and write it. Collective."""
     state, snapshot = scene.state, outcome.equilibrium.snapshot
     numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
-    numbers |= {"held": largest_hold(scene.comm, state)} if state.joints is not None else {}
+    if state.joints is not None:
+        chains = scene.model and scene.model.layout.chains
+        numbers |= {"torsion": largest_torsion(scene.distribution, state, chains)}
     tolerance, errors = settings_of(scene.job).tolerance, outcome.equilibrium.solution[2:4]
     if max(errors) > tolerance:
         newton = scene.finder.newton(each.load)
@@ -339,7 +341,9 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         if each["unstable_at"] != STABLE
     ]
     lines += path.limits
-    lines += notes.hold_notes([(what, each["held"]) for _, what, each in every if "held" in each], node_id)
+    lines += notes.torsion_warnings(
+        [(what, each["torsion"]) for _, what, each in every if "torsion" in each], node_id
+    )
     lines += notes.rounding_warnings(
         [
             (what, max(each["displacement_error"], each["tension_error"]), each["rounding"])
