@@ -277,11 +277,16 @@ def test_losses_and_draws_are_drawn_and_told(tmp_path):
     factor = np.where(severity > 0, np.nan, 1.5 + np.arange(2 * m) / (4 * m))
     members = columns({"removed": ids, "wind.seed": np.tile([1, 2], m)}, severity > 0, severity)
     members |= {"dynamic_factor_max": factor, "dynamic_factor_element_id": np.full(2 * m, 1003)}
+    members |= {"tension_ratio_max": 1.0 + factor, "tension_ratio_element_id": np.full(2 * m, 1003)}
     members["state"][8] = "no_rest"  # the first seed of the fifth
     write_study(tmp_path / "loss.study.h5", members, {}, roof)
     told = lines_of(tmp_path / "loss.study.h5")
     assert "60 different" in told and "1 leave a roof without a rest (1005)" in told
     assert "98.0% (loss of 1020)" in told and f"{factor[-1]:.3g} (loss of 1060)" in told
+    first = told.index(f"largest tension over tension before: {1.0 + factor[-1]:.3g} (loss of 1060)")
+    assert first < told.index(
+        "largest dynamic factors, where the equilibrium changes by more than 10% of the"
+    )
     n = 200
     speed, prestress = generator.uniform(30, 46, n), generator.normal(1e5, 5e3, n)
     capacity = 38.0 * (prestress / 1e5) ** 3

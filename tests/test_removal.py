@@ -26,7 +26,7 @@ from netfall.job.values import counted
 from netfall.model.layout import make_layout
 from netfall.program.run import run_job
 from netfall.report.report import Inputs, write_report
-from netfall.results.loss_lines import loss_lines
+from netfall.results.loss_lines import loss_lines, telling_factor
 from netfall.stages.rests import words_of
 from netfall.stages.settle import settle
 
@@ -122,6 +122,34 @@ def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways
     assert result["history/slack"][-1] == 0 and result["history/broken"][-1] == 0
     assert result["VTKHDF/CellData/broken"][-2:].tolist() == [1, 0]
     assert result["events/time"].shape == (0,) and result["rest/tension"][:] == pytest.approx([5e3] * 2)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("duration", [0.0, 1e-6, 0.3])
+@pytest.mark.parametrize("time", [0.25, 0.225])
+def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, duration):
+    """m y'' + k y = -W / 2 of what has faded, from the time that is asked for: on a step, and between two.
+
+    y is that of a constant force from then on, averaged over the duration d, in closed form. In steps a third
+    as long the times are as far from the next step.
+    """
+    w, t, d = 2.0 * np.pi / PERIOD, 0.9, duration
+    exact = -0.5 * WEIGHT * L0 / EA * (1.0 - np.cos(w * (t - time) * PERIOD))
+    if d:
+        later = np.sin(w * (t - time) * PERIOD) - np.sin(w * (t - time - d) * PERIOD)
+        exact = -0.5 * WEIGHT * L0 / EA * (1.0 - later / (w * d * PERIOD))
+    errors = []
+    for steps in (20, 60, 180):
+        text = CABLE + dynamics(t * PERIOD, steps, t * PERIOD / 9, "damping = 0.0\n")
+        text += "probes = [2]\n" + entry([0], time * PERIOD, d * PERIOD)
+        f = workshop.run(workshop.job(text.replace("[load]", "[load]\nself_weight = false"), *weights(1)))
+        y = f["history/probe_displacement"][:, 0, 2]
+        errors.append(y[-1] - y[0] - exact)
+        assert np.abs(f["history/identity_error"][:]).max() < 1e-13  # rounding
+    size = WEIGHT * L0 / EA
+    assert errors[0] / errors[1] == pytest.approx(9.0, rel=0.2)  # what is left is of the fourth order
+    assert errors[1] / errors[2] == pytest.approx(9.0, rel=0.02)
+    assert abs(errors[0]) < (2.0 * np.pi / 20) ** 2 * size  # of the scheme: (w dt)^2 / 24 w t, and the start
 
 
 # a roof that yields and breaks; what it loses: some elements, then one, then a whole cable
@@ -427,7 +455,9 @@ def test_run_and_info_tell_of_losses(workshop):
     assert "note: [[remove]] 2: no effect: time = 99 is not before the end" in done.stdout, done.stdout
     lines = [
         "loss 1, t = 0.1001 s: element 2; the rest of the net comes to rest; nothing broke then; "
-        "largest dynamic factors 2 (element 3), where the rest changes by 2% of the largest tension",
+        "largest tension over tension before 3 (element 3: 5 -> 15 kN), 1 (element 0: 5 -> 5 kN), "
+        "1 (element 1: 5 -> 5 kN); largest dynamic factors 2 (element 3), where the equilibrium changes by "
+        "more than 10% of the largest tension",
         "loss 2: nothing was lost: after the end, or lost before",
         "2 elements (0, 1); no rest was found; nothing broke then",
     ]
@@ -478,6 +508,7 @@ def test_the_parts_of_an_element_are_named_once():
     } | RESTED
     (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, of_two)
     assert line.startswith("loss 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
+    assert "before 2 (element 7: 0.001 -> 0.002 kN); largest dynamic" in line
     entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
     job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
     assert words_of(job, loss) == "element 7"
@@ -534,17 +565,37 @@ def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
 
 
 def test_a_rise_is_told_where_the_factor_is_near_one():
-    """374 to 2416 kN: the rest is up there too, so the factor is 1.09, and the tension 6.5 times as large."""
+    """374 to 2416 kN: the rest is up there too, so the factor is 1.09, and the tension 6.5 times as large.
+
+    That comes first. A factor of 78 is not told where the equilibrium changes by 2 % of the largest tension,
+    nor a ratio of what had next to no tension.
+    """
     rows = lambda *values: np.array([values]) * 1e3
     removal = {"time": np.array([0.1]), "entry": np.array([0]), "element": np.array([1])}
-    removal |= {"tension_before": rows(374.0, 900.0, 5.0), "tension_highest": rows(2416.0, np.nan, 50.0)}
     removal |= {
-        "tension_after": rows(2247.4, 0.0, 5.0),
-        "dynamic_factor": np.array([[1.09, np.nan, np.nan]]),
+        "tension_before": rows(374.0, 900.0, 5.0, 400.0),
+        "tension_highest": rows(2416.0, np.nan, 50.0, 3910.0),
+        "tension_after": rows(2247.4, 0.0, 5.0, 445.0),
+        "dynamic_factor": np.array([[1.09, np.nan, np.nan, 78.0]]),
     } | RESTED
-    (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, np.array([7, 8, 9]))
-    assert "factors 1.09 (element 7), where" in line
-    assert line.endswith("; largest tensions over those before 6.46 times (element 7: 374 -> 2416 kN)")
+    (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, np.array([7, 8, 9, 10]))
+    assert line.endswith(
+        "; largest tension over tension before 9.78 (element 10: 400 -> 3910 kN), 6.46 (element 7: 374 -> "
+        "2416 kN); largest dynamic factors 1.09 (element 7), where the equilibrium changes by more than 10% "
+        "of the largest tension"
+    )
+
+
+@pytest.mark.parametrize("change, told", [(0.099, False), (0.101, True)])
+def test_a_factor_is_told_where_the_equilibrium_changes_by_a_tenth_of_the_largest_tension(change, told):
+    """In either direction, of the largest of all tensions before and after."""
+    for sign in (1.0, -1.0):
+        removal = {
+            "tension_before": np.array([[1000.0, 400.0]]),
+            "tension_after": np.array([[1000.0, 400.0 + sign * 1000.0 * change]]),
+            "dynamic_factor": np.array([[np.nan, 2.5]]),
+        }
+        assert np.isfinite(telling_factor(removal, 0)[1]) == told
 
 
 def report_tells_of_losses(folder):
@@ -562,6 +613,7 @@ def report_tells_of_losses(folder):
     assert (
         float(other["dynamic_factor"]) == pytest.approx(2.0, abs=2e-5) and not cables["e2"]["dynamic_factor"]
     )
+    assert float(other["tension_ratio"]) == pytest.approx(3.0, rel=2e-5) and not cables["e2"]["tension_ratio"]
     assert (folder / "report" / "dynamic_factors.png").stat().st_size > 20_000
     text = (folder / "report" / "summary.md").read_text()
     assert "| 1 | e3 | 3 | 5 kN | 15 kN | 10 kN | 3 | 2 |  |" in text  # no strength, so no utilisation

@@ -352,6 +352,8 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
         # undamped: (peak - before) / (after - before) = 2; the step reaches the peak to its square
         assert f["members/dynamic_factor_max"][:] == pytest.approx([2.0, 2.0], rel=2e-3)
         assert f["members/dynamic_factor_element_id"][:].tolist() == [9, 7]
+        assert f["members/tension_ratio_max"][:] == pytest.approx([3.0, 3.0], rel=2e-3)  # W / 2 to 3 W / 2
+        assert f["members/tension_ratio_element_id"][:].tolist() == [9, 7]
     assert (tmp_path / "lost.members" / "000001.vtkhdf").exists()
 
 

@@ -10,7 +10,7 @@ from netfall.checks.counted import counted, places_of, stage_kinds, unborne_of
 from netfall.mechanics.law.limits import REACHED
 from netfall.mechanics.law.measures import stretched_length, warm_length
 from netfall.results import states
-from netfall.results.losses import broken_at, largest_factor, lost_at
+from netfall.results.losses import broken_at, largest_after, lost_at
 
 PASSES = "passes"
 ABOVE = 1.0 + 1e-6  # a utilisation of what fails, in comparing
@@ -162,7 +162,7 @@ def element_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str,
     if envelope.slack_time is not None:
         columns["slack_time"] = envelope.slack_time
     if "removal" in f:
-        columns["dynamic_factor"] = largest_factor(f)
+        columns |= largest_after(f)
     columns |= bar_columns(f) | moment_columns(f)
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
@@ -200,8 +200,9 @@ def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, n
         "lost_at": _least_of(each["lost_at"], cable, count),
         "broken_at": _least_of(each["broken_at"], cable, count),
     }
-    if "dynamic_factor" in each:
-        columns["dynamic_factor"] = -_least_of(-each["dynamic_factor"], cable, count)
+    for name in ("tension_ratio", "dynamic_factor"):
+        if name in each:
+            columns[name] = -_least_of(-each[name], cable, count)
     for check in checked.checks:
         governs = _first_by(checked.decisive(check.name), cable)
         for what in ("resistance", "utilisation", "result", check.of, "case"):

@@ -22,7 +22,8 @@ import numpy as np
 
 from netfall.ground.compile import allocating_kernel, kernel, part_of_kernel
 from netfall.numerics.arithmetic import angle_per_sine
-from netfall.numerics.functions import lengths
+
+FLAT = 1e-12  # least 1 + cos of an angle, which so is never quite pi
 
 
 class Joints(NamedTuple):
@@ -88,11 +89,37 @@ def _back(g):
 
 
 @part_of_kernel
+def _half_turn(a, b):
+    """tan(phi / 2) n of the angle phi from a to b, three, n along a x b; and |a||b| + a.b [m2]."""
+    c, AB = _cross(a, b), math.sqrt(_dot(a, a)) * math.sqrt(_dot(b, b))
+    d = max(AB + _dot(a, b), FLAT * AB)
+    return (c[0] / d, c[1] / d, c[2] / d), d
+
+
+@part_of_kernel
+def _across(a, b, g):
+    """R a x b [m2], zero to the bit where g is that of a and b: h = tan(phi / 2) n.
+
+    (1 + g^2) R a x b = d [(1 - g^2) h - (1 - h^2) g] + 2 [(g.b) a + (g.a) g x b]. Both parts are linear in
+    D = h - g, for h.a = h.b = 0, so that no rounding is left of what cancels.
+    """
+    h, d = _half_turn(a, b)
+    D = (h[0] - g[0], h[1] - g[1], h[2] - g[2])
+    square, u, to_a, to_b = _dot(g, g), _cross(g, b), 2.0 * _dot(D, a), 2.0 * _dot(D, b)
+    by_D, by_g = d * (1.0 - square), d * (2.0 * _dot(g, D) + _dot(D, D))
+    f = 1.0 / (1.0 + square)
+    return (
+        f * (by_D * D[0] + by_g * g[0] - to_b * a[0] - to_a * u[0]),
+        f * (by_D * D[1] + by_g * g[1] - to_b * a[1] - to_a * u[1]),
+        f * (by_D * D[2] + by_g * g[2] - to_b * a[2] - to_a * u[2]),
+    )
+
+
+@part_of_kernel
 def _moment(joints, k, a, b, g):
     """The moment m (3,) [N m] of joint k."""
-    t = _turn(g, a)
-    c = _cross(t, b)
-    s = joints.stiffness[k] * angle_per_sine(math.sqrt(_dot(c, c)), _dot(t, b))
+    c = _across(a, b, g)
+    s = joints.stiffness[k] * angle_per_sine(math.sqrt(_dot(c, c)), _dot(_turn(g, a), b))
     return s * c[0], s * c[1], s * c[2]
 
 
@@ -164,8 +191,7 @@ def joint_tangents(x, joints, stiffness, positive):
     """
     for k in range(joints.stiffness.shape[0]):
         a, b, g = _sides(x, joints, k)
-        back, t = _back(g), _turn(g, a)
-        c, C = _cross(t, b), _dot(t, b)
+        back, c, C = _back(g), _across(a, b, g), _dot(_turn(g, a), b)
         A, B, S = math.sqrt(_dot(a, a)), math.sqrt(_dot(b, b)), math.sqrt(_dot(c, c))
         ratio, way = angle_per_sine(S, C), 1.0 / S if S > 0.0 else 0.0
         psi, out, skew = ratio * S, 1.0 - ratio * C, ratio * A * B - 1.0
@@ -228,18 +254,29 @@ def add_joint_bounds(x, joints, times, out):
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
         a, b, g = _sides(x, joints, k)
-        t = _turn(g, a)
-        c = _cross(t, b)
+        c = _across(a, b, g)
         S, s = math.sqrt(_dot(c, c)), times * joints.stiffness[k]
-        psi = S * angle_per_sine(S, _dot(t, b))
+        psi = S * angle_per_sine(S, _dot(_turn(g, a), b))
         by_a, by_b = 1.0 / math.sqrt(_dot(a, a)), 1.0 / math.sqrt(_dot(b, b))
         out[h] += s * (1.0 + psi) * by_a * by_a
         out[i] += s * ((by_a + by_b) * (by_a + by_b) + psi * (by_a * by_a + by_b * by_b))
         out[j] += s * (1.0 + psi) * by_b * by_b
 
 
+@kernel
+def find_curvatures(x, particles, found):
+    """Write 2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m]."""
+    for k in range(found.shape[0]):
+        h, i, j = particles[k, 0], particles[k, 1], particles[k, 2]
+        a = (x[i, 0] - x[h, 0], x[i, 1] - x[h, 1], x[i, 2] - x[h, 2])
+        b = (x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2])
+        half, _ = _half_turn(a, b)
+        for axis in range(3):
+            found[k, axis] = 2.0 * half[axis]
+
+
 def curvatures(x: np.ndarray, particles: np.ndarray) -> np.ndarray:
     """2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m], phi n the angle from a to b."""
-    a, b = (x[particles[:, k + 1]] - x[particles[:, k]] for k in (0, 1))
-    d = lengths(a) * lengths(b) + a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]
-    return 2.0 / d[:, None] * np.cross(a, b)
+    found = np.empty((len(particles), 3))
+    find_curvatures(np.asfortranarray(x), particles.astype(np.uint32), found)
+    return found

@@ -20,21 +20,36 @@ from netfall.mechanics.fracture import Moving, dissipate
 from netfall.mechanics.state import State, axes
 from netfall.mechanics.supports import keep_on_guides
 
+EXTERNAL, INTERNAL = 0, 1  # columns of the works of forces
 
-def lose_elements(state: State, elements: np.ndarray, dt: float) -> None:
-    """Take elements, local rows (k,), out of the net; `plan.Plan.attach` is due after it. dt : [s], of a step
 
+def lose_elements(state: State, elements: np.ndarray, since: np.ndarray) -> None:
+    """Take elements, local rows (k,), out of the net; `plan.Plan.attach` is due after it.
+
+    since : (k,) [s] before now at which each stopped acting
     Every rank that holds one decides alike.
     """
     of_all, law = map(laid, state.of_a_moment)
     moving = laid(Moving(axes(state.x), axes(state.v), axes(state.slip_v)))
-    for e in elements.tolist():
+    for e, time in zip(elements.tolist(), since.tolist()):
         if state.EA[e] > 0.0:  # else another rank has kept it when it broke, or it had been taken out
-            dissipate(e, dt, of_all, moving, law)
+            dissipate(e, 2.0 * time, of_all, moving, law)
             _let_go(state, e)
         state.EA[e], state.lost[e], state.broken[e] = 0.0, 1, 1
         if state.eps_u is not None:
             state.eps_u[e] = np.inf
+
+
+def push(state: State, particles: np.ndarray, impulse: np.ndarray, work: int) -> None:
+    """Give particles, local rows (k,), impulses (k, 3) [N s] in this order. work : EXTERNAL or INTERNAL"""
+    for p, given in zip(particles.tolist(), impulse):
+        if state.mass[p] > 0.0:
+            before = _motion(state, p)
+            state.v[p] += np.where(state.free[p], given / state.mass[p], 0.0)
+            if state.turned is not None:
+                keep_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
+            if state.work is not None and state.own(p):
+                state.work[p, work] += _motion(state, p) - before
 
 
 def leave(state: State, particles: np.ndarray) -> None:

@@ -201,9 +201,8 @@ def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
     Raises InputError where a chain folds back, so that no axis is known about which it bends.
     """
     net, particles, elements = layout.net, layout.chains.particles, layout.chains.elements
-    with np.errstate(divide="ignore", invalid="ignore"):
-        rest = curvatures(x, particles)
-    for k in np.flatnonzero(~(lengths(rest) < FOLDED))[:1]:
+    rest = curvatures(x, particles)
+    for k in np.flatnonzero(lengths(rest) > FOLDED)[:1]:
         first, second = net.element_id[elements[k]]
         raise InputError(
             f"{job.path}: node {net.node_id[particles[k, 1]]}: the bending chain turns back by more than 170 "

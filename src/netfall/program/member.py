@@ -22,7 +22,7 @@ from netfall.parallel.mpi import MPI
 from netfall.program.extremes import Extremes, Watched, extremes_of_motion
 from netfall.program.run import desk_for, raise_failure, run_stages, scheduled
 from netfall.program.setup import prepare
-from netfall.results.loss_lines import MUCH, states_of_rest, worst_rest
+from netfall.results.loss_lines import states_of_rest, telling_factor, tension_ratios, worst_rest
 from netfall.results.outcomes import NOTHING
 from netfall.stages import dynamics, statics
 from netfall.stages.scene import Scene
@@ -160,7 +160,9 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
         gone[removal["element"]], area = True, simulation.removal.area
         highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
         extremes = extremes._replace(tension=highest)
-        found |= {} if len(log) else _largest_factor(net, removal)  # the rest is that of a net that holds
+        found |= _largest(net, removal, "tension_ratio", tension_ratios)
+        if not len(log):  # the rest is that of a net that holds
+            found |= _largest(net, removal, "dynamic_factor", telling_factor)
         found["rest_after_loss"] = worst_rest(states_of_rest(removal))
         found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     found |= {"roof_lost": roof_lost(net, area, gone), "utilisation_before_break": used}
@@ -200,19 +202,17 @@ def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str,
     }
 
 
-def _largest_factor(net: Net, removal: dict[str, np.ndarray]) -> dict:
-    """The largest dynamic factor among elements whose tension a loss changes by much, and its element."""
-    change = np.abs(removal["tension_after"] - removal["tension_before"])
-    largest = np.fmax.reduce(removal["tension_before"], axis=None, initial=0.0)
-    factors = np.where(change > MUCH * largest, removal["dynamic_factor"], np.nan)
-    if np.isnan(factors).all():
+def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable) -> dict:
+    """The largest over all losses of what `of` gives for each element, and its element; {}: there is none."""
+    values = np.array([of(removal, k) for k in range(len(removal["time"]))])
+    if np.isnan(values).all():
         return {}
-    largest = np.nanargmax(factors)
-    element = int(largest % factors.shape[1])
+    largest = np.nanargmax(values)
+    element = int(largest % values.shape[1])
     return {
-        "dynamic_factor_max": float(factors.flat[largest]),
-        "dynamic_factor_element": element,
-        "dynamic_factor_element_id": int(net.element_id[element]),
+        f"{name}_max": float(values.flat[largest]),
+        f"{name}_element": element,
+        f"{name}_element_id": int(net.element_id[element]),
     }
 
 

@@ -24,7 +24,7 @@ from netfall.report.markdown import (
 )
 from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
-from netfall.results.loss_lines import loss_lines, rises, telling_factor
+from netfall.results.loss_lines import STATIC_CHANGE, loss_lines, telling_factor, tension_ratios
 from netfall.results.losses import worst_after
 from netfall.results.notes import NOT_STABLE, displacement_notes_of, limit_notes_of, limit_point_warnings_of
 from netfall.results.states import (
@@ -44,7 +44,8 @@ ALWAYS = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
     "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
-    "largest dynamic factor after a loss (where the rest changes by 2 % of the largest tension), "
+    "after a loss the largest tension over the tension before, and the largest dynamic factor (where the "
+    "equilibrium changes by more than 10 % of the largest tension of the net), "
     "resistance [N], utilisation",
     "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
     "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1; of "
@@ -265,14 +266,18 @@ def _losses(f, checked: Checked) -> list[str]:
     resistance, rows = checked.resistance[check], []
     for k, e in worst_after(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        numbers = [rises(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
+        numbers = [tension_ratios(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
         told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
     if not rows:
         return lines
     header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
     header += ["dynamic factor", check]
-    told = "The most used after a loss, by the tensions of every step:"
+    told = (
+        "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
+        "/ (at rest afterwards - before). It is given where that change of the equilibrium is more than "
+        f"{STATIC_CHANGE:.0%} of the largest tension of the net:"
+    )
     return [*lines, "", told, "", *as_table(header, rows)]
 
 

@@ -4,10 +4,9 @@ import numpy as np
 
 from netfall.job.values import counted
 
-MOST_FACTORS = 4  # of the largest ones
-MUCH = 0.02  # of the largest tension: factors of what changes less are large without being telling
-RISES = 2.0  # times the tension before: from there on told beside the factor
-MOST_RISES = 2  # of these
+MOST_NAMED = 4  # elements, those with the largest values
+STATIC_CHANGE = 0.1  # of the largest tension of the net: with less a dynamic factor has no meaning
+LITTLE = 0.02  # of the largest tension of the net: tensions below are next to none
 SOMETHING_BREAKS = "something breaks there"
 # What came of the search for the rest after a loss, the worst first, and how it is told everywhere.
 RESTS = {
@@ -51,30 +50,30 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
             RESTS[rests[k] or "no_equilibrium"] + (f": {counted('element', torn)}" if len(torn) else ""),
             f"{counted('element', element_id[others])} broke then" if len(others) else "nothing broke then",
         ]
-        parts += _factors(telling_factor(removal, k), element_id) + _rises(removal, k, element_id)
+        parts += _ratios(removal, k, element_id) + _factors(telling_factor(removal, k), element_id)
         parts += _unrest(removal, k)
         lines.append("; ".join(parts))
     return lines
 
 
-def rises(removal, k: int) -> np.ndarray:
+def tension_ratios(removal, k: int) -> np.ndarray:
     """Largest tension after entry k over that before (m,); nan where that is next to none, or lost."""
     before, highest = removal["tension_before"][k], removal["tension_highest"][k]
-    telling = before > MUCH * np.fmax.reduce(before, initial=0.0)
+    telling = before > LITTLE * np.fmax.reduce(before, initial=0.0)
     return np.divide(highest, before, out=np.full(len(before), np.nan), where=telling)
 
 
-def _rises(removal, k: int, element_id: np.ndarray) -> list[str]:
-    """Where tensions rise to a multiple, which a factor of 1 may hide."""
-    rise = rises(removal, k)
-    rows = _largest_of_each(np.where(rise >= RISES, rise, np.nan), element_id)
-    kN = lambda name, e: f"{removal[name][k][e] / 1e3:.4g}"
+def _ratios(removal, k: int, element_id: np.ndarray) -> list[str]:
+    ratio, before, highest = (
+        tension_ratios(removal, k),
+        removal["tension_before"][k],
+        removal["tension_highest"][k],
+    )
     named = [
-        f"{rise[e]:.3g} times (element {element_id[e]}: {kN('tension_before', e)} -> "
-        f"{kN('tension_highest', e)} kN)"
-        for e in rows[:MOST_RISES]
+        f"{ratio[e]:.3g} (element {element_id[e]}: {before[e] / 1e3:.4g} -> {highest[e] / 1e3:.4g} kN)"
+        for e in _largest_of_each(ratio, element_id)
     ]
-    return [f"largest tensions over those before {', '.join(named)}"] if named else []
+    return [f"largest tension over tension before {', '.join(named)}"] if named else []
 
 
 def _unrest(removal, k: int) -> list[str]:
@@ -86,7 +85,7 @@ def _unrest(removal, k: int) -> list[str]:
     j = earlier[np.argmax(time[earlier])]
     before, rest = removal["tension_before"][k], removal["tension_after"][j]
     off, largest = (np.fmax.reduce(np.abs(N), initial=0.0) for N in (before - rest, rest))
-    if off <= MUCH * largest:
+    if off <= LITTLE * largest:
         return []
     return [
         f"the roof still moved from loss {j + 1}, with tensions up to {off / 1e3:.4g} kN off its rest: "
@@ -95,10 +94,10 @@ def _unrest(removal, k: int) -> list[str]:
 
 
 def telling_factor(removal, k: int) -> np.ndarray:
-    """Dynamic factors (m,) of entry k where the rest changes by much, nan elsewhere; as in `loss_lines`."""
+    """Dynamic factors (m,) of entry k; nan where the equilibrium changes by less than STATIC_CHANGE."""
     before, after = removal["tension_before"][k], removal["tension_after"][k]
     largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)  # nan where there is no rest
-    return np.where(np.abs(after - before) > MUCH * largest, removal["dynamic_factor"][k], np.nan)
+    return np.where(np.abs(after - before) > STATIC_CHANGE * largest, removal["dynamic_factor"][k], np.nan)
 
 
 def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
@@ -106,11 +105,12 @@ def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
     if not len(rows):
         return []
     named = ", ".join(f"{factor[e]:.3g} (element {element_id[e]})" for e in rows)
-    return [f"largest dynamic factors {named}, where the rest changes by {MUCH:.0%} of the largest tension"]
+    of = f"{STATIC_CHANGE:.0%} of the largest tension"
+    return [f"largest dynamic factors {named}, where the equilibrium changes by more than {of}"]
 
 
 def _largest_of_each(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:
     """Rows of the largest values that are known, one of the parts of each element."""
     rows = np.flatnonzero(~np.isnan(values))
     rows = rows[np.argsort(-values[rows], kind="stable")]
-    return rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][:MOST_FACTORS]
+    return rows[np.sort(np.unique(element_id[rows], return_index=True)[1])][:MOST_NAMED]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.results.loss_lines import telling_factor
+from netfall.results.loss_lines import telling_factor, tension_ratios
 
 
 def lost_at(f) -> np.ndarray:
@@ -45,12 +45,11 @@ def loss_rows(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     return rows
 
 
-def largest_factor(f) -> np.ndarray:
-    """The largest telling dynamic factor (m,) after any loss, nan: none."""
-    most = np.full(len(f["net/elements"]), np.nan)
-    for k in range(len(f["removal/time"])):
-        most = np.fmax(most, telling_factor(f["removal"], k))
-    return most
+def largest_after(f) -> dict[str, np.ndarray]:
+    """The largest tension over tension before, and telling dynamic factor, (m,) after any loss; nan: none."""
+    none, every = np.full(len(f["net/elements"]), np.nan), range(len(f["removal/time"]))
+    largest = lambda of: np.fmax.reduce([none, *(of(f["removal"], k) for k in every)])
+    return {"tension_ratio": largest(tension_ratios), "dynamic_factor": largest(telling_factor)}
 
 
 def worst_after(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:

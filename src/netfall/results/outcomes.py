@@ -36,6 +36,7 @@ class MemberColumn(NamedTuple):
 
 NO_MEASURE = (
     *("first_element", "first_element_id", "dynamic_factor_element", "dynamic_factor_element_id"),
+    *("tension_ratio_element", "tension_ratio_element_id"),
     *("gusts", "seconds"),
 )
 OUTCOMES = (
@@ -50,6 +51,9 @@ OUTCOMES = (
     MemberColumn("utilisation_before_break", NAN),
     MemberColumn("sunk_area", NAN, of_depth=True),
     MemberColumn("balance_error", NAN, of_motion=True),
+    MemberColumn("tension_ratio_max", NAN, of_losses=True),
+    MemberColumn("tension_ratio_element", -1, of_losses=True),
+    MemberColumn("tension_ratio_element_id", -1, of_losses=True),
     MemberColumn("dynamic_factor_max", NAN, of_losses=True),
     MemberColumn("dynamic_factor_element", -1, of_losses=True),
     MemberColumn("dynamic_factor_element_id", -1, of_losses=True),

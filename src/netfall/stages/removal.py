@@ -11,7 +11,8 @@ import sys
 import numpy as np
 
 from netfall.mechanics.events import EventLog
-from netfall.mechanics.loss import Carried, join, leave, lose_elements
+from netfall.mechanics.law.branches import with_branches
+from netfall.mechanics.loss import EXTERNAL, INTERNAL, Carried, join, leave, lose_elements, push
 from netfall.model.losses import Loss, leaving_then
 from netfall.model.redistribution import Redistribution
 from netfall.parallel.mpi import MPI
@@ -65,11 +66,16 @@ class Removal:
         self._keep("before", self.done, state, now.N)
         subdomain = self.distribution.subdomain
         rows = rows_of(subdomain.element_gid, loss.elements)
-        rows = rows[rows >= 0]
+        here = rows >= 0
+        rows = rows[here]
         force = self._forces(state, loss, rows, now)
         simulation.share_events()
         particles, handed = self._leaving(self.done)
-        lose_elements(state, rows, simulation.before_dt)
+        times = simulation.time, simulation.before_dt, simulation.dt
+        since, missing = missing_times([self.job.removes[k] for k in loss.entry.tolist()], *times)
+        lose_elements(state, rows, since[here])
+        push(state, *ends_in(subdomain.particle_gid, loss.ends, missing[:, :1] * force), INTERNAL)
+        push(state, *ends_in(subdomain.particle_gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
         self._join(state, handed)
         leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, particles)))
         simulation.plan.attach(state)
@@ -85,11 +91,11 @@ class Removal:
 
         Of what had broken before none. Collective.
         """
-        force = np.zeros((len(loss.elements), 3))
+        force, N = np.zeros((len(loss.elements), 3)), with_branches(state, now.N)
         for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
             a, b = state.ends[e]
             k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
-            force[k] = now.N[e] / now.L[e] * (state.x[b] - state.x[a])
+            force[k] = N[e] / now.L[e] * (state.x[b] - state.x[a])
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # others add zeros
         return force
 
@@ -116,7 +122,7 @@ class Removal:
         for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
             mine = loss.entry == entry
             rows = rows_of(self.distribution.subdomain.element_gid, loss.elements[mine])
-            self.fades[entry].begin(loss.step * self.dt, loss.ends[mine], force[entry], rows)
+            self.fades[entry].begin(self.job.removes[entry].time, loss.ends[mine], force[entry], rows)
 
     def _hand_over(self, simulation, handed: Redistribution) -> None:
         """All that particles have to hand over and that is not in the state. Collective."""
@@ -190,6 +196,35 @@ class Removal:
         found |= {"element": np.concatenate(named), "entry": np.concatenate(entry)}
         pairs = np.array(breaks, np.int64).reshape(-1, 2)
         return found | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
+
+
+def missing_times(entries: list, time: float, before: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """For how long elements act that are lost at a time [s], beside the kicks of the steps: (k,), (k, 2) [s].
+
+    The first is how long ago they stopped to act as elements. The others are missing in the velocities, which
+    have the forces up to half a step ago. If an entry has no duration, its elements act up to its time. If it
+    has one, the load that fades acts by its integral, of which the kicks take the values at their steps.
+    So the motion is of second order in the step.
+    entries : of each element; before, dt : [s] the steps before and after
+    """
+    since, missing = np.full(len(entries), 0.5 * before), np.zeros((len(entries), 2))
+    for k, entry in enumerate(entries):
+        d, acts = entry.duration, entry.time + 0.5 * entry.duration - time + 0.5 * before
+        if d:
+            left = np.clip((entry.time + d - time - dt * np.arange(np.ceil(d / dt) + 1.0)) / d, 0.0, 1.0)
+            missing[k, 1] = acts - dt * left.sum() + 0.5 * (dt - before) * left[0]
+        else:
+            since[k], missing[k, 0] = time - entry.time, acts
+    return since, missing
+
+
+def ends_in(gid: np.ndarray, ends: np.ndarray, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (r,) of the ends (k, 2) of elements among gid (n,), and impulses (r, 3) [N s] on them.
+
+    impulse : (k, 3) on the start of each
+    """
+    rows = rows_of(gid, ends.T.ravel())
+    return rows[rows >= 0], np.concatenate([impulse, -impulse])[rows >= 0]
 
 
 def farthest(before, highest, lowest, after) -> np.ndarray:

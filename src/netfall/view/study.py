@@ -106,6 +106,7 @@ def _choices(study: Study, page: Page) -> list[dict]:
     if losses is not None:
         row = elements_lost(study, losses)
         of_element = lambda values: np.where(row >= 0, values[row], np.nan)
+        told.append(("largest tension over that before its loss", "-", 1.0, of_element(losses.tension_ratio)))
         told.append(("largest dynamic factor after its loss", "-", 1.0, of_element(losses.dynamic_factor)))
         told.append(("share of the roof lost after its loss", "%", 100.0, of_element(losses.roof_lost)))
     nothing = ("no member broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))

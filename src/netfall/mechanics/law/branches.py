@@ -108,3 +108,12 @@ def add_branches(x, elements, now, law, f_int, f_band):
             f_band[end, k] -= pull
             f_int[start, k] += pull
             f_int[end, k] -= pull
+
+
+def with_branches(state, N: np.ndarray) -> np.ndarray:
+    """Axial forces (m,) [N] with those of the branches, which N is without; of steps that are short."""
+    if state.branches is None:
+        return N
+    held = state.branch_a + state.branch_b + (0.0 if state.branch_c is None else state.branch_c)
+    total = (1.0 + state.branches[0].sum()) * N - held
+    return np.where((state.bar != 0) | (total > 0.0), total, 0.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.results.loss_lines import RESTS
+from netfall.results.loss_lines import RESTS, STATIC_CHANGE
 from netfall.results.notes import LARGEST_BALANCE
 from netfall.study.answers.correlation import rank_correlations
 from netfall.study.answers.info_hazard import tell_hazard
@@ -230,9 +230,11 @@ def _losses(study: Study, say) -> None:
     if (losses.breaking > 0).any():
         torn = losses.name[losses.breaking > 0]
         say(f"  after {len(torn)} of them {RESTS['breaks']}{_named(torn)}")
+    of = f"more than {STATIC_CHANGE:.0%} of the largest tension"
     for title, values, text in (
         ("most of the roof lost", losses.roof_lost, "{:.1%}"),
-        ("largest dynamic factors", losses.dynamic_factor, "{:.3g}"),
+        ("largest tension over tension before", losses.tension_ratio, "{:.3g}"),
+        (f"largest dynamic factors, where the equilibrium changes by {of}", losses.dynamic_factor, "{:.3g}"),
     ):
         rows = np.argsort(-np.nan_to_num(values), kind="stable")[:MOST_NAMED]
         worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]

@@ -20,7 +20,7 @@ class Losses:
 
     name : (l,) the id of the element, or the name of the cable
     place : (N,) the row of each member
-    dynamic_factor, roof_lost : (l,)
+    tension_ratio, dynamic_factor, roof_lost : (l,)
     broken : (l,) elements that broke besides
     no_rest : (l,) members that found no equilibrium, under the mean wind before or in the net after the loss
     not_stable, breaking : (l,) members whose rest after the loss is not stable (of no_rest), or breaks more
@@ -28,6 +28,7 @@ class Losses:
 
     name: np.ndarray
     place: np.ndarray
+    tension_ratio: np.ndarray
     dynamic_factor: np.ndarray
     roof_lost: np.ndarray
     broken: np.ndarray
@@ -44,7 +45,8 @@ def losses_of(study: Study) -> Losses | None:
     names, first, place = np.unique(m["removed"].astype(str), return_index=True, return_inverse=True)
     order = np.argsort(first)  # as the members stand
     place = np.argsort(order)[place]
-    factor = m.get("dynamic_factor_max", np.full(len(place), np.nan))
+    none = np.full(len(place), np.nan)
+    ratio, factor = m.get("tension_ratio_max", none), m.get("dynamic_factor_max", none)
     fallen, rest = m["state"] == "no_rest", m.get("rest_after_loss", np.full(len(place), ""))
     lost = np.where(fallen, 1.0, m["roof_lost"])
     count = lambda which: np.bincount(place[which], minlength=len(names))
@@ -58,6 +60,7 @@ def losses_of(study: Study) -> Losses | None:
     return Losses(
         names[order],
         place,
+        worst(ratio, study.finished),
         worst(factor, study.finished),
         worst(lost, study.finished | fallen),
         worst(m["broken"].astype(float), study.finished),
