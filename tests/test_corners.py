@@ -262,7 +262,7 @@ def test_across_its_plane_a_curved_chain_bends_as_a_straight_one(workshop, n):
     job = arc_job(workshop, n)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "arc.vtkhdf", cwd=workshop.folder)
     assert "warning: statics: the curved bending chain at node" in done.stdout
-    assert "of the largest bending moment, is not modelled (limit 5%)" in done.stdout
+    assert "of the largest bending moment" in done.stdout and "is not modelled" in done.stdout
     with workshop.open("arc.vtkhdf") as f:
         sinks, moment = -f["statics/displacement"][-1, -1, 2] / 1e-3, f["statics/bending_moment"][-1]
     L = 2.0 * n * np.sin(np.pi / (4.0 * n))

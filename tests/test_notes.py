@@ -83,10 +83,10 @@ def test_a_prestress_that_no_state_has_is_refused_by_its_group(workshop):
     assert "(1 known, with forces in line;" in line and "axial force is" not in line
 
 
-def test_a_hold_against_tilting_is_told_once(workshop):
+def test_bending_across_the_plane_of_a_chain_is_told_once(workshop):
     """Of four load steps in which it is, and the permanent loads in which it is not: in one line."""
     job = workshop.job(RING.format(weight="false", steps=4), ACROSS, CHAIN)
-    lines = [line for line in text_of(workshop, "run", job).splitlines() if "held against tilting" in line]
+    lines = [line for line in text_of(workshop, "run", job).splitlines() if "bends out of its plane" in line]
     assert len(lines) == 1 and lines[0].startswith("warning: statics") and "in 4 of 5 equilibria" in lines[0]
 
 

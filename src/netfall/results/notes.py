@@ -80,9 +80,10 @@ def torsion_warnings(found: list[tuple[str, tuple[float, int]]], node_id: np.nda
         f" (more than {TORSION:.0%} in {len(above)} of {len(found)} equilibria)" if len(found) > 1 else ""
     )
     return [
-        f"warning: {what}: the curved bending chain at node {node_id[p]} bends out of its plane: its torsion, "
-        f"{share:.0%} of the largest bending moment{others}, is not modelled. Across its plane it bends as a "
-        "straight chain of the same length. Support it across, or compute it as a frame with torsion"
+        f"warning: {what}: the curved bending chain at node {node_id[p]} bends out of its plane: its "
+        f"torsion, {share:.0%} of the largest bending moment{others}, is not modelled. Across its plane it "
+        "bends as a straight chain of the same length. Support it across, or compute it as a frame with "
+        "torsion"
     ]
 
 
