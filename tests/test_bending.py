@@ -463,7 +463,7 @@ def torn(shared_workshop):
 def test_a_ring_bends_as_it_loses_spokes(torn):
     """Spokes break, the ring stays, bent by more; both audits; moments at rest, in frames, at the end."""
     f = torn[1]
-    assert len(f["events/element"]) >= 5 and np.abs(f["history/identity_error"][:]).max() < 1e-10
+    assert len(f["events/element"]) >= 4 and np.abs(f["history/identity_error"][:]).max() < 1e-10
     assert np.abs(f["history/balance_error"][:]).max() < 0.02
     most = f["envelope/bending_moment_max"][:]
     assert np.isfinite(most[:24]).all() and np.isnan(most[24:]).all()

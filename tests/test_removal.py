@@ -142,7 +142,7 @@ def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, 
     for steps in (20, 60, 180):
         text = CABLE + dynamics(t * PERIOD, steps, t * PERIOD / 9, "damping = 0.0\n")
         text += "probes = [2]\n" + entry([0], time * PERIOD, d * PERIOD)
-        f = workshop.run(workshop.job(text.replace("[load]", "[load]\nself_weight = false"), *weights(1)))
+        f = workshop.run(workshop.job(text, *weights(1)))
         y = f["history/probe_displacement"][:, 0, 2]
         errors.append(y[-1] - y[0] - exact)
         assert np.abs(f["history/identity_error"][:]).max() < 1e-13  # rounding
