@@ -13,7 +13,8 @@ from netfall.ground.errors import InputError
 from netfall.job.schema import SECTIONS
 from netfall.wind.autoregressive import AtPoints, GustRecursion, fit_gust_model, root_of
 from netfall.wind.coherence import along_wind, davenport_coherence
-from netfall.wind.field import load_power, make_wind_field
+from netfall.wind.errors import coherence_errors, load_power
+from netfall.wind.field import make_wind_field
 from netfall.wind.spectra import KARMAN, SHAPES, gust_of
 
 DECAY = (8.0, 16.0, 10.0)
@@ -207,11 +208,12 @@ def test_means_load_the_roof_as_its_coherence_does(direction):
             )
             at.append(load @ cross_spectra(field.model, 0.05, n[some]).real @ load / asked[some])
             power.append(load @ field.model.covariance @ load / np.trapezoid(asked, n))
-        assert power[0] == pytest.approx(1.0, abs=0.06 if direction else 0.02)  # corners without a roof
+        # a whole wave over some five control points loses the bends between them
+        assert power[0] == pytest.approx(1.0, abs=0.03)
         assert power[1] > 1.25 and at[1][3] > 2.5
         assert at[0] == pytest.approx(np.ones(4), abs=0.18)  # lags miss half octaves by 0.1
         if wave.all() and not np.ptp(wave):
-            told = load_power(x, points, settings(**common), n, np.eye(len(n))[some])
+            told = load_power(x, up, points, settings(**common), n, np.eye(len(n))[some])
             assert told == pytest.approx(at[1], rel=0.18)
     share = means.deviation / gust.deviation
     assert 0.7 < share.min() < share.max() < 1.1
@@ -319,3 +321,176 @@ def test_a_recursion_goes_on_from_its_record():
         later.advance()
         later.restore(*record)
         assert (np.array([later.advance() for _ in range(80)]) == np.array(asked)).all()
+
+
+# --- walls and tall nets
+
+
+WIDE, HIGH = 40.0, 25.0  # m, of the facade
+
+
+def facade(columns=17, rows=11):
+    """Nodes of a facade across the wind, and their vector areas: along edges half of a cell."""
+    line = lambda count, size: (np.linspace(0.0, size, count), np.full(count, size / (count - 1)))
+    (across, wide), (up, high) = line(columns, WIDE), line(rows, HIGH)
+    for share in (wide, high):
+        share[[0, -1]] *= 0.5
+    y, z = (grid.ravel() for grid in np.meshgrid(across, up, indexing="ij"))
+    area = np.outer(wide, high).ravel()
+    return np.column_stack([0 * y, y, z]), np.column_stack([area, 0 * y, 0 * y])
+
+
+def steep(size, count=60):
+    """Separations (k,) [m] up to a size, close together near 0, and weights of Gauss's integration."""
+    edges = np.append(0.0, size * np.geomspace(1e-7, 1.0, count))
+    at, weight = np.polynomial.legendre.leggauss(6)
+    step = np.diff(edges)[:, None]
+    return (edges[:-1, None] + step * (at + 1) / 2).ravel(), (step * weight / 2).ravel()
+
+
+def over_the_facade(n, decay, waves, speed=40.0):
+    """Integral (f,) [m4] of the coherence over all pairs of places, for a load sin(pi y / W) sin(pi z / H).
+
+    waves : 0: a load that is the same everywhere
+    The integral over places along a side L with one separation a is L - a for that load, for half a wave
+    ((L - a) cos(pi a / L) + L / pi sin(pi a / L)) / 2.
+    """
+    found = []
+    for size in (WIDE, HIGH):
+        a, weight = steep(size)
+        wave = np.pi * a / size
+        half = 0.5 * ((size - a) * np.cos(wave) + size / np.pi * np.sin(wave))
+        found.append((a, 2.0 * weight * (half if waves else size - a)))
+    (a, of_a), (b, of_b) = found
+    delay = np.hypot(decay[1] * a[:, None], decay[2] * b) / speed
+    return np.array([of_a @ np.exp(-f * delay) @ of_b for f in n])
+
+
+def load_on(field, share):
+    """The load (c,) of each control point, of nodes with shares (n,) of it."""
+    return np.bincount(
+        field.corner.ravel(), (share[:, None] * field.weight).ravel(), len(field.control_point)
+    )
+
+
+@pytest.mark.parametrize("upward", [1.0, 10.0, 1000.0])
+def test_a_facade_is_loaded_as_its_coherence_says(upward):
+    """Variance of the whole load and of the first mode, and octaves of their spectra, by the integral.
+
+    With a grid in plan a facade had one gust over its height. At 1000 rows of nodes are independent, so the
+    spectrum depends on how the area of a node is spread over its height.
+    """
+    x, vector = facade(25, 16)
+    decay = (8.0, 16.0, upward)
+    wind = settings(
+        speed=40.0, turbulence=0.2, shape_coefficient=1.0, profile_exponent=0.0, coherence_decay=decay
+    )
+    field, gust = make_wind_field(x, vector, wind), gust_of(wind)
+    mode = np.sin(np.pi * x[:, 1] / WIDE) * np.sin(np.pi * x[:, 2] / HIGH)
+    n = np.geomspace(1e-4, 10.0, 150)
+    # the lags miss octaves by 0.03; at 1000 the points stand in rows over the height, few in each
+    whole, first = (0.05, 0.1) if upward < 100.0 else (0.1, 0.2)
+    for waves, share, off in ((0, vector[:, 0], whole), (1, vector[:, 0] * mode, first)):
+        load = load_on(field, share)
+        asked = np.trapezoid(over_the_facade(n, decay, waves) * gust.spectrum(n), n)
+        assert load @ field.model.covariance @ load == pytest.approx(asked, rel=0.05)
+        for low in 0.05 * 2.0 ** np.arange(5):
+            band = np.linspace(low, 2 * low, 12)
+            ours = np.sum(load @ cross_spectra(field.model, 0.05, band).real @ load)
+            told = np.sum(over_the_facade(band, decay, waves) * gust.spectrum(band))
+            assert ours == pytest.approx(told, rel=off), (waves, low)
+    assert np.ptp(field.control_point[:, 2]) > 0.5 * HIGH
+
+
+def test_each_decay_changes_the_load_of_a_masted_net():
+    """A tent of 20 m over a square of 40 m: along the wind, across it and upward, for both kinds of gusts."""
+    a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [np.linspace(-20.0, 20.0, 11)]), indexing="ij"))
+    x = np.column_stack([a, b, 20.0 * (1 - np.hypot(a, b) / 29.0) ** 2])
+    vector = np.tile([0.0, 0.0, 16.0], (len(x), 1))
+    for gusts in ("means", "points"):
+        found = []
+        for decay in ((8.0, 16.0, 10.0), (4.0, 16.0, 10.0), (8.0, 8.0, 10.0), (8.0, 16.0, 20.0)):
+            wind = settings(
+                speed=40.0, turbulence=0.2, shape_coefficient=1.0, gusts=gusts, coherence_decay=decay
+            )
+            field = make_wind_field(x, vector, wind)
+            load = load_on(field, vector[:, 2])
+            found.append(load @ field.model.covariance @ load)
+        # less decay: the load is more alike; more: less
+        assert found[1] > 1.005 * found[0] and found[2] > 1.02 * found[0] and found[3] < 0.998 * found[0], (
+            gusts
+        )
+
+
+def test_points_of_a_roof_stand_on_a_grid_and_those_of_a_wall_in_space():
+    """A roof keeps the grid in plan of the paper; the same surface upright has points over its height."""
+    wall, vector = facade()
+    common = dict(speed=40.0, turbulence=0.2, shape_coefficient=1.0, gusts="points")
+    roof = make_wind_field(wall[:, [1, 2, 0]], vector[:, [1, 2, 0]], settings(**common))
+    assert [len(np.unique(roof.control_point[:, k])) for k in range(3)] == [6, 4, 1]
+    field = make_wind_field(wall, vector, settings(**common))
+    assert len(field.control_point) == 25 and np.ptp(field.control_point[:, 2]) > 15.0
+    assert field.deviation == pytest.approx(
+        field.model.covariance[0, 0] ** 0.5 * np.ones(len(wall)), rel=1e-6
+    )
+
+
+def test_control_points_in_space_do_not_depend_on_the_order_of_the_nodes():
+    """The same bits for nodes in another order; nodes that the wind does not act on do not count."""
+    x, vector = facade()
+    rng = np.random.default_rng(1)
+    x = x + rng.uniform(-0.4, 0.4, x.shape)
+    for gusts in ("means", "points"):
+        wind = settings(speed=30.0, turbulence=0.2, shape_coefficient=1.0, direction=20.0, gusts=gusts)
+        one, order = make_wind_field(x, vector, wind), rng.permutation(len(x))
+        other = make_wind_field(x[order], vector[order], wind)
+        assert np.array_equal(one.control_point, other.control_point)
+        assert np.array_equal(one.model.psi, other.model.psi)
+        assert np.array_equal(one.weight[order], other.weight)
+        more = make_wind_field(np.vstack([x, x + 50.0]), np.vstack([vector, 0 * vector]), wind)
+        assert np.array_equal(one.control_point, more.control_point)
+
+
+@pytest.mark.parametrize("nodes, points", [(1, 25), (2, 25), (3, 1), (7, 25)])
+def test_few_nodes_have_a_point_each(nodes, points):
+    """Down to one node; at each its own gust, whatever the decay, or one for all where nothing decays."""
+    x = np.column_stack([np.zeros(nodes), np.zeros(nodes), 10.0 * np.arange(nodes)])
+    vector = np.tile([4.0, 0.0, 0.0], (nodes, 1))
+    for gusts, decay in (
+        ("means", (8.0, 16.0, 10.0)),
+        ("points", (8.0, 16.0, 10.0)),
+        ("means", (0.0, 0.0, 0.0)),
+    ):
+        wind = settings(
+            speed=30.0, turbulence=0.2, shape_coefficient=1.0, control_points=points, gusts=gusts,
+            coherence_decay=decay,
+        )  # fmt: skip
+        field = make_wind_field(x, vector, wind)
+        assert len(field.control_point) == (min(nodes, points) if any(decay) else 1)
+        assert np.isfinite(field.weight).all() and field.deviation.min() > 0.6 * 0.2 * 30.0
+        assert field.weight.sum(1) == pytest.approx(np.ones(nodes), abs=1e-6)
+
+
+def test_the_error_of_the_coherence_is_told():
+    """None if each node has its own point; of one gust for all, what the correlation lacks to 1, by hand."""
+    x = np.array([[0.0, 15.0 * k, 12.0 * j] for k in range(3) for j in range(3)])
+    vector = np.tile([4.0, 0.0, 0.0], (9, 1))
+    wind = dict(
+        speed=30.0, turbulence=0.2, shape_coefficient=1.0, gusts="points", profile_exponent=0.0, time_step=0.5
+    )
+    gust = gust_of(settings(**wind))
+    own = coherence_errors(x, make_wind_field(x, vector, settings(**wind)), settings(**wind), gust)
+    assert own == pytest.approx([0.0, 0.0], abs=1e-3)  # the table of delays
+    one = settings(**wind, control_points=1)
+    n = np.geomspace(1e-6, 1.0, 4000)
+    lacks = lambda delay: (
+        1 - np.trapezoid(gust.spectrum(n) * np.exp(-n * delay), n) / np.trapezoid(gust.spectrum(n), n)
+    )
+    asked = {True: [], False: []}
+    for p, q in itertools.combinations(x, 2):
+        across, up = 16.0 * abs(p - q)[1], 10.0 * abs(p - q)[2]
+        asked[up > across].append(lacks(math.hypot(across, up) / 30.0) ** 2)
+    told = coherence_errors(x, make_wind_field(x, vector, one), one, gust)
+    assert told == pytest.approx([np.mean(asked[k]) ** 0.5 for k in (False, True)], rel=5e-3)  # quadratures
+    flat = coherence_errors(x[:, [0, 1, 0]], make_wind_field(x[:, [0, 1, 0]], vector, one), one, gust)
+    assert flat[0] > 0.0 and np.isnan(flat[1])

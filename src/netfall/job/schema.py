@@ -158,8 +158,8 @@ time_step [s] | number | 1e-4 to 60 | 0.05 | time step of the generated historie
 ar_order | integer | 1 to 30 | 14 | largest number of lags of the autoregressive model of the gusts
 seed | integer | 0 to 9223372036854775807 | 1 | seed of the gusts: the same seed gives the same gusts
 control_points | integer | 1 to 400 | 25 | largest number of points at which histories are generated
-gusts | choice points means | | means | of the control points; means: means over the roof around them, with
-    which the load on the roof is that of their coherence; points: those there, as strong at every node
+gusts | choice points means | | means | of the control points; means: means over the loaded surface around
+    them, with which its load is that of the coherence; points: those there, as strong at every node
 coherence_decay | vector | 0 to 1e6 | [8.0, 16.0, 10.0] | decay C of Davenport's coherence along the wind,
     across it and vertically
 profile_exponent | number | 0 to 1 | 0.16 | exponent of the power law of the mean speed over height

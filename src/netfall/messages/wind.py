@@ -6,7 +6,7 @@ from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.record.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.wind.autoregressive import cosine_weights, frequency_nodes
-from netfall.wind.field import load_power
+from netfall.wind.errors import coherence_errors, load_power
 from netfall.wind.sectors import bearing
 from netfall.wind.spectra import Gust, gust_of, intensity
 
@@ -66,7 +66,18 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
         f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags {losses.slow:.1%} of it lie "
         f"below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_asked:.1%}; above, the half octave "
         f"from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
+        _coherence_line(job, model, gust),
     ] + _place_lines(job, model, gust)
+
+
+def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
+    """How far the gusts are from their coherence, from node to node."""
+    errors = coherence_errors(model.x, model.wind_field, job.wind, gust)
+    parts = [f"{e:.2g} {where}" for e, where in zip(errors, ("over the roof", "in height")) if np.isfinite(e)]
+    return (
+        "gusts: the correlation of two nodes in the wind differs from that of Davenport's coherence by "
+        f"{', '.join(parts) or '0'} (root mean square over pairs of nodes)"
+    )
 
 
 def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
@@ -83,7 +94,8 @@ def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
 def _weak_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     """That means are weak where single nodes load an element."""
     share = model.wind_field.deviation / gust.deviation
-    if share.mean() >= TOO_WEAK:
+    could_be_more = len(model.wind_field.control_point) == job.wind.control_points
+    if share.mean() >= TOO_WEAK or not could_be_more:
         return []
     return [
         f'note: [wind] gusts = "means": at a node they have {share.mean():.0%} of the deviation (mean; '
@@ -99,7 +111,7 @@ def _whole_roof_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     shown = int(np.argmin(np.abs(n - SHOWN)))
     variance = cosine_weights(n, [0], wind.time_step)[0] * gust.spectrum(n)
     sums = np.array([variance, np.arange(len(n)) == shown])
-    whole, there = np.sqrt(load_power(model.x, field, wind, n, sums))
+    whole, there = np.sqrt(load_power(model.x, model.roof.vector, field, wind, n, sums))
     if whole < TOO_STRONG:
         return []
     return [

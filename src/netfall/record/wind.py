@@ -7,6 +7,7 @@ import numpy as np
 from netfall.job.job import Job
 from netfall.model.loads import mean_pressure
 from netfall.model.model import Model
+from netfall.wind.errors import coherence_errors
 from netfall.wind.spectra import Gust, gust_of, intensity
 
 EULER = 0.5772
@@ -66,6 +67,7 @@ def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> 
             "variance_beyond": np.float64(losses.beyond),
             "variance_between": np.float64(losses.between),
             "spectrum_misfit": np.float64(losses.misfit),
+            "coherence_error": coherence_errors(model.x, model.wind_field, job.wind, generated),
             "gust_lengths": np.float64(gust_lengths(job, generated)),
         }
     return section

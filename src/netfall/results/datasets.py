@@ -186,6 +186,8 @@ turbulence | | 1 | of generated gusts: intensity at 10 m that was asked for
 variance_beyond | | 1 | share of the variance that the samples lack: above half of 1 / `wind.time_step`
 variance_between | | 1 | share of the rest that linear interpolation between samples takes
 spectrum_misfit | | 1 | of the model's spectrum, in the half octave farthest off (not of the slowest gusts)
+coherence_error | 2 | 1 | difference of the correlation of two nodes from that of the coherence, root mean
+    square over pairs more apart over the roof, and over pairs more apart in height; nan: there are none
 gust_lengths | | 1 | how many of the spectrum's length pass in the duration
 /load | [load] | the loads of the roof by node; each is there if the job has it
 snow | n | N/m2 | in plan, with the values of zones

@@ -21,7 +21,7 @@ from netfall.ground.errors import InputError
 from netfall.numerics.functions import cos, geometric, log, sin
 from netfall.numerics.linear import eliminate, factorised, product, solve_columns
 from netfall.wind.coherence import davenport_coherence
-from netfall.wind.means import together
+from netfall.wind.means import Means
 from netfall.wind.noise import standard_normal
 from netfall.wind.spectra import Gust
 
@@ -81,41 +81,6 @@ class AtPoints:
     def kept(self, n, some) -> np.ndarray:
         """Share (f,) of the spectrum at frequencies n (f,) that some of them have, mean over these."""
         return np.ones(len(n))
-
-
-@dataclass(frozen=True)
-class OverAreas:
-    """Means of gusts over the plan around the points of a grid, at one height (`means`).
-
-    along, across : separations (s,) [m] and K (s, k k) of both axes; mean : [m/s]; decay : (Cx, Cy, Cz)
-    """
-
-    along: tuple
-    across: tuple
-    mean: float
-    decay: tuple
-
-    def covariances(self, n, weight) -> np.ndarray:
-        """As of `AtPoints`."""
-        r = np.empty((len(weight), len(self.along[0]) * len(self.across[0])))
-        product(weight, self._coherence(n), r)
-        return together(r, self.along[1], self.across[1])
-
-    def kept(self, n, some) -> np.ndarray:
-        """As of `AtPoints`."""
-        along, across = self.along[1], self.across[1]
-        k, m = round(along.shape[1] ** 0.5), round(across.shape[1] ** 0.5)
-        i, j = np.divmod(some, m)
-        own = (along[:, None, i * (k + 1)] * across[None, :, j * (m + 1)]).reshape(-1, len(some))
-        found = np.empty((len(n), len(some)))
-        product(self._coherence(n), own, found)
-        return found.mean(1)
-
-    def _coherence(self, n) -> np.ndarray:
-        """Of points apart by each pair of separations (f, s t)."""
-        a, b = np.meshgrid(self.along[0], self.across[0], indexing="ij")
-        apart = np.column_stack([a.ravel(), b.ravel(), np.zeros(a.size)])
-        return davenport_coherence(n, apart, self.decay, np.full(a.size, self.mean))
 
 
 def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -201,7 +166,7 @@ class GustModel:
     losses: Losses
 
 
-def covariances(gusts: AtPoints | OverAreas, gust: Gust, dt, lags) -> np.ndarray:
+def covariances(gusts: AtPoints | Means, gust: Gust, dt, lags) -> np.ndarray:
     """Covariances R(lag dt) (lags, c, c) of the gusts. lags : ascending from 0 [steps]"""
     n = frequency_nodes(gust, dt)
     R = gusts.covariances(n, cosine_weights(n, lags, dt) * gust.spectrum(n))
@@ -209,7 +174,7 @@ def covariances(gusts: AtPoints | OverAreas, gust: Gust, dt, lags) -> np.ndarray
     return R
 
 
-def fit_gust_model(gusts: AtPoints | OverAreas, gust: Gust, dt: float, order: int) -> GustModel:
+def fit_gust_model(gusts: AtPoints | Means, gust: Gust, dt: float, order: int) -> GustModel:
     """Yule-Walker fit of the AR model to a spectrum and Davenport's coherence.
 
     dt : [s] time step of the histories; order : number of lags

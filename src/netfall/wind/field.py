@@ -1,9 +1,10 @@
 """The wind on a roof: control points, histories in time, the force on the particles (paper 3, Eq. 5 to 7).
 
-Histories exist at a few control points only, a grid over the roof in plan, along the wind and across it; a
-particle's gust is interpolated between the four around it. Interpolation between partly correlated points
-would weaken the gust, so its weights are scaled to keep the variance, and gusts of neighbours are more alike
-than their coherence makes them. Means over the roof around each point (`means`) are interpolated as they are.
+Histories exist at a few control points only; a particle's gust is interpolated between the four around it.
+With `means` they are means over the surface around points in the space that it fills. With `points` they are
+those at the points of a grid over the plan, as in the paper, or in space if heights matter more than plan.
+Interpolation between partly correlated points would weaken these gusts, so its weights are scaled to keep the
+variance, and gusts of neighbours are more alike than their coherence makes them.
 """
 
 from dataclasses import dataclass
@@ -12,15 +13,15 @@ from functools import cached_property
 import numpy as np
 
 from netfall.ground.compile import kernel
-from netfall.wind.autoregressive import AtPoints, GustModel, GustRecursion, OverAreas, fit_gust_model
+from netfall.wind.autoregressive import AtPoints, GustModel, GustRecursion, fit_gust_model
+from netfall.wind.clusters import cluster_points, cluster_weights
 from netfall.wind.coherence import along_wind, mean_speed
-from netfall.wind.means import alike
+from netfall.wind.grid import is_resolved, plan_points
+from netfall.wind.means import means_over
 from netfall.wind.measured import TableHistory, place_weights, read_measured
 from netfall.wind.spectra import gust_of
+from netfall.wind.surface import surface_of
 from netfall.wind.taps import read_taps
-
-CLOSEST = 2.0  # m between control points, at the least
-AS_NEAR = 1e-5  # of the size in plan: nodes that much farther from a control point count as the nearest
 
 
 @dataclass(frozen=True)
@@ -59,33 +60,6 @@ class WindField:
         return speed if self.tapped else speed * speed
 
 
-def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates along x and y of a grid of at most `limit` control points over the plan of x (n, 3)."""
-    low, extent = x[:, :2].min(0), np.ptp(x[:, :2], axis=0)
-    most = 1 + np.floor(extent / CLOSEST).astype(int)
-    ratio = (extent[0] + 1e-9) / (extent[1] + 1e-9)
-    nx = int(np.clip(round(np.sqrt(limit * ratio)), 1, min(limit, most[0])))
-    ny = int(np.clip(limit // nx, 1, most[1]))
-    line = lambda k, count: low[k] + extent[k] * (np.linspace(0, 1, count) if count > 1 else np.array([0.5]))
-    return line(0, nx), line(1, ny)
-
-
-def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Heights z (c,) [m] of control points, in plan (c, 2), over the nodes x (n, 3) that the wind acts on.
-
-    That of the nearest; of several as near the middle between highest and lowest. So the order of the nodes
-    does not matter, and a roof that is mirrored has mirrored points.
-    """
-    slack = AS_NEAR * np.ptp(x[:, :2], axis=0).max()
-
-    def height(place):
-        away = np.sqrt(np.sum((x[:, :2] - place) ** 2, axis=1))
-        z = x[away <= away.min() + slack, 2]
-        return 0.5 * (z.min() + z.max())
-
-    return np.array([height(place) for place in plan])
-
-
 def force_factor(settings) -> np.ndarray | float:
     """Force on an upward vector area of 1 m2, [N s2/m2] at 1 m/s: -u_s rho / 2; of taps at 1 N/m2: -1."""
     if settings.pressures:
@@ -114,24 +88,40 @@ def make_wind_field(
         return WindField(places, still, None, at_rest, corner, weight, force, tapped=True)
     if settings.file:
         return _measured_field(x, force, settings, places)
-    y = along_wind(x, settings.direction)
-    gx, gy = control_grid(y, settings.control_points)
-    X, Y = np.meshgrid(gx, gy, indexing="ij")
-    plan = np.column_stack([X.ravel(), Y.ravel()])
-    points = np.column_stack([plan, control_heights(plan, y[vector.any(1)] if vector.any() else y)])
+    y, up = along_wind(x, settings.direction), along_wind(vector, settings.direction)
     profile = lambda z: mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
-    corner, weight = _bilinear(y, gx, gy)
-    gust, model = gust_of(settings), None
-    if gust:
-        mean, s = profile(points[:, 2]), settings
-        at_points = s.gusts == "points"
-        gusts = AtPoints(points, mean, s.coherence_decay) if at_points else _over_areas(y, mean, s)
-        model = fit_gust_model(gusts, gust, s.time_step, s.ar_order)
-        if at_points:
-            correlation = model.covariance / model.covariance[0, 0]
-            weight = weight / interpolated_deviation(corner, weight, correlation)[:, None]
+    mean, gust, model = profile(x[:, 2]), gust_of(settings), None
+    if gust is None:
+        points, corner, weight = plan_points(y, up.any(1), settings.control_points)[:3]
+    elif settings.gusts == "points":
+        points, corner, weight = _points(y, up, mean, settings)
+        gusts = AtPoints(points, profile(points[:, 2]), settings.coherence_decay)
+        model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
+        correlation = model.covariance / model.covariance[0, 0]
+        weight = weight / interpolated_deviation(corner, weight, correlation)[:, None]
+    else:
+        surface, points, corner, weight = _clusters(y, up, mean, settings)
+        gusts = means_over(surface, corner, weight, len(points), settings.coherence_decay)
+        model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
     points = along_wind(points, -settings.direction)  # back to the axes of the net
-    return WindField(points, profile(points[:, 2]), model, profile(x[:, 2]), corner, weight, force)
+    return WindField(points, profile(points[:, 2]), model, mean, corner, weight, force)
+
+
+def _points(y, vector, mean, settings) -> tuple:
+    """Place the points of `points`: on a grid in plan unless the net rises too steeply for it."""
+    loaded = vector.any(1) if vector.any() else np.ones(len(y), bool)
+    *found, cell = plan_points(y, loaded, settings.control_points)
+    if is_resolved(y[loaded], found[0], found[1][loaded], found[2][loaded], cell, settings.coherence_decay):
+        return tuple(found)
+    return _clusters(y, vector, mean, settings)[1:]
+
+
+def _clusters(y, vector, mean, settings) -> tuple:
+    """Return the loaded surface, points in the space that it fills, those near each node, their weights."""
+    decay, limit = np.array(settings.coherence_decay), settings.control_points
+    surface = surface_of(y, vector, mean, decay, limit)
+    points = cluster_points(surface, decay, limit)
+    return surface, points, *cluster_weights(y, points, decay)
 
 
 def _measured_field(x, force, settings, places) -> WindField:
@@ -151,50 +141,10 @@ def _measured_field(x, force, settings, places) -> WindField:
     return WindField(places, np.zeros(len(places)), None, np.zeros(rows), corner, weight, force)
 
 
-def _over_areas(y, mean, settings) -> OverAreas:
-    """The means over the roof of nodes y (n, 3), in axes of the wind, around control points of means (c,)."""
-    lines, low, extent = control_grid(y, settings.control_points), y.min(0), np.ptp(y, axis=0)
-    along, across = (alike(line, low[k], extent[k]) for k, line in enumerate(lines))
-    return OverAreas(along, across, float(mean.mean()), settings.coherence_decay)
-
-
-def load_power(x: np.ndarray, field: WindField, settings, n: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Power (w,) of the load on all nodes x (n, 3) over what the coherence makes of it; of gusts at points.
-
-    n : (f,) [Hz] frequencies; weight : (w, f), of each of them in a sum
-    """
-    y, points = (along_wind(place, settings.direction) for place in (x, field.control_point))
-    each = np.sqrt(np.sum(field.force**2, axis=1)) * field.mean
-    plain = field.weight / field.weight.sum(1)[:, None]
-
-    def power(gusts, weights):
-        load = np.bincount(field.corner.ravel(), (each[:, None] * weights).ravel(), len(points))
-        return load @ gusts.covariances(n, weight) @ load
-
-    at_points = AtPoints(points, field.control_mean, settings.coherence_decay)
-    return power(at_points, field.weight) / power(_over_areas(y, field.control_mean, settings), plain)
-
-
 def interpolated_deviation(corner, weight, covariance) -> np.ndarray:
     """Standard deviation (n,) of what weights (n, 4) make of control points with a covariance (c, c)."""
     pairs = covariance[corner[:, :, None], corner[:, None, :]]
     return np.sqrt(np.sum(weight[:, :, None] * weight[:, None, :] * pairs, axis=(1, 2)))
-
-
-def _bilinear(x, gx, gy):
-    """Control points (n, 4) around each particle in plan, and their weights."""
-
-    def along(values, grid):
-        if len(grid) == 1:
-            return np.zeros(len(values), np.int64), np.zeros(len(values), np.int64), np.zeros(len(values))
-        i = np.clip(np.searchsorted(grid, values, side="right") - 1, 0, len(grid) - 2)
-        return i, i + 1, np.clip((values - grid[i]) / (grid[i + 1] - grid[i]), 0.0, 1.0)
-
-    i0, i1, s = along(x[:, 0], gx)
-    j0, j1, t = along(x[:, 1], gy)
-    ny = len(gy)
-    corner = np.stack([i0 * ny + j0, i0 * ny + j1, i1 * ny + j0, i1 * ny + j1], -1)
-    return corner, np.stack([(1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t], -1)
 
 
 @kernel

@@ -1,53 +1,68 @@
-"""Gusts that are means over the roof around control points, with which its load is that of their coherence.
+"""Gusts that are means over the loaded surface around control points, with which its load is right.
 
-Between the control points gusts are g(y) = sum_i h_i(y) u_i, h the hats of their grid. With u_i the mean of
-the gusts over the plan by P = M^-1 h, M_ij the integral of h_i h_j, a load whose shape is made of hats has at
-every frequency the spectrum that Davenport's coherence gives it (the projection is orthogonal). Gusts at the
-points, interpolated, are alike over a whole cell, however fast they vary. Means are weaker at a single node:
-they lack what is alike over less than a cell.
+Between the control points gusts are g(y) = sum_i h_i(y) u_i, where the h_i sum to 1 at every node. The u_i
+are the projection of the gusts u on the surface,
 
-The covariance of two means is a sum over separations a, b along the axes of the wind,
+    u_i = sum_j M^-1_ij sum_p a_p h_j(y_p) u(y_p),    M_ij = sum_p a_p h_i(y_p) h_j(y_p),    a_p the areas.
 
-    R_(ik)(jl)(tau) = sum_ab r(tau; a, b) K_a,ij K_b,kl,    K_a,ij = sum_p,q P_ip P_jq over |p - q| = a,
-
-r the covariance of points so far apart, at one height.
+So a load whose shape is made of the h_i, such as the whole load, has at every frequency the spectrum that
+Davenport's coherence gives it. Gusts at the points, interpolated, are alike over a whole cell, however fast
+they vary. Means are weaker at a single node: they lack what is alike over less than a cell.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
+from netfall.ground.errors import InputError
+from netfall.numerics.functions import exp
 from netfall.numerics.linear import factorised, product, solve_columns
-
-FINE, PER_CELL = 64, 8  # parts of the plan along an axis over which means are taken, at the least
-
-
-def hats(values: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """Weights (k, n) of the points of a line (k,) at values (n,), linear between them and level beyond."""
-    return np.array([np.interp(values, line, row) for row in np.eye(len(line))])
+from netfall.wind.surface import Surface
 
 
-def alike(line: np.ndarray, low: float, extent: float) -> tuple[np.ndarray, np.ndarray]:
-    """Separations a (s,) [m] along an axis, and K (s, k k), for control points on a line (k,) [m]."""
-    parts = max(FINE, PER_CELL * (len(line) - 1))
-    h = hats(low + extent * (np.arange(parts) + 0.5) / parts, line)
-    k, P = len(line), h.copy()
-    M, K = np.empty((k, k)), np.empty((parts, k, k))
-    product(h, np.ascontiguousarray(h.T), M)
-    factorised(M)
-    solve_columns(M, P)
-    for a in range(parts):
-        product(P[:, : parts - a].copy(), P[:, a:].T.copy(), K[a])
-    K[1:] += K[1:].transpose(0, 2, 1)
-    return extent * np.arange(parts) / parts, K.reshape(parts, k * k)
+@dataclass(frozen=True)
+class Means:
+    """Means of gusts over a surface. delay : (a,) [s]; pairs : (a, c, c), of `Surface.pairs`"""
+
+    delay: np.ndarray
+    pairs: np.ndarray
+
+    def covariances(self, n, weight) -> np.ndarray:
+        """Sums (w, c, c) over frequencies n (f,) [Hz] of their coherence, by weights (w, f)."""
+        r = np.empty((len(weight), len(self.delay)))
+        product(weight, self._coherence(n), r)
+        found = np.empty((len(weight), self.pairs[0].size))
+        product(r, self.pairs.reshape(len(self.delay), -1), found)
+        return found.reshape(-1, *self.pairs.shape[1:])
+
+    def kept(self, n, some) -> np.ndarray:
+        """Share (f,) of the spectrum at frequencies n (f,) that some of them have, mean over these."""
+        found = np.empty((len(n), len(some)))
+        product(self._coherence(n), np.ascontiguousarray(self.pairs[:, some, some]), found)
+        return found.mean(1)
+
+    def _coherence(self, n) -> np.ndarray:
+        return exp(-np.multiply.outer(n, self.delay))
 
 
-def together(r: np.ndarray, along: np.ndarray, across: np.ndarray) -> np.ndarray:
-    """Covariances (lags, c, c) of means, from those r (lags, s t) of points that are apart.
+def means_over(surface: Surface, corner: np.ndarray, weight: np.ndarray, count: int, decay) -> Means:
+    """Return the means around control points of which the nodes have the weights (n, 4)."""
+    corner, weight = corner[surface.node], weight[surface.node]
+    at = surface.patch[:, None] * count + corner
+    shape = np.bincount(at.ravel(), (surface.area[:, None] * weight).ravel(), len(surface.place) * count)
+    delay, pairs = surface.pairs(shape.reshape(-1, count), decay)
+    at = corner[:, :, None] * count + corner[:, None]
+    alike = surface.area[:, None, None] * weight[:, :, None] * weight[:, None]
+    M, inverse = np.bincount(at.ravel(), alike.ravel(), count * count).reshape(count, count), np.eye(count)
+    if factorised(M):
+        raise InputError("[wind] two control points are one to rounding; expected fewer control_points")
+    solve_columns(M, inverse)
+    return Means(delay, np.array([_between(inverse, each) for each in pairs]))
 
-    along : (s, k k), across : (t, l l), K of both axes; c = k l
-    """
-    lags, (s, kk), (t, ll) = len(r), along.shape, across.shape
-    half, whole = np.empty((lags * s, ll)), np.empty((lags * ll, kk))
-    product(r.reshape(lags * s, t), across, half)
-    product(half.reshape(lags, s, ll).transpose(0, 2, 1).reshape(lags * ll, s), along, whole)
-    k, m = round(kk**0.5), round(ll**0.5)
-    return whole.reshape(lags, m, m, k, k).transpose(0, 3, 1, 4, 2).reshape(lags, k * m, k * m)
+
+def _between(inverse: np.ndarray, each: np.ndarray) -> np.ndarray:
+    """Return inverse each inverse^T, symmetric to the last bit."""
+    half, whole = np.empty_like(each), np.empty_like(each)
+    product(inverse, each, half)
+    product(half, np.ascontiguousarray(inverse.T), whole)
+    return 0.5 * (whole + whole.T)

@@ -29,7 +29,7 @@ def place_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
     Weights ((R - d) / (R d))^2 at distance d, R that of the fifth nearest (Shepard 1968, Franke and Little):
     a place fades out before another takes its turn. At a place its own speed; with less than five, 1 / d^2.
     """
-    order, apart = _nearest(x[:, :axes], places[:, :axes])
+    order, apart = nearest_places(x[:, :axes], places[:, :axes])
     d = np.maximum(apart, TOGETHER)
     few = min(4, len(places))
     weight = 1.0 / d[:, :few]
@@ -47,11 +47,11 @@ def between_places(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.ndarr
 
     There the order of the places, or rounding, decides which four of them count.
     """
-    apart = _nearest(x[:, :axes], places[:, :axes])[1]
+    apart = nearest_places(x[:, :axes], places[:, :axes])[1]
     return np.flatnonzero(apart[:, -1] <= (1.0 + LEVEL) * apart[:, 0] if len(places) > 4 else [])
 
 
-def _nearest(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest_places(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The five nearest places (n, 5) of points x (n, a), of those there are, and how far off they are [m]."""
     block, found = max(1, MOST_PAIRS // len(places)), []
     for first in range(0, len(x), block):

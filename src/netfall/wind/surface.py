@@ -1,0 +1,170 @@
+"""The loaded surface of a net as patches, over whose pairs coherence is summed.
+
+A patch is a node with its tributary area, or what lies in a cube of a large net. Davenport's coherence is a
+function f of the delay alone, exp(-n delay). So its sum over pairs is sum_a f(d_a) K_a with a table of delays
+d_a; between them f is a cubic through the nearest four.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.numerics.functions import geometric, lengths, log
+
+MOST_PATCHES = 400  # without more control points than a quarter of that
+PER_POINT = 4  # patches for each control point, at least
+GROWTH = 1.2  # of the side of the cubes, until there are few enough patches
+PER_E_FOLD = 8  # delays of the table for each factor e; a cubic of exp(-n d) is then right to 1e-5
+SHORTEST = 1e-5  # of the longest delay; shorter ones count as this
+NEAR = 2.0  # sizes of two patches, in delays: closer ones are not taken as points
+BLOCK = 4096  # pairs that are taken at once
+PLACES = 128  # differences of two places within a pair of patches: exp(-n d) is right to 3 % on the mean
+STEPS = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # of a sequence that fills a cube evenly
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Patches of the loaded nodes, in axes of the wind.
+
+    node : (n,) rows of the loaded nodes, in an order that depends on places alone; patch : (n,) of each
+    area : (n,) [m2]
+    place : (q, 3) [m], centres of the patches; spread : (q, 3) [m2], variance of the places in each
+    speed : (q,) [m/s], mean there
+    """
+
+    node: np.ndarray
+    patch: np.ndarray
+    area: np.ndarray
+    place: np.ndarray
+    spread: np.ndarray
+    speed: np.ndarray
+
+    def over_patches(self, values: np.ndarray) -> np.ndarray:
+        """Sum values (n,) of the loaded nodes over each patch (q,)."""
+        return np.bincount(self.patch, values, len(self.place))
+
+    def pairs(self, shape: np.ndarray, decay) -> tuple[np.ndarray, np.ndarray]:
+        """Return delays d (a,) [s] and K (a, c, c) with sum_a f(d_a) K_a = shape^T f(delays) shape.
+
+        shape : (q, c), c loads on the patches
+        """
+        column, value = _packed(shape)
+        p, q = np.triu_indices(len(shape))
+        weight = np.where(p == q, 0.5, 1.0)
+        d, count = self._table(decay), shape.shape[1]
+        half = np.zeros(len(d) * count * count)
+        for first in range(0, len(p), BLOCK):
+            one, other = p[first : first + BLOCK], q[first : first + BLOCK]
+            pair, a, share = self._shares(d, one, other, decay)
+            one, other, share = one[pair], other[pair], share * weight[first : first + BLOCK][pair]
+            at = (a[:, None] * count + column[one])[:, :, None] * count + column[other][:, None]
+            product = share[:, None, None] * value[one][:, :, None] * value[other][:, None]
+            half += np.bincount(at.ravel(), product.ravel(), len(half))
+        half = half.reshape(len(d), count, count)
+        return d, half + half.transpose(0, 2, 1)
+
+    def _shares(self, d, one, other, decay) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return which delays of the table d each pair of patches has, and with which weights.
+
+        The number of the pair (k,), that of the delay (k,), the weight (k,). Patches close to each other have
+        the delays of places within them, on the mean; far ones that of their centres.
+        """
+        to_delay = np.asarray(decay) / (0.5 * (self.speed[one] + self.speed[other]))[:, None]
+        apart = (self.place[other] - self.place[one]) * to_delay
+        size = np.sqrt(6.0 * (self.spread[one] + self.spread[other])) * to_delay
+        far = lengths(apart) >= NEAR * lengths(size)
+        places, weight = _differences()
+        near = lengths(apart[~far, None] + size[~far, None] * places)
+        pair = np.append(np.flatnonzero(far), np.repeat(np.flatnonzero(~far), PLACES))
+        first, share = _cubic(d, np.append(lengths(apart[far]), near.ravel()))
+        share = share * np.append(np.ones(far.sum()), np.tile(weight, (~far).sum()))
+        at = np.concatenate([pair * len(d) + first + k for k in range(4)])
+        sums = np.bincount(at, share.ravel(), len(one) * len(d)).reshape(len(one), len(d))
+        number, a = np.nonzero(sums)
+        return number, a, sums[number, a]
+
+    def _table(self, decay) -> np.ndarray:
+        """Return delays (a,) [s] in proportion to one another, up to the longest between two patches."""
+        extent = np.ptp(self.place, axis=0) + 2.0 * np.sqrt(3.0 * self.spread.max(0))
+        high = lengths((extent * decay)[None])[0] / self.speed.min()
+        high = high if high > 0.0 else 1.0
+        return geometric(SHORTEST * high, high, 1 + int(PER_E_FOLD * float(log(1.0 / SHORTEST))))
+
+
+def surface_of(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, points: int) -> Surface:
+    """Return the loaded surface of nodes y (n, 3) with vector areas (n, 3), in axes of the wind.
+
+    speed : (n,) [m/s], mean at the nodes; points : largest number of control points
+    If nothing is loaded, all nodes count alike.
+    """
+    loaded = vector.any(1)
+    node = np.flatnonzero(loaded) if loaded.any() else np.arange(len(y))
+    vector = vector if loaded.any() else np.tile([0.0, 0.0, 1.0], (len(y), 1))
+    node = node[np.lexsort(np.column_stack([vector, y])[node].T)]
+    y, vector, speed = y[node], vector[node], speed[node]
+    area = lengths(vector)
+    patch = _cubes(y * stretch(decay), max(MOST_PATCHES, PER_POINT * points))
+    centre = _by_area(patch, area, y)
+    own = area[:, None] * (1.0 - (vector / area[:, None]) ** 2) / 12.0  # of a square along the surface
+    spread = _by_area(patch, area, (y - centre[patch]) ** 2 + own)
+    return Surface(node, patch, area, centre, spread, _by_area(patch, area, speed[:, None])[:, 0])
+
+
+def stretch(decay) -> np.ndarray:
+    """Return factors (3,) on places along and across the wind and upward, after which patches are cubes.
+
+    Roots of the decays: half way between cubes in space, for the shapes of loads, and in delays, for gusts.
+    """
+    return np.sqrt(np.asarray(decay))
+
+
+def _by_area(patch: np.ndarray, area: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return means (q, k) over each patch of values (n, k), weighted by area."""
+    sums = [np.bincount(patch, area * column) for column in values.T]
+    return np.column_stack(sums) / np.bincount(patch, area)[:, None]
+
+
+def _cubes(y: np.ndarray, most: int) -> np.ndarray:
+    """Number the patches (n,) of places y (n, 3): each place is one, or those in a cube are, if too many."""
+    if len(y) <= most:
+        return np.arange(len(y))
+    low, extent = y.min(0), np.ptp(y, axis=0)
+    longest, second = sorted(extent)[:0:-1]
+    side = max(0.5 * float(np.sqrt(longest * second / most)), longest / most) or 1.0
+    while True:
+        i, j, k = np.floor((y - low) / side).astype(np.int64).T
+        found, number = np.unique((i * (j.max() + 1) + j) * (k.max() + 1) + k, return_inverse=True)
+        if len(found) <= most:
+            return number
+        side *= GROWTH
+
+
+def _differences() -> tuple[np.ndarray, np.ndarray]:
+    """Return differences (PLACES, 3) of two random places in a cube of side 1, and weights that sum to 1.
+
+    Their density along each axis is 1 - |t|. They gather at 0, where coherence has its peak: t = u |u|, with
+    u spread evenly (a sequence of Roberts 2018).
+    """
+    u = 2.0 * ((0.5 + np.arange(1, PLACES + 1)[:, None] * np.array(STEPS)) % 1.0) - 1.0
+    weight = np.abs(u) * (1.0 - u * u)
+    weight = weight[:, 0] * weight[:, 1] * weight[:, 2]
+    return u * np.abs(u), weight / weight.sum()
+
+
+def _packed(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return columns and values (q, k) of what is not zero in rows (q, c), filled up with zeros."""
+    most = np.count_nonzero(shape, axis=1).max()
+    column = np.argsort(shape == 0.0, axis=1, kind="stable")[:, :most]
+    return column, np.take_along_axis(shape, column, 1)
+
+
+def _cubic(d: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first of four delays (n,) of a table d around each value, and Lagrange's weights (4, n)."""
+    values = np.clip(values, d[0], d[-1])
+    first = np.clip(np.searchsorted(d, values, side="right") - 2, 0, len(d) - 4)
+    share = np.ones((4, len(values)))
+    for k in range(4):
+        for other in range(4):
+            if other != k:
+                share[k] *= (values - d[first + other]) / (d[first + k] - d[first + other])
+    return first, share
