@@ -471,6 +471,14 @@ def test_few_nodes_have_a_point_each(nodes, points):
         assert field.weight.sum(1) == pytest.approx(np.ones(nodes), abs=1e-6)
 
 
+def test_the_largest_decay_is_no_division_by_zero():
+    """With a decay of 1e6 nothing is left of a mean at the fastest frequencies; warnings are errors."""
+    x, vector = facade(9, 6)
+    wind = settings(speed=30.0, turbulence=0.2, shape_coefficient=1.0, coherence_decay=(1e6, 1e6, 1e6))
+    field = make_wind_field(x, vector, wind)
+    assert np.isfinite(field.model.losses.misfit) and field.deviation.max() < 0.01 * 0.2 * 30.0
+
+
 def test_the_error_of_the_coherence_is_told():
     """None if each node has its own point; of one gust for all, what the correlation lacks to 1, by hand."""
     x = np.array([[0.0, 15.0 * k, 12.0 * j] for k in range(3) for j in range(3)])

@@ -30,6 +30,7 @@ LOWEST = 1e-3  # of U0 / memory: frequency below which the spectrum is taken as 
 SOME_POINTS = 6  # control points by which the model's variance and spectrum are judged
 NUGGET = 1e-9  # of the variance, on the diagonal: control points close together make R nearly singular
 BELOW_BANDS = 0.03  # share of the variance below the half octaves by which the spectrum is judged
+FAINTEST = 1e-12  # of the largest spectrum: where less is asked for, gusts are judged by this
 BURN_IN = 2.0  # in units of the memory of the gust: of what is at rest before, less than 1e-3 is left
 BLOCK = 64  # steps whose noise is drawn at once
 
@@ -202,7 +203,8 @@ def _judge(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]
     gain = own / variance
     between = (own - _own(R[1])) / (3.0 * own)
     kept, octaves = gusts.kept(n, few), _half_octaves(n, gust)
-    off = (gain * ours / (gust.spectrum(n) * kept))[octaves].mean(1) - 1.0
+    wanted = np.maximum(gust.spectrum(n) * kept, FAINTEST * gust.spectrum(n).max())
+    off = (gain * ours / wanted)[octaves].mean(1) - 1.0
     worst, first = int(np.argmax(np.abs(off))), int(octaves[0, 0])
     slow = (np.trapezoid(ours[: first + 1], n[: first + 1]) + ours[0] * n[0]) / variance
     low, misfit, below = float(n[octaves[worst, 0]]), float(off[worst]), float(n[first])
