@@ -295,7 +295,7 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
     if not storm:
         wind["ramp"] = draw(st.sampled_from((0.0, 0.6 * duration)))
     if scene["fracture"]:
-        wind["after_fracture"] = draw(st.sampled_from(("particle", "panels", "all", "none")))
+        wind["after_fracture"] = draw(st.sampled_from(("particle", "detached", "panels", "all", "none")))
         if wind["after_fracture"] == "panels" and not net.panels:
             wind["after_fracture"] = "particle"
     time = np.linspace(-0.1 * duration, 1.1 * duration, 9)

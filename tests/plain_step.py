@@ -22,6 +22,7 @@ class Plain:
     zeta : [1/s]; stable_dt : [s], for which what breaks off is made heavy enough
     after : what becomes of the wind, as after_fracture; weighs : whether elements weigh anything
     fragments : whether a particle splits off; else an element is taken out
+    drag : (n,) [kg/m] rho A / 2, of what is cut free with after = "detached", looked for every 0.01 s
     """
 
     x: np.ndarray
@@ -45,6 +46,7 @@ class Plain:
     after: str = "particle"
     weighs: bool = True
     fragments: bool = True
+    drag: np.ndarray = None
     v: np.ndarray = None
     events: list = field(default_factory=list)
 
@@ -53,7 +55,7 @@ class Plain:
         self.eps_p, self.heat = np.zeros(len(self.ends)), np.zeros(len(self.ends))
         self.work = np.zeros(3)  # J, of external, internal and damping forces
         self.broken = np.zeros(len(self.ends), bool)
-        self.id = list(range(len(self.x)))
+        self.id, self.loose = list(range(len(self.x))), np.zeros(len(self.x), bool)
         self.n = len(self.x)
 
     def strains(self):
@@ -69,8 +71,17 @@ class Plain:
         yields = (N > self.limit) | (self.bar & (N < -self.limit))
         return held, np.where(yields, self.eps_p + (N - held) / np.maximum(self.EA, 1.0), self.eps_p)
 
-    def forces(self, time):
-        """External and internal forces, strains; what yields does."""
+    def cut_free(self):
+        """Particles that no walk along unbroken elements reaches from a support lose the wind."""
+        reached = set(np.flatnonzero(~self.free.all(1) | self.spring.any(1)).tolist())
+        pairs = self.ends[~self.broken].tolist()
+        while more := {p for pair in pairs for p in pair if reached & set(pair)} - reached:
+            reached |= more
+        self.loose = np.array([p not in reached for p in range(len(self.x))])
+        self.wind[self.loose] = 0.0
+
+    def forces(self, time, dt):
+        """External and internal forces in a kick of dt, strains; what yields does."""
         eps, direction = self.strains()
         N, eps_p = self.axial(eps)
         flow = np.abs(eps_p - self.eps_p)
@@ -82,6 +93,10 @@ class Plain:
             internal[b] -= N[e] * direction[e]
         speed = np.interp(time, *self.speed.T)
         external = self.load + min(1.0, time / self.ramp) * self.growing + speed**2 * self.wind
+        for p in np.flatnonzero(self.loose[: self.n]):  # what splits off has no surface
+            w = np.array([speed, 0.0, 0.0]) - self.v[p]
+            k = self.drag[p] * np.linalg.norm(w)
+            external[p] += k / (1.0 + k * dt / self.mass[p]) * w
         return external, internal, eps
 
     def kick(self, dt, external, internal):
@@ -96,8 +111,10 @@ class Plain:
         for n in range(steps):
             if n % 10 == 0:
                 self.note_slack()
-            external, internal, eps = self.forces(n * dt)
             length = 0.5 * dt if n == 0 else dt
+            if self.after == "detached" and int(n * dt / 0.01 + 1e-9) > int((n - 1) * dt / 0.01 + 1e-9):
+                self.cut_free()
+            external, internal, eps = self.forces(n * dt, length)
             new = self.kick(length, external, internal)
             mean = 0.5 * (self.v + new)
             forces = external, internal, self.zeta * self.mass[:, None] * mean
@@ -132,7 +149,7 @@ class Plain:
             weight = GRAVITY * mass if self.weighs else 0.0
             self.mass[p] -= mass
             self.load[p, 2] += weight
-            self.wind[p if self.after == "particle" else slice(None)] *= self.after == "none"
+            self.wind[p if self.after in ("particle", "detached") else slice(None)] *= self.after == "none"
             self.ends[e, end] = len(self.x)
             row = lambda array, value: np.concatenate([array, [value]])
             self.x, self.v, self.start = (row(a, a[p]) for a in (self.x, self.v, self.start))
@@ -142,6 +159,7 @@ class Plain:
                 row(a, np.zeros(3)) for a in (self.growing, self.wind, self.spring)
             )
             self.id.append(number)
+            self.loose = row(self.loose, True)
             self.events.append((n, e, p if p < self.n else self.id[p], number, mass))
 
     def lengthen(self, elements):
@@ -174,7 +192,7 @@ class Plain:
     def energies(self, dt, time):
         """Kinetic, strain, dissipated, damping and external energy [J] at x(n), halfway through the kick."""
         heat, eps_p = self.heat.copy(), self.eps_p.copy()
-        external, internal, eps = self.forces(time)
+        external, internal, eps = self.forces(time, dt)
         N, new = self.axial(eps)
         stored = 0.5 * (N**2 / np.maximum(self.EA, 1.0) * self.L0).sum()
         stored += 0.5 * (self.spring * (self.x - self.start) ** 2).sum()

@@ -43,6 +43,7 @@ def columns(inputs: dict, failed: np.ndarray, severity: np.ndarray, **changed) -
         "utilisation_max": 0.5 + severity,
         "utilisation_before_break": np.where(failed, 1.01, 0.9),
         "balance_error": np.full(n, 1e-4),
+        "balance_error_attached": np.full(n, 1e-4),
         "duration": np.full(n, 6.0),
         "seconds": np.full(n, 0.5),
         "state": np.full(n, "finished", object),

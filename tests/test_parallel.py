@@ -55,7 +55,7 @@ probes = [[0.0, 15.0], [22.0, 10.0]]
 @pytest.fixture(scope="module")
 def collapse_on_one_rank(shared_workshop):
     """A collapse of the stadium with over 100 fractures, all stages and loads."""
-    job = shared_workshop.job(COLLAPSE.format(after="particle"), name="collapse")
+    job = shared_workshop.job(COLLAPSE.format(after="detached"), name="collapse")
     return job, shared_workshop.run(job, output="one.vtkhdf")
 
 
@@ -99,7 +99,9 @@ def test_audits_through_the_collapse(collapse_on_one_rank):
     assert np.abs(f["history/balance_error"][:]).max() < 1e-3
 
 
-@pytest.mark.parametrize("after", ["all", pytest.param("none", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "after", ["all", *(pytest.param(after, marks=pytest.mark.long) for after in ("none", "particle"))]
+)
 def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
     """The whole wind ends at the same step on all ranks; or never does."""
     job = shared_workshop.job(COLLAPSE.format(after=after), name=after)

@@ -77,6 +77,12 @@ def air_damps(job: Job) -> bool:
     return wind is not None and any([wind.air_damping, *own])
 
 
+def drags(job: Job) -> bool:
+    """Whether the relative wind pulls at parts that are cut free: where its speed is known."""
+    wind = job.wind
+    return wind is not None and wind.after_fracture == "detached" and bool(wind.speed or wind.file)
+
+
 def air_moves(job: Job) -> bool:
     """Whether air moves with the roof."""
     return any(job.loads("air_mass"))

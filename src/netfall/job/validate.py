@@ -16,6 +16,7 @@ from netfall.job.schema import (
     REMOVED,
     SECTIONS,
     defaults,
+    may_break,
     row_of,
 )
 from netfall.job.values import nearest, shown
@@ -139,7 +140,7 @@ class Validation:
             self._source_of_the_net(given["net"])
             self._dimensions(given["net"])
         if "wind" in given:
-            self._source_of_the_wind(given["wind"])
+            self._source_of_the_wind(given["wind"], _may_detach(given, lists))
             self._coefficients_of_the_wind(given["wind"])
             self._gusts_of_the_wind(given["wind"])
         if "cable" in given:
@@ -252,10 +253,11 @@ class Validation:
                 others = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
                 self.wrong("net", f"{name} = {shown(net[name])}: only for generator = {others}; remove it")
 
-    def _source_of_the_wind(self, wind: dict) -> None:
+    def _source_of_the_wind(self, wind: dict, detaches: bool) -> None:
+        """detaches : whether parts may be cut free that the wind drags along"""
         sources = [key for key in ("speed", "file", "pressures") if key in wind]
-        if sources == ["speed", "pressures"] and _air_damping(wind):
-            pass  # the air's damping is for that mean speed
+        if sources == ["speed", "pressures"] and (_air_damping(wind) or detaches):
+            pass  # damping and drag are for that mean speed
         elif sources == ["pressures"] and _air_damping(wind):
             self.wrong(
                 "wind", "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
@@ -339,6 +341,12 @@ def _is_generated(wind: dict) -> bool:
 def _air_damping(wind: dict) -> bool:
     """Whether [wind], as it stands, asks for air damping anywhere."""
     return any(table.get("air_damping") for table in (wind, *_zones(wind)))
+
+
+def _may_detach(given: dict, lists: dict) -> bool:
+    """Whether a job, as it stands, may cut parts free that the wind drags along."""
+    cut = may_break(given.get("cable", {})) or bool(lists["removes"])
+    return cut and given["wind"].get("after_fracture", "detached") == "detached"
 
 
 def wanted(name: str) -> str:

@@ -11,11 +11,21 @@ round, and damping never feeds energy. Air that moves with the surface is inerti
 mass-proportional damping does not act.
 
 Both are parts of the total force on a particle, which its owner sends; so halo copies know of neither.
+
+A part of the net that is cut free flies in the wind. With its surface A the force on a particle of it is
+
+    f = 1/2 rho A |w| w,     w = u - v
+
+with the wind velocity u at its place in the net as it starts. It is external, and so is its work.
 """
+
+import math
+from typing import NamedTuple
 
 import numpy as np
 
 from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
+from netfall.mechanics.loads import wind_speed
 from netfall.mechanics.motion import inverse_mass
 from netfall.numerics.arithmetic import dot, fused
 
@@ -37,6 +47,41 @@ def set_air(kick_dt, zeta, particles):
             first, last = particles.speed_before[p], particles.speed_after[p]
         before[p] = first / (damped + square * abs(first))
         after[p] = last / (damped + square * abs(last))
+
+
+class RelativeWind(NamedTuple):
+    """The particles on which the relative wind acts, and what it needs of them.
+
+    rows : (k,) local; size : (k,) [kg/m] rho A / 2; steady : (k,) [m/s] mean wind speed, None: the gusts
+    along_x, along_y : horizontal direction of the wind, of length 1
+    """
+
+    rows: np.ndarray
+    size: np.ndarray
+    steady: np.ndarray | None
+    along_x: float
+    along_y: float
+
+
+@inner_kernel
+def set_drag(kick_dt, share, relative, particles):
+    """Write the drag [N] that acts in a kick; kick_dt [s], share : of `motion.Kick`.
+
+    Alone it changes w by M dw/dt = -k |w| w, k = rho A / 2, which turns w into w / (1 + b) in a time dt,
+    b = k |w| dt / M. The force k |w| w / (1 + b) does the same in one kick. So the drag carries no particle
+    past the wind, however long the step is.
+    """
+    v, drag = particles.v, particles.drag
+    for i in range(relative.rows.shape[0]):
+        p = relative.rows[i]
+        if relative.steady is None:  # noqa: SIM108 (the compiler drops a branch on this alone)
+            speed = wind_speed(p, particles, share)
+        else:
+            speed = relative.steady[i]
+        wx, wy, wz = speed * relative.along_x - v[0][p], speed * relative.along_y - v[1][p], -v[2][p]
+        k = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
+        k /= 1.0 + k * kick_dt * particles.per_mass[p]
+        drag[0][p], drag[1][p], drag[2][p] = k * wx, k * wy, k * wz
 
 
 @part_of_kernel
@@ -103,16 +148,19 @@ def lose_air(p, particles):
             particles.per_mass[p] = inverse_mass(particles.mass[p])
 
 
-def lose_all_wind(state) -> None:
-    """No particle feels wind or air any more; as `lose_air`. state : `state.State`"""
-    state.wind[:] = 0.0
+def end_wind(state, rows=slice(None)) -> None:
+    """End the wind's pressure on particles, local rows (k,) or all, and take their air; as `lose_air`.
+
+    state : `state.State`
+    """
+    state.wind[rows] = 0.0
     if state.air is not None:
-        state.air[:] = 0.0
+        state.air[rows] = 0.0
     if state.air_mass is not None:
         if state.work is not None:
-            state.work[:, 0] -= 0.5 * state.air_mass * np.sum(state.v * state.v, axis=1)
-        state.mass -= state.air_mass
-        state.air_mass[:] = 0.0
+            state.work[rows, 0] -= 0.5 * state.air_mass[rows] * np.sum(state.v[rows] ** 2, axis=1)
+        state.mass[rows] -= state.air_mass[rows]
+        state.air_mass[rows] = 0.0
         state.invert_masses()
 
 

@@ -99,6 +99,10 @@ tapped | u1 | | tapped | | there where these are pressures [N/m2] instead
 air | f8 3 | (kg/m)^1/2 | air | kept given | c of `mechanics.air`
 air_pull | f8 2 | m/s | air | | of `air.set_air`, at both samples
 air_mass | f8 | kg | air_mass | kept given | air that moves along
+detached | u1 | | detaches | kept | 1 once no path of unbroken elements leads to a support
+drag | f8 3 | N | drags | | force of the relative wind, where it is detached
+drag_size | f8 | kg/m | drags | kept given | rho A / 2 of its surface
+steady_speed | f8 | m/s | drags_steadily | given | mean wind speed, where the wind is given as pressures
 slip | f8 3 | m | slip | kept | length that has passed, of each cable that slips here
 slip_v | f8 3 | m/s | sliding | kept | its velocity, half a step behind
 slip_mass | f8 3 | kg | sliding | kept | inertia of each, for steps of any length
@@ -214,6 +218,9 @@ class Features:
     part_held: bool = False  # some particle is held on some axes and not on others
     energy: bool = True  # the audit of work
     fragments: bool = True  # a particle splits off where an element breaks
+    detaches: bool = False  # parts may be cut free in motion
+    drags: bool = False  # the relative wind pulls at those
+    drags_steadily: bool = False  # that of a mean speed, beside pressures
 
     @property
     def inelastic(self) -> bool:

@@ -2,7 +2,7 @@
 
 What varies is known at two samples around the present time and linear between them: forces, of whatever loads
 vary, as `load_before` and `load_after`; and the speed of the wind, which is squared after that (paper Eq. 7).
-The samples come from `stages.varying`.
+The samples come from `stages.varying`. The drag of parts that are cut free is that of `mechanics.air`.
 """
 
 from netfall.ground.compile import part_of_kernel
@@ -36,6 +36,8 @@ def external_force(p, axis, square, share):
         force = plus(force, axis.load_before[p] + share * (axis.load_after[p] - axis.load_before[p]))
     if axis.wind is not None:
         force = plus(force, axis.wind[p] * square)
+    if axis.drag is not None:
+        force = plus(force, axis.drag[p])
     return plus(force, None)
 
 

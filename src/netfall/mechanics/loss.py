@@ -65,12 +65,14 @@ def leave(state: State, particles: np.ndarray) -> None:
             state.air[p] = 0.0
         if state.air_mass is not None:
             state.air_mass[p] = 0.0
+        if state.drag is not None:
+            state.drag[p] = state.drag_size[p] = 0.0
 
 
 class Carried(NamedTuple):
     """What particles that leave carry: mass (k,) [kg]; v [m/s], load [N], wind (or None) of (k, 3).
 
-    air, air_mass : as in the state, None: there is none
+    air, air_mass, drag_size : as in the state, None: there is none
     """
 
     mass: np.ndarray
@@ -79,6 +81,7 @@ class Carried(NamedTuple):
     wind: np.ndarray | None
     air: np.ndarray | None
     air_mass: np.ndarray | None
+    drag_size: np.ndarray | None
 
 
 def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, given: Carried) -> None:
@@ -100,6 +103,8 @@ def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndar
                 state.air[p] = rooted(squared(state.air[p]) + share[k] * squared(given.air[source[k]]))
             if state.air_mass is not None:
                 state.air_mass[p] += share[k] * given.air_mass[source[k]]
+            if state.drag_size is not None:
+                state.drag_size[p] += share[k] * given.drag_size[source[k]]
         if state.mass[p] > 0.0:
             after = momentum / state.mass[p]
             state.v[p] = np.where(state.free[p], after, state.v[p])  # a support takes the rest

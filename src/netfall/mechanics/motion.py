@@ -53,6 +53,7 @@ class Axis(NamedTuple):
     load_before: np.ndarray | None
     load_after: np.ndarray | None
     wind: np.ndarray | None
+    drag: np.ndarray | None
     x: np.ndarray
     spring: np.ndarray | None
     spring_zero: np.ndarray | None
@@ -71,6 +72,7 @@ def _along(k: int):
             None if particles.load_before is None else particles.load_before[k],
             None if particles.load_after is None else particles.load_after[k],
             None if particles.wind is None else particles.wind[k],
+            None if particles.drag is None else particles.drag[k],
             particles.x[k],
             None if particles.spring is None else particles.spring[k],
             None if particles.spring_zero is None else particles.spring_zero[k],

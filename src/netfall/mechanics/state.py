@@ -8,6 +8,7 @@ import numpy as np
 
 from netfall.ground.columns import columns, vectors
 from netfall.mechanics import fields
+from netfall.mechanics.air import RelativeWind
 from netfall.mechanics.bending import Joints, joint_moments
 from netfall.mechanics.elements import ElementState, element_state
 from netfall.mechanics.law.law import Law, law_of, reaches
@@ -34,6 +35,7 @@ class State:
         self.joints: Joints | None = None
         self.joint_at: np.ndarray | None = None
         self.places = None  # where cables slip in the step, `slip.motion.Places`
+        self.wind_along = (1.0, 0.0)  # horizontal direction of the wind
         self.branches = None
         if features.band:
             alpha_tau = np.reshape(features.band, (2, -1))
@@ -146,6 +148,15 @@ class State:
             self.lowest[:] = now
 
     # --- what follows from other fields
+
+    def relative_wind(self) -> RelativeWind | None:
+        """Return what the drag on detached particles follows from; None: the scene has none."""
+        if self.drag is None:
+            return None
+        own = slice(self.n_owned)  # what splits off has no surface
+        rows = np.flatnonzero((self.detached[own] != 0) & (self.drag_size[own] > 0.0))
+        steady = None if self.steady_speed is None else self.steady_speed[rows]
+        return RelativeWind(rows, self.drag_size[rows], steady, *self.wind_along)
 
     def invert_masses(self) -> None:
         """Bring per_mass up to date."""

@@ -24,7 +24,7 @@ from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
 from netfall.results.form_lines import form_lines, loose_notes, self_stress_lines
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import balance_notes, motion_notes
+from netfall.results.notes import balance_notes, balance_words, detached_notes, motion_notes
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
@@ -92,14 +92,13 @@ def _dynamics_lines(model: Model, outcome: Outcome) -> list[str]:
             f"fractures: {len(log.broken)} elements, the first at t = {log.time[0]:.4f} s "
             f"(element {model.id_of(log.element[0])})"
         )
-    identity, balance = history.largest("identity_error"), history.largest("balance_error")
+    identity, columns = history.largest("identity_error"), history.columns()
     if np.isfinite(identity):  # not without the audit
-        lines.append(
-            f"energy: work identity to {identity:.1e}, physical balance to {balance:.1e} of the energy "
-            "that took part"
-        )
-        columns = history.columns()
-        lines += balance_notes(*(columns[name] for name in ("time", "balance_error", "broken")))
+        errors = [columns[name] for name in ("balance_error", "balance_error_attached")]
+        lines.append(f"energy: work identity to {identity:.1e}, balance to {balance_words(*errors)}")
+        lines += balance_notes(columns["time"], *errors, columns["broken"])
+    if "detached" in outcome.sections:
+        lines += detached_notes(outcome.sections["detached"])
     if model.layout.slides:
         lines += slip_lines(model, history.columns()["time"], outcome.sections["slide"])
     return lines

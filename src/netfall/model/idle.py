@@ -4,7 +4,15 @@ import difflib
 
 import numpy as np
 
-from netfall.job.asks import air_damps, air_moves, carries_permanent, grows, has_statics, loads_the_roof
+from netfall.job.asks import (
+    air_damps,
+    air_moves,
+    carries_permanent,
+    drags,
+    grows,
+    has_statics,
+    loads_the_roof,
+)
 from netfall.job.job import Job
 from netfall.job.values import shown
 from netfall.net.net import Net
@@ -88,12 +96,15 @@ def _idle_of_wind(job: Job, breaks: bool) -> list[tuple]:
     of_speed = ("air_density", "direction", "profile_exponent", "base_height")
     none = "roughness" if wind.turbulence is None else "turbulence"
     still = generated and intensity(wind) == 0
+    detaches = breaks or bool(job.removes)
+    drag = detaches and drags(job)
+    needs_speed = air_damps(job) or drag
     return [
         ("wind", ("roughness", "turbulence", *OF_GUSTS), not generated, f"the wind comes from {source}"),
-        ("wind", of_speed, wind.pressures and not air_damps(job), by_taps),
-        ("wind", ("direction",), wind.pressures and air_damps(job), by_taps),
+        ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
+        ("wind", ("direction",), wind.pressures and air_damps(job) and not drag, by_taps),
         ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
-        ("wind", ("after_fracture",), not breaks, "nothing can break"),
+        ("wind", ("after_fracture",), not detaches, "nothing can break"),
         ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
     ]
 
@@ -108,12 +119,14 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
         notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
     on_roof = loads_the_roof(job)
     loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
-    if job.dynamics and np.isfinite(net.fracture_strain).any() and not loaded:
+    breaks = bool(np.isfinite(net.fracture_strain).any())
+    if job.dynamics and breaks and not loaded:
         notes.append("elements can break, but no wind, load, temperature or loss acts on the net")
     if (
         job.wind
         and job.wind.shape_coefficient == 0
         and not air_damps(job)
+        and not (drags(job) and (breaks or job.removes))
         and not any(map(any, map(dict.values, job.wind.zone.values())))
     ):
         notes.append("[wind]: no effect: shape_coefficient = 0")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.asks import air_damps, air_moves, moves_supports, varies
+from netfall.job.asks import air_damps, air_moves, drags, moves_supports, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
 from netfall.mechanics.fields import Features
@@ -140,11 +140,15 @@ def band_of(job: Job) -> tuple[float, ...]:
 def features_of(job: Job, net: Net, slides: Slides | None) -> Features:
     """What the scene has, as the job names it."""
     differ = lambda values: bool((values != values[:1]).any())
-    held = held_along(net, net.fixed)
+    held, breaks = held_along(net, net.fixed), bool(np.isfinite(net.fracture_strain).any())
+    detaches = job.dynamics is not None and (breaks or bool(job.removes))
     return Features(
         fragments=not job.dynamics or job.dynamics.fragments,
         plastic=bool(np.isfinite(net.yield_stress).any()),
-        fracture=bool(np.isfinite(net.fracture_strain).any()),
+        fracture=breaks,
+        detaches=detaches,
+        drags=detaches and drags(job),
+        drags_steadily=detaches and drags(job) and job.wind.pressures is not None,
         wind=job.wind is not None,
         air=air_damps(job),
         motion=moves_supports(job),

@@ -17,7 +17,7 @@ from netfall.mechanics.bending import Joints, curvatures
 from netfall.mechanics.law.limits import Caps, caps_of
 from netfall.mechanics.law.measures import elastic_forces, unstressed_length
 from netfall.mechanics.stability import scaled_mass
-from netfall.model.air import damping_air, kappa_area, moving_air
+from netfall.model.air import Drag, damping_air, drag_on, kappa_area, moving_air
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
 from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
@@ -50,7 +50,7 @@ class Model:
     spring_rest : (n, 3) [m], displacement at which elastic supports carry nothing
     mass : (n,) [kg]; of it, inertia without weight and None where there is none:
     added : (n,) [kg] by mass scaling; air_mass : (n,) [kg] of air that moves along
-    air : (n, 3), c of `mechanics.air`, None: no air damping
+    air : (n, 3), c of `mechanics.air`, None: no air damping; drag : on what is cut free, None: none
     loading : the constant loads
     wind_field, history : of the wind, None: there is none
     motion : of supports, None: they stand still
@@ -72,6 +72,7 @@ class Model:
     added: np.ndarray | None
     air_mass: np.ndarray | None
     air: np.ndarray | None
+    drag: Drag | None
     loading: Loading
     wind_field: WindField | None
     history: GeneratedHistory | TableHistory | None
@@ -185,6 +186,7 @@ def make_model(
         added=added,
         air_mass=air_mass,
         air=damping_air(job, net, x, roof),
+        drag=drag_on(job, x, roof),
         loading=loading,
         wind_field=field,
         history=history,

@@ -32,6 +32,8 @@ STARTS = {
     "friction": lambda model: model.layout.slides.at_nodes(model.layout.slides.friction, model.net.n),
     "resistance": lambda model: model.layout.slides.at_nodes(model.layout.slides.resistance, model.net.n),
     "eps_c": crushing_strain,
+    "drag_size": lambda model: model.drag.size,
+    "steady_speed": lambda model: model.drag.speed,
 }
 
 
@@ -53,6 +55,8 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
         if row.given and features.has(row):
             spread = distribution.particles if row.entity == "particle" else distribution.elements
             getattr(state, row.name)[:] = spread(None if model is None else start_of(model, row.name))
+    if features.drags:
+        state.wind_along = distribution.comm.bcast(model and model.drag.along)
     if features.bending:
         _place_joints(distribution, model, state)
     if features.sliding:

@@ -33,11 +33,16 @@ class ChangedDefault(NamedTuple):
     affects: Callable[[Job, Net], bool]
 
 
+def _breaks_in_wind(job: Job, net: Net) -> bool:
+    return bool(job.wind and job.dynamics and (np.isfinite(net.fracture_strain).any() or job.removes))
+
+
 CHANGED: tuple[ChangedDefault, ...] = (
     ChangedDefault("load", "self_weight", True, False, lambda job, net: job.load is not None),
     ChangedDefault("load", "steps", 1, 0, lambda job, net: load_steps(job) == 1),
     ChangedDefault("zone", "cut", True, False, lambda job, net: any(map(_cuts_by_default, job.zones))),
     ChangedDefault("wind", "gusts", "means", "points", lambda job, net: has_gusts(job)),
+    ChangedDefault("wind", "after_fracture", "detached", "particle", _breaks_in_wind),
 )
 
 

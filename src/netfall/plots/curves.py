@@ -19,7 +19,11 @@ BULK = 0.5, 99.5  # percentiles of values that a scale shows
 MUCH_MORE = 1.0  # times the range of the bulk: what is farther out is left out of the scale
 FLOOR = 1e-17  # of the errors that are drawn
 LEAST_SPAN = 1e-6  # of the largest displacement of a picture, over which each of its axes goes
-AUDITS = (("balance_error", "physical balance", "C4"), ("identity_error", "work identity", "C7"))
+AUDITS = (
+    ("balance_error", "balance", "C4"),
+    ("balance_error_attached", "balance, of what attached parts stored", "C3"),
+    ("identity_error", "work identity", "C7"),
+)
 ROOM = 0.14  # of the width, from one time that is told to the next
 
 

@@ -150,6 +150,7 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
         "elements": log.element.tolist(),
         "broken": len(log.broken),
         "balance_error": simulation.history.largest("balance_error"),
+        "balance_error_attached": simulation.history.largest("balance_error_attached"),
     }
     if len(log):
         used = abs(float(log.strain[0] / net.fracture_strain[log.element[0]]))  # bars that buckle, both ways

@@ -37,8 +37,9 @@ class Moment(NamedTuple):
 
 
 class Column(NamedTuple):
-    """A column of the history: value : of a `Moment`; share : of the largest energy that took part so far.
+    """A column of the history: value : of a `Moment`.
 
+    share : of which energy the value becomes a share, a name in `history.SCALES`; "": it is none
     needs : the feature of `mechanics.fields.Features` without which there is no such column
     """
 
@@ -47,7 +48,7 @@ class Column(NamedTuple):
     meaning: str
     value: Callable[[Moment], np.ndarray]
     dtype: type = np.float64
-    share: bool = False
+    share: str = ""
     needs: str = ""
 
 
@@ -63,6 +64,7 @@ def _balance(now: Moment) -> np.ndarray:
 
 
 SHARE = "share of the largest energy that took part so far"
+ATTACHED = "a path of unbroken elements joins to a support"
 HISTORY = (
     Column("time", "s", "", lambda now: now.time),
     Column("time_step", "s", "of the step before the row", lambda now: now.time_step),
@@ -98,8 +100,21 @@ HISTORY = (
         needs="motion",
     ),
     Column("external_work", "J", "", lambda now: now.energies.external),
-    Column("identity_error", NONE, SHARE, _identity, share=True),
-    Column("balance_error", NONE, SHARE, _balance, share=True),
+    Column(
+        "attached_energy",
+        "J",
+        f"kinetic, and strain with that of the prestress, of all that {ATTACHED}",
+        lambda now: now.energies.attached,
+    ),
+    Column("identity_error", NONE, SHARE, _identity, share="in_play"),
+    Column("balance_error", NONE, SHARE, _balance, share="in_play"),
+    Column(
+        "balance_error_attached",
+        NONE,
+        "the same error as a share of the largest `attached_energy` so far",
+        _balance,
+        share="attached",
+    ),
     Column("slack", NONE, "elements of cables without tension", lambda now: now.slack, np.int64),
     Column("broken", NONE, "elements broken", lambda now: now.broken, np.int64),
 )

@@ -21,7 +21,7 @@ from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import LIMBS, adding, rounded_of_all
-from netfall.step.audit import Bodies, Room, Subject, observe, observe_once, observe_particles
+from netfall.step.audit import Attached, Bodies, Room, Subject, observe, observe_once, observe_particles
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,7 @@ class Energies:
     air, band : work of the air's damping, and against branches; support : of the ground, on what it moves;
     slip : heat of friction where cables slip, whose motion and forces are in kinetic, external and internal;
     0 where there is none
+    attached : kinetic, and stored with that of the prestress, of what hangs on a support
     """
 
     kinetic: float
@@ -43,6 +44,7 @@ class Energies:
     band: float = 0.0
     support: float = 0.0
     slip: float = 0.0
+    attached: float = 0.0
 
     @property
     def given(self) -> float:
@@ -139,16 +141,19 @@ def make_room(state: State) -> Snapshot:
     x = with_rows(state.x)
     arrays = np.empty_like(x), tuple(np.empty((3, n))), ElementState(N, eps, eps_p, L), heat
     terms = np.empty((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
-    more = bool(state.features.springs) + bool(state.features.sliding)
+    more = bool(state.features.springs) + bool(state.features.sliding) + bool(state.features.detaches)
+    attached = Attached(*(np.zeros(k, np.uint8) for k in (n, m))) if state.features.detaches else None
     sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
     f_band = np.empty_like(x) if state.features.band else None
-    room = Room(*arrays, terms, stored, sprung, sums, np.zeros(1, np.int64), f_band, adding())
+    slack = np.zeros(1, np.int64)
+    room = Room(*arrays, terms, stored, sprung, attached, sums, slack, f_band, adding())
     return Snapshot(np.zeros(0, np.int64), room, laid(room))
 
 
 def bodies_of(state: State) -> Bodies:
     """The particles that are looked at."""
-    return Bodies(state.n_owned, state.first_split, state.rows, state.particles._replace(valence=None))
+    particles = state.particles._replace(valence=None, detached=None, drag_size=None, steady_speed=None)
+    return Bodies(state.n_owned, state.first_split, state.rows, particles, state.relative_wind())
 
 
 def subject_of(state: State, particles: Entry) -> Subject:
@@ -157,7 +162,8 @@ def subject_of(state: State, particles: Entry) -> Subject:
     springs = tuple(map(with_rows, (s.x_start, s.spring, s.spring_rest, s.turned)))
     springs = springs if s.features.springs else None
     besides = springs, s.joints, s.places, None if s.places is None else s.particles
-    return Subject(s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, *s.of_a_moment, particles)
+    of_net = s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, s.detached
+    return Subject(*of_net, *s.of_a_moment, particles)
 
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
@@ -175,14 +181,17 @@ def energies_of(state: State, sums: np.ndarray) -> Energies:
     """Energies of sums (..., k) [J], as `step.audit.Room` orders them."""
     kinetic, damping, external, internal, *others = np.moveaxis(sums, -1, 0)
     slip = others.pop() if state.features.sliding else 0.0
+    attached = others.pop() if state.features.detaches else None
     sprung = others.pop() if state.features.springs else None
     *others, stored, heat = others
     stored = stored if sprung is None else stored + sprung
+    attached = kinetic + stored if attached is None else attached
     if not others and not state.features.energy:
         others = [np.full_like(kinetic, np.nan)] * len(OTHER_WORKS)
     others = dict(zip(OTHER_WORKS, others))
     slip = slip if state.features.energy else np.nan * slip
-    return Energies(kinetic, stored, heat, damping, external, internal, slip=slip, **others)
+    of_all = kinetic, stored, heat, damping, external, internal
+    return Energies(*of_all, slip=slip, attached=attached, **others)
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:

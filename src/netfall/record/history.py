@@ -26,6 +26,8 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
     return np.where(np.isnan(energy), 0.0, energy)  # nan without the audit
 
 
+# Energies [J] at each row whose largest so far errors are shares of, by the name that columns have for them.
+SCALES = {"in_play": energy_in_play, "attached": lambda rows: np.nan_to_num(rows["attached_energy"])}
 NOT_STRAINED = (0.0, 0.0, -1)
 
 
@@ -51,18 +53,18 @@ def most_strained_of_all(comm: MPI.Comm, here: tuple) -> tuple:
 class History:
     """Rows so far; each has a value for every column of HISTORY that the scene has.
 
-    scale : [J] largest energy that took part so far, which both errors are shares of
+    scales : [J] largest energies so far, by name, which errors are shares of
     """
 
     def __init__(self, probes: Probes, features: Features):
-        self.probes, self.scale = probes, 0.0
+        self.probes, self.scales = probes, dict.fromkeys(SCALES, 0.0)
         self.table = [column for column in HISTORY if not column.needs or getattr(features, column.needs)]
         self.blocks: list[dict[str, np.ndarray]] = []  # of rows, with what was kept of the probes
         self.most_strained = NOT_STRAINED  # of this rank, and of all before a checkpoint
 
     def begin(self, stored: float) -> None:
         """At the start, where so much [J] is stored in the elements."""
-        self.scale = AT_REST * stored
+        self.scales["in_play"] = AT_REST * stored
 
     def __len__(self) -> int:
         return sum(len(block["time"]) for block in self.blocks)
@@ -70,11 +72,15 @@ class History:
     def add(self, probe_rows: np.ndarray, now: Moment) -> None:
         """The rows (k,) of some moments. probe_rows : (k, p), as `step.rows.Table` has them"""
         block = {column.name: np.asarray(column.value(now), column.dtype) for column in self.table}
-        scales = np.maximum.accumulate(np.append(self.scale, energy_in_play(block)))
+        scales = {
+            name: np.maximum.accumulate(np.append(self.scales[name], energy(block)))
+            for name, energy in SCALES.items()
+        }
         for column in self.table:
             if column.share:
-                block[column.name] = block[column.name] / np.where(scales[1:] > 0.0, scales[1:], 1.0)
-        self.scale = float(scales[-1])
+                scale = scales[column.share][1:]
+                block[column.name] = block[column.name] / np.where(scale > 0.0, scale, 1.0)
+        self.scales = {name: float(scale[-1]) for name, scale in scales.items()}
         self.blocks.append(block | {PROBE_ROWS: probe_rows})
 
     def largest(self, name: str) -> float:
@@ -115,9 +121,9 @@ class History:
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """What a continuation needs, for `restore`."""
-        return {"scale": self.scale}, self.columns() | {PROBE_ROWS: self._whole(PROBE_ROWS)}
+        return {"scales": self.scales}, self.columns() | {PROBE_ROWS: self._whole(PROBE_ROWS)}
 
     def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
-        self.scale = small["scale"]
+        self.scales = small["scales"]
         self.blocks = [{name: arrays[name] for name in (*(column.name for column in self.table), PROBE_ROWS)}]

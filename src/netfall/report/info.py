@@ -33,6 +33,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (_losses, "removal" in f),
             (_energies, moves),
             (_fractures, moves),
+            (notes.detached_notes_of, moves),
             (notes.motion_notes_of, moves),
             (file.overloads_of, moves),
             (_seconds, True),
@@ -144,12 +145,10 @@ def _energies(f):
     if len(known) < len(asked):
         yield "audits: none, the job has [output] energy = false"
         return
-    identity, balance = (np.abs(h[name][:]).max() for name in ("identity_error", "balance_error"))
-    yield (
-        f"audits: work identity to {identity:.1e}, physical balance to {balance:.1e} "
-        "of the energy that took part"
-    )
-    yield from notes.balance_notes(h["time"][:], h["balance_error"][:], h["broken"][:])
+    errors = (h[name][:] for name in ("balance_error", "balance_error_attached"))
+    identity = np.abs(h["identity_error"][:]).max()
+    yield f"audits: work identity to {identity:.1e}, balance to {notes.balance_words(*errors)}"
+    yield from notes.balance_notes_of(f)
 
 
 def _fractures(f):

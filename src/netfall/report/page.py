@@ -26,7 +26,15 @@ from netfall.results.cases import cases_of
 from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
 from netfall.results.loss_lines import STATIC_CHANGE, loss_lines, telling_factor, tension_ratios
 from netfall.results.losses import worst_after
-from netfall.results.notes import NOT_STABLE, displacement_notes_of, limit_notes_of, limit_point_warnings_of
+from netfall.results.notes import (
+    NOT_STABLE,
+    balance_notes_of,
+    balance_words,
+    detached_notes_of,
+    displacement_notes_of,
+    limit_notes_of,
+    limit_point_warnings_of,
+)
 from netfall.results.states import (
     Envelope,
     is_undecided,
@@ -126,8 +134,8 @@ def _what_ran(f, result: Path) -> list[str]:
         if len(f["events/element"]):
             broken = len(np.unique(f["events/element"][:]))
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
-        lines.append(f"Largest error of the physical balance: {_worst_balance(f)}.")
-        lines += _sentences(overloads_of(f))
+        lines.append(f"Largest energy balance error: {_worst_balance(f)}.")
+        lines += _sentences(balance_notes_of(f) + detached_notes_of(f) + overloads_of(f))
     notes = [item(line) for line in _sentences(notes_of_run(f))]
     lines += ["", *notes] if notes else []
     lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
@@ -145,9 +153,8 @@ def _sentences(lines: list[str]) -> list[str]:
 
 
 def _worst_balance(f) -> str:
-    balance = np.abs(f["history/balance_error"][:])
-    known = balance[np.isfinite(balance)]
-    return f"{known.max():.2g} of the energy that took part" if len(known) else "not known (no audit)"
+    errors = [f["history"][name][:] for name in ("balance_error", "balance_error_attached")]
+    return balance_words(*errors) if np.isfinite(errors[0]).any() else "not known (no audit)"
 
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:

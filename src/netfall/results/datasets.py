@@ -171,6 +171,13 @@ new_particle | e | 1 | that split off; -1: nothing split, at a loose end that ca
     `fragments`
 strain | e | 1 | at which it broke
 mass | e | kg | of the new particle
+/detached | fractures or losses that cut free more than 1 % of the moving mass | parts cut free from
+    supports, of more than 1 % of the mass that can move: a row each, every 0.01 s
+time | k | s |
+node_id | k | 1 | id of a node in it, the first of the tables
+mass | k | kg | with what hangs on it by broken elements
+velocity | k, 3 | m/s | of the centre of mass, half a step before the time
+largest_gust | | m/s | at any node until then; nan: not known
 /wind | [wind] | the speeds that were generated or measured, or the pressures at taps
 control_point | c, 3 | m | where histories are generated, or were measured
 mean_speed | c | m/s |

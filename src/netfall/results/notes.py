@@ -1,4 +1,4 @@
-"""Notes on what in a result is doubtful."""
+"""Warnings and notes on what in a result is doubtful."""
 
 import numpy as np
 
@@ -7,24 +7,70 @@ from netfall.mechanics.law.limits import REACHED
 from netfall.numerics.functions import lengths
 from netfall.results import states
 
-LARGEST_BALANCE = 0.01  # error of the physical balance above which a result is doubtful
+LARGEST_BALANCE = 1e-3  # energy balance error above which a result is doubtful, by either of its shares
 TORSION = 0.05  # of the largest bending moment: a chain with more torsion than that gets a warning
 MOST_MARKED = 4096  # elements of an equilibrium by each attribute of it, which may have 64 kB
 FAR = 0.2  # of a net's largest dimension: a node that moves farther under static load is told
 
 
-def balance_notes(time: np.ndarray, balance: np.ndarray, broken: np.ndarray) -> list[str]:
-    """A note if the physical balance of any row (t,) of the history is off by more than LARGEST_BALANCE."""
-    off = np.flatnonzero(np.abs(balance) > LARGEST_BALANCE)
+def balance_notes(
+    time: np.ndarray, balance: np.ndarray, attached: np.ndarray, broken: np.ndarray
+) -> list[str]:
+    """Return a warning if the energy balance error of any row (t,) is above LARGEST_BALANCE.
+
+    balance, attached : the error as a share of the energy that took part, and of what attached parts stored
+    """
+    error = np.fmax(np.abs(balance), np.abs(attached))
+    off = np.flatnonzero(error > LARGEST_BALANCE)
     if not len(off):
         return []
     until = "on" if off[-1] == len(time) - 1 else f"to {time[off[-1]]:.4g} s"
     smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if broken[-1] else "")
     return [
-        f"note: the physical balance is off by up to {np.abs(balance).max():.1%} of the energy that took "
-        f"part, by more than {LARGEST_BALANCE:.0%} from t = {time[off[0]]:.4g} s {until}: the step is too "
-        f"long for some of what happened; compare with a run of half the step (a smaller {smaller})"
+        f"warning: dynamics: the energy balance is off by up to {balance_words(balance, attached)} (limit "
+        f"{LARGEST_BALANCE:g}), from t = {time[off[0]]:.4g} s {until}. The step is too long for some of "
+        f"what happened. Compare with a run of half the step (a smaller {smaller})"
     ]
+
+
+def balance_words(balance: np.ndarray, attached: np.ndarray) -> str:
+    """Return the largest energy balance errors in words; arguments as of `balance_notes`."""
+    largest = [f"{np.abs(error[np.isfinite(error)]).max(initial=0.0):.2g}" for error in (balance, attached)]
+    return (
+        f"{largest[0]} of the energy that took part, {largest[1]} of the largest that attached parts stored"
+    )
+
+
+def balance_notes_of(f) -> list[str]:
+    """`balance_notes` on a result with a motion."""
+    names = ("time", "balance_error", "balance_error_attached", "broken")
+    return balance_notes(*(f["history"][name][:] for name in names))
+
+
+def detached_notes(parts) -> list[str]:
+    """Return a warning if a detached part is faster than the wind. parts : the datasets of /detached
+
+    The fall does not count: of the vertical velocity only what rises does.
+    """
+    velocity, gust = np.array(parts["velocity"]), float(parts["largest_gust"][()])
+    velocity[:, 2] = np.maximum(velocity[:, 2], 0.0)
+    speed = lengths(velocity)
+    over = np.flatnonzero(speed > gust)  # none where the gust is not known
+    if not len(over):
+        return []
+    k = over[0]
+    return [
+        f"warning: dynamics: from t = {parts['time'][k]:.4g} s the centre of mass of a detached part "
+        f"({parts['mass'][k]:.4g} kg, node {parts['node_id'][k]} in it) is faster than the largest gust "
+        f"({speed[k]:.4g} m/s, {gust:.4g} m/s), its fall left aside. No wind carries a part that fast, so "
+        "detached parts do not move as real ones do. Use results of attached parts alone, and [wind] "
+        'after_fracture = "detached" if the job has another value'
+    ]
+
+
+def detached_notes_of(f) -> list[str]:
+    """`detached_notes` on a result."""
+    return detached_notes(f["detached"]) if "detached" in f else []
 
 
 def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:

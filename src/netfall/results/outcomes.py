@@ -51,6 +51,7 @@ OUTCOMES = (
     MemberColumn("utilisation_before_break", NAN),
     MemberColumn("sunk_area", NAN, of_depth=True),
     MemberColumn("balance_error", NAN, of_motion=True),
+    MemberColumn("balance_error_attached", NAN, of_motion=True),
     MemberColumn("tension_ratio_max", NAN, of_losses=True),
     MemberColumn("tension_ratio_element", -1, of_losses=True),
     MemberColumn("tension_ratio_element_id", -1, of_losses=True),

@@ -17,6 +17,7 @@ from netfall.record.history import History, most_strained, most_strained_of_all
 from netfall.record.rows import RowTable
 from netfall.record.wind import wind_section
 from netfall.stages import rests
+from netfall.stages.detaching import Detaching
 from netfall.stages.removal import Removal
 from netfall.stages.rests import losses_now
 from netfall.stages.scene import Desk, Outcome, Scene
@@ -106,6 +107,8 @@ def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
         found["slide"]["stopped"] = stopped
     if simulation.removal:
         found["removal"] = simulation.removal.columns()
+    if simulation.detaching and (parts := simulation.detaching.columns(simulation.wind)):
+        found["detached"] = parts
     if simulation.wind:
         found["wind"] = wind_section(scene.job, model, *simulation.wind.record_until(simulation.time))
     return found
@@ -115,10 +118,10 @@ class Simulation(Stepper):
     """One run of the dynamic stage on all ranks.
 
     Order of events at a step n: the loads move on to the samples around t(n); the history row; the frame;
-    what is lost; then the steps to the next target, in which elements break as they reach their fracture
-    strain. Rows on the way to a target are made in the time loop, and taken up by all ranks together when
-    there is no room for more, at a look, and before anything that comes after them. In a long way to a target
-    all ranks look at the same steps whether one has been asked to stop.
+    what is lost; which parts are detached; then the steps to the next target, in which elements break as they
+    reach their fracture strain. Rows on the way to a target are made in the time loop, and taken up by all
+    ranks together when there is no room for more, at a look, and before anything that comes after them. In a
+    long way to a target all ranks look at the same steps whether one has been asked to stop.
     """
 
     def __init__(self, scene: Scene, desk: Desk, loads: list, removal: Removal | None):
@@ -132,6 +135,7 @@ class Simulation(Stepper):
         rows = RowTable(scene.state, s.history, s.dt, WIDEN_STEPS * s.stride, *of_net)
         super().__init__(scene, desk, loads, rows)
         self.removal = removal
+        self.detaching = Detaching(scene) if scene.state.features.detaches else None
         self.result, self.progress, self.saver = desk.result, desk.progress, desk.saver
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
@@ -156,6 +160,8 @@ class Simulation(Stepper):
         if self.removal:
             restore = lambda small, arrays: self.removal.restore(small, arrays, self)
             saver.register("removal", self.removal.record, restore)
+        if self.detaching:
+            saver.register("detached", self.detaching.record, self.detaching.restore, everywhere=True)
         saver.register("simulation", self.record, self.restore)
         saver.register("history", self.history.record, self.restore_history, everywhere=True)
         envelope = self.envelope
@@ -187,11 +193,7 @@ class Simulation(Stepper):
         if framed or saved:
             now = most_strained(self.state, self.time, snapshot.eps, snapshot.N, self.subdomain.element_gid)
             self.history.most_strained = max(self.history.most_strained, now)
-        if self.rows.full:
-            self.take_up_rows()
-        if self.rows.is_due(self.n):
-            self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
-        elif saved:
+        if not self.make_row() and saved:
             self.check_energies(snapshot)
         self.take_up_rows()
         if framed:
@@ -201,6 +203,15 @@ class Simulation(Stepper):
             self.leave()
         if saved:
             self.save()
+
+    def make_row(self) -> bool:
+        """Make the history row of the present step, if one is due that is not made yet; whether it was."""
+        if self.rows.full:
+            self.take_up_rows()
+        if not self.rows.is_due(self.n):
+            return False
+        self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
+        return True
 
     def snapshot(self):
         """Snapshot of the present step, with the loads at its time, in place of the one before."""
@@ -259,13 +270,30 @@ class Simulation(Stepper):
             self.loads.advance(self.state, self.n, self.schedule.step_at)
             stop = min(stop, self.loads.due(self.schedule.step_at))
             while self.n < stop:
-                self.advance_in_stride(stop)
+                self.advance_in_stride(min(stop, self.find_detached()))
             if self.n < target and (self.n % self.look_every == 0 or self.rows.full):
                 with self.phases.phase("dynamics: output"):
                     self.take_up_rows()
                     self.report()
                     if self.stopping:
                         self.leave()
+
+    def find_detached(self) -> int:
+        """Find the parts that are detached, if that is due now; the step at which it is due next. Collective.
+
+        It never is as long as steps are long ones and nothing has broken or was lost.
+        """
+        intact = self.stride > 1 and not self.calm and not (self.removal and self.removal.done)
+        if self.detaching is None or intact:
+            return self.schedule.steps
+        if self.detaching.due(self.n) == self.n:
+            if self.detaching.has_news(self.state):
+                self.make_row()  # of the state before, wherever targets fall
+                if self.detaching.evaluate(self.state):
+                    self.plan.attach(self.state)
+            self.detaching.follow(self.state, self.n)
+            self.detaching.evaluated = self.n
+        return self.detaching.due(self.n)
 
     def leave(self) -> None:
         """End here, with a checkpoint, because that is asked for. Raises Interrupted. Collective."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from netfall.job.asks import carries_weight
-from netfall.mechanics.air import lose_all_wind
+from netfall.mechanics.air import end_wind
 from netfall.mechanics.events import COLUMNS
 from netfall.mechanics.fracture import FractureRules
 from netfall.mechanics.law.branches import stiffening
@@ -52,7 +52,7 @@ class Stepper:
             gravity=GRAVITY,
             own_weighs=bool(job.load and job.load.self_weight),
             carried_weighs=carries_weight(job),
-            wind_stays=self.after_fracture != "particle",
+            wind_stays=self.after_fracture not in ("particle", "detached"),
             stable_dt=stable_dt if self.state.features.fragments else np.nan,
         )
         self.subdomain = distribution.subdomain
@@ -112,7 +112,7 @@ class Stepper:
         known = len(self.log)
         if self.after_fracture == "all" and not known:
             if self.advance_to_fracture(stop):
-                lose_all_wind(self.state)
+                end_wind(self.state)
         elif self.tearing:
             while self.n < stop and self.advance_to_fracture(stop):
                 self.tearing.tear(self.state, np.unique(self.log.element[known:]))

@@ -11,7 +11,7 @@ import numpy as np
 
 from netfall.ground.apart import Entry, call
 from netfall.ground.compile import inner_kernel, kernel, kernel_apart, part_of_kernel, vector_kernel
-from netfall.mechanics.air import air_work, set_air, with_air
+from netfall.mechanics.air import RelativeWind, air_work, set_air, set_drag, with_air
 from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.fields import Elements, Particles
@@ -31,6 +31,7 @@ class Subject(NamedTuple):
     n_owned, first_split : particles; rows : (1,) of them in use; x : (n, 3) [m]
     springs : x_start, spring, spring_rest, turned; None: no elastic supports; joints : None: no chain bends
     places : at which cables slip, and the particles, for those alone; None: nowhere
+    detached : (n,) of the particles; None: nothing can be cut free
     observe_particles : apart, for scenes that differ in what acts on particles share the rest
     """
 
@@ -42,6 +43,7 @@ class Subject(NamedTuple):
     joints: Joints | None
     places: Places | None
     particles: Particles | None
+    detached: np.ndarray | None
     elements: Elements
     law: Law
     observe_particles: Entry
@@ -54,6 +56,14 @@ class Bodies(NamedTuple):
     first_split: int
     rows: np.ndarray
     particles: Particles
+    relative: RelativeWind | None
+
+
+class Attached(NamedTuple):
+    """What hangs on a support: 1, else 0. particles : (n,) in the order of `Room`; elements : (m,), owned"""
+
+    particles: np.ndarray
+    elements: np.ndarray
 
 
 class Room(NamedTuple):
@@ -62,7 +72,9 @@ class Room(NamedTuple):
     f_int : (n, 3) [N]; velocity : three of (n,) [m/s]; now : `ElementState`; heat : (m,) dissipated [J]
     terms : (4 or 7, n) [J] kinetic, damping, external, internal, and OTHER_WORKS; stored : (m,) [J]
     sprung : (n,) [J] in elastic supports; None: there are none
-    sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung, friction of slips
+    attached : None: nothing can be cut free
+    sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung, kinetic and stored energy of what is
+        attached, friction of slips
     slack : (1,) cables of this rank that are whole and slack
     f_band : (n, 3) [N] of the branches alone; None: there are none
     add_exactly : of `sums`
@@ -75,6 +87,7 @@ class Room(NamedTuple):
     terms: np.ndarray
     stored: np.ndarray
     sprung: np.ndarray | None
+    attached: Attached | None
     sums: np.ndarray
     slack: np.ndarray
     f_band: np.ndarray | None
@@ -186,6 +199,36 @@ def add_joint_energies(x, joints, limbs):
 
 
 @inner_kernel
+def find_attached(owned, subject, room):
+    """Mark what is attached: the first `owned` rows of particles, and the elements of this rank."""
+    detached, elements, attached = subject.detached, subject.elements, room.attached
+    for i in range(owned):
+        p = i if i < subject.n_owned else subject.first_split + i - subject.n_owned
+        attached.particles[i] = 1 - detached[p]
+    for e in range(attached.elements.shape[0]):
+        loose = detached[elements.ends[e, 0]] & detached[elements.ends[e, 1]]
+        attached.elements[e] = elements.owned[e] & (1 - loose)
+
+
+@inner_kernel
+def add_attached(owned, subject, room, limbs):
+    """Add the kinetic and stored energies [J] of what is attached to the fixed-point number in limbs.
+
+    What slips has its share from `add_slip_energies`.
+    """
+    find_attached(owned, subject, room)
+    call(room.add_exactly, room.terms[0, :owned], room.attached.particles[:owned], limbs)
+    call(room.add_exactly, room.stored, room.attached.elements, limbs)
+    if subject.joints is not None:
+        joints = subject.joints
+        for k in range(joints.stiffness.shape[0]):
+            if joints.owned[k] and not subject.detached[joints.particles[k, 1]]:
+                add_term(joint_energy(subject.x, joints, k), limbs)
+    if room.sprung is not None:  # at supports
+        call(room.add_exactly, room.sprung[:owned], subject.elements.owned[:0], limbs)
+
+
+@inner_kernel
 def add_slip_energies(part, kick_dt, share, subject, sums):
     """Add the energies of the slips of this rank to sums, their heat to the last of these."""
     places, particles, before = subject.places, subject.particles, np.int64(-1)
@@ -194,6 +237,9 @@ def add_slip_energies(part, kick_dt, share, subject, sums):
             i, part, kick_dt, share, places, particles, subject.elements, subject.law
         )
         add_term(kinetic, sums[0])
+        if subject.detached is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+            if not subject.detached[places.node[i]]:
+                add_term(kinetic, sums[-2])
         if particles.slip_work is not None:
             p = places.node[i]
             if p != before:  # of all cables there
@@ -236,6 +282,8 @@ def observe_particles(part, kick_dt, zeta, share, bodies, room):
     n_owned, first_split, particles = bodies.n_owned, bodies.first_split, bodies.particles
     if particles.air is not None:
         set_air(kick_dt, zeta, particles)
+    if particles.drag is not None:
+        set_drag(kick_dt, share, bodies.relative, particles)
     of = particles, room.f_int, room.f_band, room.velocity, room.terms
     particle_energies(0, n_owned, 0, part, kick_dt, zeta, share, *of)
     halo = first_split - n_owned
@@ -280,6 +328,11 @@ def observe(before_dt, dt, zeta, share, whole, subject, room):
     call(room.add_exactly, heat, subject.elements.owned, sums[last + 1])
     if room.sprung is not None:
         call(room.add_exactly, room.sprung[:owned], all_of_them, sums[last + 2])
+    if subject.detached is not None:
+        place = last + 2
+        if room.sprung is not None:
+            place += 1
+        add_attached(owned, subject, room, sums[place])
     if subject.places is not None:
         add_slip_energies(part, kick_dt, share, subject, sums)
     room.slack[0] = count_slack(now, subject.elements)

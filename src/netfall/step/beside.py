@@ -8,7 +8,7 @@ import numpy as np
 
 from netfall.ground.apart import call
 from netfall.ground.compile import kernel, kernel_apart, part_of_kernel, vector_kernel
-from netfall.mechanics.air import set_air
+from netfall.mechanics.air import set_air, set_drag
 from netfall.mechanics.bending import find_bending_forces
 from netfall.mechanics.ground import velocity_after
 from netfall.mechanics.law.branches import set_branches
@@ -23,6 +23,14 @@ EXCHANGED = (
     *("x", "v", "free", "mass", "per_mass", "load", "turned", "air_mass"),
     *("slip_v", "valence", "ground", "f"),
 )
+
+BLOWN = ("v", "per_mass", "speed_before", "speed_after", "drag")  # the same of the drag on detached particles
+
+
+@kernel_apart
+def find_drag(kick_dt, share, relative, particles):
+    """`set_drag`."""
+    set_drag(kick_dt, share, relative, particles)
 
 
 @kernel_apart

@@ -25,7 +25,7 @@ NO_FORCE = (0.0, 0.0, 0.0)
 KICKED = (
     *("x", "v", "free", "mass", "per_mass", "load", "spring", "spring_zero", "turned", "ground", "bend"),
     *("load_before", "load_after", "wind", "speed_before", "speed_after", "tapped"),
-    *("air", "air_pull", "air_mass", "work", "other_work"),
+    *("air", "air_pull", "air_mass", "drag", "work", "other_work"),
 )
 
 

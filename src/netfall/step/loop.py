@@ -99,6 +99,7 @@ class Beside(NamedTuple):
     unpack: Entry
     move_ground: Entry
     begin_step: Entry
+    find_drag: Entry
     end_step: Entry
     collect: Entry
     rows: Rows
@@ -177,6 +178,7 @@ def time_loop(interval, chunks, moved, found, spare, beside, buffers, seconds):
         # of the step's number alone, wherever the loop was entered
         share = (n * dt - interval.sample_time) / interval.sample_dt
         call(beside.begin_step, n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt)
+        call(beside.find_drag, kick_dt, share)
         before_dt, kicked_dt, found.count[0] = dt, kick_dt, 0
         error, drifted = 0, chunks.front
         mark = lap(seconds, -1, 0.0)

@@ -8,6 +8,7 @@ from netfall.ground.apart import Entry
 from netfall.ground.columns import columns
 from netfall.ground.compile import entry_for
 from netfall.ground.handed import laid, types_of
+from netfall.mechanics.air import RelativeWind
 from netfall.mechanics.bending import Bends
 from netfall.mechanics.events import StepDone, events_with_room
 from netfall.mechanics.fields import SLOTS, Elements, Particles, Slots
@@ -17,7 +18,17 @@ from netfall.mechanics.law.law import Law
 from netfall.mechanics.slip.motion import Places
 from netfall.mechanics.state import State, axes
 from netfall.parallel.halo import Halo, HaloBuffers, check
-from netfall.step.beside import EXCHANGED, begin_step, collect, collect_now, end_step, pack, unpack
+from netfall.step.beside import (
+    BLOWN,
+    EXCHANGED,
+    begin_step,
+    collect,
+    collect_now,
+    end_step,
+    find_drag,
+    pack,
+    unpack,
+)
 from netfall.step.forces import KICKED, kick_chunk, kick_unyielded
 from netfall.step.limits import find_over, look_closer
 from netfall.step.loop import Beside, Found, Interval, Moved, Spare, time_loop
@@ -105,7 +116,8 @@ class Work(NamedTuple):
     """What the kernels of a step work on, see `Plan`; None: the scene has no such thing.
 
     kicked_... : what `kick_chunk` reads of them; unyielded : these slots without plastic strains
-    particles : as `stepped_particles` prepares them, of which `exchanged` are some fields, and `grounded` all
+    particles : as `stepped_particles` prepares them, of which `exchanged` and `blown` are some fields, and
+        `grounded` all
     """
 
     chunks: Chunks
@@ -115,6 +127,8 @@ class Work(NamedTuple):
     unyielded: Slots
     particles: Particles
     exchanged: Particles
+    blown: Particles
+    relative: RelativeWind | None
     moved: Moved
     elements: Elements
     slots: Slots
@@ -153,6 +167,9 @@ def stepped_particles(state: State) -> Particles:
         load=(None, None, s.load[:, 2]) if vertical else axes(s.load),
         slip_v=axes(s.slip_v) and axes(s.slip_v)[: s.features.sliding],
         gid=None,
+        detached=None,
+        drag_size=None,
+        steady_speed=None,
     )
 
 
@@ -259,6 +276,8 @@ class Plan:
             kicked_slots._replace(eps_p=None, yield_strain=None),
             stepped,
             with_fields(stepped, EXCHANGED),
+            with_fields(stepped, BLOWN),
+            state.relative_wind(),
             Moved(whole.x, whole.v, whole.f),
             state.elements,
             state.slots,
@@ -290,6 +309,7 @@ class Plan:
             (unpack, (0, real, real, real), (w.chunks, w.exchanged, w.buffers)),
             (self.ground and move_ground, (real,) * 4, (w.ground, w.grounded)),
             (begins and begin_step, (*[real] * 6, True), (w.bends, w.places, w.particles, w.elements, w.law)),
+            (features.drags and find_drag, (real, real), (w.relative, w.blown)),
             (w.places and end_step, (real,), (w.chunks, w.places, w.particles, w.elements, w.slots)),
             (keeps and collect, (), (w.chunks, *w.of_elements)),
         )

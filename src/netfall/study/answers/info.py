@@ -279,14 +279,20 @@ def _rank(rho: float, n: int) -> str:
 
 
 def _audit(study: Study, say) -> None:
-    error = np.abs(study.members["balance_error"])
+    shares = [np.abs(study.members[name]) for name in ("balance_error", "balance_error_attached")]
+    error = np.fmax(*shares)
     if not np.isfinite(error).any():
         return
     worst = int(np.nanargmax(error))
     off = int((error > LARGEST_BALANCE).sum())
-    say(f"audit: physical balance to {error[worst]:.1e} of the energy that took part, worst in row {worst}")
+    took_part, attached = (share[worst] for share in shares)
+    say(
+        f"audit: energy balance to {took_part:.1e} of the energy that took part, {attached:.1e} of the "
+        f"largest that attached parts stored, worst in row {worst}"
+    )
     if off:
         say(
-            f"note: in {off} members it is off by more than {LARGEST_BALANCE:.0%}: the step is too long for "
-            "some of what happened; compare with a smaller [dynamics] safety or time_step"
+            f"warning: study: the energy balance of {off} members is off by more than {LARGEST_BALANCE:.1%}. "
+            "The step is too long for some of what happened. Compare with a smaller [dynamics] safety or "
+            "time_step"
         )

@@ -1,0 +1,162 @@
+"""Parts of the net that are cut free in motion: which they are, and how fast their centres of mass move.
+
+A part is detached once no path of unbroken elements leads from it to a support. The connectivity is evaluated
+at fixed simulated times, `EVERY` seconds apart, if something has broken or was lost since. So it does not
+depend on ranks, rows, frames or restarts. With [wind] after_fracture = "detached" the wind's pressure on such
+a part ends then, and the relative wind pulls at it (`mechanics.air`).
+"""
+
+import numpy as np
+
+from netfall.mechanics.air import end_wind
+from netfall.mechanics.state import State
+from netfall.model.model import Model
+from netfall.net.parts import parts_of
+from netfall.parallel.sums import exact_sums
+from netfall.stages.scene import Scene
+from netfall.wind.field import particle_speeds
+
+EVERY = 0.01  # s between evaluations
+LARGE = 0.01  # of the mass that can move: parts of more are followed
+ATTACHED = -1  # in place of a part; 0: a detached part that is not followed; k: the k-th one that is
+
+
+class Detaching:
+    """The detached parts of a run; what is followed of them is the same on all ranks.
+
+    part : (owned and halo,) of each particle, as above
+    evaluated : step of the last evaluation; broken : elements broken or lost by then, -1: not known
+    """
+
+    def __init__(self, scene: Scene):
+        """Collective."""
+        job, model = scene.job, scene.model
+        self.comm, self.distribution, self.model = scene.comm, scene.distribution, model
+        self.dt, self.step_at = scene.schedule.dt, scene.schedule.step_at
+        self.ends_wind = job.wind is not None and job.wind.after_fracture == "detached"
+        self.least = scene.comm.bcast(model and LARGE * float(model.own_mass[model.net.moves].sum()))
+        self.part = np.full(scene.state.first_split, ATTACHED)
+        self.large = np.zeros(0, np.int64)  # the lowest particle of each part that is followed
+        self.evaluated, self.broken = -1, 0
+        self.rows: list[tuple] = []  # time, lowest particle, mass, velocity of each, at each evaluation
+
+    def due(self, step: int) -> int:
+        """Return the number of the first step from this one on at which the next evaluation is due."""
+        k = max(0, int(step * self.dt / EVERY) - 1)
+        while self.step_at(k * EVERY) < step or self.step_at(k * EVERY) <= self.evaluated:
+            k += 1
+        return self.step_at(k * EVERY)
+
+    def has_news(self, state: State) -> bool:
+        """Whether something has broken or was lost since the last evaluation. Collective."""
+        here = int(np.count_nonzero((state.broken == 1) & (state.owned == 1)))
+        before, self.broken = self.broken, self.comm.allreduce(here)
+        return self.broken != before
+
+    def evaluate(self, state: State) -> bool:
+        """Find the detached parts and end the wind on new ones; whether some are here. Collective."""
+        found = self._parts(state)
+        self.part = self.distribution.particles(found and found[0])
+        self.large = self.comm.bcast(found and found[1])
+        first, loose = state.first_split, (self.part != ATTACHED).astype(np.uint8)
+        new = np.flatnonzero(loose & (state.detached[:first] == 0))
+        state.detached[:first] = loose
+        state.detached[first : state.n_local] = self._part_of_splits(state) != ATTACHED
+        if self.ends_wind and len(new):
+            end_wind(state, new)
+        return self.ends_wind and len(new) > 0
+
+    def _parts(self, state: State) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return the part of each particle (n,), and the lowest particle of those that are followed.
+
+        On rank 0. Collective.
+        """
+        spread = self.distribution
+        broken = spread.gather_elements(state.broken, state.owned.astype(bool))
+        held = spread.gather_particles(_is_held(state))
+        mass = state.mass if state.air_mass is None else state.mass - state.air_mass
+        mass = spread.gather_particles(mass)
+        if self.model is None:
+            return None
+        net = self.model.net
+        label = parts_of(net.elements[broken == 0], net.n)
+        supported = np.zeros(net.n, bool)
+        supported[label[held]] = True
+        of_part = np.bincount(label, mass, net.n)
+        large = np.flatnonzero(~supported & (of_part > self.least))
+        number = np.where(supported, ATTACHED, 0)
+        number[large] = 1 + np.arange(len(large))
+        return number[label], large
+
+    def _part_of_splits(self, state: State) -> np.ndarray:
+        """Return the part of each particle that has split off: that of its element's far end."""
+        far = state.other[0, state.first_split : state.n_local].astype(np.int64)
+        in_net = far < state.first_split  # else the element has broken at both ends
+        return np.where(in_net, self.part[np.where(in_net, far, 0)], 0)
+
+    def follow(self, state: State, step: int) -> None:
+        """Keep mass and velocity of the parts that are followed, at a step. Collective."""
+        if not len(self.large):
+            return
+        rows = state.owned_rows()
+        part = np.concatenate([self.part[: state.n_owned], self._part_of_splits(state)])
+        for k, lowest in enumerate(self.large.tolist(), 1):
+            mine = rows[part == k]
+            mass = state.mass[mine]
+            total, *momentum = exact_sums(self.comm, mass, *(mass * state.v[mine].T))
+            self.rows.append((step * self.dt, lowest, total, *(each / total for each in momentum)))
+
+    # --- records and results
+
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """What a continuation needs, for `restore`."""
+        return {"evaluated": self.evaluated, "broken": self.broken}, {"rows": np.reshape(self.rows, (-1, 6))}
+
+    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+        """Take up the record of an earlier run; the parts themselves are found anew when they are due."""
+        self.evaluated = small["evaluated"]
+        self.broken = -1 if small["broken"] else 0
+        self.rows = [tuple(row) for row in arrays["rows"].tolist()]
+
+    def columns(self, wind) -> dict[str, np.ndarray]:
+        """Return the datasets of /detached, none if no part was followed; on rank 0.
+
+        wind : `varying.WindLoad`, None: there is none
+        """
+        if not self.rows:
+            return {}
+        rows = np.array(self.rows)
+        time, lowest = rows[:, 0], rows[:, 1].astype(np.int64)
+        gust = np.float64(largest_gust(self.model, wind, time[-1]) if wind else np.nan)
+        return {
+            "time": time,
+            "node_id": self.model.net.node_id[lowest],
+            "mass": rows[:, 2],
+            "velocity": rows[:, 3:],
+            "largest_gust": gust,
+        }
+
+
+def _is_held(state: State) -> np.ndarray:
+    """Whether each particle (rows,) has a support, rigid or elastic, along any axis."""
+    held = (state.free == 0).any(1)
+    if state.spring is not None:
+        held |= (state.spring > 0.0).any(1)
+    if state.turned is not None:
+        held |= (state.turned != 0.0).any(1)
+    return held
+
+
+def largest_gust(model: Model, wind, time: float) -> float:
+    """Return the largest wind speed [m/s] at any node up to a time [s]; nan: only pressures are known.
+
+    wind : `varying.WindLoad`
+    """
+    field = model.wind_field
+    if field.tapped:
+        return float(model.drag.speed.max()) if model.drag else np.nan
+    speed, largest = np.empty(len(field.mean)), 0.0
+    for gust in wind.record_until(time)[1]:
+        particle_speeds(field.mean, field.corner, field.weight, gust, speed)
+        largest = max(largest, float(np.abs(speed).max()))
+    return largest
