@@ -43,12 +43,14 @@ class SlipTangent(NamedTuple):
     """What slip takes from the tangent stiffness. slips : `Slips`; the others of the positions it is for
 
     way : (k,) 0 where a place sticks; coupling, stiffness : (q,) of `_force_of`; direction : (q, 3)
+    hold : (g,) of `strand_forces`
     """
 
     slips: "Slips"
     way: np.ndarray
     coupling: np.ndarray
     stiffness: np.ndarray
+    hold: np.ndarray
     direction: np.ndarray
 
     def changes(self, u: np.ndarray) -> np.ndarray:
@@ -71,11 +73,11 @@ class SlipTangent(NamedTuple):
     def _answer(self, q: np.ndarray) -> np.ndarray:
         """Changes (q,) [m] of unstressed lengths that answer changes (q,) [N] of what drives slips."""
         chains = self.slips.chains
-        forces = q[chains.after] - q[chains.before]
+        drive = chains.by_segment(q)
+        forces = drive[chains.segment_after] - drive[chains.segment_before]
         s, (pivot, beside, border) = np.empty(len(self.way)), np.empty((3, len(self.way)))
-        solve_chains(chains, self.way, self.stiffness, forces, pivot, beside, border, s)
-        s = np.append(np.where(self.way != 0, s, 0.0), 0.0)
-        return s[chains.into] - s[chains.out]
+        solve_chains(chains, self.way, self.hold, forces, pivot, beside, border, s)
+        return chains.passed(np.where(self.way != 0, s, 0.0))
 
     def soften(self, u: np.ndarray, answer: np.ndarray) -> None:
         """Take from the forces `answer` (n, 3) [N], of the net without slip, what slip takes. Collective."""
@@ -115,9 +117,10 @@ class Slips:
         along = lambda e: state.ends[row[e]].astype(int)[
             :: int(chains.along[e])
         ]  # begin and end on the cable
+        self.rows = np.flatnonzero(row >= 0), row[row >= 0]
         self.here = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
         self.my_ends = np.array([along(e) for e in self.mine.tolist()], int).reshape(-1, 2)
-        self.work = make_work(len(chains.element), len(chains.node))
+        self.work = make_work(len(chains.element), len(chains.into), len(chains.node))
         self.old, self.s, self.limit = np.zeros((3, len(chains.node)))
         at = rows_of(d.particle_gid, chains.node)
         self.places = np.flatnonzero(at >= 0)
@@ -148,6 +151,8 @@ class Slips:
         carries = (state.broken[self.my_rows] == 0) & (state.EA[self.my_rows] > 0.0)
         values = np.column_stack([np.where(carries, state.EA[self.my_rows], 0.0), state.strand[self.my_rows]])
         self.sections = self.shared(values)
+        torn = np.bincount(self.chains.segment, self.sections[:, 0] == 0.0) > 0
+        self.sections[torn[self.chains.segment], 0] = 0.0  # with one element the segment carries nothing
         self.stop = STOP * self.sections[:, 0].max(initial=0.0) / self.sections[:, 1]
         self.old[:] = self.s[:] = old
         self.renew_limits()
@@ -167,10 +172,10 @@ class Slips:
         state, ends = self.state, self.at_ends(self.state.x)
         there = self.sections[:, 0] > 0.0
         weight = np.where(there, factor * self.chains.weight, 0.0)
-        pull = weight * 0.5 * (ends[:, 2] + ends[:, 5])
-        state.slip_load[self.at] = (pull[self.chains.before] - pull[self.chains.after])[self.places]
-        s = np.append(self.s, 0.0)
-        moved = -0.5 * weight * (s[self.chains.into] - s[self.chains.out])
+        pull = self.chains.by_segment(weight * 0.5 * (ends[:, 2] + ends[:, 5]))
+        pulls = pull[self.chains.segment_before] - pull[self.chains.segment_after]
+        state.slip_load[self.at] = pulls[self.places]
+        moved = -0.5 * weight * self.chains.passed(self.s)
         for e, _, both in self.here:
             state.load[both, 2] += moved[e]
 
@@ -187,7 +192,7 @@ class Slips:
         """Bring limits up to date with tensions; the largest change, a share of the largest tension."""
         strands, w, before = self._strands(), self.work, self.limit.copy()
         law = self.state.law
-        strand_forces(self.s, self.chains, strands, self.weights, law, *w[:5])
+        strand_forces(self.s, self.chains, strands, self.weights, law, *w[:7])
         limits_of(self.chains, strands, w.T, law, self.limit)
         largest = np.abs(w.T).max(initial=0.0)
         return float(np.abs(self.limit - before).max(initial=0.0) / largest) if largest > 0.0 else 0.0
@@ -200,7 +205,9 @@ class Slips:
             *(self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s)
         )
         self.state.slip[self.at] = self.s[self.places]
-        slipped_lengths(self.state.particles.slip, self.state.elements)
+        carries = self.sections[self.rows[0], 0] > 0.0  # what is torn keeps its length
+        e, row = (each[carries] for each in self.rows)
+        self.state.L0[row] = self.work.L0[e]
         return strands
 
     def forces(self, x: np.ndarray, f: np.ndarray) -> None:
@@ -216,7 +223,8 @@ class Slips:
         strands, w = self.follow(), self.work
         taut = w.T > 0.0
         return SlipTangent(
-            self, w.way.copy(), np.where(taut, w.coupling, 0.0), w.stiffness.copy(), strands.direction
+            *(self, w.way.copy(), np.where(taut, w.coupling, 0.0), w.stiffness.copy(), w.hold.copy()),
+            strands.direction,
         )
 
     def tangent_at_rest(self) -> SlipTangent:
@@ -225,7 +233,8 @@ class Slips:
         w, loose = self.work, (self.chains.friction == 0.0) & (self.chains.resistance == 0.0)
         coupling = np.where(w.T > 0.0, w.coupling, 0.0)
         return SlipTangent(
-            self, loose.astype(np.int64), coupling, w.stiffness.copy(), self._strands().direction
+            *(self, loose.astype(np.int64), coupling, w.stiffness.copy(), w.hold.copy()),
+            self._strands().direction,
         )
 
     def stopped(self) -> tuple[int, ...]:

@@ -19,11 +19,13 @@ STOP = 100.0  # times the stiffness of a strand: that of the end on a cable, whi
 
 
 class CableChains(NamedTuple):
-    """Places where cables may slip, along each cable, and the elements beside them; the same on every rank.
+    """Slip points along each cable and the free segments between them; the same on every rank.
 
-    node, column : (k,) global particle, and which of its cables; before, after : (k,) rows of elements here
+    node, column : (k,) global particle, and which of its cables
+    before, after : (k,) rows of the elements beside a slip point; segment_before, segment_after : (k,)
     friction : (k,); resistance : (k,) [N]; start : (c + 1,) where the chains begin
-    element : (q,) global numbers; into, out : (q,) place at its begin and its end along the cable, -1: none
+    into, out : (g,) slip point at the begin and the end of a segment along the cable, -1: none
+    element : (q,) global numbers of the elements of all segments; segment : (q,); share : (q,) of its length
     along : (q,) 1, -1; weight : (q,) [N/m] of their own
     """
 
@@ -31,26 +33,42 @@ class CableChains(NamedTuple):
     column: np.ndarray
     before: np.ndarray
     after: np.ndarray
+    segment_before: np.ndarray
+    segment_after: np.ndarray
     friction: np.ndarray
     resistance: np.ndarray
     start: np.ndarray
-    element: np.ndarray
     into: np.ndarray
     out: np.ndarray
+    element: np.ndarray
+    segment: np.ndarray
+    share: np.ndarray
     along: np.ndarray
     weight: np.ndarray
+
+    def passed(self, s: np.ndarray) -> np.ndarray:
+        """Return what slips s (k,) [m] add to the unstressed lengths of the elements (q,) [m]."""
+        s = np.append(s, 0.0)
+        return self.share * (s[self.into] - s[self.out])[self.segment]
+
+    def by_segment(self, values: np.ndarray) -> np.ndarray:
+        """Return the sums (g,) over the elements of each segment of values (q,) times their shares."""
+        return np.bincount(self.segment, self.share * values, len(self.into))
 
 
 def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
     """The chains of `net.slides.Slides`. weight : (m,) [N/m] of each element"""
-    element, rows = np.unique(np.concatenate([slides.before, slides.after]), return_inverse=True)
-    before, after = rows[: slides.count], rows[slides.count :]
-    into, out = np.full((2, len(element)), -1)
+    element = np.flatnonzero(slides.segment >= 0)
+    rows = np.searchsorted(element, [slides.before, slides.after])
+    segment = slides.segment[element]
+    before, after = segment[rows]
+    into, out = np.full((2, segment.max() + 1), -1)
     into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
     start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # else it goes on from the one before
     return CableChains(
-        *(slides.node, slides.column, before, after, slides.friction, slides.resistance, start, element),
-        *(into, out, slides.along[element].astype(np.int64), weight[element]),
+        *(slides.node, slides.column, *rows, before, after, slides.friction, slides.resistance, start),
+        *(into, out, element, segment, slides.share[element]),
+        *(slides.along[element].astype(np.int64), weight[element]),
     )
 
 
@@ -90,14 +108,20 @@ def _short(e, L0, strands):
 
 
 @kernel
-def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness):
-    """Forces of the strands at slips s (k,) [m]: of `_force_of`, the weight's in q. All (q,), out."""
+def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness, drive, hold):
+    """Find the forces of the elements at slips s (k,) [m]: of `_force_of`, the weight's in q. All (q,), out.
+
+    drive, hold : (g,), out, of the segments: sums of q and of the stiffness that resists slip
+    """
+    drive[:] = 0.0
+    hold[:] = 0.0
     for e in range(L0.shape[0]):
-        L0[e] = strands.strand[e]
-        if chains.into[e] >= 0:
-            L0[e] += s[chains.into[e]]
-        if chains.out[e] >= 0:
-            L0[e] -= s[chains.out[e]]
+        g, passed = chains.segment[e], 0.0
+        if chains.into[g] >= 0:
+            passed += s[chains.into[g]]
+        if chains.out[g] >= 0:
+            passed -= s[chains.out[g]]
+        L0[e] = strands.strand[e] + chains.share[e] * passed
         T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
         q[e] -= weights * chains.weight[e] * strands.height[e]
         if strands.EA[e] == 0.0:
@@ -106,6 +130,8 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
         if short > 0.0:
             q[e] += strands.stop[e] * short
             stiffness[e] += strands.stop[e]
+        drive[g] += chains.share[e] * q[e]
+        hold[g] += chains.share[e] * chains.share[e] * stiffness[e]
 
 
 @kernel
@@ -151,11 +177,11 @@ def limits_of(chains, strands, T, law, limit):
 
 
 @kernel
-def residuals(s, old, limit, chains, q, r, way):
+def residuals(s, old, limit, chains, drive, r, way):
     """What drives each place (k,) [N], 0 where it sticks, and its way: 1, -1, 0 sticks; the largest."""
     worst = 0.0
     for i in range(s.shape[0]):
-        Q = q[chains.after[i]] - q[chains.before[i]]
+        Q = drive[chains.segment_after[i]] - drive[chains.segment_before[i]]
         moved = s[i] - old[i]
         way[i] = (
             1 if moved > 0.0 else -1 if moved < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
@@ -166,10 +192,11 @@ def residuals(s, old, limit, chains, q, r, way):
 
 
 @kernel
-def solve_chains(chains, way, stiffness, b, pivot, beside, border, out):
+def solve_chains(chains, way, hold, b, pivot, beside, border, out):
     """Slips (k,) [m] that answer forces b (k,) [N] of the places that slip: K_ss^-1 b, chain by chain.
 
-    The last place of a chain is a border, for chains that are closed. pivot, beside, border : (k,), scratch
+    hold : (g,) of `strand_forces`. The last place of a chain is a border, for chains that are closed.
+    pivot, beside, border : (k,), scratch
     """
     for c in range(chains.start.shape[0]):
         first = chains.start[c]
@@ -177,16 +204,16 @@ def solve_chains(chains, way, stiffness, b, pivot, beside, border, out):
         for i in range(first, last + 1):
             pivot[i], beside[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
             if way[i] != 0:
-                pivot[i] = stiffness[chains.before[i]] + stiffness[chains.after[i]]
+                pivot[i] = hold[chains.segment_before[i]] + hold[chains.segment_after[i]]
                 out[i] = b[i]
         for i in range(first, last + 1):
-            e = chains.after[i]
-            j = chains.out[e]
+            g = chains.segment_after[i]
+            j = chains.out[g]
             if j >= 0 and j != i and way[i] != 0 and way[j] != 0:
                 if j == last or i == last:
-                    border[min(i, j)] -= stiffness[e]
+                    border[min(i, j)] -= hold[g]
                 else:
-                    beside[i] -= stiffness[e]
+                    beside[i] -= hold[g]
         whole = pivot[last]
         for i in range(first, last):
             pivot[i] = max(pivot[i], FLOOR)
@@ -216,17 +243,17 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
     for i in range(s.shape[0]):
         s[i] = old[i]
     w, worst, scale = work, 0.0, 0.0
-    strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
+    strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold)
     before = potential(s, old, limit, chains, strands, weights, law, w.L0)
     for _ in range(MOST_STEPS):
-        worst = residuals(s, old, limit, chains, w.q, w.r, w.way)
+        worst = residuals(s, old, limit, chains, w.drive, w.r, w.way)
         for e in range(w.q.shape[0]):
             scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
             if _short(e, w.L0, strands) > 0.0:
                 scale = max(scale, ROUNDING * strands.stop[e] * strands.strand[e])
         if worst <= NEAR_ZERO * scale:
             return 0.0
-        solve_chains(chains, w.way, w.stiffness, w.r, w.pivot, w.beside, w.border, w.step)
+        solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
         for i in range(s.shape[0]):
             w.start[i], w.way_before[i] = s[i], w.way[i]
         share, after = 1.0, 0.0
@@ -235,7 +262,9 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
                 s[i] = w.start[i] + share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
                     s[i] = old[i]
-            strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
+            strand_forces(
+                s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
+            )
             after = potential(s, old, limit, chains, strands, weights, law, w.L0)
             if after <= before + NEAR_ZERO * abs(before):
                 break
@@ -243,20 +272,27 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
         if not after <= before + NEAR_ZERO * abs(before):  # rounding, or positions that are no numbers
             for i in range(s.shape[0]):
                 s[i] = w.start[i]
-            strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness)
+            strand_forces(
+                s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
+            )
             return worst / scale
         before = after
     return worst / scale
 
 
 class Work(NamedTuple):
-    """What `slips_at` fills: of the elements (q,) L0 to stiffness; of the places (k,) the rest."""
+    """What `slips_at` fills: of the elements (q,) L0 to stiffness; of the segments (g,) drive and hold.
+
+    Of the slip points (k,) the rest.
+    """
 
     L0: np.ndarray
     T: np.ndarray
     q: np.ndarray
     coupling: np.ndarray
     stiffness: np.ndarray
+    drive: np.ndarray
+    hold: np.ndarray
     r: np.ndarray
     pivot: np.ndarray
     beside: np.ndarray
@@ -267,6 +303,6 @@ class Work(NamedTuple):
     way_before: np.ndarray
 
 
-def make_work(q: int, k: int) -> Work:
-    """Room for q elements and k places."""
-    return Work(*np.zeros((5, q)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))
+def make_work(q: int, g: int, k: int) -> Work:
+    """Return room for q elements, g segments and k slip points."""
+    return Work(*np.zeros((5, q)), *np.zeros((2, g)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))

@@ -130,7 +130,10 @@ bar | u1 | | | given | 1 where compression is carried
 euler | f8 | N | buckling | given | compression at which it buckles; inf: never
 half_mass | f8 | kg | | given | half of the element's own mass
 strand | f8 | m | slip | kept given | unstressed length without slip
-slip_place | i1 2 | | slip | given | which of the cables at each end it is of, -1: it does not slip there
+slip_place | i1 2 | | slip | given | which of the cables over the slip points at the begin and the end of its
+    free segment, along the cable, it is of, -1: there is none
+slip_at | i8 2 | | slip | | local numbers of the particles of these slip points
+slip_share | f8 | | slip | given | of the unstressed length of its segment
 slip_along | i1 | | slip | given | 1, -1: it runs along its cable, against it
 hold_before | f8 | N | slip_fades | | what is left of a lost tension, at the last sample
 hold_after | f8 | N | slip_fades | | the same at the next sample

@@ -31,6 +31,7 @@ from netfall.mechanics.events import Events, add_event
 from netfall.mechanics.fields import Particles
 from netfall.mechanics.law.element import energies_at, length_at, strain
 from netfall.mechanics.motion import inverse_mass
+from netfall.mechanics.slip.law import passed_into
 from netfall.mechanics.stability import ROUNDING, fragment_mass
 
 HAIR = 1e-9  # of the fracture strain, above the rounding of a strain
@@ -267,11 +268,7 @@ def unstressed_before(e, time, elements, particles):
     """Unstressed length [m] of element e a time [s] ago, on the present velocities of slips at its ends."""
     L0 = elements.L0[e]
     if elements.slip_place is not None and particles.slip_v is not None:
-        for end in range(2):
-            c = elements.slip_place[e, end]
-            if c >= 0:
-                into = elements.slip_along[e] * particles.slip_v[c][elements.ends[e, end]]
-                L0 -= time * (into if end == 0 else -into)
+        L0 -= time * elements.slip_share[e] * passed_into(e, particles.slip_v, elements)
     return L0
 
 

@@ -259,6 +259,7 @@ def limit_line(limit: Limit, model: Model) -> str:
         "slackening": "step for cables that go slack and come taut again",
         "after_fracture": "stable step after any fracture",
         "assembled": "stable step of the net as it starts, all cables taut",
+        "slip": "step at which slips need no more than a fiftieth of the mass that moves with them",
     }[limit.name]
     if limit.element < 0:
         return f"{meaning}: no limit"

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.slip.law import LEAST
 from netfall.mechanics.slip.motion import slip_inertia
 from netfall.model.model import Model
@@ -14,8 +15,8 @@ CHANGED = 0.1  # of its length: a strand of which more has slipped is told
 def inertia_line(model: Model, dt: float) -> str:
     """Whether slips get more inertia, for steps of dt [s], than the cable has."""
     slides, net = model.layout.slides, model.net
-    own = model.half_mass[slides.before] + model.half_mass[slides.after]
-    inertia = slip_inertia(slides, net.EA, model.L0, model.half_mass, dt)
+    own = slides.sides(model.half_mass, 0)
+    inertia = slip_inertia(own, slides.sides(largest_stiffness(net.EA, model.L0), 2), dt)
     more, most = int((inertia > own).sum()), int(np.argmax(inertia - own))
     line = f"slip: {slides.count} places, with the inertia of the cable there"
     if not more:

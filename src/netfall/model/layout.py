@@ -30,7 +30,7 @@ from netfall.model.start import (
 from netfall.net.build import build_net
 from netfall.net.chains import Chains, chain_notes, chains_of
 from netfall.net.net import Net
-from netfall.net.slides import Slides, slides_of
+from netfall.net.slides import Slides, kept_together, slides_of
 from netfall.net.turned import held_along, is_turned
 from netfall.parallel import partition
 from netfall.roof.areas import Roofing, roof_of
@@ -79,6 +79,7 @@ def make_layout(
     net, roofing, zones = kept[:3]
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
+    kept = (*kept[:3], kept_together(kept[3], slides, net), kept[4])
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
         wrong.append(
             f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"

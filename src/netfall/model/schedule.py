@@ -9,7 +9,8 @@ from netfall.job.job import Job
 from netfall.mechanics.bending import add_joint_bounds
 from netfall.mechanics.fields import Features
 from netfall.mechanics.law.branches import stiffening
-from netfall.mechanics.slip.motion import STEP
+from netfall.mechanics.law.measures import largest_stiffness
+from netfall.mechanics.slip.motion import STEP, step_of_slips
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model
 
@@ -128,14 +129,25 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     if features.fracture and features.fragments:
         of_ends = elements, EA, L0, model.half_mass[there], mass, ~model.net.moves, model.eps_u[there]
         limits.append(after_fracture_limit(*of_ends, support, fragment_mass))
+    if features.sliding:
+        limits.append(slip_step(model))
     number = lambda limit: int(rows[limit.element]) if limit.element >= 0 else -1
     return {limit.name: replace(limit, element=number(limit)) for limit in limits}
+
+
+def slip_step(model: Model) -> Limit:
+    """Return the step up to which the inertia that slips need is a small share of the mass that moves."""
+    slides, net = model.layout.slides, model.net
+    own = slides.sides(model.half_mass, 0)
+    moving = slides.sides(np.where(net.moves, model.own_mass, 0.0)[net.elements].sum(1), 0)
+    steps = step_of_slips(own, slides.sides(largest_stiffness(net.EA, model.L0), 2), moving)
+    return Limit("slip", float(steps.min()), int(slides.before[np.argmin(steps)]))
 
 
 def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
     """Limits of a net in which cables slip; that for slack cables, of half the step, has room for it."""
     return {
-        name: limit if name == "slackening" else replace(limit, dt=STEP * limit.dt)
+        name: limit if name in ("slackening", "slip") else replace(limit, dt=STEP * limit.dt)
         for name, limit in limits.items()
     }
 
@@ -143,9 +155,9 @@ def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
 def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:
     """The limit that the step must keep whatever the net does; intact : as long as nothing breaks
 
-    That for slack cables only where it is chosen here.
+    Those for slack cables and for slips only if the step is chosen here.
     """
-    no = ["assembled"] + ["after_fracture"] * intact + ["slackening"] * (not automatic)
+    no = ["assembled"] + ["after_fracture"] * intact + ["slackening", "slip"] * (not automatic)
     return min((limit for limit in limits.values() if limit.name not in no), key=lambda limit: limit.dt)
 
 

@@ -29,6 +29,7 @@ STARTS = {
     "strand": lambda model: model.L0,
     "slip_place": lambda model: model.layout.slides.place,
     "slip_along": lambda model: model.layout.slides.along,
+    "slip_share": lambda model: model.layout.slides.share,
     "friction": lambda model: model.layout.slides.at_nodes(model.layout.slides.friction, model.net.n),
     "resistance": lambda model: model.layout.slides.at_nodes(model.layout.slides.resistance, model.net.n),
     "eps_c": crushing_strain,
@@ -59,8 +60,12 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
         state.wind_along = distribution.comm.bcast(model and model.drag.along)
     if features.bending:
         _place_joints(distribution, model, state)
+    if features.slip:
+        at = distribution.elements(model and model.layout.slides.at)
+        state.slip_at[:] = rows_of(subdomain.particle_gid, at.ravel()).reshape(at.shape)
     if features.sliding:
-        state.places = places_of(state.ends, state.slip_place, state.slip_along, state.n_owned)
+        segment = distribution.elements(model and model.layout.slides.segment)
+        state.places = places_of(state, segment)
     return state
 
 

@@ -1,8 +1,12 @@
-"""Who slips over which node: places at which a cable runs through a node, of [[slide]]. Rank 0, global order.
+"""Slip points of [[slide]] and the free segments between them. Rank 0, global order.
 
 A cable runs through a node where exactly two elements of the group, or of the named pieces, meet there;
-where more meet, those go on that bear the same name in the column `cable`. Nodes that subdivision made are
-points of the cable itself, over which nothing slips.
+where more meet, those go on that bear the same name in the column `cable`.
+
+A free segment is a run of elements through nodes at which nothing but the cable is: nodes of `subdivide`, and
+nodes of the table that carry nothing, that nothing holds and at which no other element ends. Between two slip
+points material passes through such nodes. Each element of a segment has a constant share of the segment's
+unstressed length, that of the given geometry: so results depend on the subdivision by its second order alone.
 """
 
 from collections import Counter
@@ -11,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.job.asks import loads_the_roof
 from netfall.job.job import Job
 from netfall.job.values import counted, listed, shown
 from netfall.net.chains import pairs_meeting, pieces_named
@@ -28,8 +33,11 @@ class Slides:
     before, after : (k,) the elements on both sides, in the direction of the cable
     friction : (k,) of a saddle; resistance : (k,) [N] of a clamp
     cable : (k,) row of `Net.cable_names`, of the first element of the chain
-    place : (m, 2) column at each end of an element, -1: nothing slips there
     along : (m,) 1 where an element runs from start to end in the direction of its cable, -1: the other way
+    segment : (m,) number of the free segment that an element is part of, -1: of none
+    share : (m,) of the unstressed length of the segment
+    place, at : (m, 2) column and particle of the slip points at the begin and the end of the element's
+        segment, along the cable; -1: nothing slips there
     """
 
     node: np.ndarray
@@ -39,13 +47,26 @@ class Slides:
     friction: np.ndarray
     resistance: np.ndarray
     cable: np.ndarray
-    place: np.ndarray
     along: np.ndarray
+    segment: np.ndarray
+    share: np.ndarray
+    place: np.ndarray
+    at: np.ndarray
 
     @property
     def count(self) -> int:
         """How many places there are."""
         return len(self.node)
+
+    def sides(self, values: np.ndarray, power: int = 1) -> np.ndarray:
+        """Return sums (k,) over both segments beside each slip point of values (m,) times their shares.
+
+        power : of the shares; 0: plain sums
+        """
+        inside = self.segment >= 0
+        weighted = values[inside] * self.share[inside] ** power
+        total = np.bincount(self.segment[inside], weighted)
+        return total[self.segment[self.before]] + total[self.segment[self.after]]
 
     def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
         """Values (k,) of the places by particle and column, (n, 3); 0 where there is none."""
@@ -83,7 +104,21 @@ def slides_of(job: Job, net: Net) -> tuple[Slides | None, list[str]]:
             slips.setdefault(pair, (entry, number))
         errors += [f"{where} {line}" for line in wrong + loose]
     errors += [f"{job.path}: [[slide]]: {line}" for line in _crowded(net, pairs, slips)]
-    return (None if errors else _along_cables(net, pairs, slips)), errors
+    return (None if errors else _along_cables(net, pairs, slips, _bare_nodes(job, net))), errors
+
+
+def _bare_nodes(job: Job, net: Net) -> np.ndarray:
+    """Return whether nothing but the cable is at a node, (n,): material then passes through it."""
+    given = _given_nodes(net)
+    bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
+    bare &= ~net.held.any(1) & (net.mass == 0.0) & ~net.load.any(1)
+    bare[:given] &= not loads_the_roof(job)  # areas are not known yet
+    named = [
+        int(p) for stage in job.stages for ids in (stage.hold, stage.release, stage.move) for p in ids or ()
+    ]
+    bare &= ~np.isin(net.node_id, named)
+    bare[given:] = True  # those of `subdivide`, held or not
+    return bare
 
 
 def _wanted(net: Net, entry, through: list[_Pair]) -> tuple[list[_Pair], list[str]]:
@@ -171,8 +206,8 @@ def _through(net: Net, rows: np.ndarray) -> list[_Pair]:
     return sorted(_Pair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
 
 
-def _along_cables(net: Net, pairs: dict, slips: dict) -> Slides:
-    """The places that slip, in the order in which cables go through them."""
+def _along_cables(net: Net, pairs: dict, slips: dict, bare: np.ndarray) -> Slides:
+    """Return the slip points in the order in which cables go through them; bare : (n,) of `_bare_nodes`."""
     label = parts_of(np.array([pair[1:] for pair in pairs], np.int64), net.m)
     at: dict[tuple[int, int], int] = {}  # the element that an element goes on in, through a node
     for node, e, f in pairs:
@@ -184,7 +219,8 @@ def _along_cables(net: Net, pairs: dict, slips: dict) -> Slides:
             if pair in slips:
                 entry = slips[pair][0]
                 found.append((node, before, after, entry.friction, entry.resistance, net.cable[first]))
-    return _as_arrays(net, found, along)
+    joined = [pair[1:] for pair in pairs if pair not in slips and bare[pair.node]]
+    return _as_arrays(net, found, along, parts_of(np.array(joined, np.int64).reshape(-1, 2), net.m))
 
 
 def _walk(net: Net, first: int, at: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
@@ -208,15 +244,51 @@ def _walk(net: Net, first: int, at: dict, along: np.ndarray) -> list[tuple[int, 
     return ahead if closed else go(-1)[::-1] + ahead
 
 
-def _as_arrays(net: Net, found: list[tuple], along: np.ndarray) -> Slides:
-    """The places with their columns at the nodes."""
+def _as_arrays(net: Net, found: list[tuple], along: np.ndarray, run: np.ndarray) -> Slides:
+    """Return the slip points with their columns at the nodes.
+
+    run : (m,) label of the elements of a free segment
+    """
     node, before, after, friction, resistance, cable = map(np.array, zip(*found))
     order = np.argsort(node, kind="stable")
     column = np.empty(len(node), np.int64)
     column[order] = np.arange(len(node)) - np.searchsorted(node[order], node[order])
-    place = np.full((net.m, 2), -1, np.int8)
-    for k in range(len(node)):
-        for e in (before[k], after[k]):
-            place[e, 0 if net.elements[e, 0] == node[k] else 1] = column[k]
+    label = np.unique(run[np.concatenate([before, after])])
+    row = np.minimum(np.searchsorted(label, run), len(label) - 1)
+    segment = np.where(label[row] == run, row, -1)
+    inside = segment >= 0
+    length = net.lengths()
+    share = np.zeros(net.m)
+    share[inside] = length[inside] / np.bincount(segment[inside], length[inside])[segment[inside]]
+    places = np.full((2, len(label)), -1)  # slip points at the begin and the end of each segment
+    places[0, segment[after]] = places[1, segment[before]] = np.arange(len(node))
+    of_element = np.where(inside, places[:, segment], -1).T
+    there = of_element >= 0
+    place = np.where(there, column[of_element], -1).astype(np.int8)
+    at = np.where(there, node[of_element], -1)
     friction, resistance = friction.astype(float), resistance.astype(float)
-    return Slides(node, column, before, after, friction, resistance, cable, place, along)
+    return Slides(
+        *(node, column, before, after, friction, resistance, cable, along),
+        *(segment, share, place, at),
+    )
+
+
+def kept_together(part: np.ndarray, slides: Slides | None, net: Net) -> np.ndarray:
+    """Return the rank (n,) of each particle, with cables whose segments have several elements on one rank.
+
+    part : (n,). The rank that owns a slip point needs the tensions of both segments beside it.
+    """
+    if slides is None:
+        return part
+    inside = slides.segment >= 0
+    count = np.bincount(slides.segment[inside])
+    beside = np.column_stack([slides.segment[slides.before], slides.segment[slides.after]])
+    cable = parts_of(beside, len(count))
+    tied = np.isin(cable, cable[count > 1])
+    rows = net.elements[inside & tied[slides.segment]]
+    if not len(rows):
+        return part
+    label, nodes = parts_of(rows, net.n), np.unique(rows)
+    found = part.copy()
+    found[nodes] = part[label[nodes]]
+    return found

@@ -8,7 +8,8 @@ from netfall.ground.errors import DivergedError, interrupted
 from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.mechanics.ground import begin_with_ground, move_ground
-from netfall.mechanics.slip.motion import slip_inertia
+from netfall.mechanics.law.measures import largest_stiffness
+from netfall.mechanics.slip.motion import beside, slip_inertia
 from netfall.model.schedule import steps_line
 from netfall.record.columns import Moment
 from netfall.record.energy import Energies, energies_of, most_extreme, take_snapshot, total_energies
@@ -72,7 +73,8 @@ def begin_slipping(scene: Scene) -> None:
     """Slips get their inertia, and the weight that goes with them, which stays as it is here. Collective."""
     state, places = scene.state, scene.state.places
     scene.finder.slips.weigh(own_weight(scene.job))
-    inertia = slip_inertia(places, state.EA, state.L0, state.half_mass, scene.schedule.long_dt)
+    stiffness = beside(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
+    inertia = slip_inertia(beside(places, state.half_mass), stiffness, scene.schedule.long_dt)
     state.slip_mass[places.node, places.column] = inertia
 
 

@@ -147,9 +147,11 @@ def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
     from scipy.sparse.linalg import spsolve
 
     chains, q, k = slip.slips.chains, len(slip.coupling), len(slip.way)
-    sides, e = np.concatenate([chains.into, chains.out]), np.tile(np.arange(q), 2)
+    sides = np.concatenate([chains.into[chains.segment], chains.out[chains.segment]])
+    e = np.tile(np.arange(q), 2)
     there = (sides >= 0) & (slip.way[sides] != 0)
-    longer = np.repeat([1.0, -1.0], q)  # by what passes at the begin of an element, and at its end
+    # by what passes at the begin of the element's segment, and at its end
+    longer = np.concatenate([chains.share, -chains.share])
     passed = coo_array((longer[there], (e[there], sides[there])), (q, k)).tocsr()
     ends = np.where(chains.along[:, None] > 0, elements[chains.element], elements[chains.element, ::-1])
     pull = slip.coupling[:, None] * slip.direction

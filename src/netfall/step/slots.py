@@ -15,6 +15,7 @@ from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
 from netfall.mechanics.law.element import yield_energy
 from netfall.mechanics.law.slot import squared_length
 from netfall.mechanics.slip.law import slipped_length
+from netfall.mechanics.slip.motion import is_whole
 from netfall.mechanics.state import State
 from netfall.numerics.arithmetic import inverse_root
 
@@ -117,19 +118,27 @@ def copy_to_slots(n_local, slot_element, values, slot):
 @kernel
 def follow_slips(places, n_owned, first_split, particles, elements, slots):
     """Bring unstressed lengths, in slots too, to slips that have moved. places : `slip.motion.Places`"""
-    for j in range(places.element.shape[0]):
-        e = places.element[j]
-        moves = False
-        for end in range(2):
-            c = elements.slip_place[e, end]
-            moves |= c >= 0 and elements.broken[e] == 0 and particles.slip_v[c][elements.ends[e, end]] != 0.0
-        if not moves:
+    for g in range(places.start.shape[0] - 1):
+        first = places.element[places.start[g]]
+        if not has_moved(first, particles, elements) or not is_whole(g, places, elements):
             continue
-        elements.L0[e] = slipped_length(e, particles.slip, elements)
-        for end in range(2):
-            p = np.int64(elements.ends[e, end])
-            if p < n_owned or p >= first_split:
-                slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
+        for j in range(places.start[g], places.start[g + 1]):
+            e = places.element[j]
+            elements.L0[e] = slipped_length(e, particles.slip, elements)
+            for end in range(2):
+                p = np.int64(elements.ends[e, end])
+                if p < n_owned or p >= first_split:
+                    slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
+
+
+@inner_kernel
+def has_moved(e, particles, elements):
+    """Whether a slip point at an end of the segment of element e has moved in this step."""
+    for end in range(2):
+        c = elements.slip_place[e, end]
+        if c >= 0 and particles.slip_v[c][elements.slip_at[e, end]] != 0.0:
+            return True
+    return False
 
 
 @inner_kernel

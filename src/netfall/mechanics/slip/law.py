@@ -1,17 +1,20 @@
 """The law of a place at which a cable slips over a node: clamp, saddle, pulley; in the step and at rest.
 
 A coordinate s for each node and cable that may slip: the length that has passed, positive in the direction of
-the cable. An element from a to b along its cable has L0 = L0(0) + s_a - s_b. The force on s is minus the
-derivative of the strain energy:
+the cable. The free segment from slip point a to b has L0 = L0(0) + s_a - s_b, and each of its elements a
+constant share w of that (`net.slides`). The force on s is minus the derivative of the strain energy:
 
-    Q = q(T_after) - q(T_before),   q = T + T^2 / (2 EA),   or EA (exp(T / EA) - 1) in logarithmic strain
+    Q = sum w q(T) after it - sum w q(T) before it,   q = T + T^2 / (2 EA),
+    or EA (exp(T / EA) - 1) in logarithmic strain
 
-A place sticks while |Q| is within its limit R, and slips at R. T : the larger tension, t : the smaller one
+Without friction q less the weight's potential is the same everywhere in a cable that hangs freely, so the
+sums are the values at the slip point itself. A slip point sticks while |Q| is within its limit R, and slips
+at R. T : the larger tension beside it, t : the smaller one
 
     saddle:  R = q(T) - q(T exp(-mu theta))      theta: angle between both directions (Euler, Eytelwein)
     clamp:   R = q(t + resistance) - q(t)        both: the sum
 
-What is broken or lost carries nothing, and its unstressed length stays.
+A segment with a broken or removed element carries nothing, and its unstressed length stays.
 """
 
 import math
@@ -22,7 +25,7 @@ from netfall.ground.compile import kernel, part_of_kernel
 from netfall.mechanics.state import State
 from netfall.numerics.arithmetic import exponential
 
-LEAST = 0.2  # of its first unstressed length: a shorter strand is locked
+LEAST = 0.2  # of its first unstressed length: a shorter segment is locked
 
 
 @part_of_kernel
@@ -75,10 +78,18 @@ def set_strands(state: State, L0: np.ndarray) -> None:
 @part_of_kernel
 def slipped_length(e, slip, elements):
     """Unstressed length [m] of element e with the slip, three of (n,) [m]."""
-    i, j = elements.slip_place[e, 0], elements.slip_place[e, 1]
-    into = slip[i][elements.ends[e, 0]] if i >= 0 else 0.0
-    out = slip[j][elements.ends[e, 1]] if j >= 0 else 0.0
-    return elements.strand[e] + elements.slip_along[e] * (into - out)
+    return elements.strand[e] + elements.slip_share[e] * passed_into(e, slip, elements)
+
+
+@part_of_kernel
+def passed_into(e, slip, elements):
+    """Length [m] that has passed into the segment of element e, of slips, three of (n,); or velocities."""
+    i, j, passed = elements.slip_place[e, 0], elements.slip_place[e, 1], 0.0
+    if i >= 0:
+        passed += slip[i][elements.slip_at[e, 0]]
+    if j >= 0:
+        passed -= slip[j][elements.slip_at[e, 1]]
+    return passed
 
 
 @kernel

@@ -6,14 +6,16 @@ With Q of `law`, p the velocity of the slip without friction, and m its inertia:
 
 So what sticks does so exactly: s' = 0. Friction turns m (p - s'(n+1/2)) (s'(n-1/2) + s'(n+1/2)) / 2 into
 heat (little may come back in a step in which slip turns). m is the mass of cable at the node, half of either
-strand, which also moves with the node; or more where the step needs that: m = INERTIA dt^2 (k_before +
-k_after) adds 1/2 to (omega dt)^2 of an element at each of its ends.
+free segment, which also moves with the node; or more if the step needs that: m = INERTIA dt^2 (k_before +
+k_after), k = sum w^2 EA / L0 of a segment, adds 1/2 to (omega dt)^2 of a segment at each of its ends. The
+automatic step keeps what is added below MOST_ADDED of the mass that moves with the slip.
 
 The owner of a node decides; s' goes with the forces to the ranks that have the node as halo. All compute
-unstressed lengths from the same slips. A broken strand has no tension and keeps its length. A lost one pulls
-with what has not faded yet (`varying.FadingLoad`). The weight that goes with slip stays as at the start:
-`slip_load` is its pull. Where too little of a strand is left (LEAST) an end on the cable stops it there, and
-what was in motion turns to heat; it may run back.
+unstressed lengths from the same slips. The rank that owns a slip point holds both segments beside it: cables
+with segments of several elements are not split over ranks (`together`). A segment with a broken element has
+no tension and keeps its length. A removed one pulls with what has not faded yet (`varying.FadingLoad`). The
+weight that goes with slip stays as at the start: `slip_load` is its pull. If too little of a segment is left
+(LEAST) an end on the cable stops it there, and its kinetic energy turns to heat; it may run back.
 """
 
 import math
@@ -23,30 +25,34 @@ import numpy as np
 
 from netfall.ground.compile import kernel, part_of_kernel
 from netfall.mechanics.law.element import axial_force, strain
-from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.law.slot import TINY
 from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_limit
 from netfall.numerics.arithmetic import exponential
 
 INERTIA = 2.0
+MOST_ADDED = 0.02  # of the mass that moves with a slip: what the automatic step may add to it
 STEP = 0.75**0.5  # of a limit of the step without slip: three quarters of (omega dt)^2 are left to the net
 
 
 class Places(NamedTuple):
-    """Where cables slip over particles of a rank, and the elements that grow longer and shorter by it.
+    """Slip points over particles of a rank, and the free segments that grow longer and shorter by them.
 
-    node, column : (k,) places at particles that it owns, ascending, and which of the cables there
-    before, after : (k,) elements on both sides, along the cable
-    moving, of : (j,) the same as node, column, with those of the halo; element : (q,) of all of them
+    node, column : (k,) slip points at particles that it owns, ascending, and which of the cables there
+    before, after : (k,) elements beside them, along the cable; segment_before, segment_after : (k,) segments
+    moving, of : (j,) the same as node, column, with those of the halo
+    element : (q,) of all of them, segment by segment; start : (g + 1,) where each segment begins in it
     """
 
     node: np.ndarray
     column: np.ndarray
     before: np.ndarray
     after: np.ndarray
+    segment_before: np.ndarray
+    segment_after: np.ndarray
     moving: np.ndarray
     of: np.ndarray
     element: np.ndarray
+    start: np.ndarray
 
 
 class Strand(NamedTuple):
@@ -62,41 +68,70 @@ class Strand(NamedTuple):
     along: tuple
 
 
-def places_of(ends, slip_place, slip_along, n_owned: int) -> Places:
-    """The places of a rank. ends : (m, 2) particles, owned before halo; the others of `fields.FIELDS`"""
-    element, end = np.nonzero(slip_place >= 0)
-    node, column = ends[element, end].astype(np.int64), slip_place[element, end].astype(np.int64)
-    arrives = (end == 1) == (slip_along[element] > 0)  # the cable runs through it to the node
-    order = np.lexsort((~arrives, column, node))
-    element, node, column, arrives = (each[order] for each in (element, node, column, arrives))
-    moving = np.unique(np.column_stack([node, column]), axis=0)
-    own = node < n_owned  # of which all elements are here, in pairs
-    before, after = element[own & arrives], element[own & ~arrives]
+def places_of(state, segment: np.ndarray) -> Places:
+    """Return the slip points of a rank, all elements of whose segments it holds.
+
+    state : `state.State`, owned particles before those of the halo; segment : (m,) of `net.slides.Slides`
+    """
+    inside = np.flatnonzero(segment >= 0)
+    inside = inside[np.argsort(segment[inside], kind="stable")]
+    number, row = np.unique(segment[inside], return_inverse=True)
+    begin, end = state.ends.T.astype(np.int64)
+    turned = state.slip_along < 0
+    begin, end = np.where(turned, end, begin), np.where(turned, begin, end)  # along the cable
+    leaves, arrives = (
+        inside[(state.slip_place[inside, k] >= 0) & (at[inside] == state.slip_at[inside, k])]
+        for k, at in enumerate((begin, end))
+    )
+    points = [
+        np.column_stack([state.slip_at[e, k], state.slip_place[e, k], e])
+        for k, e in enumerate((leaves, arrives))
+    ]
+    after, before = (rows[np.lexsort((rows[:, 1], rows[:, 0]))] for rows in points)
+    moving = np.unique(np.concatenate([after, before])[:, :2], axis=0)
+    after, before = (rows[rows[:, 0] < state.n_owned] for rows in (after, before))  # owned: both are here
+    row_of = lambda e: np.searchsorted(number, segment[e])
     return Places(
-        node[own & arrives],
-        column[own & arrives],
-        before,
-        after,
-        np.ascontiguousarray(moving[:, 0]),
-        np.ascontiguousarray(moving[:, 1]),
-        np.unique(element),
+        *(np.ascontiguousarray(after[:, 0]), np.ascontiguousarray(after[:, 1])),
+        *(np.ascontiguousarray(before[:, 2]), np.ascontiguousarray(after[:, 2])),
+        *(row_of(before[:, 2]), row_of(after[:, 2])),
+        *(np.ascontiguousarray(moving[:, 0]), np.ascontiguousarray(moving[:, 1])),
+        *(inside, np.append(0, np.cumsum(np.bincount(row, minlength=len(number))))),
     )
 
 
-def slip_inertia(places, EA: np.ndarray, L0: np.ndarray, half: np.ndarray, dt: float) -> np.ndarray:
-    """Inertia (k,) [kg] of slips: of the cable at the node, or what steps of up to dt [s] need, if more.
+def beside(places: Places, values: np.ndarray) -> np.ndarray:
+    """Return the sums (k,) over both segments beside each slip point of values (m,)."""
+    if not len(places.element):
+        return np.zeros(0)
+    total = np.add.reduceat(values[places.element], places.start[:-1])
+    return total[places.segment_before] + total[places.segment_after]
 
-    places : with `before` and `after`, (k,); EA (m,) [N], L0 (m,) [m], half (m,) [kg] of elements
+
+def slip_inertia(own: np.ndarray, stiffness: np.ndarray, dt: float) -> np.ndarray:
+    """Return the inertia (k,) [kg] of slips: their own, or what steps of up to dt [s] need, if more.
+
+    own : (k,) [kg] half of the mass of both segments; stiffness : (k,) [N/m] sum w^2 EA / L0 over both
     """
-    k = largest_stiffness(EA, L0)
-    own, needed = half[places.before] + half[places.after], k[places.before] + k[places.after]
-    return np.maximum(own, INERTIA * dt * dt * needed)
+    return np.maximum(own, INERTIA * dt * dt * stiffness)
+
+
+def step_of_slips(own: np.ndarray, stiffness: np.ndarray, moving: np.ndarray) -> np.ndarray:
+    """Return the step (k,) [s] up to which slips need at most MOST_ADDED of the mass that moves with them.
+
+    moving : (k,) [kg] mass of the nodes of both segments that can move; 0: no node can, and there is no limit
+    """
+    step = np.sqrt((own + MOST_ADDED * moving) / (INERTIA * np.maximum(stiffness, TINY)))
+    return np.where(moving > 0.0, step, np.inf)
 
 
 @part_of_kernel
-def _strand(e, share, particles, elements, law):
-    """`Strand` of element e at the present positions; share : of the time between samples of what fades."""
-    whole, hold = elements.broken[e] == 0, 0.0
+def _strand(e, whole, share, particles, elements, law):
+    """`Strand` of element e, beside a slip point, at the present positions.
+
+    whole : whether its segment is; share : of the time between samples of what fades
+    """
+    hold = 0.0
     if elements.hold_before is not None:
         hold = elements.hold_before[e] + share * (elements.hold_after[e] - elements.hold_before[e])
     if not whole and not hold > 0.0:
@@ -112,11 +147,37 @@ def _strand(e, share, particles, elements, law):
 
 
 @part_of_kernel
-def _is_short(e, passed, elements):
-    """Whether too little is left of element e, out of which `passed` [m] went at the node in question."""
-    if elements.broken[e] != 0:
-        return passed >= (1.0 - LEAST) * elements.strand[e]
-    return elements.L0[e] <= LEAST * elements.strand[e]
+def is_whole(g, places, elements):
+    """Whether no element of segment g is broken or removed."""
+    broken = 0
+    for j in range(places.start[g], places.start[g + 1]):
+        broken += np.int64(elements.broken[places.element[j]] != 0)
+    return broken == 0
+
+
+@part_of_kernel
+def _drive(g, places, particles, elements, law):
+    """Sum [N] over the elements of segment g, which is whole, of q(T) times their shares."""
+    x, total = particles.x, 0.0
+    for j in range(places.start[g], places.start[g + 1]):
+        e = places.element[j]
+        a, b = elements.ends[e, 0], elements.ends[e, 1]
+        dx, dy, dz = x[0][b] - x[0][a], x[1][b] - x[1][a], x[2][b] - x[2][a]
+        L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
+        T, _ = axial_force(elements, e, strain(L, elements.L0[e], law), 0.0)
+        total += elements.slip_share[e] * slip_force(T, elements.EA[e], law)
+    return total
+
+
+@part_of_kernel
+def _is_short(g, e, whole, passed, places, elements):
+    """Whether too little is left of segment g, out of which `passed` [m] went beside element e."""
+    if whole:
+        return elements.L0[e] <= LEAST * elements.strand[e]
+    length = 0.0
+    for j in range(places.start[g], places.start[g + 1]):
+        length += elements.strand[places.element[j]]
+    return passed >= (1.0 - LEAST) * length
 
 
 @part_of_kernel
@@ -126,14 +187,19 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
     And whether it is kept from going on.
     """
     p, c, b, a = places.node[i], places.column[i], places.before[i], places.after[i]
+    segment_b, segment_a = places.segment_before[i], places.segment_after[i]
     old, inertia = particles.slip_v[c][p], particles.slip_mass[c][p]
-    before = _strand(b, share, particles, elements, law)
-    after = _strand(a, share, particles, elements, law)
+    before = _strand(b, is_whole(segment_b, places, elements), share, particles, elements, law)
+    after = _strand(a, is_whole(segment_a, places, elements), share, particles, elements, law)
     if not before.whole and not after.whole:
         return 0.0, old, 0.0, 0.0, False
     EA_b = elements.EA[b] if before.whole else elements.EA[a]
     EA_a = elements.EA[a] if after.whole else elements.EA[b]
-    strands = slip_force(after.tension, EA_a, law) - slip_force(before.tension, EA_b, law)
+    strands = 0.0
+    if after.whole:
+        strands += _drive(segment_a, places, particles, elements, law)
+    if before.whole:
+        strands -= _drive(segment_b, places, particles, elements, law)
     besides = slip_force(after.hold, EA_a, law) - slip_force(before.hold, EA_b, law)
     besides += particles.slip_load[c][p]
     mu, turn = particles.friction[c][p], 1.0
@@ -147,7 +213,9 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
     new, passed = 0.0, particles.slip[c][p]
     if left > 0.0:
         new = left if free > 0.0 else -left
-    if (new > 0.0 and _is_short(b, passed, elements)) or (new < 0.0 and _is_short(a, -passed, elements)):
+    if new > 0.0 and _is_short(segment_b, b, before.whole, passed, places, elements):
+        return 0.0, free, strands, besides, True
+    if new < 0.0 and _is_short(segment_a, a, after.whole, -passed, places, elements):
         return 0.0, free, strands, besides, True
     return new, free, strands, besides, False
 
