@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
 from mpi4py import MPI
+from scipy.optimize import brentq
 from test_slipping import table
 
 from netfall.checks.slides import slide_columns
@@ -264,3 +265,60 @@ def test_the_most_used_saddle_in_motion_is_that_of_the_largest_difference():
         "| dynamics | node 2, cable a | 5 kN | not known |  | none |",
         "| rest | node 2, cable a | 2 kN | 2 kN | 1.000 | none |",
     ]
+
+
+@pytest.mark.parametrize("parts", [1, 8, 20, 60])
+def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
+    """A support moves 5 m towards the pulley over which a weight hangs: 5 m of the stretched rope pass.
+
+    More than a part of a rope in 60, 1.67 m, on the side that it leaves; the tension stays the weight's.
+    """
+    T, EA = 5000.0, 1e8
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,100,0,0,1,0\n3,100,0,-12,0,-5000\n"
+    elements = (
+        f"start,end,group,unstressed_length\n1,2,rope,{100 / (1 + T / EA)}\n2,3,rope,{12 / (1 + T / EA)}\n"
+    )
+    text = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n" + rope()
+    text += (
+        "[load]\nself_weight = false\nsteps = 0\n[[case]]\nname = 'in'\nsettlement = {1 = [5.0, 0.0, 0.0]}\n"
+    )
+    (workshop.folder / "nodes.csv").write_text(nodes)
+    (workshop.folder / "elements.csv").write_text(elements)
+    f = workshop.run(workshop.job(text + '[[slide]]\ngroup = "rope"\n'))
+    case = f["cases/in"]
+    assert case["slip"][0] == pytest.approx(5.0 / (1.0 + T / EA), rel=1e-8)  # of the tolerance, 1e-6 of 12 m
+    assert case["tension"][:] == pytest.approx([T] * 2 * parts, rel=1e-6)
+    assert "stopped" not in case.attrs
+
+
+@pytest.mark.parametrize("parts, within", [(8, 2e-2), (20, 3e-3), (60, 4e-4)])
+def test_slip_in_unlike_spans_is_that_of_catenaries(workshop, parts, within):
+    """Spans of 100 and 60 m with lengths of 106 and 66.8 m: 30 N/m slip until both tensions are equal.
+
+    Elastic catenaries in closed form; straight elements are off as the square of their length.
+    """
+    w, EA, spans_, given = 30.0, 5e7, (100.0, 60.0), (106.0, 66.8)
+
+    def force(span, S):  # the horizontal force at which an unstressed length S hangs over a span
+        return brentq(lambda H: 2 * H / w * np.arcsinh(w * S / 2 / H) + H * S / EA - span, 10.0, 1e6)
+
+    def at_pulley(s):  # difference of the tensions after s has slipped into the second span
+        ends = [np.hypot(force(span, S), w * S / 2) for span, S in zip(spans_, (given[0] - s, given[1] + s))]
+        return ends[0] - ends[1]
+
+    slip = brentq(at_pulley, -6.0, 5.0)
+    S = given[0] - slip
+    T = np.hypot(force(100.0, S), w * S / 2)
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,1,1,1\n2,50,0,-15,0,1,0\n3,100,0,0,1,1,1\n"
+    nodes += "4,130,0,-12,0,1,0\n5,160,0,0,1,1,1\n"
+    elements = "start,end,group,cable,unstressed_length\n" + "".join(
+        f"{k},{k + 1},rope,c,{length / 2}\n" for k, length in zip((1, 2, 3, 4), (106.0, 106.0, 66.8, 66.8))
+    )
+    (workshop.folder / "nodes.csv").write_text(nodes)
+    (workshop.folder / "elements.csv").write_text(elements)
+    net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
+    f = workshop.run(workshop.job(net + LINE + "nodes = [3]\n"))
+    assert f["statics/slip"][-1, 0] == pytest.approx(slip, rel=within)
+    N = f["statics/tension"][-1].reshape(4, parts)
+    beside = np.array([1.5 * N[1, -1] - 0.5 * N[1, -2], 1.5 * N[2, 0] - 0.5 * N[2, 1]])  # at the pulley
+    assert beside == pytest.approx([T, T], rel=within)

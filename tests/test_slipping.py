@@ -203,3 +203,25 @@ def test_energies_of_a_torn_ring(torn):
 def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     """On two and three ranks; on these again from a checkpoint of one rank, after the losses."""
     assert_same_bits_on(ranks, *torn, shared_workshop, "torn")
+
+
+@pytest.mark.parametrize("parts, safety", [(1, 0.8), (1, 0.2), (8, 0.8)])
+def test_the_automatic_step_follows_slip(both_ways, parts, safety):
+    """Atwood's machine with the automatic step: 1/2 a t^2, with at most 2 % safety^2 of the mass added.
+
+    The nodes of a rope in parts are light: there the step is shorter for them, and nothing is added.
+    """
+    text, nodes, elements, _, _ = atwood(0.0)
+    net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
+    text = text.replace(f"time_step = {DT}\n", f"safety = {safety}\n").replace(
+        "history = 0.1", "history = 0.5"
+    )
+    (both_ways.folder / "nodes.csv").write_text(nodes)
+    (both_ways.folder / "elements.csv").write_text(elements)
+    f = both_ways.run(both_ways.job(net + text))
+    fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
+    exact = 0.5 * G * (HEAVY - LIGHT) / (HEAVY + LIGHT)
+    assert 0.98 * exact < fallen < 1.001 * exact
+    added = 0.02 * safety**2 if parts == 1 else 0.0
+    assert fallen == pytest.approx(exact / (1.0 + added), rel=2e-3)
+    assert abs(f["slide/slip"][-1, 0]) == pytest.approx(fallen, rel=2e-3)  # the rope stretches by 1e-4

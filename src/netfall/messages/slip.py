@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.slip.law import LEAST
-from netfall.mechanics.slip.motion import slip_inertia
+from netfall.mechanics.slip.motion import MOST_ADDED, slip_inertia
 from netfall.model.model import Model
 from netfall.numerics.functions import expm1, lengths
 
@@ -17,15 +17,19 @@ def inertia_line(model: Model, dt: float) -> str:
     slides, net = model.layout.slides, model.net
     own = slides.sides(model.half_mass, 0)
     inertia = slip_inertia(own, slides.sides(largest_stiffness(net.EA, model.L0), 2), dt)
-    more, most = int((inertia > own).sum()), int(np.argmax(inertia - own))
-    line = f"slip: {slides.count} places, with the inertia of the cable there"
-    if not more:
-        return line
-    node, times = slides.node[most], inertia[most] / max(own[most], 1e-300)
-    return (
-        f"{line}, at {more} with more for the step, up to {inertia[most]:.4g} kg, {times:.2g} times as much "
-        f"(node {net.node_id[node]}, mass {model.mass[node]:.4g} kg); half the step needs a quarter"
+    moving = slides.sides(np.where(net.moves, model.own_mass, 0.0)[net.elements].sum(1), 0)
+    added = np.divide(inertia - own, moving, out=np.zeros_like(own), where=moving > 0.0)
+    most, line = (
+        int(np.argmax(added)),
+        f"slip: {slides.count} slip points, with the inertia of the cable there",
     )
+    if not added[most] > 0.0:
+        return line
+    line += (
+        f"; the step adds up to {added[most]:.2%} of the mass that moves (node {net.node_id[slides.node[most]]}), "
+        "and slip is slower by as much"
+    )
+    return f"warning: {line}. Halve the step." if added[most] > MOST_ADDED else line
 
 
 def unlike_notes(model: Model) -> list[str]:
@@ -63,15 +67,16 @@ def slip_lines(model: Model, time: np.ndarray, slide: dict[str, np.ndarray]) -> 
         f"slip in motion: at {slipped} of {slides.count} places, at most {passed[row, place]:.4g} m, "
         f"over node {net.node_id[slides.node[place]]} by t = {time[row]:.4g} s"
     ]
-    element, rows = np.unique(np.concatenate([slides.before, slides.after]), return_inverse=True)
-    change = np.zeros((len(element), len(time)))
-    np.add.at(change, rows, np.concatenate([-passed.T, passed.T]))
-    share = np.abs(change).max(1) / model.L0[element]
+    beside, inside = np.concatenate([slides.before, slides.after]), slides.segment >= 0
+    length = np.bincount(slides.segment[inside], model.L0[inside])
+    change = np.zeros((len(length), len(time)))
+    np.add.at(change, slides.segment[beside], np.concatenate([-passed.T, passed.T]))
+    share = np.abs(change).max(1) / length
     worst = int(np.argmax(share))
     if share[worst] > CHANGED:
-        name = model.element_name(int(element[worst]))
+        name = model.element_name(int(beside[slides.segment[beside] == worst][0]))
         lines.append(
-            f"note: slip changed the length of element {name} by {share[worst]:.0%}: "
+            f"note: slip changed the length of the free segment with element {name} by {share[worst]:.0%}: "
             "masses, weights and the limit of the step are those of the lengths at the start"
         )
     if not np.isnan(stopped).all():
@@ -79,7 +84,7 @@ def slip_lines(model: Model, time: np.ndarray, slide: dict[str, np.ndarray]) -> 
         node = net.node_id[slides.node[first]]
         lines.append(
             f"note: at t = {stopped[first]:.6g} s a cable had run over node {node} "
-            f"until {LEAST:.0%} of a strand was left, where its end stops it; so at "
+            f"until {LEAST:.0%} of its free segment was left, where its end stops it; so at "
             f"{int((~np.isnan(stopped)).sum())} places in all"
         )
     return lines

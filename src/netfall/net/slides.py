@@ -111,7 +111,11 @@ def _bare_nodes(job: Job, net: Net) -> np.ndarray:
     """Return whether nothing but the cable is at a node, (n,): material then passes through it."""
     given = _given_nodes(net)
     bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
-    bare &= ~net.held.any(1) & (net.mass == 0.0) & ~net.load.any(1)
+    lean = np.zeros((net.n, 3))  # of the elements at a node towards each axis
+    for end in range(2):
+        np.maximum.at(lean, net.elements[:, end], np.abs(np.diff(net.x[net.elements], axis=1)[:, 0]))
+    bare &= ~(net.held & (lean > net.tolerance)).any(1)  # a plane net is held across its plane
+    bare &= (net.mass == 0.0) & ~net.load.any(1)
     bare[:given] &= not loads_the_roof(job)  # areas are not known yet
     named = [
         int(p) for stage in job.stages for ids in (stage.hold, stage.release, stage.move) for p in ids or ()

@@ -156,7 +156,8 @@ def stop_notes(found: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray)
     """Notes on equilibria in which ends of cables stop them; found : what each is, the rows of elements."""
     ids = lambda rows: counted("element", element_id[list(rows)])
     return [
-        f"note: {what}: cables slipped until a fifth of {ids(rows)} was left, where their ends stop them; "
+        f"note: {what}: cables slipped until a fifth of the free segments with {ids(rows)} was left, where "
+        "their ends stop them; "
         "clamps of more resistance or saddles of more friction hold them before"
         for what, rows in found
         if rows
