@@ -26,8 +26,8 @@ def inertia_line(model: Model, dt: float) -> str:
     if not added[most] > 0.0:
         return line
     line += (
-        f"; the step adds up to {added[most]:.2%} of the mass that moves (node {net.node_id[slides.node[most]]}), "
-        "and slip is slower by as much"
+        f"; the step adds up to {added[most]:.2%} of the mass that moves, at node "
+        f"{net.node_id[slides.node[most]]}, and slip is slower by as much"
     )
     return f"warning: {line}. Halve the step." if added[most] > MOST_ADDED else line
 
