@@ -631,7 +631,8 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
     with workshop.open() as f:
         assert "statics" not in f and "stages" not in f
         assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
-        assert "force of stay = -10 N: came to 0 N" in f["form_finding"].attrs["reason"]
+        came = f["form_finding"].attrs["reason"].split("force of stay = -10 N: came to ")[1].split(" N")[0]
+        assert abs(float(came)) < 1e-6  # a cable that is slack to rounding
         pull = pull_at(start_position(f), f["net/elements"][:], f["form_finding/tension"][:])
         assert np.abs(pull[2]).max() < FOUND * 1e4
     assert "NOT REACHED: the targets" in run_on_standing_ranks("info", path).stdout
