@@ -7,7 +7,7 @@ part of the program the tests of its quick set, the likely finder first. Source 
 fault at a time is put in, and its quick set runs until the first failure, some seconds of a processor: the
 kernels run as plain Python (tests/uncompiled), for the compiler would take longer than the tests. What came
 of it goes to a journal beside the copy, so that a run that was killed goes on where it was; a row counts as
-long as the fault, its file and the names of its tests are the same. --table writes faults.md from it.
+long as the fault, its file and the names of its tests are the same. --table prints a table of it.
 """
 
 import argparse
@@ -165,13 +165,13 @@ def known_of(faults: list[Fault], rows: dict[str, dict]) -> tuple[list[tuple[Fau
     return known, f"{found} of {len(known)} faults are found by their quick sets; {left} not run."
 
 
-def write_table(faults: list[Fault], rows: dict[str, dict]) -> None:
-    """faults.md from the rows."""
+def print_table(faults: list[Fault], rows: dict[str, dict]) -> None:
+    """Print what found each fault, as a table."""
     known, total = known_of(faults, rows)
     lines = [
         "# Faults made by hand, and what finds them",
         "",
-        "Written by `python tests/faults.py --table`; each fault is an edit in [faults.toml](faults.toml).",
+        "Each fault is an edit in faults.toml.",
         "The quick set of a part of the program stops at the first failure.",
         total,
         "",
@@ -181,7 +181,7 @@ def write_table(faults: list[Fault], rows: dict[str, dict]) -> None:
     for fault, row in known:
         by = f"`{row['found']}`" if row["found"] else f"**not found** {fault.explained}"
         lines.append(f"| {fault.part} | {fault.file} | {fault.means} | {by} | {row['cpu']:.0f} |")
-    (ROOT / "tests" / "faults.md").write_text("\n".join(lines) + "\n")
+    print("\n".join(lines))
 
 
 def options() -> argparse.Namespace:
@@ -190,14 +190,14 @@ def options() -> argparse.Namespace:
     p.add_argument("--only", action="append", default=[], metavar="NAME", help="faults whose names begin so")
     p.add_argument("--part", action="append", default=[], help="faults of this part of the program")
     p.add_argument("--fresh", action="store_true", help="forget the journal")
-    p.add_argument("--table", action="store_true", help="write faults.md from the journal, and end")
+    p.add_argument("--table", action="store_true", help="print a table of the journal, and end")
     p.add_argument("--sound", action="store_true", help="run all quick sets without a fault first")
     p.add_argument("--place", type=Path, default=PLACE, help=f"of copy and journal (default: {PLACE})")
     return p.parse_args()
 
 
 def main() -> None:
-    """Try what has not been tried, or write the table."""
+    """Try what has not been tried, or print the table."""
     global TREE, JOURNAL, PLACE
     asked, faults = options(), read_faults()
     PLACE = asked.place
@@ -205,7 +205,7 @@ def main() -> None:
     for fault in faults:
         fault.edited(ROOT / "src")
     if asked.table:
-        write_table(faults, rows_so_far())
+        print_table(faults, rows_so_far())
         return
     if asked.fresh:
         JOURNAL.unlink(missing_ok=True)
