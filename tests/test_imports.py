@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "multigrid": ["mechanics", "parallel"],
     "equilibrium": ["mechanics", "parallel", "multigrid"],
     "model": ["job", "net", "roof", "wind", "mechanics", "parallel"],
-    "record": ["job", "wind", "mechanics", "parallel", "model", "step"],
+    "record": ["job", "net.turned", "wind", "mechanics", "parallel", "model", "step"],
     "write": ["net", "roof", "mechanics", "parallel", "record.columns", "results.datasets"],
     "form": ["job", "net", "mechanics", "parallel", "multigrid", "equilibrium", "model", "write"],
     "stages": [

@@ -213,6 +213,10 @@ class Slips:
     def forces(self, x: np.ndarray, f: np.ndarray) -> None:
         """Let slip at x (n, 3), which is the state's own; add to f what weighs more or less. Collective."""
         self.follow()
+        self.add_moved_weights(f)
+
+    def add_moved_weights(self, f: np.ndarray) -> None:
+        """Add to f (n, 3) [N] the self weight that the slips, as they are now, move from node to node."""
         if self.weights:
             moved = -0.5 * self.weights * self.chains.weight * (self.work.L0 - self.sections[:, 1])
             for e, _, ends in self.here:

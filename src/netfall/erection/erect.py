@@ -10,17 +10,23 @@ from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import elastic, tension_to
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import own_weight, settings_of
-from netfall.mechanics.bending import add_bending_forces
 from netfall.mechanics.fields import TAKEN_OUT
 from netfall.mechanics.law.measures import warm_length
 from netfall.mechanics.slip.law import set_strands
 from netfall.model.actions import StaticLoad
-from netfall.net.turned import held_along, on_held, turned_column
+from netfall.net.turned import held_along, turned_column
 from netfall.numerics.functions import lengths
-from netfall.results.notes import error_words, limit_notes, stop_notes
+from netfall.results.notes import error_words, force_balance_warnings, limit_notes, stop_notes
 from netfall.stages import settle
 from netfall.stages.scene import Scene, let_slip
-from netfall.stages.static_outcome import NONE, UNDECIDED, StaticOutcome, by_ids, limit_warning, undecided
+from netfall.stages.static_outcome import (
+    NONE,
+    UNDECIDED,
+    StaticOutcome,
+    by_ids,
+    limit_warning,
+    undecided,
+)
 
 MOST_TURNS = 10  # of forces at jacks
 
@@ -161,7 +167,7 @@ def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tu
         load = scene.distribution.particles(setting and setting.forces(scene.model))
         change = max(scene.comm.allgather(np.abs(load - each.load).max(initial=0.0)))
         if not found.outcome.carries or change <= asked * settle.reference_force(scene, each):
-            return found.outcome, setting
+            return settle.balanced_under(scene, found.outcome, load), setting
         each = each._replace(load=load)
     reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
     return found.outcome._replace(state=NONE, reason=reason), setting
@@ -185,6 +191,7 @@ def _note(
     N = scene.distribution.gather_elements(found.snapshot.N, mine)
     moments = None if state.joints is None else state.bending_moments()
     bends = {} if moments is None else {"bending_moment": scene.distribution.gather_elements(moments, mine)}
+    reaction = scene.distribution.gather_particles(found.balance.reaction)
     numbers = {name: np.array(value) for name, value in found.numbers().items()}
     numbers["stable"] = numbers.pop("unstable_at") == STABLE
     group = f"stages/{stage.name}"
@@ -196,37 +203,16 @@ def _note(
         numbers["slip"] = numbers["slip"] + (last[0]["slip"] if last else 0.0)
         erection.labels[group]["clamps"] = setting.clamps
     held = setting.fixed & setting.there(model.net)[:, None]
-    reaction = (
-        reactions(model, held, setting.forces(model), x, N) if outcome.carries else np.full_like(x, np.nan)
-    )
     there = {
         "displacement": x - model.x,
         "tension": N,
         "unstressed_length": setting.L0,
         "active": setting.active.astype(np.uint8),
         "held": held.astype(np.uint8),
-        "reaction": reaction,
+        "reaction": reaction if outcome.carries else np.full_like(x, np.nan),
     }
     erection.sections[group] = numbers | bends | there
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
-
-
-def reactions(model, held: np.ndarray, load: np.ndarray, x: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """Forces (n, 3) [N] on the foundation: of the elements, what bends, and the load, on axes that are held.
-
-    held : (n, 3) bool, rigidly; load : (n, 3) [N]; x : (n, 3) [m]; N : (m,) [N]
-    """
-    net, force = model.net, load.copy()
-    held = held | (net.spring > 0)
-    there = held.any(1)[net.elements].any(1)  # of elements that meet none of them nobody asks
-    start, end = net.elements[there].T
-    along = x[end] - x[start]
-    pull = (N[there] / lengths(along))[:, None] * along
-    np.add.at(force, start, pull)
-    np.subtract.at(force, end, pull)
-    if model.joints is not None:
-        add_bending_forces(x, model.joints, force)
-    return on_held(net, held, force)
 
 
 def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
@@ -253,5 +239,6 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
     if outcome.limit is not None:
         each = StaticLoad("stage", f"stage {stage.name}", None)
         lines.append(limit_warning(each, outcome.limit, net.node_id[outcome.limit.particle]))
+    lines += force_balance_warnings([(f"stage {stage.name}", outcome.equilibrium.balance.unexplained)])
     lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
     return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))

@@ -14,6 +14,7 @@ from netfall.mechanics.elements import ElementState, element_state
 from netfall.mechanics.law.law import Law, law_of, reaches
 
 FEWEST_SPARE = 64  # rows for particles that may split off, made at once
+COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 STEP_ALONE = ("lost", "highest", "lowest", "yield_strain", "eps_u", "eps_c", "reach", "pending", "breaks")
 
 
@@ -232,3 +233,15 @@ class State:
 def axes(array: np.ndarray | None):
     """The columns of an array (n, 3), each contiguous; None for None."""
     return None if array is None else tuple(array.T)
+
+
+def committed(state: State) -> dict[str, np.ndarray]:
+    """Copies of what an equilibrium leaves in the state, for `put_back`."""
+    there = ((name, getattr(state, name)) for name in COMMITTED)
+    return {name: array.copy(order="K") for name, array in there if array is not None}
+
+
+def put_back(state: State, kept: dict[str, np.ndarray]) -> None:
+    """The state as it was when `committed` was called."""
+    for name, array in kept.items():
+        getattr(state, name)[:] = array

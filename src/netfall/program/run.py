@@ -9,17 +9,16 @@ from pathlib import Path
 import numpy as np
 
 import netfall
-from netfall.erection.erect import reactions
 from netfall.form.initial import FORM, INITIAL, initial_record
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError, Undecided
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
-from netfall.job.asks import carries_permanent
+from netfall.job.asks import carries_permanent, settings_of
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, Memory
 from netfall.mechanics.events import EventLog
-from netfall.messages.run import after_run, before_run
+from netfall.messages.run import after_run, before_run, in_form
 from netfall.model.loads import load_section
 from netfall.model.schedule import schedule_of
 from netfall.parallel.agree import on_root
@@ -28,7 +27,9 @@ from netfall.program.provenance import how_it_writes, provenance_of
 from netfall.program.ranks import ranks_notes
 from netfall.program.restart import register_result, restore_state
 from netfall.program.setup import prepare
+from netfall.record.balance import Balance, balance_in_form
 from netfall.record.energy import take_snapshot
+from netfall.results.notes import force_balance_warnings
 from netfall.stages import dynamics, modes, rests, statics
 from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
 from netfall.stages.static_outcome import NONE, UNDECIDED
@@ -119,6 +120,7 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
     """
     outcomes = {FORM: of_form(scene)}
     try:
+        desk.progress.say(*outcomes[FORM].lines)
         take_up(scene, desk)
         for stage in STAGES:
             if stage.required(scene.job) and not scene.failure:
@@ -174,15 +176,27 @@ def take_up(scene: Scene, desk: Desk) -> None:
 
 def of_form(scene: Scene) -> Outcome:
     """What came of the form, of targets and stages of erection."""
-    built, sections = scene.build_up, initial_sections(scene)
+    built, balance = scene.build_up, balance_of_form(scene) if scene.model and scene.form else None
+    labels = built.labels if built and scene.model else {}
+    found = [("form", balance.unexplained)] if balance and "form_finding" not in labels else []
     ended = (
         {"exit_state": UNDECIDED if isinstance(scene.failure, Undecided) else NONE} if scene.failure else {}
     )
-    return Outcome(None, (), sections, ended, built.labels if built and scene.model else {}, scene.failure)
+    sections = initial_sections(scene, balance)
+    return Outcome(None, force_balance_warnings(found), sections, ended, labels, scene.failure)
 
 
-def initial_sections(scene: Scene) -> dict[str, dict]:
-    """The small datasets of the net, its loads and its form, on rank 0."""
+def balance_of_form(scene: Scene) -> Balance:
+    """The balance of the form under what it carries. Rank 0."""
+    model, asked = in_form(scene), [settings_of(scene.job).tolerance]
+    if scene.job.form_finding:
+        asked.append(scene.job.form_finding.tolerance)
+    carried = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
+    return balance_in_form(model, carried, scene.residual, max(asked))
+
+
+def initial_sections(scene: Scene, balance: Balance | None) -> dict[str, dict]:
+    """The small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
     model, form = scene.model, scene.form
     if model is None:
         return {}
@@ -196,7 +210,6 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
         sections["slide"] = slide_section(model.net, model.layout.slides)
     if form:
         model = build_up.form or model
-        carried = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
         of_prestress = lambda force: np.float64(force / form.reference if form.reference else 0.0)
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
@@ -206,7 +219,8 @@ def initial_sections(scene: Scene) -> dict[str, dict]:
             "tension": model.N,
             "unstressed_length": model.cut_length,
             "held": model.net.fixed.astype(np.uint8),
-            "reaction": reactions(model, model.net.fixed, carried, model.x, model.N),
+            "reaction": balance.reaction,
+            **{name: np.array(value) for name, value in balance.numbers().items()},
         }
         if form.self_stress is not None:
             sections["form_finding"]["self_stress"] = form.self_stress

@@ -38,11 +38,22 @@ MOMENT = (
 REACTION = "on what holds the nodes: of elements, and what acts on the node itself; 0 where nothing does"
 
 
+def balance(many: str = "") -> str:
+    """Rows of how reactions balance the loads in an equilibrium; many : the axis that counts equilibria."""
+    return f"""
+residual_sum | {f"{many}, 3" if many else "3"} | N | sum of the residual forces: with it the reactions balance
+    the loads
+force_balance_error | {many} | 1 | difference of the sums of reactions and loads along the axis where it is
+    largest, as a share of the sum of absolute reactions, or of the largest tension if that is more
+"""
+
+
 def equilibrium(many: str = "") -> str:
     """Rows of what is kept of an equilibrium besides its state; many : the axis that counts equilibria."""
     return f"""
 slip | {f"{many}, k" if many else "k"} | m | with `[[slide]]`: of the places of /slide
 residual | {many} | N | largest residual force
+{balance(many)}
 slack | {many} | 1 | elements of cables without tension
 iterations | {many} | 1 | of conjugate gradients, and of the relaxation where there was one
 displacement_error | {many} | 1 | estimated, as a share of the largest displacement from the start; nan: no
@@ -74,6 +85,7 @@ tension | m | N | of the form
 unstressed_length | m | m | at the temperature of form finding
 held | n, 3 | 1 | 1: an axis that is held in it rigidly, 0: free
 reaction | n, 3 | N | on the foundation: pull of the elements and the load that the form carries, on held axes
+{balance()}
 self_stress | k, m | 1 | with `method = "keep"`: forces of each state, the largest is 1
 target_change | k | m | with `[[target]]`: of each cable, a row for each target
 target_influence | k, k | N/m | of these (axis 1) on targets (axis 0); of heights m/m

@@ -91,6 +91,23 @@ def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> li
     ]
 
 
+def force_balance_warnings(found: list[tuple[str, float]]) -> list[str]:
+    """Return a warning if reactions do not balance the loads in any equilibrium.
+
+    found : what each equilibrium is, `unexplained` of its `record.balance.Balance`
+    """
+    off = [each for each in found if each[1] > 0.0]
+    if not off:
+        return []
+    words, share = max(off, key=lambda each: each[1])
+    more = f" (and {len(off) - 1} other equilibria)" if len(off) > 1 else ""
+    return [
+        f"warning: {words}{more}: loads, reactions and residual forces are out of balance by {share:.2g} of "
+        "the sum of the reactions, more than the tolerance explains. Reactions and tensions may be wrong. Do "
+        "not use them, and report the job as a fault of netfall."
+    ]
+
+
 def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> str:
     """A warning of a limit point on the path to an equilibrium; node : that jumps, None: none does."""
     if node is None:

@@ -10,14 +10,14 @@ from netfall.equilibrium.stable import STABLE
 from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.job.values import counted, listed
+from netfall.mechanics.fields import FIELDS
 from netfall.model.actions import StaticLoad
 from netfall.model.losses import Loss, comes_loose, losses_of
 from netfall.parallel.subdomain import rows_of
 from netfall.results.loss_lines import SOMETHING_BREAKS
-from netfall.results.notes import error_words
+from netfall.results.notes import error_words, force_balance_warnings
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
-    OF_PARTICLES,
     committed,
     paused,
     put_back,
@@ -27,6 +27,7 @@ from netfall.stages.settle import (
 )
 from netfall.stages.static_outcome import UNDECIDED, undecided
 
+OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
 MOST_ITERATIONS = 100_000  # in which the damaged net comes to rest, or is taken to have none
 
 
@@ -136,11 +137,11 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
         load = distribution.particles(whole)
         words = f"the net without {words_of(scene.job, loss)}"
         tension, rest = np.full(state.m, np.nan), Rest("no_equilibrium")
-        line = f"no rest: a part of {words} is connected to no support"
+        lines = [f"no rest: a part of {words} is connected to no support"]
         if not no_rest:
             try:
                 each = StaticLoad("loss", words, load, 1.0, weights=own_weight(scene.job))
-                tension, rest, line, iterations = _rest_under(scene, each, reference, desk.stop, resume)
+                tension, rest, lines, iterations = _rest_under(scene, each, reference, desk.stop, resume)
                 search.total += iterations
                 search.best = committed(state) if rest.state == "equilibrium" else search.best
             except Paused as pause:
@@ -150,7 +151,7 @@ def rests_after(scene: Scene, desk: Desk, losses: list[Loss]) -> RestsAfter:
                 kept = {NAME: search.record(scene)}
                 raise paused(scene, desk, NAME, words, search.total, pause, kept) from None
         resume = None
-        desk.progress.say(line)
+        desk.progress.say(*lines)
         search.rests.append(rest)
         search.tension.append(mine(tension))
     put_back(state, start)
@@ -170,8 +171,8 @@ def _taken_up(scene: Scene, desk: Desk, search: Search) -> Relaxation | None:
 
 def _rest_under(
     scene: Scene, each: StaticLoad, reference: float, stop, resume: Relaxation | None
-) -> tuple[np.ndarray, Rest, str, int]:
-    """Tensions (m,) [N] of this rank's elements at rest, what is known of it, a line on it, iterations.
+) -> tuple[np.ndarray, Rest, list[str], int]:
+    """Tensions (m,) [N] of this rank's elements at rest, what is known of it, lines on it, iterations.
 
     Collective.
     """
@@ -182,12 +183,12 @@ def _rest_under(
         line = f"no rest: {each.words}: {outcome.reason}"
         if outcome.state == UNDECIDED:
             line = f"warning: {undecided(each.words, outcome)}"
-        return np.full_like(settled.snapshot.N, np.nan), Rest(outcome.state), line, MOST_ITERATIONS
+        return np.full_like(settled.snapshot.N, np.nan), Rest(outcome.state), [line], MOST_ITERATIONS
     rest, N = settled.solution, settled.snapshot.N
     if rest.unstable_at >= 0:
         node = scene.comm.bcast(scene.model and scene.model.net.node_id[rest.unstable_at])
         line = f"no rest of {each.words}: not stable at node {node}"
-        return np.full_like(N, np.nan), Rest("unstable"), line, rest.iterations
+        return np.full_like(N, np.nan), Rest("unstable"), [line], rest.iterations
     line = f"rest of {each.words}: {error_words(rest.displacement_error, rest.tension_error)}"
     known = "" if rest.unstable_at == STABLE else ", whether it is stable could not be told"
     line += f", residual {rest.residual:.3g} N, slack {settled.slack}{known}"
@@ -200,10 +201,11 @@ def _rest_under(
         if limit in settled.at_limit:
             line += f"; {limit}: {named(settled.at_limit[limit])}"
     over = settled.at_limit.get("over_strength", ())
+    warnings = force_balance_warnings([(f"rest of {each.words}", settled.balance.unexplained)])
     if not over:
-        return N, Rest("equilibrium"), line, rest.iterations
+        return N, Rest("equilibrium"), [line, *warnings], rest.iterations
     line += f"; {SOMETHING_BREAKS}: {named(over)}"
-    return N, Rest("breaks", over), line, rest.iterations
+    return N, Rest("breaks", over), [line, *warnings], rest.iterations
 
 
 def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:

@@ -32,12 +32,12 @@ from netfall.equilibrium.stable import UNKNOWN
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import settings_of, tears
-from netfall.mechanics.fields import FIELDS
 from netfall.mechanics.slip.law import set_strands
-from netfall.mechanics.state import State
+from netfall.mechanics.state import State, committed, put_back
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import all_of
 from netfall.parallel.subdomain import Distribution
+from netfall.record.balance import Balance, balance_of, unknown
 from netfall.record.energy import Snapshot, take_snapshot
 from netfall.record.rest import at_limit_in, beyond_euler
 from netfall.results.notes import NOT_STABLE
@@ -53,10 +53,8 @@ from netfall.stages.static_outcome import (
 )
 from netfall.write.saver import Record, Saver
 
-COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
-OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # other ones are of elements
-BORNE = 1.0, UNSTRAINED, None
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
+BORNE = 1.0, UNSTRAINED, None
 SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter than relaxation
 BACK = 0, 1, 2, 3, 5, 10, 20, 50  # times `SHARP` less of a load: tried for an exact equilibrium
 ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
@@ -264,18 +262,26 @@ def _found(
     else:
         slips.weights = each.weights
         solution = find_slipping(scene.finder, *arguments)
-    return _equilibrium(scene, solution)
+    return _equilibrium(scene, solution, each.load)
 
 
-def _equilibrium(scene: Scene, solution: Solution) -> Equilibrium:
-    """That in which the state is. Collective."""
+def _equilibrium(scene: Scene, solution: Solution, load: np.ndarray) -> Equilibrium:
+    """Build the record of the equilibrium under a load (n, 3) [N] in which the state is. Collective."""
     slips = scene.finder.slips
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
+    balance = _balance(scene, snapshot, solution, load)
     slack = scene.comm.allreduce(snapshot.slack)
     at_limit = at_limit_in(scene.comm, scene.distribution, scene.state, snapshot)
     at_limit |= beyond_euler(scene.comm, scene.job, scene.distribution, scene.state, scene.model, snapshot.N)
     stopped = slips.stopped() if slips is not None else ()
-    return Equilibrium(snapshot, slack, solution, at_limit, _slips(scene), stopped)
+    return Equilibrium(snapshot, slack, solution, balance, at_limit, _slips(scene), stopped)
+
+
+def balanced_under(scene: Scene, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
+    """Return the outcome with reactions under a load (n, 3) [N] that hardly differs. Collective."""
+    found = outcome.equilibrium
+    balance = _balance(scene, found.snapshot, found.solution, load)
+    return outcome._replace(equilibrium=found._replace(balance=balance))
 
 
 def _slips(scene: Scene) -> list[float] | None:
@@ -284,9 +290,15 @@ def _slips(scene: Scene) -> list[float] | None:
 
 
 def as_it_began(scene: Scene) -> Equilibrium:
-    """The state as it is, from which no equilibrium was found. Collective."""
+    """Build the record of a state from which no equilibrium was found. Collective."""
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    return Equilibrium(snapshot, scene.comm.allreduce(snapshot.slack), NOT_FOUND, {}, _slips(scene))
+    slack, balance = scene.comm.allreduce(snapshot.slack), unknown(scene.state)
+    return Equilibrium(snapshot, slack, NOT_FOUND, balance, {}, _slips(scene))
+
+
+def _balance(scene: Scene, snapshot: Snapshot, solution: Solution, load: np.ndarray) -> Balance:
+    asked, slips = settings_of(scene.job).tolerance, scene.finder.slips
+    return balance_of(scene.comm, scene.state, snapshot, load, solution.residual, asked, slips)
 
 
 def _commit(state: State, snapshot: Snapshot) -> None:
@@ -345,7 +357,10 @@ def _limit(scene: Scene, each: StaticLoad, left: np.ndarray, stop, say) -> tuple
         return None
     except Stopped:
         raise Paused(not_begun(scene.state.x)) from None
-    return (limit.factor, limit.beyond, _equilibrium(scene, solution)) if limit.beyond.reason else BORNE
+    borne = each.load - (1.0 - limit.factor) * left
+    return (
+        (limit.factor, limit.beyond, _equilibrium(scene, solution, borne)) if limit.beyond.reason else BORNE
+    )
 
 
 def _by_trials(
@@ -426,15 +441,3 @@ def set_net(state: State, each: StaticLoad) -> None:
     if each.settlement is not None:
         held = state.free == 0
         state.x[held] = (state.x_start + each.settlement)[held]
-
-
-def committed(state: State) -> dict[str, np.ndarray]:
-    """Copies of what an equilibrium leaves in the state, for `put_back`."""
-    there = ((name, getattr(state, name)) for name in COMMITTED)
-    return {name: array.copy(order="K") for name, array in there if array is not None}
-
-
-def put_back(state: State, kept: dict[str, np.ndarray]) -> None:
-    """The state as it was when `committed` was called."""
-    for name, array in kept.items():
-        getattr(state, name)[:] = array

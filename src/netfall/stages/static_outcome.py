@@ -9,6 +9,7 @@ from netfall.equilibrium.snap import LimitPoint
 from netfall.job.asks import load_steps, rests_at_loss, rests_in_wind
 from netfall.job.job import Job
 from netfall.model.actions import ALL_LOADS, StaticLoad
+from netfall.record.balance import Balance
 from netfall.record.energy import Snapshot
 from netfall.results.notes import AT_LIMIT, MOST_MARKED, limit_point_warning
 
@@ -20,6 +21,7 @@ MOST_NAMED = 100  # elements where a net gives way
 class Equilibrium(NamedTuple):
     """An equilibrium, and the state in it; slack : cables of the net.
 
+    balance : its reactions, and how they balance the loads
     at_limit : elements, global numbers, of each of `AT_LIMIT` that there is: beyond a fracture strain, ...
     slip : (k,) [m] of each place where a cable slips, None: none does
     stopped : elements of such cables that their end stops, global numbers
@@ -28,6 +30,7 @@ class Equilibrium(NamedTuple):
     snapshot: Snapshot
     slack: int
     solution: Solution
+    balance: Balance
     at_limit: dict[str, tuple[int, ...]]
     slip: list[float] | None = None
     stopped: tuple[int, ...] = ()
@@ -35,7 +38,7 @@ class Equilibrium(NamedTuple):
     def numbers(self) -> dict:
         """What is kept of it besides the state."""
         slip = {} if self.slip is None else {"slip": self.slip}
-        return {"slack": self.slack, **self.solution._asdict(), **slip}
+        return {"slack": self.slack, **self.solution._asdict(), **self.balance.numbers(), **slip}
 
 
 class StaticOutcome(NamedTuple):

@@ -24,7 +24,7 @@ from netfall.job.memory import key_of
 from netfall.mechanics.slip.law import set_strands
 from netfall.model.actions import StaticLoad
 from netfall.numerics.functions import lengths
-from netfall.record.rest import forces_on_supports, largest_torsion
+from netfall.record.rest import largest_torsion
 from netfall.results import notes
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import (
@@ -51,7 +51,8 @@ from netfall.stages.static_outcome import (
 from netfall.stages.wanted import equilibria, loaded
 from netfall.write.result import texts
 
-OF_LINES = ("moved", "torsion", "stopped", "rounding")  # of an equilibrium: for what is said of it
+# Numbers of an equilibrium for what is said of it.
+OF_LINES = ("moved", "torsion", "stopped", "rounding", "unexplained")
 
 
 @dataclass
@@ -268,7 +269,8 @@ def to_the_start(scene: Scene) -> None:
 def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: StaticOutcome) -> None:
     """Note what was found, and write it. Collective."""
     state, snapshot = scene.state, outcome.equilibrium.snapshot
-    numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene)}
+    unexplained = outcome.equilibrium.balance.unexplained if outcome.carries else 0.0
+    numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene), "unexplained": unexplained}
     if state.joints is not None:
         chains = scene.model and scene.model.layout.chains
         numbers |= {"torsion": largest_torsion(scene.distribution, state, chains)}
@@ -280,9 +282,9 @@ def keep(scene: Scene, desk: Desk, path: StaticPath, each: StaticLoad, outcome: 
     group = f"cases/{each.name}" if each.kind in APART else "rest" if each.kind == "rest" else "statics"
     if group == "statics" and (each.kind == "at once" or not load_steps(scene.job)):
         return
-    reaction = forces_on_supports(state, snapshot, each.load)
+    reaction = outcome.equilibrium.balance.reaction
     if not outcome.carries:  # what the load reached is in balance with less than the load
-        reaction[:] = np.nan
+        reaction = np.full_like(reaction, np.nan)
     desk.watch(state, snapshot)
     if each.kind in APART:
         path.cases[each.name] = numbers
@@ -356,6 +358,7 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
     lines += notes.stop_notes(stopped, element_id)
     for group, what, _ in last:
         lines += notes.limit_notes(what, by_ids(path.labels[group], element_id))
+    lines += notes.force_balance_warnings([(what, each["unexplained"]) for _, what, each in every])
     moved = [(what, each["moved"][0], node_id[each["moved"][1]]) for _, what, each in every]
     return lines + notes.displacement_notes(moved, scene.model.x)
 

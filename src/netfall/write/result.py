@@ -140,7 +140,7 @@ class Result:
         yield from ((name, block, self.distribution.m) for name, block in cells.items())
 
     def write_static_step(self, state: State, snapshot, reaction: np.ndarray) -> None:
-        """One load step of /statics; reaction : (r, 3) [N], as of `forces_on_supports`."""
+        """One load step of /statics; reaction : (r, 3) [N], as of `Balance`."""
         for name, block, total in self._equilibrium(state, snapshot, "displacement", reaction):
             name = f"statics/{name}"
             if name not in (self.file.file if self.file.writes else ()):
@@ -150,7 +150,7 @@ class Result:
     def write_equilibrium(self, group: str, state: State, snapshot, place: str, reaction: np.ndarray) -> None:
         """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes.
 
-        reaction : (r, 3) [N], as of `forces_on_supports`
+        reaction : (r, 3) [N], as of `Balance`
         """
         for name, block, total in self._equilibrium(state, snapshot, place, reaction):
             self.file.put(f"{group}/{name}", block, total)

@@ -1,0 +1,261 @@
+"""Reactions balance the loads in every equilibrium that a run keeps, whatever the net has."""
+
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+import pytest
+from conftest import ROOT, run_on_standing_ranks
+from loaded_nets import FEATURES, LoadedNet, case_load, loaded_net
+
+from netfall.checks.reactions import reaction_columns
+from netfall.net.net import GRAVITY
+from netfall.parallel.mpi import MPI
+from netfall.record.balance import Parts, summed
+from netfall.results.notes import force_balance_warnings
+
+EXACT = (
+    1e-9  # of the sum of absolute reactions: reactions and residuals against loads; rounding is below 1e-12
+)
+SHORT, LONG = 25, 200  # jobs
+NOT_FOUND = "no_equilibrium", "undecided"  # states
+
+
+class Kept(NamedTuple):
+    """An equilibrium of a result: its place in the file, positions (n, 3) [m]; the rest in N.
+
+    load : (n, 3), as the job gives it; reaction : (n, 3); residual_sum : (3,)
+    """
+
+    place: str
+    x: np.ndarray
+    load: np.ndarray
+    reaction: np.ndarray
+    residual_sum: np.ndarray
+
+    @property
+    def scale(self) -> float:
+        """The sum of absolute reactions."""
+        return np.abs(self.reaction).sum()
+
+
+def kept_at(f, place: str, row, start: np.ndarray, load: np.ndarray) -> Kept:
+    """An equilibrium of a group of the file. row : of its datasets; start : (n, 3) [m], of displacements"""
+    group = f[place]
+    x = group["position"][row] if "position" in group else start + group["displacement"][row]
+    return Kept(place, x, load, group["reaction"][row], group["residual_sum"][row])
+
+
+def hanging(net: LoadedNet, f, L0, there=None) -> np.ndarray:
+    """Self weight (n, 3) [N] of elements with unstressed lengths L0 (m,) [m], half at either end."""
+    ends, parts = f["net/elements"][:], len(f["net/elements"]) // len(net.ends)
+    half = 0.5 * np.repeat(net.weights(net.group), parts) * L0 * (True if there is None else there)
+    force = np.zeros((len(f["net/particles"]), 3))
+    for end in ends.T:
+        np.subtract.at(force[:, 2], end, half)
+    return force
+
+
+def kept(net: LoadedNet, f) -> list[Kept]:
+    """All equilibria of a result whose load is carried whole, with the loads as the job gives them."""
+    n, every = len(f["net/particles"]), np.ones(len(f["net/elements"]), bool)
+    on_all = lambda rows: np.concatenate(
+        [rows, np.zeros((n - len(rows), 3))]
+    )  # inside elements there is none
+    live = lambda changed: on_all(net.of_roof("snow", changed) + net.of_roof("pressure", changed))
+    dead, at_nodes = lambda changed: on_all(net.of_roof("dead", changed)), on_all(net.load)
+    found, changed, last = [], {}, None
+    carries = lambda place: place in f and f[place].attrs.get("state") not in NOT_FOUND
+    start = f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
+    if carries("form_finding"):
+        load = np.zeros((n, 3))
+        if "loaded_form" in net.features:
+            load = hanging(net, f, f["form_finding/unstressed_length"][:]) + dead({})
+        found.append(kept_at(f, "form_finding", ..., start, load))
+    for stage in net.job.get("stage", []):
+        changed |= stage.get("set", {})
+        if (place := f"stages/{stage['name']}") not in f:
+            return found
+        there, at, last = f[place]["active"][:] == 1, np.zeros((n, 1), bool), place
+        at[f["net/elements"][:][there]] = True
+        load = np.where(at, live(changed) + dead(changed) + at_nodes, 0.0)
+        load += hanging(net, f, f[place]["unstressed_length"][:], there)
+        if carries(place):
+            found.append(kept_at(f, place, ..., start, load))
+    there = f[last]["active"][:] == 1 if last else every
+    start = start + f[last]["displacement"][:] if last else start
+    permanent = hanging(net, f, f["net/unstressed_length"][:], there) + dead({})
+    load = permanent + live({}) + at_nodes
+    if "statics" in f:
+        factors = f["statics/load_factor"][:]
+        for row in range(len(factors) - (not carries("statics"))):
+            found.append(kept_at(f, "statics", row, start, permanent + factors[row] * (load - permanent)))
+    named, added = {}, {}
+    for case in net.job.get("case", []):
+        own, others = case.get("set", {}), on_all(case_load(net, case, start[: len(net.x)]))
+        added[case["name"]] = live(own) - live({}) + dead(own) - dead({}) + others
+        named[case["name"]] = load + added[case["name"]]
+    for each in net.job.get("combination", []):
+        factors = each["factors"]
+        named[each["name"]] = factors["permanent"] * permanent + factors["load"] * (live({}) + at_nodes)
+        named[each["name"]] += sum(factors[name] * force for name, force in added.items())
+    for name, force in named.items():
+        if carries(f"cases/{name}"):
+            found.append(kept_at(f, f"cases/{name}", ..., start, force))
+    if carries("rest"):
+        found.append(kept_at(f, "rest", ..., start, load + on_all(net.of_steady_wind(start[: len(net.x)]))))
+    return found
+
+
+def balanced(net: LoadedNet, folder: Path, seen: Counter) -> None:
+    """Run a job; AssertionError if the reactions of any of its equilibria do not balance the loads.
+
+    seen : takes what came of it, and the largest imbalances
+    """
+    for name, text in (net.tables | {"job.toml": net.text}).items():
+        (folder / name).write_text(text)
+    line = ["run", "job.toml", "-o", "result.vtkhdf"]
+    done = run_on_standing_ranks(*line, cwd=folder, plain=True, code=None)
+    said = done.stdout + done.stderr
+    seen[f"exit code {done.returncode}"] += 1
+    assert done.returncode in (0, 3), said
+    assert "out of balance" not in said, said
+    if not (folder / "result.vtkhdf").exists():
+        return
+    with h5py.File(folder / "result.vtkhdf") as f:
+        for each in kept(net, f):
+            tolerance = net.job["load"]["tolerance"]
+            if each.place == "form_finding":
+                tolerance = net.job["form_finding"]["tolerance"]
+            off = each.load - each.reaction
+            exact = np.abs(off.sum(0) - each.residual_sum).max() / each.scale
+            rough = np.abs(off.sum(0)).max() / (tolerance * each.scale)
+            turning = np.abs(np.cross(each.x - each.x.mean(0), off).sum(0)).max()
+            turning /= tolerance * each.scale * np.ptp(each.x, axis=0).max()
+            assert exact <= EXACT and rough <= 1.0, (
+                f"{each.place}: {exact:.2g}, {rough:.2g} times the tolerance"
+            )
+            if not net.features & {"bending", "slide"}:  # sections held against tilting; weights that moved
+                assert turning <= 1.0, f"{each.place}: moments, {turning:.2g} times the tolerance"
+                seen["moments"] = max(seen["moments"], turning)
+            seen["exact"], seen["rough"] = max(seen["exact"], exact), max(seen["rough"], rough)
+            seen[each.place.partition("/")[0]] += 1
+            seen.update(net.features)
+
+
+def try_all(seeds) -> Counter:
+    """Jobs of these seeds; what came of them."""
+    seen = Counter()
+    for seed in seeds:
+        with TemporaryDirectory() as folder:
+            balanced(loaded_net(seed), Path(folder), seen)
+    return seen
+
+
+CROSS = """
+[cable]
+modulus = 1.6e11
+area = 300e-6
+density = 8000.0
+prestress = 40e3
+[form_finding]
+[load]
+self_weight = false
+steps = 1
+[[case]]
+name = "alike"
+set = {"load.snow" = 0.0}
+[wind]
+onset = "static"
+speed = 10.0
+roughness = 0.0
+profile_exponent = 0.0
+shape_coefficient = 0.0
+[dynamics]
+duration = 0.002
+"""
+CROSS_NODES = "id,x,y,z,fixed,load_z,area,normal_x,normal_y,normal_z\n1,0,0,0,0,-10000,1,0,0,1\n"
+CROSS_NODES += (
+    "2,-5,0,0.5,1,0,0,0,0,1\n3,5,0,0.5,1,0,0,0,0,1\n4,0,-5,-0.5,1,0,0,0,0,1\n5,0,5,-0.5,1,0,0,0,0,1\n"
+)
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("ratio", [0.0, 0.02, 0.05])
+def test_axial_damping_leaves_reactions_as_they_are(workshop, ratio):
+    """A weight of 10 kN on a cross of cables: the reactions of each equilibrium add up to it."""
+    damping = f"damping_ratio = {ratio}\ndamping_band = [0.3, 9.0]\n" if ratio else ""
+    f = workshop.run(workshop.job(CROSS + damping, CROSS_NODES, "start,end\n1,2\n1,3\n1,4\n1,5\n"))
+    for reaction in (f["statics/reaction"][-1], f["cases/alike/reaction"][:], f["rest/reaction"][:]):
+        assert np.abs(reaction.sum(0) - [0.0, 0.0, -10e3]).max() < 1e-6 * 10e3  # [load] tolerance
+    of = reaction_columns(f)
+    loaded = [
+        name for name in set(of["stage"].tolist()) if not name.startswith(("form", "final", "statics, perm"))
+    ]
+    assert len(loaded) == 3
+    for name in loaded:
+        assert of["foundation_z"][of["stage"] == name].sum() == pytest.approx(-10e3, rel=1e-6)
+
+
+@pytest.mark.plain
+def test_reactions_have_the_weight_of_what_slips_away_from_supports(workshop):
+    """The cable of jobs/slide.toml: 380 kN at its hangers and its own weight, to the tolerance of each step.
+
+    Cable is drawn in over both saddles, so the halves beside the anchors hang less on them.
+    """
+    f = workshop.run(ROOT / "jobs" / "slide.toml", "--set", "load.tolerance=1e-9")
+    weight = GRAVITY * np.sum(f["net/mass_per_length"][:] * f["net/unstressed_length"][:])
+    assert np.abs(f["statics/slip"][-1]).max() > 0.01  # m
+    for factor, reaction in zip(f["statics/load_factor"][:], f["statics/reaction"][:]):
+        off = reaction.sum(0) + [0.0, 0.0, weight + factor * 380e3]
+        assert np.abs(off).max() < 1e-9 * np.abs(reaction).sum()
+
+
+UP = np.array([0.0, 0.0, 1.0])
+ROW = np.array(
+    [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]]
+)  # two supports and a node between them [m]
+
+
+@pytest.mark.parametrize(
+    "left, right, between, hold, expected",
+    [
+        (5.0, 5.0, 0.0, 0.0, 0.0),
+        (4.9995, 4.9995, 0.001, 0.0, (1e-3 - 5e-4 - 1e-5) / 9.999),  # beyond residual 5e-4 N, tolerance 1e-6
+        (4.9998, 4.9998, 0.0004, 0.0, 0.0),
+        (4.999, 5.0, 0.0, 0.0, 1e-3 / 9.999),  # a force that no residual has
+        (6.0, 4.0, 0.0, 0.0, 4.0 / (10.0 * 4.0)),  # a moment of 4 N m, of 10 N times 4 m
+        (6.0, 4.0, 0.0, 4.0, 0.0),  # which sections that are held against tilting may take
+    ],
+)
+def test_a_run_finds_reactions_that_do_not_balance_the_loads(left, right, between, hold, expected):
+    """10 N at the middle of a row of three nodes, by hand: the share that nothing explains."""
+    load, reaction, residual = (
+        np.outer(rows, -UP) for rows in ([0, 10, 0], [left, 0, right], [0, between, 0])
+    )
+    moves, N = np.array([False, True, False]), np.array([7.0, 7.0])
+    parts = Parts(ROW, load, reaction, residual, moves, N, np.array([hold]))
+    found = summed(MPI.COMM_SELF, parts, 5e-4, 1e-6)
+    assert found.unexplained == pytest.approx(expected, rel=1e-4, abs=1e-12)
+    assert found.error == pytest.approx(abs(10.0 - left - right) / max(left + right, 7.0), abs=1e-15)
+    assert found.residual_sum == pytest.approx([0.0, 0.0, -between])
+
+
+def test_one_warning_names_the_worst_equilibrium():
+    """None where all is explained."""
+    assert force_balance_warnings([("case snow", 0.0)]) == []
+    (line,) = force_balance_warnings([("case snow", 1e-4), ("case wind", 0.12), ("form", 0.0)])
+    assert line.startswith("warning: case wind (and 1 other equilibria): loads, reactions") and "0.12" in line
+
+
+@pytest.mark.plain
+@pytest.mark.parametrize("count", [SHORT, pytest.param(LONG, marks=pytest.mark.long)])
+def test_reactions_balance_the_loads_of_random_nets(count):
+    """In every equilibrium of these jobs; each feature occurs in some."""
+    seen = try_all(range(count))
+    assert seen["exit code 0"] > 0.8 * count, seen
+    assert not {name for name in FEATURES if not seen[name]}, seen
+    assert min(seen[place] for place in ("form_finding", "stages", "statics", "cases", "rest")) > 2, seen
