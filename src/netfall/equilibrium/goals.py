@@ -106,7 +106,9 @@ class Goals:
                     break
                 enough = enough or replace(not_begun(before), stage=stage + begun, total=total)
         least = self.newton.rounding(self.newton.tangent())
-        if self.strict and not found.error <= (1.0 if in_all else NEARLY) * max(self.tolerance, least):
+        allowed = (1.0 if in_all else NEARLY) * max(self.tolerance, least)
+        # The smallest residual is enough: of a net that hardly moves the relative error says nothing.
+        if self.strict and not (found.error <= allowed or found.residual <= self.residuals[-1]):
             known = (
                 f"an estimated error of {found.error:.1g}" if found.error == found.error else "no known error"
             )
