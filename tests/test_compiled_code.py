@@ -122,7 +122,7 @@ def functions_of(kernel, known: dict) -> dict:
     return known
 
 
-OF_AXES = {"spring", "spring_zero", "load_before", "load_after", "wind"}  # not read of the halo
+OF_AXES = {"spring", "spring_zero", "load_before", "load_after", "wind", "drag"}  # not read of the halo
 READS = [
     ((kick_chunk,), KICKED, set()),
     ((pack, unpack), EXCHANGED, OF_AXES),

@@ -29,7 +29,7 @@ def cross(**sections) -> dict:
         },
         "cable": {"modulus": 1.6e11, "area": np.float64(500e-6), "density": 7850.0, "prestress": 100e3},
         "form_finding": {"modulus_factor": 0},
-        "load": {"steps": 0},
+        "load": {"steps": 0, "self_weight": False},
         "dynamics": {"duration": 0.2},
         "output": {"frames": 40, "probes": [[0.0, 0.0]]},
         **sections,

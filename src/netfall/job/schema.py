@@ -169,8 +169,8 @@ onset | choice static sudden | | static | static: the roof rests under its loads
     gusts grow in; sudden: all of the wind at t = 0
 ramp [s] | number | 0 to 1e9 | 2.0 | time over which the gusts grow in after a static onset; 0: at once
 after_fracture | choice detached particle panels all none | | detached | on what the wind no longer acts after
-    a fracture; particle: the node where an element broke; detached: as particle, and parts without a path of
-    unbroken elements to a support, which the relative wind w drags along instead with rho A w^2 / 2 (not with
+    a fracture; particle: the node where an element broke; detached: as particle, and parts that no unbroken
+    elements connect to a support, which the relative wind w drags along instead with rho A w^2 / 2 (not with
     `pressures` and no `speed`); panels: the torn faces, which leave with the weight and mass of their loads;
     all: the whole roof; none: it acts on as before
 [dynamics]

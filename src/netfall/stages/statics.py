@@ -374,7 +374,8 @@ def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     """The numbers of all equilibria; their states are written as they are found."""
     datasets = {}
     if path.steps:
-        columns = {name: [step[name] for step in path.steps] for name in path.steps[0]}
+        kept = [name for name in path.steps[0] if name not in OF_LINES]
+        columns = {name: [step[name] for step in path.steps] for name in kept}
         datasets["statics"] = numbers_of(columns)
     datasets |= {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
     if path.rest:
