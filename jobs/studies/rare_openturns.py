@@ -68,7 +68,7 @@ def main() -> None:
         algorithm.setMaximumCoefficientOfVariation(asked.variation)
         algorithm.run()
     found = algorithm.getResult()
-    p, half = found.getProbabilityEstimate(), 0.5 * found.getConfidenceLength(0.95)
+    p, half = found.getProbabilityEstimate(), 1.96 * found.getStandardDeviation()
     runs = found.getOuterSampling() * found.getBlockSize()
     print(f"probability {p:.3g} ({max(p - half, 0.0):.2g} to {p + half:.2g}, 95 %), {runs} runs")
 
