@@ -1,5 +1,7 @@
 """Cables that slip over nodes in the dynamic stage: closed forms, losses, audits, ranks, restarts."""
 
+import re
+
 import numpy as np
 import pytest
 from conftest import assert_same_bits_on
@@ -205,23 +207,86 @@ def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     assert_same_bits_on(ranks, *torn, shared_workshop, "torn")
 
 
+def automatic(text, safety, ends=1.0):
+    """The job of `atwood` with the automatic step."""
+    text = text.replace(f"time_step = {DT}\n", f"safety = {safety}\n")
+    return text.replace("history = 0.1", "history = 0.5").replace("duration = 1.0", f"duration = {ends}")
+
+
 @pytest.mark.parametrize("parts, safety", [(1, 0.8), (1, 0.2), (8, 0.8)])
 def test_the_automatic_step_follows_slip(both_ways, parts, safety):
-    """Atwood's machine with the automatic step: 1/2 a t^2, with at most 2 % safety^2 of the mass added.
+    """Atwood's machine with the automatic step: 1/2 a t^2, with 2 % safety^2 of the heavy mass added.
 
     The nodes of a rope in parts are light: there the step is shorter for them, and nothing is added.
     """
     text, nodes, elements, _, _ = atwood(0.0)
     net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
-    text = text.replace(f"time_step = {DT}\n", f"safety = {safety}\n").replace(
-        "history = 0.1", "history = 0.5"
-    )
     (both_ways.folder / "nodes.csv").write_text(nodes)
     (both_ways.folder / "elements.csv").write_text(elements)
-    f = both_ways.run(both_ways.job(net + text))
+    f = both_ways.run(both_ways.job(net + automatic(text, safety)))
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     exact = 0.5 * G * (HEAVY - LIGHT) / (HEAVY + LIGHT)
-    assert 0.98 * exact < fallen < 1.001 * exact
-    added = 0.02 * safety**2 if parts == 1 else 0.0
-    assert fallen == pytest.approx(exact / (1.0 + added), rel=2e-3)
-    assert abs(f["slide/slip"][-1, 0]) == pytest.approx(fallen, rel=2e-3)  # the rope stretches by 1e-4
+    added = 0.02 * safety**2 * HEAVY / (HEAVY + LIGHT) if parts == 1 else 0.0
+    assert fallen == pytest.approx(exact / (1.0 + added), rel=1e-3)  # the rope swings by 1e-4
+    assert abs(f["slide/slip"][-1, 0]) == pytest.approx(fallen, rel=1e-3)
+
+
+def pulleys_in_a_row(count):
+    """600 and 500 kg on a rope over fixed pulleys, 1 m apart; which node falls by how much in 0.5 s."""
+    EA, a = 1e8, G * 100.0 / 1100.0
+    forces = 500.0 * (G + a), 600.0 * (G - a)
+    rows = [("id", "x", "y", "z", "fixed", "mass", "load_z")]
+    rows += [(k, float(k), 0, 0, 1, 0, 0) for k in range(count)]
+    rows.append((count, 0, 0, -10, 0, 500.0, -500.0 * G))
+    rows.append((count + 1, count - 1.0, 0, -10, 0, 600.0, -600.0 * G))
+    lines = [("start", "end", "group", "unstressed_length")]
+    lines.append((count, 0, "rope", 10.0 / (1.0 + forces[0] / EA)))
+    lines += [(k, k + 1, "rope", 1.0 / (1.0 + sum(forces) / 2.0 / EA)) for k in range(count - 1)]
+    lines.append((count - 1, count + 1, "rope", 10.0 / (1.0 + forces[1] / EA)))
+    return table(*rows), table(*lines), count + 1, -0.125 * a
+
+
+def tackle():
+    """400 kg pull up 600 kg on a loose pulley, twice as fast: T = m (g - 2 a), M a = 2 T - M g."""
+    EA, a = 1e8, G * (2.0 * 400.0 - 600.0) / (600.0 + 4.0 * 400.0)
+    strand = 10.0 / (1.0 + 400.0 * (G - 2.0 * a) / EA)
+    rows = [("id", "x", "y", "z", "fixed", "mass", "load_z"), (0, -0.001, 0, 0, 1, 0, 0)]
+    rows += [(1, 0, 0, -10, 0, 600.0, -600.0 * G), (2, 0.001, 0, 0, 1, 0, 0)]
+    rows.append((3, 0.001, 0, -10, 0, 400.0, -400.0 * G))
+    lines = [(k, k + 1, "rope", strand) for k in range(3)]
+    return table(*rows), table(("start", "end", "group", "unstressed_length"), *lines), 1, 0.125 * a
+
+
+@pytest.mark.parametrize("net", [pulleys_in_a_row(12), tackle()], ids=["row", "tackle"])
+def test_all_slips_together_are_slower_by_less_than_is_stated(workshop, net):
+    """Each pulley adds inertia to the same weights, and in a tackle a weight moves with half of the slip."""
+    nodes, elements, moved, exact = net
+    job = workshop.job(automatic(atwood(0.0)[0], 0.8, 0.5), nodes, elements)
+    log = workshop.run(job, code=None).stdout
+    f = workshop.open()
+    way = f["final/position"][moved, 2] - f["net/particles"][moved, 2]
+    stated = float(re.search(r"in all at most ([0-9.]+)% of the mass that moves", log)[1]) / 100.0
+    assert 0.0 < stated <= 0.02
+    assert 1.0 - stated - 1e-3 < way / exact < 1.0 + 1e-3  # the rope swings by 1e-4
+
+
+def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
+    """If it tears, the cable alone moves: the step is below the half of a wave's way through a segment.
+
+    Inertia of 2 % of the clamps' mass made it late by a tenth.
+    """
+    n, safety = 8, 0.8
+    angle = 2.0 * np.pi * np.arange(n) / n
+    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "mass")]
+    rows += [(k, 20.0 * np.cos(t), 20.0 * np.sin(t), 0, 0, 0, 1, 2000.0) for k, t in enumerate(angle)]
+    rows += [(n + k, 45.0 * np.cos(t), 45.0 * np.sin(t), 0, 1, 1, 1, 0) for k, t in enumerate(angle)]
+    lines = [("id", "start", "end", "group", "prestress")]
+    lines += [(k, k, (k + 1) % n, "hoop", T0) for k in range(n)]
+    lines += [(n + k, k, n + k, "spoke", 2.0 * T0 * np.sin(np.pi / n)) for k in range(n)]
+    text = automatic(atwood(0.0)[0], safety, 0.02).replace("density = 0.001", "density = 8000.0")
+    text = text.replace("friction = 0.0", "resistance = 2e3").replace('"rope"', '"hoop"')
+    text += "[[remove]]\nelements = [0]\ntime = 0.0\nduration = 0.001\n"
+    log = workshop.run(workshop.job(text, table(*rows), table(*lines)), code=None).stdout
+    assert "slip: 8 slip points, with the inertia of the cable there" in log
+    L0 = 40.0 * np.sin(np.pi / n) / (1.0 + T0 / 1e8)
+    assert workshop.open()["provenance"].attrs["time_step"] <= safety * 0.5 * L0 * np.sqrt(8000.0 / 1e11)

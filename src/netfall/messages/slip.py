@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from netfall.mechanics.law.measures import largest_stiffness
+from netfall.mechanics.slip.inertia import MOST_ADDED, added_share, slip_inertia
 from netfall.mechanics.slip.law import LEAST
-from netfall.mechanics.slip.motion import MOST_ADDED, slip_inertia
 from netfall.model.model import Model
+from netfall.model.schedule import slip_movers
 from netfall.numerics.functions import expm1, lengths
 
 UNLIKE = 0.01  # of a tension: by how much more than holds there it may differ on both sides of a place
@@ -13,23 +13,19 @@ CHANGED = 0.1  # of its length: a strand of which more has slipped is told
 
 
 def inertia_line(model: Model, dt: float) -> str:
-    """Whether slips get more inertia, for steps of dt [s], than the cable has."""
-    slides, net = model.layout.slides, model.net
-    own = slides.sides(model.half_mass, 0)
-    inertia = slip_inertia(own, slides.sides(largest_stiffness(net.EA, model.L0), 2), dt)
-    moving = slides.sides(np.where(net.moves, model.own_mass, 0.0)[net.elements].sum(1), 0)
-    added = np.divide(inertia - own, moving, out=np.zeros_like(own), where=moving > 0.0)
-    most, line = (
-        int(np.argmax(added)),
-        f"slip: {slides.count} slip points, with the inertia of the cable there",
+    """Say whether slips get more inertia, for steps of dt [s], than the cable has."""
+    slides, movers = model.layout.slides, slip_movers(model)
+    times = slip_inertia(movers.own, movers.stiffness, dt) / movers.own
+    more, most, share = int((times > 1.0).sum()), int(np.argmax(times)), added_share(movers, dt)
+    if not more:
+        return f"slip: {slides.count} slip points, with the inertia of the cable there"
+    node = model.net.node_id[slides.node[most]]
+    line = (
+        f"slip: the step adds inertia at {more} of {slides.count} slip points, up to {times[most]:.3g} times "
+        f"that of the cable (node {node}), in all at most {share:.2%} of the mass that moves. Slip is slower "
+        "by up to as much, and by more where a cable tears"
     )
-    if not added[most] > 0.0:
-        return line
-    line += (
-        f"; the step adds up to {added[most]:.2%} of the mass that moves, at node "
-        f"{net.node_id[slides.node[most]]}, and slip is slower by as much"
-    )
-    return f"warning: {line}. Halve the step." if added[most] > MOST_ADDED else line
+    return f"warning: {line}. Halve the step." if share > MOST_ADDED else line
 
 
 def unlike_notes(model: Model) -> list[str]:

@@ -10,7 +10,8 @@ from netfall.mechanics.bending import add_joint_bounds
 from netfall.mechanics.fields import Features
 from netfall.mechanics.law.branches import stiffening
 from netfall.mechanics.law.measures import largest_stiffness
-from netfall.mechanics.slip.motion import STEP, step_of_slips
+from netfall.mechanics.slip.inertia import Movers, movers_of, step_of_slips
+from netfall.mechanics.slip.motion import STEP
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model
 
@@ -135,13 +136,18 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     return {limit.name: replace(limit, element=number(limit)) for limit in limits}
 
 
+def slip_movers(model: Model) -> Movers:
+    """Return what moves with the slips of a model."""
+    slides, net = model.layout.slides, model.net
+    own, stiffness = slides.sides(model.half_mass, 0), slides.sides(largest_stiffness(net.EA, model.L0), 2)
+    return movers_of(slides, net.elements, model.x, net.fixed, model.own_mass, own, stiffness)
+
+
 def slip_step(model: Model) -> Limit:
     """Return the step up to which the inertia that slips need is a small share of the mass that moves."""
-    slides, net = model.layout.slides, model.net
-    own = slides.sides(model.half_mass, 0)
-    moving = slides.sides(np.where(net.moves, model.own_mass, 0.0)[net.elements].sum(1), 0)
-    steps = step_of_slips(own, slides.sides(largest_stiffness(net.EA, model.L0), 2), moving)
-    return Limit("slip", float(steps.min()), int(slides.before[np.argmin(steps)]))
+    movers = slip_movers(model)
+    quickest = int(np.argmax(movers.stiffness / movers.own))
+    return Limit("slip", step_of_slips(movers), int(model.layout.slides.before[quickest]))
 
 
 def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:

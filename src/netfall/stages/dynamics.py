@@ -9,7 +9,8 @@ from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.mechanics.ground import begin_with_ground, move_ground
 from netfall.mechanics.law.measures import largest_stiffness
-from netfall.mechanics.slip.motion import beside, slip_inertia
+from netfall.mechanics.slip.inertia import slip_inertia
+from netfall.mechanics.slip.motion import beside
 from netfall.model.schedule import steps_line
 from netfall.record.columns import Moment
 from netfall.record.energy import Energies, energies_of, most_extreme, take_snapshot, total_energies

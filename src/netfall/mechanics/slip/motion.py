@@ -8,7 +8,7 @@ So what sticks does so exactly: s' = 0. Friction turns m (p - s'(n+1/2)) (s'(n-1
 heat (little may come back in a step in which slip turns). m is the mass of cable at the node, half of either
 free segment, which also moves with the node; or more if the step needs that: m = INERTIA dt^2 (k_before +
 k_after), k = sum w^2 EA / L0 of a segment, adds 1/2 to (omega dt)^2 of a segment at each of its ends. The
-automatic step keeps what is added below MOST_ADDED of the mass that moves with the slip.
+automatic step keeps what is added below MOST_ADDED of the mass that moves with the slip (`inertia`).
 
 The owner of a node decides; s' goes with the forces to the ranks that have the node as halo. All compute
 unstressed lengths from the same slips. The rank that owns a slip point holds both segments beside it: cables
@@ -29,8 +29,6 @@ from netfall.mechanics.law.slot import TINY
 from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_limit
 from netfall.numerics.arithmetic import exponential
 
-INERTIA = 2.0
-MOST_ADDED = 0.02  # of the mass that moves with a slip: what the automatic step may add to it
 STEP = 0.75**0.5  # of a limit of the step without slip: three quarters of (omega dt)^2 are left to the net
 
 
@@ -106,23 +104,6 @@ def beside(places: Places, values: np.ndarray) -> np.ndarray:
         return np.zeros(0)
     total = np.add.reduceat(values[places.element], places.start[:-1])
     return total[places.segment_before] + total[places.segment_after]
-
-
-def slip_inertia(own: np.ndarray, stiffness: np.ndarray, dt: float) -> np.ndarray:
-    """Return the inertia (k,) [kg] of slips: their own, or what steps of up to dt [s] need, if more.
-
-    own : (k,) [kg] half of the mass of both segments; stiffness : (k,) [N/m] sum w^2 EA / L0 over both
-    """
-    return np.maximum(own, INERTIA * dt * dt * stiffness)
-
-
-def step_of_slips(own: np.ndarray, stiffness: np.ndarray, moving: np.ndarray) -> np.ndarray:
-    """Return the step (k,) [s] up to which slips need at most MOST_ADDED of the mass that moves with them.
-
-    moving : (k,) [kg] mass of the nodes of both segments that can move; 0: no node can, and there is no limit
-    """
-    step = np.sqrt((own + MOST_ADDED * moving) / (INERTIA * np.maximum(stiffness, TINY)))
-    return np.where(moving > 0.0, step, np.inf)
 
 
 @part_of_kernel

@@ -1,0 +1,157 @@
+"""Inertia that the step adds to slip, as a share of the mass that moves with it.
+
+Without stretching, a slip follows the nodes on one side of its slip point. With t the unit vector of the
+cable before a node, t' after it, and v the velocity of the node:
+
+    s'(i) = t v(i) - sum over the nodes k before i of (t - t')(k) v(k),    the like from the other side
+
+Hence added inertia a(i) has at most lambda times the kinetic energy of the net. The rows i of a matrix are
+these vectors, times the root of a(i) / m(k). Lambda is the largest sum over a row of its entries times the
+sums of their columns (Schur's test for the norm of a matrix). Slip is slower by at most lambda.
+
+A row has the side with the smaller sum; or s'(i) itself with the inertia of the cable there, if that is less.
+Nothing else moves if the cable is closed. Positions are those at the start.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.numerics.functions import lengths
+
+INERTIA = 2.0
+MOST_ADDED = 0.02  # of the mass that moves with a slip: what the automatic step may add to it
+HALVINGS = 40  # of the interval that holds the largest step
+DOUBLINGS = 60  # of a step without added inertia, until nothing moves with slip at all
+
+
+class Movers(NamedTuple):
+    """Nodes that slips follow, in the order of the chains of slip points.
+
+    own, stiffness : (k,) of `slip_inertia`; slip_node : (k,) node of each slip point
+    station : (k,) number of each slip point, along all chains, among slip points and segments
+    begin, end : (k,) first and last station of its chain; closed : (k,) whether the chain is
+    near : (2, k) [kg^-1/2] entry of its own node, from before it and from after it
+    size : (j,) [kg^-1/2] entries of nodes that slips have passed; node, at : (j,) which, at which stations
+    """
+
+    own: np.ndarray
+    stiffness: np.ndarray
+    station: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    closed: np.ndarray
+    near: np.ndarray
+    size: np.ndarray
+    node: np.ndarray
+    at: np.ndarray
+    slip_node: np.ndarray
+
+
+def slip_inertia(own: np.ndarray, stiffness: np.ndarray, dt: float) -> np.ndarray:
+    """Return the inertia (k,) [kg] of slips: their own, or what steps of up to dt [s] need, if more.
+
+    own : (k,) [kg] half of the mass of both segments; stiffness : (k,) [N/m] sum w^2 EA / L0 over both
+    """
+    return np.maximum(own, INERTIA * dt * dt * stiffness)
+
+
+def movers_of(slides, elements, x, fixed, mass, own, stiffness) -> Movers:
+    """Return what moves with slips at positions x (n, 3).
+
+    slides : `net.slides.Slides`; elements : (m, 2); fixed : (n, 3) bool; mass : (n,) [kg]
+    """
+    before, after = slides.segment[slides.before], slides.segment[slides.after]
+    first = np.append(True, before[1:] != after[:-1])  # else the chain goes on from the slip point before
+    begin = np.flatnonzero(first)
+    chain, last = np.cumsum(first) - 1, np.append(begin[1:], len(before)) - 1
+    station = 2 * np.arange(len(before)) + chain + 1  # a chain has one segment more than slip points
+    of_segment = np.zeros(int(slides.segment.max()) + 1, np.int64)
+    of_segment[before], of_segment[after] = station - 1, station + 1
+    key, vector = _stretch(slides, elements, x, len(mass))
+    segment, node = key // len(mass), key % len(mass)
+    vector *= ~fixed[node] / np.sqrt(mass[node])[:, None]
+    beside = np.searchsorted(key, np.stack([before, after]) * len(mass) + slides.node)
+    inner = np.setdiff1d(np.arange(len(key)), beside)
+    return Movers(
+        *(own, stiffness, station, (station[begin] - 1)[chain], (station[last] + 1)[chain]),
+        (after[last] == before[begin])[chain],
+        lengths(vector[beside]),
+        np.append(lengths(vector[inner]), lengths(vector[beside].sum(0))),
+        np.append(node[inner], slides.node),
+        np.append(of_segment[segment[inner]], station),
+        slides.node,
+    )
+
+
+def _stretch(slides, elements, x, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors (u, 3) by which a node's velocity lengthens a segment, and keys (u,): segment n + node."""
+    inside = np.flatnonzero(slides.segment >= 0)
+    ends = elements[inside]
+    along = x[ends[:, 1]] - x[ends[:, 0]]
+    along /= lengths(along)[:, None]
+    keys = slides.segment[inside].astype(np.int64)[:, None] * n + ends
+    key, row = np.unique(keys, return_inverse=True)
+    row, vector = row.reshape(keys.shape), np.zeros((len(key), 3))
+    np.add.at(vector, row[:, 0], -along)
+    np.add.at(vector, row[:, 1], along)
+    return key, vector
+
+
+def added_share(movers: Movers, dt: float) -> float:
+    """Return lambda of steps of dt [s]: what they add to slips, of the mass that moves with them; a bound."""
+    root = np.sqrt(slip_inertia(movers.own, movers.stiffness, dt) - movers.own)
+    if not root.any():
+        return 0.0
+    own = 1.0 / np.sqrt(movers.own)
+    sides = _sides(movers, movers.size, movers.near)
+    rows = np.stack([np.where(movers.closed, np.inf, side) for side in sides] + [own])
+    choice = rows.argmin(0)
+    column = np.zeros(int(movers.node.max()) + 1)
+    np.add.at(column, movers.node, movers.size * _beyond(movers, root, choice))
+    mine = choice < 2
+    near = np.where(mine, movers.near[np.minimum(choice, 1), np.arange(len(root))], 0.0)
+    np.add.at(column, movers.slip_node, near * root)
+    sides = _sides(movers, movers.size * column[movers.node], movers.near * column[movers.slip_node])
+    total = np.where(choice == 0, sides[0], np.where(choice == 1, sides[1], root * own * own))
+    return float((root * total).max())
+
+
+def _sides(movers: Movers, size: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums (k,) over the nodes on either side of each slip point."""
+    up_to = _running(movers, movers.at, size)
+    return (
+        up_to[movers.station] - up_to[movers.begin] + near[0],
+        up_to[movers.end + 1] - up_to[movers.station + 1] + near[1],
+    )
+
+
+def _beyond(movers: Movers, root: np.ndarray, choice: np.ndarray) -> np.ndarray:
+    """Sums (j,) of roots of the slips that follow a node: those after it from before, and the other way."""
+    forth = _running(movers, movers.station, np.where(choice == 0, root, 0.0))
+    back = _running(movers, movers.station, np.where(choice == 1, root, 0.0))
+    begins, ends = np.unique(movers.begin), np.unique(movers.end)
+    chain = np.searchsorted(ends, movers.at)
+    begin, end = begins[chain], ends[chain]
+    return forth[end + 1] - forth[movers.at + 1] + back[movers.at] - back[begin]
+
+
+def _running(movers: Movers, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Running sums: of all values at stations before each."""
+    return np.append(0.0, np.cumsum(np.bincount(at, values, int(movers.end.max()) + 1)))
+
+
+def step_of_slips(movers: Movers) -> float:
+    """Return the longest step [s] that adds at most MOST_ADDED; inf: nothing moves with slip."""
+    good = float(np.sqrt(movers.own / (INERTIA * movers.stiffness)).min())
+    for _ in range(DOUBLINGS):
+        if added_share(movers, 2.0 * good) > MOST_ADDED:
+            break
+        good *= 2.0
+    else:
+        return np.inf
+    bad = 2.0 * good
+    for _ in range(HALVINGS):
+        middle = 0.5 * (good + bad)
+        good, bad = (good, middle) if added_share(movers, middle) > MOST_ADDED else (middle, bad)
+    return good
