@@ -39,7 +39,8 @@ import net
 from netfall.mechanics.bending import Joints, curvatures
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.law.branches import band_branches
-from netfall.mechanics.slip.motion import places_of, slip_inertia
+from netfall.mechanics.slip.inertia import slip_inertia
+from netfall.mechanics.slip.motion import places_of
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
