@@ -163,7 +163,7 @@ class LoadPath:
         return newton.spread.copy()
 
 
-def parts_of(finder, load: np.ndarray, before: dict, start: dict, carried: float) -> Callable:
+def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: float) -> Callable:
     """What acts at a share of the way from the state before a load to that under it: load(share) (n, 3) [N].
 
     finder : `find.Finder`; before, start : arrays of the state, by name, in equilibrium before the load, and

@@ -27,7 +27,7 @@ from netfall.equilibrium.relaxation import (
     restored_relaxation,
 )
 from netfall.equilibrium.slip import find_slipping
-from netfall.equilibrium.snap import LimitPoint, LoadPath, is_compressible, parts_of
+from netfall.equilibrium.snap import LimitPoint, LoadPath, is_compressible, load_on_path
 from netfall.equilibrium.stable import UNKNOWN
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
@@ -197,7 +197,7 @@ def _limit_point(
         return None, found
     state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
     put_back(state, start)
-    part = parts_of(scene.finder, each.load, each.before or start, start, carried)
+    part = load_on_path(scene.finder, each.load, each.before or start, start, carried)
     find = lambda share: scene.finder.find(part(share), tolerance, reference, FEW, each.words, stop)
     path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find, each.kind == "stage")
     try:
