@@ -11,7 +11,7 @@ import numpy as np
 
 from netfall.numerics.functions import lengths
 from netfall.wind.measured import nearest_places
-from netfall.wind.surface import Surface, stretch
+from netfall.wind.surface import Surface, by_area, stretch
 
 CLOSEST = 5.0  # m between control points times the root of decay, at the least
 ROUNDS = 50  # of k-means, at most
@@ -47,8 +47,7 @@ def _farthest(y: np.ndarray, area: np.ndarray, limit: int) -> list[int]:
 def _centres(y: np.ndarray, area: np.ndarray, label: np.ndarray) -> np.ndarray:
     """Centres (c, 3) of clusters, those that have members, by area."""
     label = np.unique(label, return_inverse=True)[1].reshape(-1)
-    sums = [np.bincount(label, area * values) for values in y.T]
-    return np.column_stack(sums) / np.bincount(label, area)[:, None]
+    return by_area(label, area, y)
 
 
 def cluster_weights(y: np.ndarray, points: np.ndarray, decay) -> tuple[np.ndarray, np.ndarray]:

@@ -104,10 +104,10 @@ def surface_of(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, poin
     y, vector, speed = y[node], vector[node], speed[node]
     area = lengths(vector)
     patch = _cubes(y * stretch(decay), max(MOST_PATCHES, PER_POINT * points))
-    centre = _by_area(patch, area, y)
+    centre = by_area(patch, area, y)
     own = area[:, None] * (1.0 - (vector / area[:, None]) ** 2) / 12.0  # of a square along the surface
-    spread = _by_area(patch, area, (y - centre[patch]) ** 2 + own)
-    return Surface(node, patch, area, centre, spread, _by_area(patch, area, speed[:, None])[:, 0])
+    spread = by_area(patch, area, (y - centre[patch]) ** 2 + own)
+    return Surface(node, patch, area, centre, spread, by_area(patch, area, speed[:, None])[:, 0])
 
 
 def stretch(decay) -> np.ndarray:
@@ -118,7 +118,7 @@ def stretch(decay) -> np.ndarray:
     return np.sqrt(np.asarray(decay))
 
 
-def _by_area(patch: np.ndarray, area: np.ndarray, values: np.ndarray) -> np.ndarray:
+def by_area(patch: np.ndarray, area: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return means (q, k) over each patch of values (n, k), weighted by area."""
     sums = [np.bincount(patch, area * column) for column in values.T]
     return np.column_stack(sums) / np.bincount(patch, area)[:, None]
