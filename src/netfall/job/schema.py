@@ -26,6 +26,7 @@ NEEDED = {  # what each key stands for, unless another of these or a type is giv
     "area": ("area", "axial_stiffness"),
     "density": ("density", "mass_per_length"),
 }
+SINCE = "0.5"  # version from which the defaults and removals of REMOVED and `net.defaults` hold
 # Keys that a former version had, by section: the value that is still accepted with a warning, and the reason.
 REMOVED = {"dynamics": {"precision": ("double", "numbers have double precision (jobs/trade/README.md)")}}
 

@@ -15,6 +15,7 @@ from netfall.job.schema import (
     OVERRIDES,
     REMOVED,
     SECTIONS,
+    SINCE,
     defaults,
     may_break,
     row_of,
@@ -124,7 +125,7 @@ class Validation:
         """Note an error for a removed key unless it has the value that changes nothing."""
         accepted, why = REMOVED[place][name]
         if value != accepted:
-            self.wrong(place, f"{name} = {shown(value)}: removed in version 0.5, {why}; remove the key")
+            self.wrong(place, f"{name} = {shown(value)}: removed in version {SINCE}, {why}; remove the key")
 
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
         if not key.fits(value):

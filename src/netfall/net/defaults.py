@@ -12,12 +12,10 @@ import numpy as np
 from netfall.job.asks import has_gusts, load_steps
 from netfall.job.entries import LISTS
 from netfall.job.job import Job, tables_of
-from netfall.job.schema import REMOVED
+from netfall.job.schema import REMOVED, SINCE
 from netfall.job.values import counted, shown
 from netfall.net.net import Net
 from netfall.net.sections import are_other_bars, strength_of_cable
-
-SINCE = "0.5"  # version from which the new defaults hold
 
 
 class ChangedDefault(NamedTuple):
