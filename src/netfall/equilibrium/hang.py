@@ -38,11 +38,7 @@ def hung_positions(
     ends = distribution.gather_elements(d.particle_gid[state.ends].astype(np.int64))
     kind = distribution.gather_elements(np.where(there, np.where(state.bar == 0, 1, 2), 0))
     rows = distribution.gather_elements(np.column_stack([state.L0 * (1.0 + eps_p), state.L0, state.EA]))
-    free = (state.free[:n] != 0).all(1)
-    if state.features.springs:
-        free &= ~(state.spring[:n] != 0.0).any(1)
-    if state.turned is not None:
-        free &= ~(state.turned[:n] != 0.0).any(1)
+    free = ~state.is_held()[:n]
     x, acting = (distribution.gather_particles(np.ascontiguousarray(a[:n])) for a in (state.x, load))
     free, hung = distribution.gather_particles(free), None
     if distribution.comm.rank == 0:

@@ -14,7 +14,7 @@ from netfall.job.values import counted, listed, nearest, shown
 from netfall.model.loads import live_load, of_case
 from netfall.model.model import Model
 from netfall.net.net import Net, ends_of_inner, with_inner
-from netfall.net.parts import parts_of
+from netfall.net.parts import part_has, parts_of
 from netfall.net.turned import held_along, settles_along
 
 
@@ -168,9 +168,8 @@ def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> list[str
         if len(away):
             wrong.append(f"lengths: {shown(name)}: not there in this stage; active says what is")
     label = parts_of(net.elements[setting.active], net.n)
-    held = np.zeros(net.n, bool)
-    held[label[(setting.fixed | (net.spring > 0)).any(1)]] = True
-    loose = np.flatnonzero(setting.there(net) & ~held[label])
+    held = part_has(label, (setting.fixed | (net.spring > 0)).any(1))
+    loose = np.flatnonzero(setting.there(net) & ~held)
     if len(loose):
         wrong.append(f"{counted('node', net.node_id[loose])}: no support holds the part that they are in")
     return wrong

@@ -159,6 +159,15 @@ class State:
         steady = None if self.steady_speed is None else self.steady_speed[rows]
         return RelativeWind(rows, self.drag_size[rows], steady, *self.wind_along)
 
+    def is_held(self) -> np.ndarray:
+        """Return whether each particle (rows,) has a support, rigid or elastic, along any axis."""
+        held = (self.free == 0).any(1)
+        if self.spring is not None:
+            held |= (self.spring > 0.0).any(1)
+        if self.turned is not None:
+            held |= (self.turned != 0.0).any(1)
+        return held
+
     def invert_masses(self) -> None:
         """Bring per_mass up to date."""
         moves = self.free.any(1) & (self.mass > 0.0)

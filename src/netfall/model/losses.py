@@ -11,7 +11,7 @@ from netfall.job.job import Job
 from netfall.job.values import MOST_NAMED, counted, listed, shown
 from netfall.model.redistribution import Redistribution, redistribute
 from netfall.net.net import Net, elements_of_cables, elements_of_group
-from netfall.net.parts import parts_of
+from netfall.net.parts import part_has, parts_of
 from netfall.net.turned import borne_along
 
 
@@ -145,7 +145,5 @@ def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray)
     there : (m,) bool, the elements that remain; load : (n, 3) [N]; gone : (n,) bool, particles that left
     """
     label = parts_of(net.elements[there], net.n)
-    supported, borne = np.zeros((net.n, 3), bool), borne_along(net)
-    for axis in range(3):
-        supported[label[borne[:, axis]], axis] = True
-    return bool(((load != 0.0) & ~gone[:, None] & ~supported[label]).any())
+    supported = np.column_stack([part_has(label, borne) for borne in borne_along(net).T])
+    return bool(((load != 0.0) & ~gone[:, None] & ~supported).any())

@@ -11,7 +11,7 @@ from netfall.net.bars import bar_errors, bar_notes, set_bars
 from netfall.net.cables import cables_of, same_names
 from netfall.net.generators import generate as generators
 from netfall.net.net import Net, nearest_group, subdivide
-from netfall.net.parts import parts_of
+from netfall.net.parts import part_has, parts_of
 from netfall.net.tables import read_lines, read_tables
 from netfall.net.turned import is_turned
 
@@ -117,8 +117,7 @@ def _whole_net_errors(job: Job, net: Net) -> list[str]:
     equilibrium = job.form_finding is not None or load_steps(job) > 0
     if equilibrium and not errors:
         label = parts_of(net.elements, net.n)
-        held = np.zeros(net.n, bool)
-        held[label[net.held.any(1)]] = True
+        held = part_has(label, net.held.any(1))
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
             errors.append(

@@ -14,6 +14,13 @@ def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
     return label
 
 
+def part_has(label: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Whether the part of each thing, by its label (n,) of `parts_of`, has one of some (n,) bool."""
+    found = np.zeros(len(label), bool)
+    found[label[some]] = True
+    return found[label]
+
+
 @kernel
 def label_parts(elements, label):
     """Write the lowest particle of the part of the net that each belongs to.

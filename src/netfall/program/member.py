@@ -16,7 +16,7 @@ from netfall.mechanics.events import EventLog
 from netfall.model.model import Model
 from netfall.model.state import crushing_strain
 from netfall.net.net import Net
-from netfall.net.parts import parts_of
+from netfall.net.parts import part_has, parts_of
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.program.extremes import Extremes, Watched, extremes_of_motion
@@ -223,10 +223,8 @@ def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     gone : (m,) bool, elements that broke or were removed; nan: there is no roof
     """
     label = parts_of(net.elements[net.is_there & ~gone], net.n)
-    supported = np.zeros(net.n, bool)
-    supported[label[net.held.any(1)]] = True
     total = float(area.sum())
-    return float(area[~supported[label]].sum()) / total if total > 0.0 else np.nan
+    return float(area[~part_has(label, net.held.any(1))].sum()) / total if total > 0.0 else np.nan
 
 
 class Unwritten:

@@ -11,7 +11,7 @@ import numpy as np
 from netfall.mechanics.air import end_wind
 from netfall.mechanics.state import State
 from netfall.model.model import Model
-from netfall.net.parts import parts_of
+from netfall.net.parts import part_has, parts_of
 from netfall.parallel.sums import exact_sums
 from netfall.stages.scene import Scene
 from netfall.wind.field import particle_speeds
@@ -73,20 +73,19 @@ class Detaching:
         """
         spread = self.distribution
         broken = spread.gather_elements(state.broken, state.owned.astype(bool))
-        held = spread.gather_particles(_is_held(state))
+        held = spread.gather_particles(state.is_held())
         mass = state.mass if state.air_mass is None else state.mass - state.air_mass
         mass = spread.gather_particles(mass)
         if self.model is None:
             return None
         net = self.model.net
         label = parts_of(net.elements[broken == 0], net.n)
-        supported = np.zeros(net.n, bool)
-        supported[label[held]] = True
+        supported = part_has(label, held)
         of_part = np.bincount(label, mass, net.n)
         large = np.flatnonzero(~supported & (of_part > self.least))
-        number = np.where(supported, ATTACHED, 0)
+        number = np.zeros(net.n, np.int64)
         number[large] = 1 + np.arange(len(large))
-        return number[label], large
+        return np.where(supported, ATTACHED, number[label]), large
 
     def _part_of_splits(self, state: State) -> np.ndarray:
         """Return the part of each particle that has split off: that of its element's far end."""
@@ -135,16 +134,6 @@ class Detaching:
             "velocity": rows[:, 3:],
             "largest_gust": gust,
         }
-
-
-def _is_held(state: State) -> np.ndarray:
-    """Whether each particle (rows,) has a support, rigid or elastic, along any axis."""
-    held = (state.free == 0).any(1)
-    if state.spring is not None:
-        held |= (state.spring > 0.0).any(1)
-    if state.turned is not None:
-        held |= (state.turned != 0.0).any(1)
-    return held
 
 
 def largest_gust(model: Model, wind, time: float) -> float:
