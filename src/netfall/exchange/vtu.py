@@ -16,14 +16,8 @@ import numpy as np
 from netfall.exchange.drawings.drawing import Drawing, depth, edges_of, is_among
 from netfall.ground.errors import InputError
 
-EMPTY, LINE, POLY_LINE, POLYGON, PIXEL, QUADRATIC_POLYGON = (
-    0,
-    3,
-    4,
-    7,
-    8,
-    36,
-)  # types of cells (vtkCellType.h)
+# Types of cells (vtkCellType.h).
+EMPTY, LINE, POLY_LINE, POLYGON, PIXEL, QUADRATIC_POLYGON = 0, 3, 4, 7, 8, 36
 CURVES = (21, 35, 68, 75)  # quadratic, cubic, Lagrange, Bezier: points between the ends come last
 CORNERS = dict.fromkeys((LINE, *CURVES), 2) | dict.fromkeys((5, 22, 34, 69, 76), 3)
 CORNERS |= dict.fromkeys((PIXEL, 9, 23, 28, 30, 70, 77), 4)

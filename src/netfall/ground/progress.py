@@ -11,9 +11,8 @@ from netfall.ground.launch import RANKS, launched
 LINE_EVERY = 10.0  # s between plain lines, at the least
 DRAW_EVERY = 0.2  # s between drawings of the bar
 
-CONTROL = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]"
-)  # but tabs and new lines
+# All control characters but tabs and new lines.
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 def plain(text) -> str:

@@ -7,9 +7,7 @@ import numpy as np
 from netfall.exchange.drawings.drawing import Drawing, depth
 
 FLATNESS = 1 / 200  # of a curve's size: how far its segments may be from it
-SHARE = (
-    1 / 12
-)  # of a curve's depth: likewise, so that the sag of a shallow one is not lost: 4 segments of an arc
+SHARE = 1 / 12  # of its depth: likewise, for the sag of a shallow curve; an arc gets 4 segments
 FINER = 0.1  # of what is as good as on a curve: how far the points that stand for it may be from it
 BESIDE = 1e-4  # of a span between knots: how far beside a knot a curve's direction is looked for
 CORNER = 0.02  # sine of an angle: less is no corner
