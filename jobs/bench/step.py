@@ -1,6 +1,6 @@
 """Times the step of netfall on the benchmark's net.
 
-    mpirun -n P python step.py N SCENE [--rounds R] [--no-order]
+    mpirun -n P python step.py N SCENE [--rounds R]
 
 SCENE: elastic, or one or more of plastic, fracture, wind, energy, sections, bars, buckling, bending (chains
 along x), slip (clamps along x, which hold; loose: without resistance), air, air_mass, band joined by + (all:
@@ -13,7 +13,6 @@ import resource
 import sys
 import time
 
-import numba
 import numpy as np
 from mpi4py import MPI
 
@@ -22,17 +21,7 @@ parser.add_argument("N", type=int)
 parser.add_argument("scene")
 parser.add_argument("--rounds", type=int, default=5)
 parser.add_argument("--seconds", type=float, default=1.0, help="of a round")
-parser.add_argument(
-    "--no-order", action="store_true", help="let the compiler reorder sums, for the cost of the order"
-)
 arguments = parser.parse_args()
-if arguments.no_order:
-    from netfall.ground import compile
-
-    reordering = {"error_model": "numpy", "fastmath": True, "_nrt": False}
-    compile.vector_kernel = numba.njit(**reordering, noalias=True)
-    compile.part_of_kernel = numba.njit(**reordering, forceinline=True)
-    compile.kernel = numba.njit(**reordering)
 
 import net
 
@@ -129,8 +118,8 @@ seconds = [advance(net.CHECKED + 5 + k * steps, steps) / steps for k in range(ar
 buffers, alone = halo.buffers, halo.buffers.numbers.copy()  # the step without its exchange, for its share
 for place in (0, buffers.to_second):
     alone[place + buffers.receive_at[:, None] + np.arange(3)] = 0.0  # forces on the halo; masses stay
-nobody = {"counts": buffers.counts[:0], "requests": buffers.requests[:, :0]}
-halo.buffers = buffers._replace(numbers=alone, **nobody)
+nobody = {"counts": buffers.counts[:0], "requests": np.zeros((2, 0), np.uint8)}
+halo.buffers = buffers.replaced(numbers=alone, **nobody)
 plan.attach(state)
 without = min(advance(0, steps) / steps for _ in range(2))
 halo.buffers = buffers

@@ -67,15 +67,12 @@ def run(arguments) -> None:
     comm = world()
     _check_same_options(comm.allgather(vars(arguments)))
     from netfall.ground.progress import Progress
-    from netfall.ground.room import keep_freed, keep_program
     from netfall.ground.stop import StopRequest
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
     from netfall.program.run import run_job
 
     stop = StopRequest(arguments.walltime)
-    keep_freed()
-    keep_program()
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
     path = arguments.output or Path(f"{job.name}.vtkhdf")

@@ -13,7 +13,7 @@ smallest, which is convex in its three unknowns: Newton's method with shorter st
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.mechanics.state import State
 from netfall.parallel.subdomain import Distribution
 

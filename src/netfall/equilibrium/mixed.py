@@ -13,16 +13,15 @@ that is made smaller, so that no tangent is singular: an interior point method, 
 alone. The energy is convex in the positions for any gap (Kanno and Ohsaki 2003).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
+from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.records import Record, f8, u1, whole
 from netfall.equilibrium.increments import Watch
 from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint, Stopped, still_missing
 from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, GivesWay
 from netfall.equilibrium.relaxation import RunsAway
 from netfall.equilibrium.work import Work
-from netfall.ground.compile import kernel, part_of_kernel
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
 from netfall.multigrid.tangent import Tangent
@@ -50,19 +49,19 @@ LEFT = 0.02  # of the residual, that a correction leaves
 TOO_FAR = 5.0  # times what gives way, where the gap is made smaller again: a load is followed no farther
 
 
-class Cables(NamedTuple):
+class Cables(Record):
     """Elements (m,) of one rank: EA [N]; L0 [m]; eps_p; limit [N], inf: none.
 
     carries : 1 for cables in the net, 0 for bars, which stay as they are, and for what has left
-    logarithmic : whether strains are
+    logarithmic : 1 where strains are
     """
 
-    EA: np.ndarray
-    L0: np.ndarray
-    eps_p: np.ndarray
-    limit: np.ndarray
-    carries: np.ndarray
-    logarithmic: bool
+    EA: f8
+    L0: f8
+    eps_p: f8
+    limit: f8
+    carries: u1
+    logarithmic: whole
 
 
 def cables_of(state: State) -> Cables:

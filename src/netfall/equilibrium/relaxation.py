@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.kernels import kernel
 from netfall.equilibrium.overload import is_lost
-from netfall.ground.compile import kernel
 from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.bending import add_bending_forces, add_joint_bounds
@@ -209,6 +209,7 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
     slips : `slip.Slips`, None: nothing slips
     """
     load = np.asfortranarray(load)  # as positions and forces are
+    turned = np.zeros((0, 3)) if state.turned is None else state.turned
 
     def forces(x, f):
         f[:] = 0.0
@@ -218,7 +219,7 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
         if state.joints is not None:
             add_bending_forces(x, state.joints, f)
         if state.features.springs:
-            add_springs(x, state.x_start, state.spring, state.spring_rest, state.turned, f)
+            add_springs(x, state.x_start, state.spring, state.spring_rest, turned, f)
         f += load
         if state.turned is not None:
             keep_on_guides(state.turned, f)

@@ -139,7 +139,7 @@ class Slips:
 
     def open_clamps(self, opened: bool) -> None:
         """Leave clamps of the net without resistance, or close them."""
-        self.chains = self.chains._replace(resistance=self.resistance * (not opened))
+        self.chains = self.chains.replaced(resistance=self.resistance * (not opened))
 
     def begin(self) -> None:
         """An equilibrium begins: slips count from here, with limits of the present tensions. Collective."""
@@ -191,8 +191,8 @@ class Slips:
     def renew_limits(self) -> float:
         """Bring limits up to date with tensions; the largest change, a share of the largest tension."""
         strands, w, before = self._strands(), self.work, self.limit.copy()
-        law = self.state.law
-        strand_forces(self.s, self.chains, strands, self.weights, law, *w[:7])
+        law, of_strands = self.state.law, (w.L0, w.T, w.q, w.coupling, w.stiffness)
+        strand_forces(self.s, self.chains, strands, self.weights, law, *of_strands, w.drive, w.hold)
         limits_of(self.chains, strands, w.T, law, self.limit)
         largest = np.abs(w.T).max(initial=0.0)
         return float(np.abs(self.limit - before).max(initial=0.0) / largest) if largest > 0.0 else 0.0

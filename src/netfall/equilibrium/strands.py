@@ -1,11 +1,11 @@
 """The slips of cables over nodes at given positions: the convex problem that `slip` solves for each trial."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.records import Record, f8, f8_2, i8
 from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_limit
 from netfall.numerics.arithmetic import exponential, logarithm
 
@@ -18,7 +18,7 @@ SHORTEST = 0.02  # of a strand: what slips in trials never leave less of
 STOP = 100.0  # times the stiffness of a strand: that of the end on a cable, which stops where LEAST is left
 
 
-class CableChains(NamedTuple):
+class CableChains(Record):
     """Slip points along each cable and the free segments between them; the same on every rank.
 
     node, column : (k,) global particle, and which of its cables
@@ -29,22 +29,25 @@ class CableChains(NamedTuple):
     along : (q,) 1, -1; weight : (q,) [N/m] of their own
     """
 
-    node: np.ndarray
-    column: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    segment_before: np.ndarray
-    segment_after: np.ndarray
-    friction: np.ndarray
-    resistance: np.ndarray
-    start: np.ndarray
-    into: np.ndarray
-    out: np.ndarray
-    element: np.ndarray
-    segment: np.ndarray
-    share: np.ndarray
-    along: np.ndarray
-    weight: np.ndarray
+    node: i8
+    column: i8
+    before: i8
+    after: i8
+    segment_before: i8
+    segment_after: i8
+    friction: f8
+    resistance: f8
+    start: i8
+    into: i8
+    out: i8
+    element: i8
+    segment: i8
+    share: f8
+    along: i8
+    weight: f8
+
+    def __reduce__(self):  # rank 0 sends it to the others: there the arrays have other addresses
+        return type(self), tuple(getattr(self, name) for name in self.kind.fields)
 
     def passed(self, s: np.ndarray) -> np.ndarray:
         """Return what slips s (k,) [m] add to the unstressed lengths of the elements (q,) [m]."""
@@ -72,7 +75,7 @@ def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
     )
 
 
-class Strands(NamedTuple):
+class Strands(Record):
     """The elements of `CableChains` at some positions (q,), [N] and [m].
 
     EA : 0 where it carries nothing; strand : [m] unstressed length without slip; L : [m] length
@@ -80,12 +83,12 @@ class Strands(NamedTuple):
     direction : (q, 3) from begin to end along the cable
     """
 
-    EA: np.ndarray
-    strand: np.ndarray
-    stop: np.ndarray
-    L: np.ndarray
-    height: np.ndarray
-    direction: np.ndarray
+    EA: f8
+    strand: f8
+    stop: f8
+    L: f8
+    height: f8
+    direction: f8_2
 
 
 @part_of_kernel
@@ -94,7 +97,7 @@ def _force_of(e, L0, strands, law):
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
         return 0.0, 0.0, 0.0, FLOOR * EA / L0
-    if law.logarithmic is not None:
+    if law.logarithmic:
         T = EA * logarithm(L / L0)
         return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
     T = EA * ((L - L0) / L0)
@@ -134,7 +137,7 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
         hold[g] += chains.share[e] * chains.share[e] * stiffness[e]
 
 
-@kernel
+@inner_kernel
 def potential(s, old, limit, chains, strands, weights, law, L0):
     """W [J] at slips s (k,) [m], with unstressed lengths L0 (q,) [m] there; inf where too little is left."""
     W = 0.0
@@ -147,7 +150,7 @@ def potential(s, old, limit, chains, strands, weights, law, L0):
         if L0[e] < SHORTEST * strands.strand[e]:
             return math.inf
         W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
-        if L > L0[e] and law.logarithmic is not None:
+        if L > L0[e] and law.logarithmic:
             W += EA * (L * logarithm(L / L0[e]) - L + L0[e])
         elif L > L0[e]:
             W += 0.5 * EA * (L - L0[e]) * ((L - L0[e]) / L0[e])
@@ -176,7 +179,7 @@ def limits_of(chains, strands, T, law, limit):
             limit[i] = slip_limit(T[b], T[a], EA_b, EA_a, chains.friction[i], chains.resistance[i], turn, law)
 
 
-@kernel
+@inner_kernel
 def residuals(s, old, limit, chains, drive, r, way):
     """What drives each place (k,) [N], 0 where it sticks, and its way: 1, -1, 0 sticks; the largest."""
     worst = 0.0
@@ -280,27 +283,27 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
     return worst / scale
 
 
-class Work(NamedTuple):
+class Work(Record):
     """What `slips_at` fills: of the elements (q,) L0 to stiffness; of the segments (g,) drive and hold.
 
     Of the slip points (k,) the rest.
     """
 
-    L0: np.ndarray
-    T: np.ndarray
-    q: np.ndarray
-    coupling: np.ndarray
-    stiffness: np.ndarray
-    drive: np.ndarray
-    hold: np.ndarray
-    r: np.ndarray
-    pivot: np.ndarray
-    beside: np.ndarray
-    border: np.ndarray
-    step: np.ndarray
-    start: np.ndarray
-    way: np.ndarray
-    way_before: np.ndarray
+    L0: f8
+    T: f8
+    q: f8
+    coupling: f8
+    stiffness: f8
+    drive: f8
+    hold: f8
+    r: f8
+    pivot: f8
+    beside: f8
+    border: f8
+    step: f8
+    start: f8
+    way: i8
+    way_before: i8
 
 
 def make_work(q: int, g: int, k: int) -> Work:

@@ -5,7 +5,7 @@ N = T0 + s EA (L - L_start) / L_start, s a small share of the modulus, or 0 for 
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.mechanics.elements import add_tensions, geometric_stiffness, nodal_stiffness
 from netfall.mechanics.supports import keep_on_guides
 from netfall.multigrid.tangent import Tangent

@@ -69,7 +69,8 @@ def find_form(
     # columns stand apart, as in a state: what is compiled for the form then serves for equilibria too
     particles = lambda rows: placed(distribution.particles(rows))
     x = particles(None if net is None else net.x)
-    free = 1 - particles(None if net is None else held_along(net, net.held)).astype(np.uint8)
+    held = distribution.particles(None if net is None else held_along(net, net.held))
+    free = placed(1 - held.astype(np.uint8))
     guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
     turned = particles(net and turned_column(net, net.held)) if guided else None
     if settings.method == "keep":

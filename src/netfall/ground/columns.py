@@ -7,23 +7,24 @@ near a multiple of 512, and then they push one another out: the step took up to 
 
 import numpy as np
 
-LINE, PAGE = 64, 4096  # bytes
+LINE, PAGE, WIDEST = 64, 4096, 8  # bytes; of a number
 LINES = PAGE // LINE
 APART = 13  # lines within a page from one column to the next
 SHIFT = 5  # lines within a page from one table to the next
 
 
 def columns(count: int, rows: int, dtype, place: int = 0) -> np.ndarray:
-    """Zeros (count, rows or some more): columns, each contiguous, that begin with a line of the cache.
+    """Zeros (count, rows or some more): columns, each contiguous, the first at the begin of a line.
 
+    As many rows whatever the type, so that an index that is right for one is so for all.
     place : a number of the table among those that are read beside it
     """
-    size = np.dtype(dtype).itemsize
-    lines = -(-rows * size // LINE)
+    lines = -(-rows * WIDEST // LINE)
     lines += (APART - lines) % LINES
-    room = np.zeros(count * lines * LINE + 2 * PAGE, np.uint8)
+    length, size = lines * LINE // WIDEST, np.dtype(dtype).itemsize
+    room = np.zeros(count * length * size + 2 * PAGE, np.uint8)
     begin = -room.ctypes.data % PAGE + SHIFT * place % LINES * LINE
-    return np.ndarray((count, lines * LINE // size), dtype, room.data, begin)
+    return np.ndarray((count, length), dtype, room.data, begin)
 
 
 def vectors(rows: int, dtype=float, place: int = 0, width: int = 3) -> np.ndarray:

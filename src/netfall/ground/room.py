@@ -1,35 +1,8 @@
 """Memory: what a rank takes at most, what it keeps, and what this machine has left."""
 
-import contextlib
-import ctypes
-import gc
-from functools import cache
-
 RANK_BYTES = 250e6  # of Python and of what is compiled, some of it shared by all ranks of a machine
 SETUP_BYTES = 900  # per element on rank 0: while the faces of the roof are found
 WORKER_BYTES = 2200  # per element, at most: of set-up, state and equilibria
-KEPT_BYTES = 1 << 30  # of freed memory, at most
-OF_ARRAYS, OF_THE_REST = -3, -1  # glibc's M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
-
-
-def keep_freed() -> None:
-    """Let a rank keep the memory that arrays leave, for those that follow: with glibc.
-
-    By itself it hands that back at once. The levels of an equilibrium are filled anew for each correction,
-    and a page that is touched for the first time costs more than the arithmetic on it.
-    """
-    with contextlib.suppress(AttributeError, OSError, TypeError):  # another C library
-        for kind in (OF_ARRAYS, OF_THE_REST):
-            ctypes.CDLL(None).mallopt(kind, KEPT_BYTES)
-
-
-@cache
-def keep_program() -> None:
-    """Have searches for garbage leave out what is there by now, which is the program: once for a process.
-
-    They went through it again and again, a fifth of the time of the stadium's collapse.
-    """
-    gc.freeze()
 
 
 def memory_left() -> float | None:

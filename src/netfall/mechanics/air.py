@@ -20,47 +20,45 @@ with the wind velocity u at its place in the net as it starts. It is external, a
 """
 
 import math
-from typing import NamedTuple
-
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, part_of_kernel, vector_kernel
+from netfall.core.kernels import inner_kernel
+from netfall.core.records import Record, f8, has, i8, real
 from netfall.mechanics.loads import wind_speed
 from netfall.mechanics.motion import inverse_mass
-from netfall.numerics.arithmetic import dot, fused
 
 
-@vector_kernel
+@inner_kernel
 def set_air(kick_dt, zeta, particles):
-    """Write |U| / (1 + h + a) of `with_air`, signed as U, at both samples of the wind; kick_dt : [s].
+    """Write |U| / (1 + h + a) of `step.forces.with_air`, signed as U, at both samples of the wind; kick_dt : [s].
 
     Between them it is linear in time, as U is: that is the implicit damping of a speed between theirs, and so
     stable too. How far it is off stands in jobs/METHOD.md.
     """
-    before, after = particles.air_pull
+    pull = particles.air_pull
     for p in range(np.uint64(particles.per_mass.shape[0])):
         half = 0.5 * kick_dt * particles.per_mass[p]
         damped = 1.0 + half * zeta * damped_mass(p, particles)
-        cx, cy, cz = particles.air[0][p], particles.air[1][p], particles.air[2][p]
+        cx, cy, cz = particles.air[0, p], particles.air[1, p], particles.air[2, p]
         square, first, last = half * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
-        if particles.tapped is None:  # else it is in c
+        if not has(particles.tapped):  # else it is in c
             first, last = particles.speed_before[p], particles.speed_after[p]
-        before[p] = first / (damped + square * abs(first))
-        after[p] = last / (damped + square * abs(last))
+        pull[0, p] = first / (damped + square * abs(first))
+        pull[1, p] = last / (damped + square * abs(last))
 
 
-class RelativeWind(NamedTuple):
+class RelativeWind(Record):
     """The particles on which the relative wind acts, and what it needs of them.
 
-    rows : (k,) local; size : (k,) [kg/m] rho A / 2; steady : (k,) [m/s] mean wind speed, None: the gusts
+    rows : (k,) local; size : (k,) [kg/m] rho A / 2; steady : (k,) [m/s] mean wind speed, absent: the gusts
     along_x, along_y : horizontal direction of the wind, of length 1
     """
 
-    rows: np.ndarray
-    size: np.ndarray
-    steady: np.ndarray | None
-    along_x: float
-    along_y: float
+    rows: i8
+    size: f8
+    steady: f8
+    along_x: real
+    along_y: real
 
 
 @inner_kernel
@@ -74,57 +72,20 @@ def set_drag(kick_dt, share, relative, particles):
     v, drag = particles.v, particles.drag
     for i in range(relative.rows.shape[0]):
         p = relative.rows[i]
-        if relative.steady is None:  # noqa: SIM108 (the compiler drops a branch on this alone)
+        if not has(relative.steady):
             speed = wind_speed(p, particles, share)
         else:
             speed = relative.steady[i]
-        wx, wy, wz = speed * relative.along_x - v[0][p], speed * relative.along_y - v[1][p], -v[2][p]
+        wx, wy, wz = speed * relative.along_x - v[0, p], speed * relative.along_y - v[1, p], -v[2, p]
         k = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
         k /= 1.0 + k * kick_dt * particles.per_mass[p]
-        drag[0][p], drag[1][p], drag[2][p] = k * wx, k * wy, k * wz
+        drag[0, p], drag[1, p], drag[2, p] = k * wx, k * wy, k * wz
 
 
-@part_of_kernel
-def with_air(p, force, kick, particles):
-    """Total force [N] on particle p with that of the air, three; and that of the air over -c.
-
-    force : three [N], all others; kick : `motion.Kick`
-
-    With u = v(n-1/2) + dt f / 2M, h = zeta dt / 2 of the mass without air and a = |U| c^2 dt / 2M the mean
-    velocity is u / (1 + h) across c and u / (1 + h + a) along it.
-    """
-    fx, fy, fz = force
-    pull = 0.0
-    if particles.air is None and particles.air_mass is None:
-        return (fx, fy, fz), pull
-    half, v = 0.5 * kick.dt * particles.per_mass[p], particles.v
-    if particles.air is not None:
-        c = particles.air[0][p], particles.air[1][p], particles.air[2][p]
-        before, after = particles.air_pull
-        size = abs(fused(kick.share, after[p] - before[p], before[p]))
-        pull = size * fused(half, dot(c, force), dot(c, (v[0][p], v[1][p], v[2][p])))
-        fx, fy, fz = fused(-pull, c[0], fx), fused(-pull, c[1], fy), fused(-pull, c[2], fz)
-    if particles.air_mass is not None:
-        damped = 1.0 + half * kick.zeta * (particles.mass[p] - particles.air_mass[p])
-        spared = kick.zeta * particles.air_mass[p] / damped
-        ux, uy, uz = v[0][p] + half * fx, v[1][p] + half * fy, v[2][p] + half * fz
-        fx, fy, fz = fx + spared * ux, fy + spared * uy, fz + spared * uz
-    return (fx, fy, fz), pull
-
-
-@part_of_kernel
-def air_work(p, duration, pull, twice, particles):
-    """Work [J] of the air's damping in some time [s] of a kick; twice : its mean velocity there, three."""
-    if particles.air is None:
-        return 0.0
-    c = particles.air[0][p], particles.air[1][p], particles.air[2][p]
-    return (0.5 * duration * pull) * dot(c, twice)
-
-
-@part_of_kernel
+@inner_kernel
 def damped_mass(p, particles):
     """Mass [kg] of particle p on which the mass-proportional damping acts."""
-    if particles.air_mass is None:
+    if not has(particles.air_mass):
         return particles.mass[p]
     return particles.mass[p] - particles.air_mass[p]
 
@@ -135,13 +96,13 @@ def lose_air(p, particles):
 
     The kinetic energy [J] of that air counts as negative external work.
     """
-    if particles.air is not None and p < particles.air[0].shape[0]:  # else none has any
-        particles.air[0][p] = particles.air[1][p] = particles.air[2][p] = 0.0
-    if particles.air_mass is not None:
+    if has(particles.air):
+        particles.air[0, p] = particles.air[1, p] = particles.air[2, p] = 0.0
+    if has(particles.air_mass):
         mass, v = particles.air_mass[p], particles.v
-        if particles.work is not None:
-            square = v[0][p] * v[0][p] + v[1][p] * v[1][p] + v[2][p] * v[2][p]
-            particles.work[0][p] -= 0.5 * mass * square
+        if has(particles.work):
+            square = v[0, p] * v[0, p] + v[1, p] * v[1, p] + v[2, p] * v[2, p]
+            particles.work[0, p] -= 0.5 * mass * square
         particles.air_mass[p] = 0.0
         particles.mass[p] -= mass
         if particles.per_mass[p] != 0.0:

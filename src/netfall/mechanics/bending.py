@@ -20,31 +20,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import allocating_kernel, kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.records import Record, empty, f8, f8_2, u1, u4_2
 from netfall.numerics.arithmetic import angle_per_sine
 
 FLAT = 1e-12  # least 1 + cos of an angle, which so is never quite pi
 
 
-class Joints(NamedTuple):
+class Joints(Record):
     """Joints (k,), in ascending number: particles (k, 3) h, i, j; stiffness k (k,) [N m].
 
     rest : (k, 3) R, by `curvatures` of the state without moment
     owned : (k,) uint8, 1 on the one rank that counts its energy: the owner of i
     """
 
-    particles: np.ndarray
-    stiffness: np.ndarray
-    rest: np.ndarray
-    owned: np.ndarray | None = None
+    particles: u4_2
+    stiffness: f8
+    rest: f8_2
+    owned: u1
 
-
-class Bends(NamedTuple):
-    """Chains that bend in a step: x (n, 3) [m]; their joints; force (n, 3) [N] on particles, out."""
-
-    x: np.ndarray
-    joints: Joints
-    force: np.ndarray
+    def __init__(self, particles, stiffness, rest, owned=None):
+        """owned : None: nobody asks"""
+        owned = empty(u1) if owned is None else owned
+        rows = np.ascontiguousarray(particles, np.uint32)
+        super().__init__(rows, np.ascontiguousarray(stiffness), np.ascontiguousarray(rest), owned)
 
 
 class JointTangent(NamedTuple):
@@ -55,17 +54,17 @@ class JointTangent(NamedTuple):
     positive: np.ndarray
 
 
-@part_of_kernel
+@inner_kernel
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@part_of_kernel
+@inner_kernel
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@part_of_kernel
+@inner_kernel
 def _turn(g, v):
     """Turn v by the rotation about g whose half angle has the tangent |g|."""
     u = _cross(g, v)
@@ -73,7 +72,7 @@ def _turn(g, v):
     return v[0] + f * (u[0] + w[0]), v[1] + f * (u[1] + w[1]), v[2] + f * (u[2] + w[2])
 
 
-@part_of_kernel
+@inner_kernel
 def _sides(x, joints, k):
     """a, b [m] of joint k at x (n, 3) [m], and g, which turns a where b is without moment."""
     h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
@@ -83,12 +82,12 @@ def _sides(x, joints, k):
     return a, b, (0.5 * rest[k, 0], 0.5 * rest[k, 1], 0.5 * rest[k, 2])
 
 
-@part_of_kernel
+@inner_kernel
 def _back(g):
     return -g[0], -g[1], -g[2]
 
 
-@part_of_kernel
+@inner_kernel
 def _half_turn(a, b):
     """tan(phi / 2) n of the angle phi from a to b, three, n along a x b; and |a||b| + a.b [m2]."""
     c, AB = _cross(a, b), math.sqrt(_dot(a, a)) * math.sqrt(_dot(b, b))
@@ -96,7 +95,7 @@ def _half_turn(a, b):
     return (c[0] / d, c[1] / d, c[2] / d), d
 
 
-@part_of_kernel
+@inner_kernel
 def _across(a, b, g):
     """R a x b [m2], zero to the bit where g is that of a and b: h = tan(phi / 2) n.
 
@@ -115,7 +114,7 @@ def _across(a, b, g):
     )
 
 
-@part_of_kernel
+@inner_kernel
 def _moment(joints, k, a, b, g):
     """The moment m (3,) [N m] of joint k."""
     c = _across(a, b, g)
@@ -139,14 +138,13 @@ def add_bending_forces(x, joints, f):
             f[j, axis] -= on_b
 
 
-@kernel
-def find_bending_forces(bends):
-    """Write the forces of joints at the present positions. bends : `Bends`"""
-    for k in range(bends.joints.stiffness.shape[0]):
+@inner_kernel
+def clear_bending_forces(joints, force):
+    """Set to zero the force (n, 3) [N] on particles of joints."""
+    for k in range(joints.stiffness.shape[0]):
         for side in range(3):
             for axis in range(3):
-                bends.force[bends.joints.particles[k, side], axis] = 0.0
-    add_bending_forces(bends.x, bends.joints, bends.force)
+                force[joints.particles[k, side], axis] = 0.0
 
 
 @kernel
@@ -160,7 +158,7 @@ def joint_moments(x, joints, moment, hold):
         moment[k], hold[k] = math.sqrt(_dot(m, m)), math.sqrt(_dot(t, t))
 
 
-@part_of_kernel
+@inner_kernel
 def joint_moment(x, joints, k):
     """The moment |m| [N m] of joint k at x (n, 3) [m]."""
     a, b, g = _sides(x, joints, k)
@@ -168,7 +166,7 @@ def joint_moment(x, joints, k):
     return math.sqrt(_dot(m, m))
 
 
-@part_of_kernel
+@inner_kernel
 def joint_energy(x, joints, k):
     """Energy [J] stored in joint k at x (n, 3) [m]."""
     a, b, g = _sides(x, joints, k)
@@ -176,7 +174,7 @@ def joint_energy(x, joints, k):
     return 0.5 * _dot(m, m) / joints.stiffness[k]
 
 
-@allocating_kernel
+@kernel
 def joint_tangents(x, joints, stiffness, positive):
     """Fill the (k, 6, 6) of `JointTangent`: the second derivatives of U by (a, b).
 
@@ -226,7 +224,7 @@ def joint_tangents(x, joints, stiffness, positive):
                 stiffness[k, m, 3 + n] = stiffness[k, 3 + n, m] = of_ab - ab * skew * ea[m] * e[n]
 
 
-@allocating_kernel
+@kernel
 def add_joint_stiffness(u, particles, stiffness, force):
     """Add to force (n, 3) what joints answer to displacements u (n, 3) with; stiffness : (k, 6, 6) [N/m]"""
     w = np.empty(6)

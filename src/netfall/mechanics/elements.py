@@ -4,22 +4,21 @@ The step does not use them (`netfall.step`): they serve form finding, statics, t
 """
 
 import math
-from typing import NamedTuple
-
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.records import Record, f8, has
 from netfall.mechanics.law.element import axial_force, stored_energy, strain, tangent_stiffness, yield_energy
-from netfall.mechanics.law.slot import TINY
+from netfall.physics.elements import TINY
 
 
-class ElementState(NamedTuple):
+class ElementState(Record):
     """Elements (m,) at one moment: axial force [N], strain, plastic strain, length [m]."""
 
-    N: np.ndarray
-    eps: np.ndarray
-    eps_p: np.ndarray
-    L: np.ndarray
+    N: f8
+    eps: f8
+    eps_p: f8
+    L: f8
 
 
 @part_of_kernel
@@ -29,7 +28,7 @@ def _state_of(x, elements, law, e):
     dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     L = math.sqrt(dx * dx + dy * dy + dz * dz)
     eps_p = 0.0
-    if elements.eps_p is not None:
+    if has(elements.eps_p):
         eps_p = elements.eps_p[e]
     N, eps = 0.0, 0.0  # also out of the net: how far its ends are apart is no strain
     if elements.EA[e] != 0.0:
@@ -120,9 +119,9 @@ def element_energies(elements, now, law, stored, heat):
     for e in range(now.N.shape[0]):
         stored[e] = stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law)
         heat[e] = 0.0
-        if elements.dissipated is not None:
+        if has(elements.dissipated):
             heat[e] = elements.dissipated[e]
-        if elements.yield_force is not None and elements.EA[e] > 0.0:
+        if has(elements.yield_force) and elements.EA[e] > 0.0:
             heat[e] += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)
 
 

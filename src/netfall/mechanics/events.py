@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel
+from netfall.core.kernels import inner_kernel
+from netfall.core.records import Record, f8, i8
 
 
 class StepDone(NamedTuple):
@@ -15,7 +16,7 @@ class StepDone(NamedTuple):
     dt: float
 
 
-class Events(NamedTuple):
+class Events(Record):
     """Fractures of one rank that others do not know of yet, each at one end of an element, as they happen.
 
     count : (1,) how many; the others have room for more, and global numbers
@@ -24,18 +25,18 @@ class Events(NamedTuple):
         particle
     """
 
-    count: np.ndarray
-    time: np.ndarray
-    step: np.ndarray
-    element: np.ndarray
-    particle: np.ndarray
-    new_particle: np.ndarray
-    strain: np.ndarray
-    mass: np.ndarray
+    count: i8
+    time: f8
+    step: i8
+    element: i8
+    particle: i8
+    new_particle: i8
+    strain: f8
+    mass: f8
 
 
 REALS = ("time", "strain", "mass")
-COLUMNS = {name: np.float64 if name in REALS else np.int64 for name in Events._fields[1:]}
+COLUMNS = {name: np.float64 if name in REALS else np.int64 for name in list(Events.kind.fields)[1:]}
 
 
 def events_with_room(room: int, before: Events | None = None) -> Events:

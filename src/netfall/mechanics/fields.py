@@ -1,15 +1,16 @@
 """The table of fields: every array of the solver's state, in one place.
 
-A field is added by adding a row. From the table follow the arrays of a rank (`state.State`), the named tuples
-that kernels take (`Particles`, `Elements`, `Slots`), what a particle that splits off starts with, what a
+A field is added by adding a row. From the table follow the arrays of a rank (`state.State`), the records that
+kernels take (`Particles`, `Elements`, `Slots`), what a particle that splits off starts with, what a
 checkpoint holds, and what goes into the slots of the step.
 """
 
-from collections import namedtuple
 from dataclasses import dataclass
 
 import numpy as np
+from numba import from_dtype, types
 
+from netfall.core.records import Record
 from netfall.ground.text_tables import rows_of
 
 SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
@@ -45,7 +46,7 @@ class Field:
 
     @property
     def short(self) -> str:
-        """Name in the named tuples of kernels."""
+        """Name in the records of kernels."""
         return self.name.removeprefix("slot_")
 
 
@@ -183,15 +184,18 @@ def fields_of(entity: str) -> tuple[Field, ...]:
     return tuple(field for field in FIELDS if field.entity == entity)
 
 
-def _named_tuple(name: str, entity: str):
-    return namedtuple(name, [field.short for field in fields_of(entity)], module=__name__)
+def _record(name: str, entity: str) -> type[Record]:
+    """The record of an entity's arrays; of particles and slots a column stands in a row: (axes, particles)."""
+    kinds = {}
+    for field in fields_of(entity):
+        axes = 2 if field.tail or entity == "slot" else 1
+        kinds[field.short] = types.Array(from_dtype(np.dtype(field.dtype)), axes, "C")
+    return type(name, (Record,), {"__annotations__": kinds, "__module__": __name__})
 
 
-# What kernels take; a field that the scene does not have is None. Particles: the axes of a field of three
-# columns stand in a tuple, each contiguous: the compiler then sees that nothing written is read again.
-Particles = _named_tuple("Particles", "particle")
-Elements = _named_tuple("Elements", "element")
-Slots = _named_tuple("Slots", "slot")
+Particles = _record("Particles", "particle")
+Elements = _record("Elements", "element")
+Slots = _record("Slots", "slot")
 
 
 @dataclass(frozen=True)

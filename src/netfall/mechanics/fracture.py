@@ -21,11 +21,10 @@ All of this is compiled, and called by the time loop (`step/tear.py`), which the
 """
 
 import math
-from typing import NamedTuple
-
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.records import Record, has, i8, real, whole
 from netfall.mechanics.air import damped_mass, lose_air
 from netfall.mechanics.events import Events, add_event
 from netfall.mechanics.fields import Particles
@@ -36,15 +35,10 @@ from netfall.mechanics.stability import ROUNDING, fragment_mass
 
 HAIR = 1e-9  # of the fracture strain, above the rounding of a strain
 EQUAL_FORCES = 1e-6  # relative: a symmetric net breaks symmetrically in spite of rounding
-# Of the particles what is read and written here: scenes that differ in others share kernels.
-BREAKING = (
-    *("x", "v", "x_start", "free", "mass", "per_mass", "load", "spring", "turned", "wind", "air", "air_mass"),
-    *("slip_v", "valence", "work", "ground", "course", "gid", "f"),
-)
 LOOSE = 2  # bits of `Elements.breaks`: ends 0 and 1 break, then, so many places on, which of them are loose
 
 
-class FractureRules(NamedTuple):
+class FractureRules(Record):
     """What holds for every fracture of a run.
 
     particles : of the net; n_owned, first_split : local rows up to and from which this rank owns particles
@@ -55,23 +49,23 @@ class FractureRules(NamedTuple):
     stable_dt : [s] for which fragments are stable; nan: without fragments
     """
 
-    particles: int
-    n_owned: int
-    first_split: int
-    element_gid: np.ndarray
-    gravity: float
-    own_weighs: bool
-    carried_weighs: bool
-    wind_stays: bool
-    stable_dt: float
+    particles: whole
+    n_owned: whole
+    first_split: whole
+    element_gid: i8
+    gravity: real
+    own_weighs: whole
+    carried_weighs: whole
+    wind_stays: whole
+    stable_dt: real
 
 
-class Fractures(NamedTuple):
+class Fractures(Record):
     """What fractures act on besides elements: all fields of particles, rows in use (1,), what happened."""
 
     rules: FractureRules
     particles: Particles
-    rows: np.ndarray
+    rows: i8
     events: Events
 
 
@@ -101,7 +95,7 @@ def decide(e, elements, particles):
 def resultant(p, particles):
     """Size [N] of the total force on particle p."""
     f = particles.f
-    return math.sqrt(f[0][p] * f[0][p] + f[1][p] * f[1][p] + f[2][p] * f[2][p])
+    return math.sqrt(f[0, p] * f[0, p] + f[1, p] * f[1, p] + f[2, p] * f[2, p])
 
 
 @inner_kernel
@@ -112,11 +106,11 @@ def is_loose(p, e, elements, particles):
     that held it, or it would hang on a broken one for ever.
     """
     for k in range(3):
-        if not particles.free[k][p]:
+        if not particles.free[k, p]:
             return False
-        if particles.spring is not None and particles.spring[k][p] != 0.0:
+        if has(particles.spring) and particles.spring[k, p] != 0.0:
             return False
-    if particles.turned is not None and (particles.turned[0][p] != 0.0 or particles.turned[1][p] != 0.0):
+    if has(particles.turned) and (particles.turned[0, p] != 0.0 or particles.turned[1, p] != 0.0):
         return False
     mass = damped_mass(p, particles)
     return particles.valence[p] == 1 and mass - elements.half_mass[e] <= ROUNDING * mass
@@ -146,9 +140,9 @@ def split_particles(e, when, elements, law, fractures):
     a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
     before = strain_before(e, when.dt, elements, particles, law)
     elements.broken[e] = 1
-    if elements.eps_c is not None:
+    if has(elements.eps_c):
         elements.eps_c[e] = -np.inf
-    if elements.yield_force is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+    if has(elements.yield_force):
         if elements.yield_force[e] < np.inf:
             never_again(e, elements)
     half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE)
@@ -180,7 +174,7 @@ def split_particles(e, when, elements, law, fractures):
 def never_again(e, elements):
     """Element e is not looked at for its strength any more."""
     elements.eps_u[e] = np.inf
-    if elements.reach is not None:
+    if has(elements.reach):
         elements.reach[e] = np.inf
 
 
@@ -209,7 +203,7 @@ def take_out(e, when, elements, law, fractures):
     before = strain_before(e, when.dt, elements, particles, law)
     dissipate(e, when.dt, elements, particles, law)
     elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0
-    if elements.eps_c is not None:
+    if has(elements.eps_c):
         elements.eps_c[e] = -np.inf
     for end in range(2):
         p = np.int64(elements.ends[e, end])
@@ -224,17 +218,9 @@ def take_out(e, when, elements, law, fractures):
 @inner_kernel
 def lose_wind(p, rules, particles):
     """The wind on particle p, and its air, ends with the element that left it, where it does."""
-    if particles.wind is not None and not rules.wind_stays:
-        particles.wind[0][p] = particles.wind[1][p] = particles.wind[2][p] = 0.0
+    if has(particles.wind) and not rules.wind_stays:
+        particles.wind[0, p] = particles.wind[1, p] = particles.wind[2, p] = 0.0
         lose_air(p, particles)
-
-
-class Moving(NamedTuple):
-    """x [m], v, slip_v [m/s] : three of (n,), or None; what `dissipate` reads of particles."""
-
-    x: tuple
-    v: tuple
-    slip_v: tuple | None
 
 
 @kernel
@@ -242,12 +228,12 @@ def dissipate(e, dt, elements, particles, law):
     """Count what is stored in element e as dissipated: up to half a drift ago, where its forces worked."""
     L = length_before(e, 0.5 * dt, elements, particles)
     eps_p = 0.0
-    if elements.eps_p is not None:
+    if has(elements.eps_p):
         eps_p = elements.eps_p[e]
     L0, elements.L0[e] = elements.L0[e], unstressed_before(e, 0.5 * dt, elements, particles)
     now, heat, stored = energies_at(elements, e, L, eps_p, law)
     elements.L0[e] = L0
-    if elements.eps_p is not None:
+    if has(elements.eps_p):
         elements.dissipated[e] += heat
         elements.eps_p[e] = now
     elements.dissipated[e] += stored
@@ -257,9 +243,9 @@ def dissipate(e, dt, elements, particles, law):
 def length_before(e, time, elements, particles):
     """Length [m] of element e a time [s] ago, on the present velocities."""
     a, b, x, v = elements.ends[e, 0], elements.ends[e, 1], particles.x, particles.v
-    dx = (x[0][b] - time * v[0][b]) - (x[0][a] - time * v[0][a])
-    dy = (x[1][b] - time * v[1][b]) - (x[1][a] - time * v[1][a])
-    dz = (x[2][b] - time * v[2][b]) - (x[2][a] - time * v[2][a])
+    dx = (x[0, b] - time * v[0, b]) - (x[0, a] - time * v[0, a])
+    dy = (x[1, b] - time * v[1, b]) - (x[1, a] - time * v[1, a])
+    dz = (x[2, b] - time * v[2, b]) - (x[2, a] - time * v[2, a])
     return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
@@ -267,7 +253,7 @@ def length_before(e, time, elements, particles):
 def unstressed_before(e, time, elements, particles):
     """Unstressed length [m] of element e a time [s] ago, on the present velocities of slips at its ends."""
     L0 = elements.L0[e]
-    if elements.slip_place is not None and particles.slip_v is not None:
+    if has(elements.slip_place) and has(particles.slip_v):
         L0 -= time * elements.slip_share[e] * passed_into(e, particles.slip_v, elements)
     return L0
 
@@ -284,7 +270,7 @@ def take_off(p, mass, weight, particles):
     """Take a fragment's mass [kg] and weight [N] off particle p."""
     particles.valence[p] -= 1
     particles.mass[p] -= mass
-    particles.load[2][p] += weight
+    particles.load[2, p] += weight
     if particles.valence[p] == 0 and particles.mass[p] < 1e-9 * mass:
         particles.mass[p] = 0.0  # nothing was carried: what is left is rounding
     if particles.per_mass[p] != 0.0:
@@ -300,12 +286,12 @@ def new_particle(p, number, mass, weight, particles, rows):
     row = rows[0]
     rows[0] += 1
     for k in range(3):
-        particles.x[k][row], particles.v[k][row] = particles.x[k][p], particles.v[k][p]
-        particles.x_start[k][row] = particles.x_start[k][p]
-    if particles.course is not None:
+        particles.x[k, row], particles.v[k, row] = particles.x[k, p], particles.v[k, p]
+        particles.x_start[k, row] = particles.x_start[k, p]
+    if has(particles.course):
         particles.course[row] = particles.course[p]
         for k in range(3):
-            particles.ground[k][row] = 0.0  # what moves is set anew in each step, in rows of no use too
-    particles.gid[row], particles.mass[row], particles.load[2][row] = number, mass, -weight
+            particles.ground[k, row] = 0.0  # what moves is set anew in each step, in rows of no use too
+    particles.gid[row], particles.mass[row], particles.load[2, row] = number, mass, -weight
     particles.per_mass[row] = inverse_mass(mass)
     return row

@@ -10,16 +10,14 @@ nearest support. With the mean velocity v of a kick and that of the ground, g,
 Courses are cubic between the rows of their records; several records may move a support, each with a delay.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel_both_ways, part_of_kernel
-from netfall.mechanics.air import damped_mass
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.records import Record, f8, f8_2, f8_3, i8
 from netfall.mechanics.fields import OTHER_WORKS
 
 
-class Ground(NamedTuple):
+class Ground(Record):
     """The courses of the ground, and room for where they are.
 
     time : (r,) [s], rows of all records, each from 0 on; first : (records + 1,) first row of each
@@ -30,19 +28,19 @@ class Ground(NamedTuple):
     before, now, after, half, mean : (courses, 3) room [m], [m/s]
     """
 
-    time: np.ndarray
-    first: np.ndarray
-    place: np.ndarray
-    parts: np.ndarray
-    record: np.ndarray
-    delay: np.ndarray
-    start: np.ndarray
-    held: np.ndarray
-    before: np.ndarray
-    now: np.ndarray
-    after: np.ndarray
-    half: np.ndarray
-    mean: np.ndarray
+    time: f8
+    first: i8
+    place: f8_3
+    parts: i8
+    record: i8
+    delay: f8
+    start: f8_2
+    held: i8
+    before: f8_2
+    now: f8_2
+    after: f8_2
+    half: f8_2
+    mean: f8_2
 
 
 @inner_kernel
@@ -67,7 +65,7 @@ def find_places(time, ground, x):
                 x[c, k] += ((a[3, k] * s + a[2, k]) * s + a[1, k]) * s + a[0, k]
 
 
-@kernel_both_ways
+@kernel
 def move_ground(time, before_dt, after, zeta, ground, particles):
     """Bring `particles.ground` to the step at a time [s].
 
@@ -89,46 +87,12 @@ def move_ground(time, before_dt, after, zeta, ground, particles):
             c = particles.course[p]
             if c >= 0:
                 for k in range(3):
-                    particles.ground[k][p] = ground.mean[c, k]
+                    particles.ground[k, p] = ground.mean[c, k]
     for i in range(ground.held.shape[0]):
         p = ground.held[i]
         for k in range(3):
-            if particles.free[k][p] == 0:
-                particles.ground[k][p] = ground.half[particles.course[p], k]
-
-
-@part_of_kernel
-def pull_of_ground(p, axis, kick, particles):
-    """Force [N] of the damping on particle p along an axis for the ground's own velocity; 0 where held."""
-    if axis.ground is None:
-        return 0.0
-    pull = kick.zeta * damped_mass(p, particles) * axis.ground[p]
-    return pull if axis.free[p] else 0.0
-
-
-@part_of_kernel
-def works_of_motion(p, old, new, duration, way, force, mean, kick, axis, particles):
-    """Works [J] of damping and of the ground on particle p along an axis; its velocity goes from old to new.
-
-    duration : [s]; way : [m] meanwhile; force : [N], external and internal; mean : [m/s] over the whole kick
-    """
-    if axis.ground is None:
-        return way * (kick.zeta * damped_mass(p, particles) * mean), 0.0
-    ground = axis.ground[p]
-    pull = kick.zeta * damped_mass(p, particles) * (mean - ground)
-    held = 0.5 * particles.mass[p] * (new * new - old * old) - way * force
-    damping = pull * (way - duration * ground) if axis.free[p] else 0.0
-    return damping, -pull * duration * ground if axis.free[p] else held
-
-
-@part_of_kernel
-def velocity_after(p, old, kicked, axis):
-    """Velocity [m/s] of particle p along an axis after a kick: of what is held that of the ground."""
-    if axis.free is None:
-        return kicked
-    if axis.ground is None:
-        return kicked if axis.free[p] else old
-    return kicked if axis.free[p] else axis.ground[p]
+            if particles.free[k, p] == 0:
+                particles.ground[k, p] = ground.half[particles.course[p], k]
 
 
 def begin_with_ground(state, ground: Ground) -> None:

@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.handed import laid
 from netfall.mechanics.air import rooted, squared
-from netfall.mechanics.fracture import Moving, dissipate
-from netfall.mechanics.state import State, axes
+from netfall.mechanics.fracture import dissipate
+from netfall.mechanics.state import State
 from netfall.mechanics.supports import keep_on_guides
 
 EXTERNAL, INTERNAL = 0, 1  # columns of the works of forces
@@ -29,11 +28,10 @@ def lose_elements(state: State, elements: np.ndarray, since: np.ndarray) -> None
     since : (k,) [s] before now at which each stopped acting
     Every rank that holds one decides alike.
     """
-    of_all, law = map(laid, state.of_a_moment)
-    moving = laid(Moving(axes(state.x), axes(state.v), axes(state.slip_v)))
+    of_all, law = state.of_a_moment
     for e, time in zip(elements.tolist(), since.tolist()):
         if state.EA[e] > 0.0:  # else another rank has kept it when it broke, or it had been taken out
-            dissipate(e, 2.0 * time, of_all, moving, law)
+            dissipate(e, 2.0 * time, of_all, state.particles, law)
             _let_go(state, e)
         state.EA[e], state.lost[e], state.broken[e] = 0.0, 1, 1
         if state.eps_u is not None:

@@ -28,9 +28,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.mechanics.law.measures import largest_stiffness
-from netfall.mechanics.law.slot import TINY
+from netfall.physics.elements import TINY
 
 CLOSE = 1e-6  # of a step, to which mass scaling finds it
 ROUNDING = 1e-9  # of a particle's mass: what it carries besides its elements, if more

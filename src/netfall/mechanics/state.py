@@ -6,7 +6,9 @@ latter and grow when these are used up. What a scene does not have is None.
 
 import numpy as np
 
-from netfall.ground.columns import columns, vectors
+from netfall.core.records import Record, empty
+from netfall.core.vectors import LANES
+from netfall.ground.columns import columns
 from netfall.mechanics import fields
 from netfall.mechanics.air import RelativeWind
 from netfall.mechanics.bending import Joints, joint_moments
@@ -15,7 +17,6 @@ from netfall.mechanics.law.law import Law, law_of, reaches
 
 FEWEST_SPARE = 64  # rows for particles that may split off, made at once
 COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
-STEP_ALONE = ("lost", "highest", "lowest", "yield_strain", "eps_u", "eps_c", "reach", "pending", "breaks")
 
 
 class State:
@@ -29,19 +30,23 @@ class State:
         self.width = max(width, fields.SLOTS)
         self.n_owned, self.n_halo, self.m = n_owned, n_halo, m
         self.rows = np.array([n_owned + n_halo])  # of particles, in use; more after splits
+        self._whole: dict = {}  # by name: arrays as kernels take them, with room at the end of each row
         for field in fields.FIELDS:
             rows = m if field.entity == "element" else self.n_local
-            setattr(self, field.name, self._zeros(field, rows) if features.has(field) else None)
+            if features.has(field):
+                self._hold(field, self._zeros(field, rows), rows)
+            else:
+                setattr(self, field.name, None)
         # of chains that bend; (m, 2) rows of these at the ends of elements, see `net.chains`
         self.joints: Joints | None = None
         self.joint_at: np.ndarray | None = None
-        self.places = None  # where cables slip in the step, `slip.motion.Places`
+        self.places = None  # where cables slip in the step, `slip.motion.Places`; None: nowhere
         self.wind_along = (1.0, 0.0)  # horizontal direction of the wind
         self.branches = None
         if features.band:
             alpha_tau = np.reshape(features.band, (2, -1))
             self.branches = np.vstack([alpha_tau, np.zeros((3, alpha_tau.shape[1]))])
-        self._tuples: dict = {}
+        self._records: dict = {}
 
     @property
     def n_local(self) -> int:
@@ -53,60 +58,58 @@ class State:
         self.rows[0] = rows
 
     def _zeros(self, field: fields.Field, rows: int) -> np.ndarray:
-        """An array of so many elements or particles; of slots, for some particles more.
-
-        What the step goes through is in columns: a particle's axes, and slots.
-        """
-        place = fields.FIELDS.index(field)
-        if field.entity == "slot":
-            return columns(self.width, rows, field.dtype, place)
+        """An array of so many elements or particles as kernels take it; of slots, for some particles more."""
         if field.entity == "element":
             return np.zeros((rows, *field.tail), field.dtype)
-        if field.tail:
-            return vectors(rows, field.dtype, place, *field.tail)
-        return columns(1, rows, field.dtype, place)[0, :rows]
+        count = self.width if field.entity == "slot" else int(np.prod(field.tail))
+        return columns(count, rows + LANES, field.dtype, fields.FIELDS.index(field))
+
+    def _hold(self, field: fields.Field, whole: np.ndarray, rows: int) -> None:
+        """Have an array of kernels as attribute: of particles (rows, axes)."""
+        if field.entity == "particle":
+            setattr(self, field.name, whole[:, :rows].T if field.tail else whole[0, :rows])
+            whole = whole if field.tail else whole[0]
+        else:
+            setattr(self, field.name, whole)
+        self._whole[field.name] = whole
 
     # --- what kernels take
 
     @property
     def particles(self) -> fields.Particles:
         """The particles' fields for kernels."""
-        return self._tuple(fields.Particles, "particle")
+        return self._record(fields.Particles, "particle")
 
     @property
     def elements(self) -> fields.Elements:
         """The elements' fields for kernels."""
-        return self._tuple(fields.Elements, "element")
+        return self._record(fields.Elements, "element")
 
     @property
     def slots(self) -> fields.Slots:
         """The slots' fields for kernels."""
-        return self._tuple(fields.Slots, "slot")
+        return self._record(fields.Slots, "slot")
 
-    def _tuple(self, kind: type, entity: str):
-        """A named tuple of arrays, kept until they grow: making it takes some microseconds."""
-        if entity not in self._tuples:
-            self._tuples[entity] = kind(*(self._column(field) for field in fields.fields_of(entity)))
-        return self._tuples[entity]
-
-    def _column(self, field: fields.Field):
-        array = getattr(self, field.name)
-        return axes(array) if field.entity == "particle" and field.tail else array
+    def _record(self, kind: type[Record], entity: str) -> Record:
+        """A record of arrays, kept until they grow: making it takes some tens of microseconds."""
+        if entity not in self._records:
+            there = {field.short: self._whole.get(field.name) for field in fields.fields_of(entity)}
+            absent = kind.kind.fields
+            given = {name: empty(absent[name]) if one is None else one for name, one in there.items()}
+            self._records[entity] = kind(**given)
+        return self._records[entity]
 
     @property
     def law(self) -> Law:
         """What of the material law is the same for all elements; kept until `renew_law`."""
-        if "law" not in self._tuples:
+        if "law" not in self._records:
             self.renew_law()
-        return self._tuples["law"]
+        return self._records["law"]
 
     @property
     def of_a_moment(self) -> tuple[fields.Elements, Law]:
-        """Elements and law without what the step alone reads: scenes that differ in it share kernels."""
-        if "moment" not in self._tuples:
-            law = Law(self.law.logarithmic, *[None] * 6, self.law.branches)
-            self._tuples["moment"] = self.elements._replace(**dict.fromkeys(STEP_ALONE)), law
-        return self._tuples["moment"]
+        """Elements and law, for forces at given positions."""
+        return self.elements, self.law
 
     def renew_law(self) -> Law:
         """The law with what has broken left out."""
@@ -117,16 +120,16 @@ class State:
             np.divide(self.yield_force, self.EA, out=self.yield_strain, where=self.EA > 0.0)
         if self.reach is not None:
             self.reach[:] = reaches(self.eps_u, self.features.strain)
-        self._tuples["law"] = law_of(
+        self._records["law"] = law_of(
             self.features.strain,
             self.features.plastic,
             alike(self.EA, self.slot_EA),
             alike(self.yield_force, self.slot_yield_force),
             least,
             self.slot_reach is None,
-        )._replace(branches=self.branches)
-        self._tuples.pop("moment", None)
-        return self._tuples["law"]
+            self.branches,
+        )
+        return self._records["law"]
 
     def elements_now(self) -> ElementState:
         """Axial force [N], strain, plastic strain and length [m] (m,) at the present positions."""
@@ -156,7 +159,7 @@ class State:
             return None
         own = slice(self.n_owned)  # what splits off has no surface
         rows = np.flatnonzero((self.detached[own] != 0) & (self.drag_size[own] > 0.0))
-        steady = None if self.steady_speed is None else self.steady_speed[rows]
+        steady = np.zeros(0) if self.steady_speed is None else self.steady_speed[rows]
         return RelativeWind(rows, self.drag_size[rows], steady, *self.wind_along)
 
     def is_held(self) -> np.ndarray:
@@ -202,13 +205,13 @@ class State:
         for field in fields.FIELDS:
             array = getattr(self, field.name)
             if field.entity != "element" and array is not None:
-                grown = self._zeros(field, self.n_local + spare)
+                self._hold(field, self._zeros(field, self.n_local + spare), self.n_local + spare)
+                grown = getattr(self, field.name)
                 used = (slice(None), slice(self.n_local)) if field.entity == "slot" else slice(self.n_local)
                 grown[used] = array[used]
                 if field.entity == "particle" and field.split != fields.LIKE_PARENT:
                     grown[self.n_local :] = field.split
-                setattr(self, field.name, grown)
-        self._tuples = {}
+        self._records = {}
 
     def sort_splits(self) -> None:
         """Order the rows of the particles that split off by their far ends: these are near in memory then."""
@@ -228,20 +231,18 @@ class State:
     def copy(self) -> "State":
         """A copy of all arrays."""
         other = object.__new__(State)
-        other.__dict__ = self.__dict__ | {"_tuples": {}}
-        in_columns = {field.name: field for field in fields.FIELDS if field.entity != "element"}
+        other.__dict__ = self.__dict__ | {"_records": {}, "_whole": {}}
+        held = {field.name: field for field in fields.FIELDS}
         for name, value in self.__dict__.items():
-            if isinstance(value, np.ndarray):
-                field = in_columns.get(name)
-                mine = np.empty_like(value) if field is None else self._zeros(field, len(self.x))
-                mine[:] = value
-                setattr(other, name, mine)
+            if not isinstance(value, np.ndarray):
+                continue
+            if name in held:
+                rows = self.m if held[name].entity == "element" else len(self.x)
+                other._hold(held[name], self._zeros(held[name], rows), rows)
+            else:
+                setattr(other, name, np.empty_like(value))
+            getattr(other, name)[:] = value
         return other
-
-
-def axes(array: np.ndarray | None):
-    """The columns of an array (n, 3), each contiguous; None for None."""
-    return None if array is None else tuple(array.T)
 
 
 def committed(state: State) -> dict[str, np.ndarray]:

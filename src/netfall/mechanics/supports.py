@@ -10,46 +10,20 @@ is held along a unit vector n in plan, forces lose their part along n, so that n
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
-
-
-@part_of_kernel
-def spring_force(p, internal, axis):
-    """Force [N] of the spring of particle p along an axis, and of the elements [N]; axis : `motion.Axis`."""
-    if axis.spring is None:
-        return internal
-    return internal + axis.spring[p] * (axis.spring_zero[p] - axis.x[p])
-
-
-@part_of_kernel
-def turned_springs(p, fx, fy, particles):
-    """Forces [N] in plan on particle p, with what its springs have between x and y."""
-    if particles.turned is None or particles.spring is None:
-        return fx, fy
-    between, x, zero = particles.turned[2][p], particles.x, particles.spring_zero
-    return fx + between * (zero[1][p] - x[1][p]), fy + between * (zero[0][p] - x[0][p])
-
-
-@part_of_kernel
-def on_guide(p, force, particles):
-    """Of a force, three [N], on particle p what its support does not take along a line on which it holds."""
-    if particles.turned is None:
-        return force
-    nx, ny = particles.turned[0][p], particles.turned[1][p]
-    along = nx * force[0] + ny * force[1]
-    return force[0] - along * nx, force[1] - along * ny, force[2]
+from netfall.core.kernels import kernel
+from netfall.core.records import has
 
 
 @kernel
 def add_springs(x, x_start, spring, rest, turned, f_int):
     """Add the forces of the springs (n, 3) [N/m] at x (n, 3) [m] to f_int (n, 3) [N]; rest : (n, 3) [m].
 
-    turned : (n, 3), None: all stand along x, y and z
+    turned : (n, 3), absent: all stand along x, y and z
     """
     for p in range(x.shape[0]):
         for k in range(3):
             f_int[p, k] += spring[p, k] * (rest[p, k] - (x[p, k] - x_start[p, k]))
-        if turned is not None:
+        if has(turned):
             f_int[p, 0] += turned[p, 2] * (rest[p, 1] - (x[p, 1] - x_start[p, 1]))
             f_int[p, 1] += turned[p, 2] * (rest[p, 0] - (x[p, 0] - x_start[p, 0]))
 

@@ -120,7 +120,8 @@ def _most_strained(scene: Scene, history: History | None) -> tuple[float, float,
     if history is not None:
         here = history.most_strained
     else:
-        N, eps, _, _ = scene.state.elements_now()
+        now = scene.state.elements_now()
+        N, eps = now.N, now.eps
         here = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
     return most_strained_of_all(scene.comm, here)
 

@@ -67,15 +67,13 @@ class Layout:
     notes: tuple[str, ...]
 
 
-def make_layout(
-    job: Job, ranks: int, memory: Memory = FORGETFUL, known: Callable = lambda net: None
-) -> Layout:
-    """Net, roof, zones and partition of a job; `known` is told the net as soon as it is.
+def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
+    """Net, roof, zones and partition of a job.
 
     Raises InputError.
     """
     key = ranks, key_of(job, without=OF_SPEED)
-    kept = memory.once("net", key, lambda: _partitioned(job, ranks, known))
+    kept = memory.once("net", key, lambda: _partitioned(job, ranks))
     net, roofing, zones = kept[:3]
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
@@ -108,10 +106,9 @@ def make_layout(
     return Layout(*kept, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
 
 
-def _partitioned(job: Job, ranks: int, known: Callable) -> tuple:
+def _partitioned(job: Job, ranks: int) -> tuple:
     """Net, roofing, zones, partition and where this comes from."""
     net = build_net(job)
-    known(net)
     roofing = roof_of(job, net)
     zones = zones_of(job, net, roofing)
     if not job.changes_net():

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 from netfall.multigrid.rows import BlockRows, Ghosts
 from netfall.numerics.arithmetic import fused
 from netfall.parallel.mpi import MPI

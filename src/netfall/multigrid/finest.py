@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
+from netfall.core.records import has
 from netfall.multigrid.tangent import Incidence, Tangent, without_compression
 from netfall.numerics.arithmetic import fused
 from netfall.parallel.halo import Halo
@@ -19,34 +20,31 @@ class Rows(NamedTuple):
     """The rows of one rank, n of them.
 
     start : (n + 1,) where the elements of each begin; other : (k,) far ends; element : (k, 5) direction,
-    axial stiffness less that across, that across [N/m]; support : (n, 3) [N/m] or None; free : (n, 3)
-    between : (n,) [N/m] of the support, between x and y, or None
+    axial stiffness less that across, that across [N/m]; free : (n, 3)
+    support : (n, 3) [N/m]; between : (n,) [N/m] of the support, between x and y. Absent: no elements
     """
 
     start: np.ndarray
     other: np.ndarray
     element: np.ndarray
-    support: np.ndarray | None
+    support: np.ndarray
     free: np.ndarray
-    between: np.ndarray | None
+    between: np.ndarray
 
 
 @kernel
 def multiply_elements(rows, x, y):
     """y (n_owned, 3) = matrix times x (n, 3). rows : `Rows`"""
-    element = rows.element
+    start, other, element, support, free, between = rows
+    supported, coupled = has(support), has(between)
     for i in range(np.uint64(y.shape[0])):
         a = b = c = np.float32(0.0)
-        if rows.support is not None:
-            a, b, c = (
-                rows.support[i, 0] * x[i, 0],
-                rows.support[i, 1] * x[i, 1],
-                rows.support[i, 2] * x[i, 2],
-            )
-        if rows.between is not None:
-            a, b = a + rows.between[i] * x[i, 1], b + rows.between[i] * x[i, 0]
-        for k in range(np.uint64(rows.start[i]), np.uint64(rows.start[i + 1])):  # unsigned: none is negative
-            j = np.uint64(rows.other[k])
+        if supported:
+            a, b, c = support[i, 0] * x[i, 0], support[i, 1] * x[i, 1], support[i, 2] * x[i, 2]
+        if coupled:
+            a, b = a + between[i] * x[i, 1], b + between[i] * x[i, 0]
+        for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):  # unsigned: none is negative
+            j = np.uint64(other[k])
             u, v, w = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1], x[i, 2] - x[j, 2]
             dx, dy, dz, across = element[k, 0], element[k, 1], element[k, 2], element[k, 4]
             along = element[k, 3] * fused(dz, w, fused(dy, v, dx * u))
@@ -54,9 +52,9 @@ def multiply_elements(rows, x, y):
             b = fused(across, v, fused(along, dy, b))
             c = fused(across, w, fused(along, dz, c))
         none = np.float32(0.0)
-        y[i, 0] = a if rows.free[i, 0] else none
-        y[i, 1] = b if rows.free[i, 1] else none
-        y[i, 2] = c if rows.free[i, 2] else none
+        y[i, 0] = a if free[i, 0] else none
+        y[i, 1] = b if free[i, 1] else none
+        y[i, 2] = c if free[i, 2] else none
 
 
 @kernel
@@ -93,15 +91,15 @@ class ElementMatrix:
         stiffness that is added
         """
         n, K = halo.n_owned, without_compression(K)
-        support = None
+        support = np.zeros((0, 3), np.float32)
         if K.support is not None or inertia:
             held = np.zeros((n, 3)) if K.support is None else K.support[:n]
-            support = (held + inertia * K.nodal[:n, None]).astype(np.float32)
+            support = np.ascontiguousarray(held + inertia * K.nodal[:n, None], np.float32)
         start, other = np.empty(n + 1, np.int32), np.empty(len(at.far), np.int32)
         element = np.empty((len(at.far), 5), np.float32)
         fill_elements(at, K.direction, K.axial, K.across, start, other, element)
-        free = (net.free[:n] != 0).astype(np.uint8)
-        between = None if K.between is None else K.between[:n].astype(np.float32)
+        free = np.ascontiguousarray(net.free[:n] != 0, np.uint8)
+        between = np.zeros(0, np.float32) if K.between is None else K.between[:n].astype(np.float32)
         self.rows = Rows(start, other[: start[-1]], element[: start[-1]], support, free, between)
         self.halo = halo
         self.x = np.zeros((len(net.x), 3), np.float32)

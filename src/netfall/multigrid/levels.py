@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 from netfall.multigrid.distributed import DistributedMatrix, dot_rows, first_step
 from netfall.multigrid.products import Coarser, Transposed
 from netfall.multigrid.rows import BlockRows, Everywhere, Owners, Pattern, entries_of, starts_of
@@ -48,7 +48,7 @@ class Level:
 
     @cached_property
     def single(self) -> np.ndarray:
-        return self.inverse[:, *UPPER].astype(np.float32)
+        return np.ascontiguousarray(self.inverse[:, *UPPER], np.float32)
 
     @cached_property
     def product(self) -> DistributedMatrix:
@@ -167,12 +167,12 @@ def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggr
                 for j in range(3):
                     block[k, i, j] += matrix[entry, i, j]
         for k in range(start[p], start[p + 1]):
-            s, here = block[k], 1.0 if aggregate[k] == own[p] else 0.0
+            here = 1.0 if aggregate[k] == own[p] else 0.0
             for j in range(3):
-                u, v, w = s[0, j], s[1, j], s[2, j]
+                u, v, w = block[k, 0, j], block[k, 1, j], block[k, 2, j]
                 for i in range(3):
                     moved = inverse[p, i, 0] * u + inverse[p, i, 1] * v + inverse[p, i, 2] * w
-                    s[i, j] = (here if i == j else 0.0) - factor * moved
+                    block[k, i, j] = (here if i == j else 0.0) - factor * moved
 
 
 def inverse_diagonal(matrix: BlockRows) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 from netfall.multigrid.distributed import Shared
 from netfall.multigrid.levels import invert
 from netfall.multigrid.rows import BlockRows, Ghosts, Owners, entries_of, ghosts_of
@@ -219,29 +219,29 @@ def solve_lines(start, node, lower, inverse, x, work, y):
         first, end = np.uint64(start[line]), np.uint64(start[line + 1])
         a = b = c = 0.0
         for k in range(first, end):
-            p, m = np.uint64(node[k]), lower[k]
+            p = np.uint64(node[k])
             u, v, w = np.float64(x[p, 0]), np.float64(x[p, 1]), np.float64(x[p, 2])
             a, b, c = (
-                fused(-m[2], c, fused(-m[1], b, fused(-m[0], a, u))),
-                fused(-m[5], c, fused(-m[4], b, fused(-m[3], a, v))),
-                fused(-m[8], c, fused(-m[7], b, fused(-m[6], a, w))),
+                fused(-lower[k, 2], c, fused(-lower[k, 1], b, fused(-lower[k, 0], a, u))),
+                fused(-lower[k, 5], c, fused(-lower[k, 4], b, fused(-lower[k, 3], a, v))),
+                fused(-lower[k, 8], c, fused(-lower[k, 7], b, fused(-lower[k, 6], a, w))),
             )
             work[k, 0], work[k, 1], work[k, 2] = a, b, c
         a = b = c = 0.0
         for back in range(end - first):
             k = end - np.uint64(1) - back
-            d, u, v, w = inverse[k], work[k, 0], work[k, 1], work[k, 2]
+            u, v, w = work[k, 0], work[k, 1], work[k, 2]
             u, v, w = (
-                fused(d[2], w, fused(d[1], v, d[0] * u)),
-                fused(d[4], w, fused(d[3], v, d[1] * u)),
-                fused(d[5], w, fused(d[4], v, d[2] * u)),
+                fused(inverse[k, 2], w, fused(inverse[k, 1], v, inverse[k, 0] * u)),
+                fused(inverse[k, 4], w, fused(inverse[k, 3], v, inverse[k, 1] * u)),
+                fused(inverse[k, 5], w, fused(inverse[k, 4], v, inverse[k, 2] * u)),
             )
             if back > 0:
-                m = lower[k + np.uint64(1)]
+                m = k + np.uint64(1)
                 u, v, w = (
-                    fused(-m[6], c, fused(-m[3], b, fused(-m[0], a, u))),
-                    fused(-m[7], c, fused(-m[4], b, fused(-m[1], a, v))),
-                    fused(-m[8], c, fused(-m[5], b, fused(-m[2], a, w))),
+                    fused(-lower[m, 6], c, fused(-lower[m, 3], b, fused(-lower[m, 0], a, u))),
+                    fused(-lower[m, 7], c, fused(-lower[m, 4], b, fused(-lower[m, 1], a, v))),
+                    fused(-lower[m, 8], c, fused(-lower[m, 5], b, fused(-lower[m, 2], a, w))),
                 )
             a, b, c = u, v, w
             y[k, 0], y[k, 1], y[k, 2] = a, b, c
@@ -270,7 +270,7 @@ class LineSmoother:
         )
         direction, axial, across = (lines.elements.joined(comm, each) for each in of_elements)
         diagonal = lines.particles.joined(comm, matrix.diagonal())
-        free = lines.particles.joined(comm, net.free[:n] != 0)
+        free = lines.particles.joined(comm, np.ascontiguousarray(net.free[:n] != 0))
         self.lines, places = lines, len(lines.node)
         self.work = np.empty((places, 3))
         self.lower, self.inverse = np.empty((places, 9)), np.empty((places, 6))

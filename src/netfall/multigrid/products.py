@@ -8,7 +8,8 @@ made one at a time and not kept: memory that is touched for the first time costs
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.records import Record, f8_2, i4, i8
 from netfall.multigrid.rows import (
     BlockRows,
     Borrowed,
@@ -20,6 +21,14 @@ from netfall.multigrid.rows import (
     starts_of,
 )
 from netfall.numerics.arithmetic import fused
+
+
+class FlatRows(Record):
+    """Compressed rows of blocks: `rows.Rows` for kernels. block : (k, 9), absent where places alone count"""
+
+    start: i8
+    column: i4
+    block: f8_2
 
 
 class Coarser:
@@ -35,7 +44,11 @@ class Coarser:
         """Collective."""
         self.comm, self.matrix, asked, columns = matrix.comm, matrix, down.ghosts.asked, up.columns
         self.beyond, self.others = Borrowed(up, matrix.ghosts.asked), Borrowed(up, asked)
-        parts = (matrix.start, matrix.local), (up.start, up.column), (self.beyond.start, self.beyond.column)
+        parts = (
+            _places(matrix.start, matrix.local),
+            _places(up.start, up.column),
+            _places(self.beyond.start, self.beyond.column),
+        )
         number = np.concatenate([matrix.rows.mine, down.ghosts.number])
         slot = np.full(columns.n, -1, np.int32)
         self.order = np.argsort(number, kind="stable")
@@ -45,19 +58,19 @@ class Coarser:
         self.ends = self.lent.start[ends]
         counts = np.concatenate(self.comm.alltoall(np.split(np.diff(self.lent.start), ends)))
         self.products = starts_of(counts), self._from_others(self.lent.column)
-        others = self.others.start, self.others.column
-        members, ghosts = (down.start, down.local), (others, self.products)
+        products = _places(*self.products)
         start, none = np.zeros(len(down.start), np.int64), np.empty(0, np.int32)
-        coarse_columns(*members, parts, self.products, slot, start, none)
+        coarse_columns(down.start, down.local, *parts, products, slot, start, none)
         column = np.empty(start[-1], np.int32)
-        coarse_columns(*members, parts, self.products, slot, start, column)
+        coarse_columns(down.start, down.local, *parts, products, slot, start, column)
         self.pattern = Pattern(self.comm, *ascending(start, column, columns.n), columns, columns)
-        own, here = (self.own.start, self.own.column), place_here(self.comm, columns)
+        own, here = _places(self.own.start, self.own.column), place_here(self.comm, columns)
+        others = _places(self.others.start, self.others.column)
         of_own = np.diff(up.start)[self.own.places] @ np.diff(self.own.start)
         of_ghosts = np.diff(self.others.start) @ np.diff(self.products[0])
         self.place = np.empty(of_own + of_ghosts, np.int32)
         into = self.pattern.start, self.pattern.column, self.place
-        place_products(self.order, parts[1], ghosts, own, here, *into)
+        place_products(self.order, parts[1], others, products, own, here, *into)
 
     def _from_others(self, lent: np.ndarray) -> np.ndarray:
         """What others lend this rank, of columns or blocks that it lends. Collective."""
@@ -67,15 +80,19 @@ class Coarser:
         """Collective."""
         parts = tuple(_flat(each) for each in (matrix.local, up.local, self.beyond.of(up)))
         lent = np.zeros((len(self.lent.column), 9))
-        product_rows(self.lent.places, parts, self.lent.start, self.lent.spot, lent)
-        ghosts = _flat(self.others.of(up)), Rows(*self.products, self._from_others(lent))
+        product_rows(self.lent.places, *parts, self.lent.start, self.lent.spot, lent)
+        ghosts = _flat(self.others.of(up)), FlatRows(*self.products, self._from_others(lent))
         block, scratch = np.zeros((len(self.pattern.column), 9)), np.empty((self.own.widest, 9))
-        add_products(self.order, parts, ghosts, self.own.start, self.own.spot, self.place, scratch, block)
+        add_products(self.order, *parts, *ghosts, self.own.start, self.own.spot, self.place, scratch, block)
         return BlockRows(self.pattern, block.reshape(-1, 3, 3))
 
 
-def _flat(rows: Rows) -> Rows:
-    return rows._replace(block=rows.block.reshape(-1, 9))
+def _places(start: np.ndarray, column: np.ndarray) -> FlatRows:
+    return FlatRows(start, column, np.zeros((0, 9)))
+
+
+def _flat(rows: Rows) -> FlatRows:
+    return FlatRows(rows.start, rows.column, rows.block.reshape(-1, 9))
 
 
 class _ProductRows:
@@ -85,33 +102,32 @@ class _ProductRows:
     """
 
     def __init__(self, places: np.ndarray, parts, slot: np.ndarray):
-        """places : of the rows; parts : start, column of the matrix, of up, of the latter's ghosts; columns
-        of the matrix count through both; slot : (n,) of -1, as it is again afterwards
+        """places : of the rows; parts : `FlatRows` of the matrix, of up, of the latter's ghosts; columns of
+        the matrix count through both; slot : (n,) of -1, as it is again afterwards
         """
         fine, up, beyond = parts
-        lengths = np.concatenate([np.diff(up[0]), np.diff(beyond[0])])
-        _, entries = entries_of(np.diff(fine[0]), places)
-        most = lengths[fine[1][entries]].sum()
-        self.places, self.start = places, np.zeros(len(places) + 1, np.int64)
+        lengths = np.concatenate([np.diff(up.start), np.diff(beyond.start)])
+        _, entries = entries_of(np.diff(fine.start), places)
+        most = lengths[fine.column[entries]].sum()
+        self.places, self.start = places.astype(np.int64), np.zeros(len(places) + 1, np.int64)
         self.spot, column = np.empty((2, most), np.int32)
-        product_columns(places, parts, slot, self.start, column, self.spot)
+        product_columns(self.places, *parts, slot, self.start, column, self.spot)
         self.column = column[: self.start[-1]].copy()
         self.widest = int(np.diff(self.start).max(initial=0))
 
 
 @kernel
-def product_columns(places, parts, slot, start, column, spot):
-    """Fill start, column and spot of `_ProductRows`; parts, slot : as there."""
-    (begin, far), up, beyond = parts
-    n, count, end = up[0].shape[0] - 1, 0, 0
+def product_columns(places, fine, up, beyond, slot, start, column, spot):
+    """Fill start, column and spot of `_ProductRows`; fine, up, beyond : its parts; slot : as there."""
+    n, count, end = up.start.shape[0] - 1, 0, 0
     for i in range(places.shape[0]):
         start[i] = end
-        for entry in range(begin[places[i]], begin[places[i] + 1]):
-            j = far[entry]
-            from_start, from_column = up if j < n else beyond
+        for entry in range(fine.start[places[i]], fine.start[places[i] + 1]):
+            j = fine.column[entry]
+            rows = up if j < n else beyond
             j = j if j < n else j - n
-            for k in range(from_start[j], from_start[j + 1]):
-                c = from_column[k]
+            for k in range(rows.start[j], rows.start[j + 1]):
+                c = rows.column[k]
                 if slot[c] < 0:
                     slot[c] = end - start[i]
                     column[end] = c
@@ -124,10 +140,10 @@ def product_columns(places, parts, slot, start, column, spot):
 
 
 @part_of_kernel
-def _note_columns(a, start, column_of, j, slot, column, end):
-    """Add the columns of a row to those of coarse row a, which are marked by its number; the new end."""
-    for k in range(start[j], start[j + 1]):
-        c = column_of[k]
+def _note_columns(a, rows, j, slot, column, end):
+    """Add the columns of row j to those of coarse row a, which are marked by its number; the new end."""
+    for k in range(rows.start[j], rows.start[j + 1]):
+        c = rows.column[k]
         if slot[c] != a:
             slot[c] = a
             if column.shape[0] > 0:
@@ -137,13 +153,13 @@ def _note_columns(a, start, column_of, j, slot, column, end):
 
 
 @kernel
-def coarse_columns(begin, member, parts, products, slot, start, column):
+def coarse_columns(begin, member, fine, up, beyond, products, slot, start, column):
     """Fill start (rows + 1,) and, if it is not empty, column (k,) of the coarser matrix, in no order.
 
-    begin, member : rows of down; parts : of `_ProductRows`; products : of ghosts; slot : (n,) scratch
+    begin, member : rows of down; fine, up, beyond : parts of `_ProductRows`; products : of ghosts
+    slot : (n,) scratch
     """
-    fine, up, beyond = parts
-    n, ups, end = fine[0].shape[0] - 1, up[0].shape[0] - 1, 0
+    n, ups, end = fine.start.shape[0] - 1, up.start.shape[0] - 1, 0
     for c in range(slot.shape[0]):
         slot[c] = -1
     for a in range(start.shape[0] - 1):
@@ -151,25 +167,24 @@ def coarse_columns(begin, member, parts, products, slot, start, column):
         for entry in range(begin[a], begin[a + 1]):
             p = member[entry]
             if p >= n:
-                end = _note_columns(a, products[0], products[1], p - n, slot, column, end)
+                end = _note_columns(a, products, p - n, slot, column, end)
                 continue
-            for of_fine in range(fine[0][p], fine[0][p + 1]):
-                j = fine[1][of_fine]
+            for of_fine in range(fine.start[p], fine.start[p + 1]):
+                j = fine.column[of_fine]
                 if j < ups:
-                    end = _note_columns(a, up[0], up[1], j, slot, column, end)
+                    end = _note_columns(a, up, j, slot, column, end)
                 else:
-                    end = _note_columns(a, beyond[0], beyond[1], j - ups, slot, column, end)
+                    end = _note_columns(a, beyond, j - ups, slot, column, end)
     start[-1] = end
 
 
 @kernel
-def place_products(order, up, ghosts, own, here, start, column, place):
-    """Fill `place` of `Coarser`. up, ghosts (of up, of matrix times up), own (of the latter) : start, column
+def place_products(order, up, others, products, own, here, start, column, place):
+    """Fill `place` of `Coarser`. up, others (ghosts of it), products (of matrix times up), own : `FlatRows`
 
     order : of `Coarser`; here : (n,) where each coarse row is, or -1; start, column : of the coarser matrix
     """
-    others, products = ghosts
-    n, count, i = up[0].shape[0] - 1, 0, 0
+    n, count, i = up.start.shape[0] - 1, 0, 0
     for r in order:
         if r < n:
             count = _place_row(up, r, own, i, here, start, column, place, count)
@@ -180,15 +195,15 @@ def place_products(order, up, ghosts, own, here, start, column, place):
 
 @part_of_kernel
 def _place_row(up, r, product, i, here, start, column, place, count):
-    for k in range(up[0][r], up[0][r + 1]):
-        a = here[up[1][k]]
-        for m in range(product[0][i], product[0][i + 1]):
+    for k in range(up.start[r], up.start[r + 1]):
+        a = here[up.column[k]]
+        for m in range(product.start[i], product.start[i + 1]):
             low = -1
             if a >= 0:
                 low, high = start[a], start[a + 1] - 1
                 while low < high:
                     middle = (low + high) // 2
-                    if column[middle] < product[1][m]:
+                    if column[middle] < product.column[m]:
                         low = middle + 1
                     else:
                         high = middle
@@ -220,9 +235,8 @@ def _add_transposed(a, i, b, j, c, k):
 
 
 @part_of_kernel
-def _add_row(p, parts, spot, count, first, out):
-    """Add row p of matrix times up to out[first:]; how far in spot it got. parts : `Rows`"""
-    fine, up, beyond = parts
+def _add_row(p, fine, up, beyond, spot, count, first, out):
+    """Add row p of matrix times up to out[first:]; how far in spot it got. fine, up, beyond : `FlatRows`"""
     n = up.start.shape[0] - 1
     for entry in range(np.uint64(fine.start[p]), np.uint64(fine.start[p + 1])):
         j = fine.column[entry]
@@ -239,21 +253,21 @@ def _add_row(p, parts, spot, count, first, out):
 
 
 @kernel
-def product_rows(places, parts, start, spot, out):
-    """Add some rows of matrix times up to zeros, out (k, 9). parts : `Rows`; others : of `_ProductRows`"""
+def product_rows(places, fine, up, beyond, start, spot, out):
+    """Add some rows of matrix times up to zeros, out (k, 9). Others : of `_ProductRows`"""
     count = 0
     for i in range(places.shape[0]):
-        count = _add_row(places[i], parts, spot, count, start[i], out)
+        count = _add_row(places[i], fine, up, beyond, spot, count, start[i], out)
 
 
 @kernel
-def add_products(order, parts, ghosts, start, spot, place, scratch, out):
+def add_products(order, fine, up, beyond, others, products, start, spot, place, scratch, out):
     """Add what each finer row brings to the blocks of the coarser matrix, zeros, out (k, 9).
 
-    parts : `Rows` of the matrix, of up, of ghosts of that; ghosts : of up, of matrix times up
-    start, spot : of own rows, as of `_ProductRows`; order, place : of `Coarser`; scratch : (most, 9)
+    fine, up, beyond : `FlatRows` of the matrix, of up, of ghosts of that; others, products : ghosts of up, of
+    matrix times up; start, spot : of own rows, as of `_ProductRows`; order, place : of `Coarser`
+    scratch : (most, 9)
     """
-    up, (others, products) = parts[1], ghosts
     n, at, count, i = up.start.shape[0] - 1, 0, 0, 0
     for r in order:
         if r < n:
@@ -262,7 +276,7 @@ def add_products(order, parts, ghosts, start, spot, place, scratch, out):
             for m in range(width):
                 for s in range(9):
                     scratch[m, s] = 0.0
-            at = _add_row(r, parts, spot, at, 0, scratch)
+            at = _add_row(r, fine, up, beyond, spot, at, 0, scratch)
             for k in range(np.uint64(up.start[r]), np.uint64(up.start[r + 1])):
                 for m in range(np.uint64(width)):
                     if place[count] >= 0:

@@ -63,7 +63,8 @@ class Pattern:
 
     def __init__(self, comm: MPI.Comm, start: np.ndarray, column: np.ndarray, rows: Owners, columns: Owners):
         """start : (rows + 1,) where those of each begin; column : (k,) global numbers, ascending in a row"""
-        self.comm, self.start, self.column, self.rows, self.columns = comm, start, column, rows, columns
+        self.comm, self.rows, self.columns = comm, rows, columns
+        self.start, self.column = start.astype(np.int64, copy=False), column.astype(np.int32, copy=False)
 
     @cached_property
     def ghosts(self) -> Ghosts:

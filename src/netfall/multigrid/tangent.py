@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.records import has
 from netfall.mechanics.bending import JointTangent
 from netfall.mechanics.elements import element_tangents, nodal_stiffness
 from netfall.mechanics.law.measures import largest_stiffness
@@ -152,11 +153,14 @@ def add_diagonal(ends, direction, axial, across, out):
 
 @kernel
 def hold_diagonal(free, support, inertia, between, out):
-    """Add supports to diagonal blocks (rows, 3, 3), then leave 1 on held axes. Others : of `block_matrix`"""
+    """Add supports to diagonal blocks (rows, 3, 3), then leave 1 on held axes. Others : of `block_matrix`
+
+    support, between : without elements where nothing has that
+    """
     for p in range(out.shape[0]):
         for i in range(3):
-            out[p, i, i] += inertia[p] + (0.0 if support is None else support[p, i])
-        if between is not None:
+            out[p, i, i] += inertia[p] + (support[p, i] if has(support) else 0.0)
+        if has(between):
             out[p, 0, 1] += between[p]
             out[p, 1, 0] += between[p]
         for i in range(3):
@@ -211,9 +215,11 @@ def block_matrix(
     between : (n,) or None, of supports between x and y; at : the rows that are made, of the first particles
     """
     rows, ends = len(at.start) - 1, ends.astype(np.uint32, copy=False)
-    diagonal = np.zeros((len(free), 3, 3))
+    diagonal, free = np.zeros((len(free), 3, 3)), np.ascontiguousarray(free)
     add_diagonal(ends, direction, axial, across, diagonal)
     diagonal = diagonal[:rows]
+    support = np.zeros((0, 3)) if support is None else np.ascontiguousarray(support)
+    between = np.zeros(0) if between is None else np.ascontiguousarray(between)
     hold_diagonal(free, support, inertia, between, diagonal)
     start, most = np.empty(rows + 1, np.int64), rows + len(at.far)
     column, block = np.empty(most, np.int32), np.zeros((most, 3, 3))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.net.net import pair_key
 from netfall.numerics.sets import among
 

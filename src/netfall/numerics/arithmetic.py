@@ -9,11 +9,9 @@ two units in the last place (tests/test_arithmetic.py), the angle to five.
 import math
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
-from netfall.ground.compile import part_of_kernel
+from netfall.core.kernels import part_of_kernel
+from netfall.core.vectors import as_number, bits_of, fma, number_of
 from netfall.numerics.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
@@ -21,33 +19,13 @@ FOLD = 1e-6  # least sine of an angle near pi, beyond which psi / sin psi is tha
 GUESS = np.int64(0x5FE6EB50C7B537A9)  # less half the bits of a number: its inverse root within 3.5 %
 
 
-@intrinsic
-def fused(typing, a, b, c):
-    """a b + c, rounded once; in single precision if all three are (`multigrid`)."""
-    number = types.float32 if (a, b, c) == (types.float32,) * 3 else types.float64
-    return number(number, number, number), lambda context, builder, signature, values: builder.fma(*values)
+fused = fma
 
 
 @part_of_kernel
 def dot(a, b):
     """Product of two vectors, three each."""
     return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
-
-
-@intrinsic
-def bits_of(typing, a):
-    """The 64 bits of a number."""
-    return types.int64(types.float64), lambda context, builder, signature, values: builder.bitcast(
-        values[0], ir.IntType(64)
-    )
-
-
-@intrinsic
-def number_of(typing, a):
-    """The number of 64 bits."""
-    return types.float64(types.int64), lambda context, builder, signature, values: builder.bitcast(
-        values[0], ir.DoubleType()
-    )
 
 
 @part_of_kernel
@@ -74,14 +52,14 @@ def logarithm(a):
     bits = bits_of(a)
     k = (bits - bits_of(SQRT_HALF)) >> 52
     m = number_of(bits - (k << 52))
-    f = m - 1.0
+    whole, f = as_number(k), m - 1.0
     s = f / (2.0 + f)
     z = s * s
-    series = 1.0 / 21.0
-    for n in range(9, 0, -1):
+    series = fused(1.0 / 21.0, z, 1.0 / 19.0)
+    for n in range(8, 0, -1):
         series = fused(series, z, 1.0 / (2 * n + 1))
     # ln m = f - f^2/2 + ..., written as f - s (f - 2 z series): its first term is exact
-    return fused(float(k), LN2_HIGH, f - (s * (f - 2.0 * z * series) - float(k) * LN2_LOW))
+    return fused(whole, LN2_HIGH, f - (s * (f - 2.0 * z * series) - whole * LN2_LOW))
 
 
 @part_of_kernel

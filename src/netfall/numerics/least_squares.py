@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.numerics.linear import product
 
 

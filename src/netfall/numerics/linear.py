@@ -6,7 +6,7 @@ without fused operations; the innermost loops go along rows, so that they take w
 
 import math
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import inner_kernel, kernel
 
 INVERSE_ITERATIONS = 4  # each leaves of the other vectors some 1e-10
 
@@ -104,7 +104,7 @@ def eliminate(matrix, b):
             b[i, c] = b[i, c] / matrix[i, i]
 
 
-@kernel
+@inner_kernel
 def how_many_below(diagonal, beside, value):
     """How many eigenvalues of a symmetric tridiagonal matrix are below a value (Sturm's sequence)."""
     count, pivot = 0, 1.0

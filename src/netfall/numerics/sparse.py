@@ -6,7 +6,7 @@ in the order of nested dissection by METIS. scipy's solver calls BLAS, which sum
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 
 LEFT = 1e-10  # of what a pivot is made of: less is rounding, or leaves the solution six digits at most
 SHARE = 1e-3  # of the largest displacement: rows that move less are held
@@ -161,7 +161,8 @@ def _factors(ends, q, diagonal, size):
     high, low = np.sort(ends, axis=1).T[::-1]
     places, of_pair = np.unique(high * n + low, return_inverse=True)
     start = np.searchsorted(places, n * np.arange(n + 1))
-    return factors_of(start, places % n, np.bincount(of_pair, q, len(places)), diagonal, size)
+    value = np.bincount(of_pair, q, len(places)).astype(float)  # without pairs it counts in integers
+    return factors_of(start, places % n, value, diagonal, size)
 
 
 def factors_of(start, column, value, diagonal, size):

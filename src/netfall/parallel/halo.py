@@ -2,7 +2,7 @@
 
 Ranks of one node share memory: each puts there what its neighbours need, then the number of the exchange,
 for which these look. Neighbours on other nodes get a message, by persistent requests made by mpi4py. Compiled
-code does both, the latter through the MPI library's own symbols, so that the time loop never returns to
+code does both, the latter through the MPI library's own functions, so that the time loop never returns to
 Python between steps.
 
 Each rank has two buffers, used in turn. A rank fills one again only two exchanges later, when all its
@@ -11,22 +11,20 @@ been read.
 """
 
 import os
-from typing import NamedTuple
-
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.records import Record, f8, has, i8, u1_2, u4, u8, whole
 from netfall.ground.errors import InputError
 from netfall.mechanics.motion import inverse_mass
 from netfall.parallel.mpi import MPI
-from netfall.parallel.mpi_symbols import (
-    ANY_SOURCE,
-    HANDLE,
-    IGNORE,
-    UNUSED_TAG,
+from netfall.parallel.mpi_calls import (
     announce,
     announced,
-    probe,
+    functions,
+    handle,
+    handles,
+    look_for_messages,
     start_all,
     wait_all,
     yield_processor,
@@ -38,7 +36,7 @@ PATIENCE = 200  # looks, before others get the processor
 PER_NODE = "NETFALL_RANKS_PER_NODE"  # environment: take so many ranks for a node
 
 
-class HaloBuffers(NamedTuple):
+class HaloBuffers(Record):
     """What compiled code needs for the exchange; the buffers of all ranks of the node stand in one array.
 
     send_index : local rows of the boundary particles, in the order in which they are sent
@@ -48,20 +46,23 @@ class HaloBuffers(NamedTuple):
     to_second : from the first buffer of a rank to its second
     count : (1,) exchanges so far; own_count : address of this rank's announced count
     counts : (k,) addresses of the neighbours' on the node
-    requests : (2, r) of each buffer, for neighbours on other nodes; comm, found : for MPI_Iprobe
+    requests : (2, bytes) of each buffer, for neighbours on other nodes; comm : that of these
+    width : numbers sent for each particle
+    functions : addresses of those of `mpi_calls`
     """
 
-    send_index: np.ndarray
-    numbers: np.ndarray
-    send_at: int
-    receive_at: np.ndarray
-    to_second: int
-    count: np.ndarray
-    own_count: int
-    counts: np.ndarray
-    requests: np.ndarray
-    comm: int
-    found: np.ndarray
+    send_index: u4
+    numbers: f8
+    send_at: whole
+    receive_at: i8
+    to_second: whole
+    count: i8
+    own_count: whole
+    counts: u8
+    requests: u1_2
+    comm: whole
+    width: whole
+    functions: u8
 
 
 @inner_kernel
@@ -77,8 +78,7 @@ def send_buffer(buffers):
     if buffers.counts.shape[0] > 0:
         announce(buffers.own_count, buffers.count[0])
     if buffers.requests.shape[1] > 0:
-        requests = buffers.requests[(buffers.count[0] - 1) % 2]
-        return start_all(buffers.requests.shape[1], requests.ctypes.data)
+        return start_all(buffers.functions, buffers.requests[(buffers.count[0] - 1) % 2])
     return 0
 
 
@@ -91,13 +91,12 @@ def wait_for_neighbours(buffers):
             looks += 1
             # Someone may need this processor, or a message that MPI sends on only when it is called.
             if looks % PATIENCE == 0:
-                error = probe(ANY_SOURCE, UNUSED_TAG, buffers.comm, buffers.found.ctypes.data, IGNORE)
+                error = look_for_messages(buffers.functions, buffers.comm)
                 if error != 0:
                     return error
-                yield_processor()
+                yield_processor(buffers.functions)
     if buffers.requests.shape[1] > 0:
-        requests = buffers.requests[(buffers.count[0] - 1) % 2]
-        return wait_all(buffers.requests.shape[1], requests.ctypes.data, IGNORE)
+        return wait_all(buffers.functions, buffers.requests[(buffers.count[0] - 1) % 2])
     return 0
 
 
@@ -105,50 +104,47 @@ def wait_for_neighbours(buffers):
 
 
 @inner_kernel
+def fixed_width(particles):
+    """Numbers sent for each particle besides the velocities of slips, which stand behind these."""
+    if not has(particles.valence):
+        return 3
+    return 6 if has(particles.air_mass) else 5
+
+
+@inner_kernel
 def pack_forces(particles, place, buffers):
     """Pack the boundary particles' total forces. place : `buffer_in_use`"""
-    width = 3 if particles.valence is None else 5
-    if particles.valence is not None and particles.air_mass is not None:
-        width = 6
-    slips = width  # where the velocities of slips stand, if cables slip
-    if particles.slip_v is not None:
-        width += len(particles.slip_v)
+    fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.send_index.shape[0]):
         p, row = buffers.send_index[i], buffers.send_at + place + i * width
-        buffers.numbers[row] = particles.f[0][p]
-        buffers.numbers[row + 1] = particles.f[1][p]
-        buffers.numbers[row + 2] = particles.f[2][p]
-        if particles.valence is not None:
-            buffers.numbers[row + 3] = particles.mass[p]
-            buffers.numbers[row + 4] = particles.valence[p]
-            if particles.air_mass is not None:
-                buffers.numbers[row + 5] = particles.air_mass[p]
-        if particles.slip_v is not None:
-            for k in range(len(particles.slip_v)):
-                buffers.numbers[row + slips + k] = particles.slip_v[k][p]
+        for k in range(3):
+            numbers[row + k] = particles.f[k, p]
+        if fixed > 3:
+            numbers[row + 3] = particles.mass[p]
+            numbers[row + 4] = particles.valence[p]
+        if fixed > 5:
+            numbers[row + 5] = particles.air_mass[p]
+        for k in range(width - fixed):
+            numbers[row + fixed + k] = particles.slip_v[k, p]
 
 
 @inner_kernel
 def unpack_forces(n_owned, particles, place, buffers):
     """Unpack the total forces of the halo particles, which have arrived. place : of `pack_forces`"""
-    slips = 3 if particles.valence is None else 5
-    if particles.valence is not None and particles.air_mass is not None:
-        slips = 6
+    fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.receive_at.shape[0]):
         p, row = n_owned + i, buffers.receive_at[i] + place
-        particles.f[0][p] = buffers.numbers[row]
-        particles.f[1][p] = buffers.numbers[row + 1]
-        particles.f[2][p] = buffers.numbers[row + 2]
-        if particles.valence is not None:
-            particles.mass[p] = buffers.numbers[row + 3]
+        for k in range(3):
+            particles.f[k, p] = numbers[row + k]
+        if fixed > 3:
+            particles.mass[p] = numbers[row + 3]
             if particles.per_mass[p] != 0.0:
                 particles.per_mass[p] = inverse_mass(particles.mass[p])
-            particles.valence[p] = int(buffers.numbers[row + 4])
-            if particles.air_mass is not None:
-                particles.air_mass[p] = buffers.numbers[row + 5]
-        if particles.slip_v is not None:
-            for k in range(len(particles.slip_v)):
-                particles.slip_v[k][p] = buffers.numbers[row + slips + k]
+            particles.valence[p] = int(numbers[row + 4])
+        if fixed > 5:
+            particles.air_mass[p] = numbers[row + 5]
+        for k in range(width - fixed):
+            particles.slip_v[k, p] = numbers[row + fixed + k]
 
 
 # --- rows of any kind
@@ -229,11 +225,12 @@ class Halo:
             receive_at=np.concatenate(receive_at).astype(np.int64),
             to_second=size,
             count=np.zeros(1, np.int64),
-            own_count=np.uint64(address + 8 * mine),
+            own_count=address + 8 * mine,
             counts=np.array([address + 8 * place for place in on_node], np.uint64),
-            requests=np.stack([_handles(of_buffer) for of_buffer in requests]),
-            comm=_handles([comm])[0],
-            found=np.zeros(1, np.int32),
+            requests=np.stack([handles(of_buffer) for of_buffer in requests]),
+            comm=handle(comm),
+            width=width,
+            functions=functions(),
         )
 
     def _share(self, node: MPI.Comm, stride: int) -> np.ndarray:
@@ -260,18 +257,12 @@ class Halo:
 
 def buffers_alone() -> HaloBuffers:
     """Buffers, without MPI, of a rank that has no neighbours."""
-    no, address = np.zeros(0, np.int64), np.zeros(0, np.uint64)
-    places = no.astype(np.uint32), np.zeros(LINE), LINE, no, 0, np.zeros(1, np.int64)
-    requests = np.zeros((2, 0), HANDLE)
-    return HaloBuffers(*places, np.uint64(0), address, requests, HANDLE(0), np.zeros(1, np.int32))
+    return HaloBuffers.absent().replaced(
+        numbers=np.zeros(LINE), send_at=LINE, count=np.zeros(1, np.int64), functions=functions()
+    )
 
 
 def check(error: int) -> None:
     """Raise what MPI's error code stands for."""
     if error:
         raise MPI.Exception(error)
-
-
-def _handles(made: list) -> np.ndarray:
-    """MPI's own handles of requests or communicators."""
-    return np.array([MPI._handleof(one) % 2**64 for one in made], np.uint64).astype(HANDLE)

@@ -3,12 +3,8 @@
 A run needs the library (`alone.world`).
 """
 
-import ctypes
-
 MAX, MIN, SUM, LOR, LAND, IN_PLACE = "max", "min", "sum", "lor", "land", "in place"
 COMM_TYPE_SHARED, ANY_SOURCE = "shared", -1
-# The functions of MPI that kernels name. One process calls none of them: it has no neighbours.
-NEVER_CALLED = ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value
 
 
 class Exception(RuntimeError):

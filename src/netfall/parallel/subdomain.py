@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.compile import allocating_kernel
+from netfall.core.kernels import kernel
 from netfall.numerics.sets import among, distinct
 from netfall.parallel.mpi import MPI
 
@@ -113,7 +113,7 @@ def _in_order(owned: np.ndarray, wanted: dict, inner: np.ndarray, local: np.ndar
     return owned[order_of_rows(boundary, local[inner])]
 
 
-@allocating_kernel
+@kernel
 def order_by_layers(first, ends, start, at, order):
     """Breadth-first order: neighbours in the net stand near each other, and layers side by side.
 

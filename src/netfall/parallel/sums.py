@@ -9,14 +9,7 @@ import math
 
 import numpy as np
 
-from netfall.ground.apart import Entry
-from netfall.ground.compile import (
-    allocating_kernel,
-    inner_kernel,
-    kernel_both_ways,
-    part_of_kernel,
-    vector_kernel,
-)
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.numerics.arithmetic import bits_of, number_of
 from netfall.parallel.mpi import MPI
 
@@ -63,15 +56,13 @@ def add_multiple(count, place, limbs):
     limbs[k + 2] += sign * (high >> 32)
 
 
-@vector_kernel
+@inner_kernel
 def largest_bits(first, last, values, there):
-    """The largest of values first to last in size, as bits; there : as of `add_where`"""
-    top = np.int64(0)
+    """The largest of values first to last in size, as bits; there : as of `add_exactly`"""
+    top, every = np.int64(0), there.shape[0] == 0
     for i in range(np.uint64(first), np.uint64(last)):
         bits = bits_of(values[i]) & SIZE
-        if there is not None:
-            bits = bits if there[i] else np.int64(0)
-        top = max(top, bits)
+        top = max(top, bits if every or there[i] else np.int64(0))
     return top
 
 
@@ -81,7 +72,7 @@ def unit_number(exponent):
     return number_of((exponent << 52) | np.int64(0x8000000000000))
 
 
-@vector_kernel
+@inner_kernel
 def cut_in_three(first, last, values, there, large):
     """Sums of values first to last in units of three large numbers, and whether bits are left.
 
@@ -89,12 +80,10 @@ def cut_in_three(first, last, values, there, large):
     rest exactly (Rump, Ogita, Oishi 2008); in the bits of x + large that multiple is an integer.
     """
     a, b, c = np.int64(0), np.int64(0), np.int64(0)
-    left = np.int64(0)
+    left, every = np.int64(0), there.shape[0] == 0
     one, two, three = large
     for i in range(np.uint64(first), np.uint64(last)):
-        x = values[i]
-        if there is not None:
-            x = x if there[i] else 0.0
+        x = values[i] if every or there[i] else 0.0
         y = x + one
         a += bits_of(y) - bits_of(one)
         x -= y - one
@@ -107,18 +96,9 @@ def cut_in_three(first, last, values, there, large):
     return a, b, c, left != 0
 
 
-@kernel_both_ways
+@kernel
 def add_exactly(values, there, limbs):
-    """Add the values (n,) that are there, (n,) not 0, to the fixed-point number in limbs; `ALL`: all."""
-    if there.shape[0] == 0:
-        add_where(values, None, limbs)
-    else:
-        add_where(values, there, limbs)
-
-
-@inner_kernel
-def add_where(values, there, limbs):
-    """`add_exactly`; there : None, all.
+    """Add the values (n,) that are there, (n,) not 0, to the fixed-point number in limbs; `ALL`: all.
 
     In blocks, cut in three pieces of 52 bits below the largest, whose sums are integers: in vector registers.
     What has more bits, or does not fit, is added one by one.
@@ -142,13 +122,13 @@ def add_where(values, there, limbs):
 
 @inner_kernel
 def add_terms(first, last, values, there, limbs):
-    """`add_term` of values first to last; there : as of `add_where`"""
+    """`add_term` of values first to last; there : as of `add_exactly`"""
     for i in range(first, last):
-        if there is None or there[i]:
+        if there.shape[0] == 0 or there[i]:
             add_term(values[i], limbs)
 
 
-@allocating_kernel
+@kernel
 def rounded(limbs):
     """The double nearest to the fixed-point number, nan if a term was not finite. Uses up the limbs."""
     if limbs[LIMBS - 1] != 0:
@@ -187,11 +167,6 @@ def rounded(limbs):
         kept += 1
     amount = math.ldexp(float(kept), 32 * (highest - 1) - shift + 11 - LOWEST)
     return -amount if negative else amount
-
-
-def adding() -> Entry:
-    """`add_exactly` for kernels to call: in one piece with them it would be compiled again for each."""
-    return Entry(add_exactly, np.zeros(0), ALL, np.zeros(0, np.int64))
 
 
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:

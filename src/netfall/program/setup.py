@@ -9,7 +9,6 @@ import numpy as np
 from netfall.equilibrium.find import Finder
 from netfall.equilibrium.relaxation import state_residual
 from netfall.form.initial import INITIAL, form_of, kept_form
-from netfall.ground.compile import wake
 from netfall.ground.errors import InputError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.ground.timings import Phases
@@ -27,7 +26,6 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.program.ahead import compile_ahead
 from netfall.program.build_up import built_up
 from netfall.stages.scene import Scene, let_slip
 from netfall.stages.step_limit import assembled_limit
@@ -59,7 +57,7 @@ def prepare(
     Interrupted if `stop` asks for it.
     """
     with phases.phase("net and partition"):
-        layout, features, distribution, halo = _split(comm, job, phases, memory)
+        layout, features, distribution, halo = _split(comm, job, memory)
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
@@ -111,13 +109,9 @@ def _left(scene: Scene) -> tuple[float, float]:
     return state_residual(comm, state, load), largest
 
 
-def _split(comm: MPI.Comm, job: Job, phases: Phases, memory: Memory) -> tuple:
+def _split(comm: MPI.Comm, job: Job, memory: Memory) -> tuple:
     """The layout of the net, on rank 0, its features, and how it is split over the ranks. Collective."""
-    if comm.rank > 0:
-        wake()  # while rank 0 reads the net
-    timed, own = phases.of_steps is not None, memory is FORGETFUL  # of one run: not one of many
-    known = (lambda net: compile_ahead(job, net, timed)) if own else (lambda net: None)
-    layout = on_root(comm, lambda: make_layout(job, comm.size, memory, known))
+    layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
     net = layout and layout.net
     n, m, features = comm.bcast(layout and (net.n, net.m, features_of(job, net, layout.slides)))
     joints = [layout.chains.particles] if layout and layout.chains else []

@@ -51,7 +51,6 @@ def serve() -> None:
     from netfall.parallel.alone import world
 
     comm = world()
-    from netfall.ground.room import keep_freed, keep_program
     from netfall.ground.sources import TELLING, program_digest
     from netfall.job.memory import Memory
     from netfall.job.read import read_job
@@ -59,8 +58,6 @@ def serve() -> None:
     from netfall.program.member import net_of, run_member
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a study that is interrupted ends its workers itself
-    keep_freed()
-    keep_program()
     tasks = comm.Dup()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves

@@ -7,21 +7,22 @@ the step and is the error that users should see. Both are told as shares of the 
 (`history.energy_in_play`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.apart import Entry
-from netfall.ground.columns import vectors
-from netfall.ground.compile import entry_for
-from netfall.ground.handed import Laid, laid
+from netfall.core.records import empty, f8, f8_2, u1
+from netfall.core.vectors import LANES
+from netfall.mechanics.air import RelativeWind
+from netfall.mechanics.bending import Joints
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
 from netfall.mechanics.state import State
 from netfall.parallel.mpi import MPI
-from netfall.parallel.sums import LIMBS, adding, rounded_of_all
-from netfall.step.audit import Attached, Bodies, Room, Subject, observe, observe_once, observe_particles
+from netfall.mechanics.slip.motion import Places
+from netfall.parallel.sums import LIMBS, rounded_of_all
+from netfall.step.audit import Room, Subject, observe
+from netfall.step.plan import traits_of
 
 
 @dataclass(frozen=True)
@@ -54,23 +55,16 @@ class Energies:
 
 @dataclass
 class Snapshot:
-    """The state at a step n as it is reported: owned particles (rows) and all elements of a rank.
-
-    laid_room : the room by its address
-    observe, observe_particles : what fills it; enter : the way there, once its types are known
-    """
+    """The state at a step n as it is reported: owned particles (rows) and all elements of a rank."""
 
     rows: np.ndarray
     room: Room
-    laid_room: Laid
-    observe: Entry | None = None
-    observe_particles: Entry | None = None
-    enter: Callable | None = None
+    subject: Subject | None = None
 
     @property
     def velocity(self) -> np.ndarray:
         """(r, 3) [m/s]"""
-        return np.stack(self.room.velocity, axis=1)[: len(self.rows)]
+        return self.room.velocity[:, : len(self.rows)].T
 
     @property
     def N(self) -> np.ndarray:
@@ -101,69 +95,56 @@ class Snapshot:
         """Whether a state has as many rows as this has room for."""
         return self.room.terms.shape[1] == len(state.x)
 
-    @property
-    def apart(self) -> list[Entry]:
-        """All that fills the room."""
-        return [self.observe, self.observe_particles]
-
-    def look_at(self, state: State) -> Entry:
-        """What fills the room from a state that it fits, as long as the arrays of the state stay."""
-        bodies, none = bodies_of(state), [0.0] * 4
-        self.observe_particles = Entry(observe_particles, *none, given=(bodies, self.laid_room))
-        subject = subject_of(state, self.observe_particles)
-        self.observe = Entry(observe, *none, True, given=(subject, self.laid_room))
-        return self.observe
+    def look_at(self, state: State) -> Subject:
+        """Look at a state that it fits, as long as the arrays of the state stay."""
+        self.subject = subject_of(state)
+        return self.subject
 
     def take(self, state: State, *step: float) -> "Snapshot":
         """The present step of the state that it looks at; step : as of `take_snapshot`."""
         if len(self.rows) != state.n_local - state.n_halo:
             self.rows = state.owned_rows()
-        arguments = self.observe, *step
-        (self.enter or observe_once)(*arguments)
-        self.enter = self.enter or entry_for(observe_once, *arguments)
+        observe(*map(float, step), True, self.subject, self.room)
         return self
-
-
-def with_rows(array: np.ndarray | None) -> np.ndarray | None:
-    """An array (n, 3) of a state, or two rows in its order where it has none.
-
-    What has no rows has no order either: numba would compile all for it once more.
-    """
-    return array if array is None or len(array) else vectors(2)
 
 
 def make_room(state: State) -> Snapshot:
     """A snapshot that is yet to look at a state of this size, and to be taken."""
-    n, m, sprung = len(state.x), state.m, None
-    if state.features.springs:
-        sprung = np.empty(n)
-    N, eps, eps_p, L, stored, heat = np.empty((6, m))
-    x = with_rows(state.x)
-    arrays = np.empty_like(x), tuple(np.empty((3, n))), ElementState(N, eps, eps_p, L), heat
-    terms = np.empty((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
-    more = bool(state.features.springs) + bool(state.features.sliding) + bool(state.features.detaches)
-    attached = Attached(*(np.zeros(k, np.uint8) for k in (n, m))) if state.features.detaches else None
-    sums = np.zeros((len(terms) + 2 + more, LIMBS), np.int64)
-    f_band = np.empty_like(x) if state.features.band else None
-    slack = np.zeros(1, np.int64)
-    room = Room(*arrays, terms, stored, sprung, attached, sums, slack, f_band, adding())
-    return Snapshot(np.zeros(0, np.int64), room, laid(room))
+    f, n, m = state.features, len(state.x), state.m
+    N, eps, eps_p, L, stored, heat = (np.zeros(m) for _ in range(6))
+    of_particles = lambda rows=3: np.zeros((rows, n + LANES))
+    terms = np.zeros((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
+    more = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
+    room = Room(
+        f_int=of_particles(),
+        velocity=of_particles(),
+        now=ElementState(N, eps, eps_p, L),
+        heat=heat,
+        terms=terms,
+        stored=stored,
+        sprung=np.zeros(n) if f.springs else empty(f8),
+        attached=np.zeros(n, np.uint8) if f.detaches else empty(u1),
+        attached_elements=np.zeros(m, np.uint8) if f.detaches else empty(u1),
+        sums=np.zeros((len(terms) + 2 + more, LIMBS), np.int64),
+        slack=np.zeros(1, np.int64),
+        f_band=of_particles() if f.band else empty(f8_2),
+    )
+    return Snapshot(np.zeros(0, np.int64), room)
 
 
-def bodies_of(state: State) -> Bodies:
-    """The particles that are looked at."""
-    particles = state.particles._replace(valence=None, detached=None, drag_size=None, steady_speed=None)
-    return Bodies(state.n_owned, state.first_split, state.rows, particles, state.relative_wind())
-
-
-def subject_of(state: State, particles: Entry) -> Subject:
-    """What is looked at; particles : `observe_particles` on them."""
-    s = state
-    springs = tuple(map(with_rows, (s.x_start, s.spring, s.spring_rest, s.turned)))
-    springs = springs if s.features.springs else None
-    besides = springs, s.joints, s.places, None if s.places is None else s.particles
-    of_net = s.n_owned, s.first_split, s.rows, with_rows(s.x), *besides, s.detached
-    return Subject(*of_net, *s.of_a_moment, particles)
+def subject_of(state: State) -> Subject:
+    """What is looked at."""
+    return Subject(
+        state.n_owned,
+        state.first_split,
+        state.rows,
+        traits_of(state),
+        state.particles,
+        *state.of_a_moment,
+        state.joints or Joints.absent(),
+        state.places or Places.absent(),
+        state.relative_wind() or RelativeWind.absent(),
+    )
 
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:

@@ -35,7 +35,7 @@ class Envelope:
     def take_in(self, time: float, state) -> None:
         """The extremes of all steps so far, at a time [s], where the scene has them."""
         if state.highest is not None:
-            widen_to_extremes(time, state.highest, state.lowest, self.tension)
+            widen_to_extremes(time, state.highest, state.elements.lowest, self.tension)
 
     def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Of elements (m,) and of particles (n_owned,), by name."""

@@ -1,18 +1,32 @@
 """The rows of the history on their way from the time loop of each rank to the history, the same on all."""
 
+from typing import NamedTuple
+
 import numpy as np
 
-from netfall.ground.apart import Entry
+from netfall.core.records import empty, f8, i8, i8_2
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Subdomain
 from netfall.parallel.sums import LIMBS, rounded_of_all
-from netfall.record.energy import make_room, with_rows
+from netfall.record.energy import make_room
 from netfall.record.envelope import Envelope
-from netfall.step.rows import Bending, Local, Rows, Seen, Table, take_row
+from netfall.step.rows import Local, Rows, Table
 
 MOST_ROWS = 128  # in the table, 400 KB
+
+
+class TakenUp(NamedTuple):
+    """Rows as `step.rows.Table` has them, of all ranks; sums : (k, s) [J], rounded"""
+
+    number: np.ndarray
+    time_step: np.ndarray
+    slack: np.ndarray
+    sums: np.ndarray
+    probes: np.ndarray
+    size: np.ndarray
+    who: np.ndarray
 
 
 class RowTable:
@@ -40,7 +54,7 @@ class RowTable:
         self.local = local_probes(subdomain, probes)
         if slips:
             number, count = slips
-            self.local = self.local._replace(slip=values + number, difference=values + count + number)
+            self.local = self.local.replaced(slip=values + number, difference=values + count + number)
             values += 2 * count
         self.snapshot = make_room(state)
         whole, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
@@ -58,41 +72,22 @@ class RowTable:
         """What the time loop takes, as long as the arrays of the state stay."""
         if not self.snapshot.fits(state):
             self.snapshot = make_room(state)
-        room, particles, elements = self.snapshot.room, state.particles, state.elements
-        seen = Seen(
-            self.dt,
-            self.made,
-            self.last,
-            state.n_owned,
-            state.first_split,
-            state.rows,
-            room.velocity,
-            room.now,
-            room.slack,
-            room.sums,
-            particles.x,
-            particles.x_start,
-            particles.free,
-            particles.gid,
-            elements.bar,
-            elements.broken,
-            elements.owned,
-            self.gid,
-            self.envelope.tension,
-            self.envelope.displacement,
-            self.envelope.moment,
-            self.local,
-            self.table,
-            state.highest,
-            state.lowest,
-            state.eps_u,
-            state.joints and Bending(with_rows(state.x), state.joints, state.joint_at),
-            state.places,
-            particles.slip,
+        return Rows(
+            due=self.due,
+            dt=self.dt,
+            made=self.made,
+            every=self.every,
+            last=self.last,
+            element_gid=self.gid,
+            tension=self.envelope.tension,
+            displacement=self.envelope.displacement,
+            moment=empty(f8) if self.envelope.moment is None else self.envelope.moment,
+            joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,
+            local=self.local,
+            table=self.table,
+            subject=self.snapshot.look_at(state),
+            room=self.snapshot.room,
         )
-        due = self.due, self.made, self.every, self.last, self.dt
-        taking = Entry(take_row, 0, 0.0, True, given=(seen,))
-        return Rows(*due, self.snapshot.look_at(state), taking)
 
     def is_due(self, number: int) -> bool:
         """Whether a row is due at a step that is not made yet."""
@@ -111,19 +106,21 @@ class RowTable:
         """Whether there is no room for another row."""
         return self.made[1] == MOST_ROWS
 
-    def take_up(self, comm: MPI.Comm) -> Table:
+    def take_up(self, comm: MPI.Comm) -> TakenUp:
         """The rows so far, which are no longer in the table; the same on every rank but for size and who.
 
         Their sums are (k, s) [J], as `step.audit.Room` orders them. Collective.
         """
         k = int(self.made[1])
-        number, time_step, slack, sums, probes, size, who = (column[:k] for column in self.table)
+        number, time_step, slack, sums, probes, size, who = (
+            getattr(self.table, name)[:k] for name in self.table.kind.fields
+        )
         self.made[1] = 0
         comm.Allreduce(MPI.IN_PLACE, slack, MPI.SUM)
         probes = probes.copy()
         comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # one term each but for zeros, so exact
         total = rounded_of_all(comm, sums.reshape(-1, LIMBS)).reshape(sums.shape[:2])
-        return Table(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
+        return TakenUp(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
 
     def keep(self) -> tuple:
         """What `put_back` needs, if the steps from here on are taken back."""
@@ -152,4 +149,4 @@ def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
         pairs = [(row, k) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)]
         found.append(np.array(pairs, np.int64).reshape(-1, 2).T.copy())  # contiguous however many
     (particle, of_particle), (element, of_element) = found
-    return Local(particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element, None, None)
+    return Local(particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element, empty(i8), empty(i8))

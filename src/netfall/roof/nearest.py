@@ -7,7 +7,7 @@ are clipped one by one keep the signed area of what is within, so concave faces 
 
 import numpy as np
 
-from netfall.ground.compile import allocating_kernel, inner_kernel
+from netfall.core.kernels import inner_kernel, kernel
 from netfall.numerics.functions import lengths
 
 SAME = 1e-12  # of a face's size: corners no farther apart in its plane share what is nearest to them
@@ -95,7 +95,7 @@ def _signed_area(ring, count):
     return 0.5 * double
 
 
-@allocating_kernel
+@kernel
 def _clip_all(xy, ring_start, of_face, planes, near, area):
     """Write the area (c,) of each corner's cell; arguments as in `nearest_areas`, in the faces' planes.
 

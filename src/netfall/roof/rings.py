@@ -7,7 +7,7 @@ with one.
 
 import numpy as np
 
-from netfall.ground.compile import allocating_kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 
 
 def traced_rings(points: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -15,7 +15,8 @@ def traced_rings(points: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, n
 
     points : (n, 2) [m], no two alike; segment : (s, 2) points, which meet at their ends alone
     """
-    tail = np.ascontiguousarray(segment).ravel()
+    points = np.ascontiguousarray(points)
+    tail = np.ascontiguousarray(segment, np.int64).ravel()
     begin = np.append(0, np.cumsum(np.bincount(tail, minlength=len(points))))
     around, valence = np.argsort(tail, kind="stable"), np.diff(begin)
     leave_free_ends(tail, begin, around, valence)
@@ -29,7 +30,7 @@ def traced_rings(points: np.ndarray, segment: np.ndarray) -> tuple[np.ndarray, n
     return start, corner[: start[-1]]
 
 
-@allocating_kernel
+@kernel
 def leave_free_ends(tail, begin, around, valence):
     """Sides (2 s,) around each point, those left out behind the others, of which there are `valence` (n,).
 
@@ -65,7 +66,7 @@ def _before(u, v, other_u, other_v):
     return u * other_v - v * other_u > 0.0
 
 
-@allocating_kernel
+@kernel
 def turn_sides(points, tail, begin, around, valence, place):
     """Sides around each point in anticlockwise order, and the row (2 s,) of each side that is used."""
     for p in range(len(valence)):
@@ -84,7 +85,7 @@ def turn_sides(points, tail, begin, around, valence, place):
             place[around[row]] = row
 
 
-@allocating_kernel
+@kernel
 def trace_rings(points, tail, begin, around, valence, place, corner, size):
     """How many rings; corners (2 s,), out, ring after ring, and sizes (2 s,), out; -1: see `traced_rings`.
 
@@ -114,7 +115,7 @@ def trace_rings(points, tail, begin, around, valence, place, corner, size):
             return -1
         else:
             low, high = rows + 1, end - 1
-            while low < high:  # a slice would have numba compile what tells of wrong shapes, for a second
+            while low < high:
                 corner[low], corner[high] = corner[high], corner[low]
                 low, high = low + 1, high - 1
             size[count] = end - rows

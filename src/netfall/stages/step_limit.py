@@ -35,7 +35,8 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     element_gid : (m,); halo : of width 3. Collective.
     """
     s, owned = state, slice(state.n_owned)
-    N, _, _, L = s.elements_now()
+    now = s.elements_now()
+    N, L = now.N, now.L
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
     axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
     joints = None if s.joints is None else joint_tangent(s.x, s.joints, np.zeros(len(s.x)))

@@ -186,6 +186,6 @@ class Stepper:
         events, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
-            parts = self.comm.allgather([column[: mine.count[0]] for column in mine[1:]])
+            parts = self.comm.allgather([getattr(mine, name)[: mine.count[0]] for name in COLUMNS])
             self.log.add(dict(zip(COLUMNS, map(np.concatenate, zip(*parts)))))
             mine.count[0] = 0

@@ -48,7 +48,8 @@ def ground_of(comm: MPI.Comm, model, state: State) -> Ground | None:
     """The ground below the particles of this rank; None: it stands still. Collective."""
     if not state.features.motion:
         return None
-    names = Ground._fields[: Ground._fields.index("held")]
+    names = list(Ground.kind.fields)
+    names = names[: names.index("held")]
     shared = comm.bcast(model and [getattr(model.motion, name) for name in names])
     held = (state.free[: state.first_split] == 0).any(1) & (state.course[: state.first_split] >= 0)
     room = np.zeros((5, len(shared[-1]), 3))

@@ -5,189 +5,181 @@ until then. All of it is one compiled call, for a call takes as long as any of i
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.apart import Entry, call
-from netfall.ground.compile import inner_kernel, kernel, kernel_apart, part_of_kernel, vector_kernel
-from netfall.mechanics.air import RelativeWind, air_work, set_air, set_drag, with_air
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, u1, whole
+from netfall.core.vectors import LANES, load, load_truths, put, where, zeros
+from netfall.mechanics.air import RelativeWind, set_air, set_drag
 from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
 from netfall.mechanics.fields import Elements, Particles
-from netfall.mechanics.ground import pull_of_ground, velocity_after, works_of_motion
 from netfall.mechanics.law.branches import add_branches, set_branches
 from netfall.mechanics.law.law import Law
-from netfall.mechanics.loads import external_force, squared_speed, wind_speed
-from netfall.mechanics.motion import along_x, along_y, along_z, inverse_mass, kicked, make_kick
 from netfall.mechanics.slip.motion import Places, slip_energies
-from netfall.mechanics.supports import add_springs, on_guide
-from netfall.parallel.sums import add_term
+from netfall.mechanics.supports import add_springs
+from netfall.parallel.sums import add_exactly, add_term
+from netfall.physics.targets import CPU, particle
+from netfall.step.forces import (
+    air_work,
+    damped_mass,
+    external_forces,
+    held_velocity,
+    with_air,
+    with_ground,
+    works_of_motion,
+)
+
+madd, kicked, off_guide = CPU.madd, particle.kicked, particle.off_guide
 
 
-class Subject(NamedTuple):
-    """What is looked at, on one rank.
+class Subject(Record):
+    """What is looked at, on one rank; absent is what the scene does not have.
 
-    n_owned, first_split : particles; rows : (1,) of them in use; x : (n, 3) [m]
-    springs : x_start, spring, spring_rest, turned; None: no elastic supports; joints : None: no chain bends
-    places : at which cables slip, and the particles, for those alone; None: nowhere
-    detached : (n,) of the particles; None: nothing can be cut free
-    observe_particles : apart, for scenes that differ in what acts on particles share the rest
+    n_owned, first_split : particles; rows : (1,) of them in use; traits : of `step.forces`
+    joints : of chains that bend; places : at which cables slip; relative : wind at detached particles
     """
 
-    n_owned: int
-    first_split: int
-    rows: np.ndarray
-    x: np.ndarray
-    springs: tuple | None
-    joints: Joints | None
-    places: Places | None
-    particles: Particles | None
-    detached: np.ndarray | None
+    n_owned: whole
+    first_split: whole
+    rows: i8
+    traits: whole
+    particles: Particles
     elements: Elements
     law: Law
-    observe_particles: Entry
+    joints: Joints
+    places: Places
+    relative: RelativeWind
 
 
-class Bodies(NamedTuple):
-    """The particles of one rank, as `Subject` has them."""
-
-    n_owned: int
-    first_split: int
-    rows: np.ndarray
-    particles: Particles
-    relative: RelativeWind | None
-
-
-class Attached(NamedTuple):
-    """What hangs on a support: 1, else 0. particles : (n,) in the order of `Room`; elements : (m,), owned"""
-
-    particles: np.ndarray
-    elements: np.ndarray
-
-
-class Room(NamedTuple):
+class Room(Record):
     """What is filled; owned particles stand in order, those that split off after the others.
 
-    f_int : (n, 3) [N]; velocity : three of (n,) [m/s]; now : `ElementState`; heat : (m,) dissipated [J]
+    f_int : (3, n) [N]; velocity : (3, n) [m/s]; now : `ElementState`; heat : (m,) dissipated [J]
     terms : (4 or 7, n) [J] kinetic, damping, external, internal, and OTHER_WORKS; stored : (m,) [J]
-    sprung : (n,) [J] in elastic supports; None: there are none
-    attached : None: nothing can be cut free
+    sprung : (n,) [J] in elastic supports; absent: there are none
+    attached, attached_elements : (n,), (m,) 1 for what hangs on a support; absent: nothing can be cut free
     sums : (k, LIMBS), exact, of this rank: terms, stored, heat, sprung, kinetic and stored energy of what is
         attached, friction of slips
     slack : (1,) cables of this rank that are whole and slack
-    f_band : (n, 3) [N] of the branches alone; None: there are none
-    add_exactly : of `sums`
+    f_band : (3, n) [N] of the branches alone; absent: there are none
     """
 
-    f_int: np.ndarray
-    velocity: tuple
+    f_int: f8_2
+    velocity: f8_2
     now: ElementState
-    heat: np.ndarray
-    terms: np.ndarray
-    stored: np.ndarray
-    sprung: np.ndarray | None
-    attached: Attached | None
-    sums: np.ndarray
-    slack: np.ndarray
-    f_band: np.ndarray | None
-    add_exactly: Entry
+    heat: f8
+    terms: f8_2
+    stored: f8
+    sprung: f8
+    attached: u1
+    attached_elements: u1
+    sums: i8_2
+    slack: i8
+    f_band: f8_2
 
 
 @part_of_kernel
-def energies_along(p, axis, internal, external, total, part, kick, particles):
-    """Velocity [m/s] of particle p along an axis at the very time n, and works [J] on the way there.
+def energies_along(p, k, internal, external, total, part, c_v, c_a, kick_dt, zeta, particles):
+    """Velocities [m/s] of LANES particles from p on along axis k at the very time n; works [J] on the way.
 
     part : share of the kick that comes before n; internal, external, total : forces [N]
     Works: external, internal, damping, of the ground
     """
-    old, moves = axis.v[p], True
-    if axis.ground is None:
-        moves = axis.free[p] != 0
-    new = velocity_after(p, old, kicked(old, total * inverse_mass(particles.mass[p]), kick), axis)
-    now = old + part * (new - old)
-    duration = part * kick.dt
-    way = duration * (0.5 * (old + now))
-    damping, ground = works_of_motion(
-        p, old, now, duration, way, external + internal, 0.5 * (old + new), kick, axis, particles
-    )
+    old, mass, free = load(particles.v, k, p), load(particles.mass, 0, p), load_truths(particles.free, k, p)
+    inverse = where(mass > 0.0, 1.0 / mass, zeros())
+    new = held_velocity(p, k, old, kicked(old, total * inverse, c_v, c_a), particles)
+    now = madd(part, new - old, old)
+    duration = part * kick_dt
+    way, mean, ground = duration * (0.5 * (old + now)), 0.5 * (old + new), zeros()
+    if has(particles.ground):
+        damping, ground = works_of_motion(
+            p, k, old, now, duration, way, external + internal, mean, zeta, particles
+        )
+        return now, way * external, way * internal, damping, ground
+    damping = way * (zeta * damped_mass(p, particles) * mean)
     return (
         now,
-        (way * external if moves else 0.0),
-        (way * internal if moves else 0.0),
-        (damping if moves else 0.0),
+        where(free, way * external, zeros()),
+        where(free, way * internal, zeros()),
+        where(free, damping, zeros()),
         ground,
     )
 
 
-@vector_kernel
-def particle_energies(
-    first, last, before, part, kick_dt, zeta, share, particles, f_int, f_band, velocity, terms
-):
+@inner_kernel
+def particle_energies(first, last, before, part, kick_dt, zeta, share, subject, room):
     """Velocity and energy terms of particles first to last, which are owned, in rows less by `before`.
 
     part : share of the kick that comes before n, 1/2 between equal steps
-    kick_dt, zeta, share : of `motion.Kick`; f_int, f_band : (n, 3) [N]; velocity, terms : of `Room`, out
     """
-    kick = make_kick(kick_dt, zeta, share)
-    x, y, z = along_x(particles), along_y(particles), along_z(particles)
-    first, last, before = np.uint64(first), np.uint64(last), np.uint64(before)
-    for p in range(first, last):
+    particles, traits, velocity, terms = subject.particles, subject.traits, room.velocity, room.terms
+    h = 0.5 * zeta * kick_dt
+    c_v, c_a = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h)
+    end = last - before
+    for p in range(first, last, LANES):
         i = p - before
-        mass, square = particles.mass[p], 0.0
-        if particles.wind is not None:
-            square = squared_speed(wind_speed(p, particles, share), particles)
-        nx, ny, nz = f_int[p, 0], f_int[p, 1], f_int[p, 2]
-        ex = external_force(p, x, square, share)
-        ey = external_force(p, y, square, share)
-        ez = external_force(p, z, square, share)
-        total = (nx + ex, ny + ey, nz + ez)
-        if particles.ground is not None:
-            gx = pull_of_ground(p, x, kick, particles)
-            gy = pull_of_ground(p, y, kick, particles)
-            gz = pull_of_ground(p, z, kick, particles)
-            total = (total[0] + gx, total[1] + gy, total[2] + gz)
-        total, pull = with_air(p, total, kick, particles)
-        total = on_guide(p, total, particles)
-        vx, ax, bx, cx, dx = energies_along(p, x, nx, ex, total[0], part, kick, particles)
-        vy, ay, by, cy, dy = energies_along(p, y, ny, ey, total[1], part, kick, particles)
-        vz, az, bz, cz, dz = energies_along(p, z, nz, ez, total[2], part, kick, particles)
-        velocity[0][i], velocity[1][i], velocity[2][i] = vx, vy, vz
-        terms[0, i] = 0.5 * mass * (vx * vx) + 0.5 * mass * (vy * vy) + 0.5 * mass * (vz * vz)
-        if particles.work is not None:
-            external, internal, damping = particles.work
-            terms[1, i] = damping[p] + cx + cy + cz
-            terms[2, i] = external[p] + ax + ay + az
-            terms[3, i] = -(internal[p] + bx + by + bz)
+        nx, ny, nz = load(room.f_int, 0, p), load(room.f_int, 1, p), load(room.f_int, 2, p)
+        ex, ey, ez = external_forces(p, share, True, traits, particles)
+        tx, ty, tz, pull = nx + ex, ny + ey, nz + ez, zeros()
+        if has(particles.ground):
+            tx, ty, tz = (
+                with_ground(p, 0, tx, zeta, particles),
+                with_ground(p, 1, ty, zeta, particles),
+                with_ground(p, 2, tz, zeta, particles),
+            )
+        if has(particles.air) or has(particles.air_mass):
+            tx, ty, tz, pull = with_air(p, tx, ty, tz, kick_dt, zeta, share, particles)
+        if has(particles.turned):
+            tx, ty = off_guide(load(particles.turned, 0, p), load(particles.turned, 1, p), tx, ty)
+        vx, ax, bx, cx, dx = energies_along(
+            p, 0, nx, ex, tx, part, c_v, c_a, kick_dt, zeta, particles
+        )
+        vy, ay, by, cy, dy = energies_along(
+            p, 1, ny, ey, ty, part, c_v, c_a, kick_dt, zeta, particles
+        )
+        vz, az, bz, cz, dz = energies_along(
+            p, 2, nz, ez, tz, part, c_v, c_a, kick_dt, zeta, particles
+        )
+        put(i, end, velocity, 0, vx)
+        put(i, end, velocity, 1, vy)
+        put(i, end, velocity, 2, vz)
+        half = 0.5 * load(particles.mass, 0, p)
+        put(i, end, terms, 0, madd(half, vz * vz, madd(half, vy * vy, half * (vx * vx))))
+        if has(particles.work):
+            put(i, end, terms, 1, load(particles.work, 2, p) + cx + cy + cz)
+            put(i, end, terms, 2, load(particles.work, 0, p) + ax + ay + az)
+            put(i, end, terms, 3, -(load(particles.work, 1, p) + bx + by + bz))
         else:
-            terms[1, i] = terms[2, i] = terms[3, i] = math.nan
-        if particles.other_work is not None:
-            air, band, support = particles.other_work
-            v, along_band = particles.v, 0.0
-            twice = (v[0][p] + vx, v[1][p] + vy, v[2][p] + vz)
-            if f_band is not None:
-                along_band = twice[0] * f_band[p, 0]
-                along_band += twice[1] * f_band[p, 1] + twice[2] * f_band[p, 2]
-            terms[4, i] = air[p] + air_work(p, part * kick_dt, pull, twice, particles)
-            terms[5, i] = band[p] - 0.5 * part * kick_dt * along_band
-            terms[6, i] = support[p] + dx + dy + dz
+            for k in range(1, 4):
+                put(i, end, terms, k, zeros() + math.nan)
+        if has(particles.other_work):
+            v, along, air = particles.v, zeros(), load(particles.other_work, 0, p)
+            tx, ty, tz = load(v, 0, p) + vx, load(v, 1, p) + vy, load(v, 2, p) + vz  # twice the mean
+            if has(room.f_band):
+                fx, fy, fz = load(room.f_band, 0, p), load(room.f_band, 1, p), load(room.f_band, 2, p)
+                along = madd(tx, fx, madd(ty, fy, tz * fz))
+            if has(particles.air):
+                air = air + air_work(p, part * kick_dt, pull, tx, ty, tz, particles)
+            put(i, end, terms, 4, air)
+            put(i, end, terms, 5, load(particles.other_work, 1, p) - 0.5 * part * kick_dt * along)
+            put(i, end, terms, 6, load(particles.other_work, 2, p) + dx + dy + dz)
 
 
 @inner_kernel
-def spring_energies(first, last, before, x, start, spring, rest, turned, energy):
-    """Energy [J] in elastic supports of particles first to last, in rows less by `before`.
-
-    start, spring, rest, turned : as in `add_springs`; energy : out
-    """
+def spring_energies(first, last, before, particles, energy):
+    """Energy [J] in elastic supports of particles first to last, in rows less by `before`, out."""
+    x, start, spring, rest = particles.x, particles.x_start, particles.spring, particles.spring_rest
     for p in range(first, last):
         total = 0.0
         for k in range(3):
-            off = (x[p, k] - start[p, k]) - rest[p, k]
-            total += spring[p, k] * off * off
+            off = (x[k, p] - start[k, p]) - rest[k, p]
+            total += spring[k, p] * off * off
         energy[p - before] = 0.5 * total
-        if turned is not None:
-            off, across = (x[p, 0] - start[p, 0]) - rest[p, 0], (x[p, 1] - start[p, 1]) - rest[p, 1]
-            energy[p - before] += turned[p, 2] * off * across
+        if has(particles.turned):
+            off, across = (x[0, p] - start[0, p]) - rest[0, p], (x[1, p] - start[1, p]) - rest[1, p]
+            energy[p - before] += particles.turned[2, p] * off * across
 
 
 @inner_kernel
@@ -201,13 +193,13 @@ def add_joint_energies(x, joints, limbs):
 @inner_kernel
 def find_attached(owned, subject, room):
     """Mark what is attached: the first `owned` rows of particles, and the elements of this rank."""
-    detached, elements, attached = subject.detached, subject.elements, room.attached
+    detached, elements = subject.particles.detached, subject.elements
     for i in range(owned):
         p = i if i < subject.n_owned else subject.first_split + i - subject.n_owned
-        attached.particles[i] = 1 - detached[p]
-    for e in range(attached.elements.shape[0]):
+        room.attached[i] = 1 - detached[p]
+    for e in range(room.attached_elements.shape[0]):
         loose = detached[elements.ends[e, 0]] & detached[elements.ends[e, 1]]
-        attached.elements[e] = elements.owned[e] & (1 - loose)
+        room.attached_elements[e] = elements.owned[e] & (1 - loose)
 
 
 @inner_kernel
@@ -217,15 +209,14 @@ def add_attached(owned, subject, room, limbs):
     What slips has its share from `add_slip_energies`.
     """
     find_attached(owned, subject, room)
-    call(room.add_exactly, room.terms[0, :owned], room.attached.particles[:owned], limbs)
-    call(room.add_exactly, room.stored, room.attached.elements, limbs)
-    if subject.joints is not None:
-        joints = subject.joints
-        for k in range(joints.stiffness.shape[0]):
-            if joints.owned[k] and not subject.detached[joints.particles[k, 1]]:
-                add_term(joint_energy(subject.x, joints, k), limbs)
-    if room.sprung is not None:  # at supports
-        call(room.add_exactly, room.sprung[:owned], subject.elements.owned[:0], limbs)
+    add_exactly(room.terms[0, :owned], room.attached, limbs)
+    add_exactly(room.stored, room.attached_elements, limbs)
+    joints = subject.joints
+    for k in range(joints.stiffness.shape[0]):
+        if joints.owned[k] and not subject.particles.detached[joints.particles[k, 1]]:
+            add_term(joint_energy(subject.particles.x.T, joints, k), limbs)
+    if has(room.sprung):  # at supports
+        add_exactly(room.sprung[:owned], room.attached[:0], limbs)
 
 
 @inner_kernel
@@ -237,30 +228,21 @@ def add_slip_energies(part, kick_dt, share, subject, sums):
             i, part, kick_dt, share, places, particles, subject.elements, subject.law
         )
         add_term(kinetic, sums[0])
-        if subject.detached is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
-            if not subject.detached[places.node[i]]:
-                add_term(kinetic, sums[-2])
-        if particles.slip_work is not None:
+        if has(particles.detached) and not particles.detached[places.node[i]]:
+            add_term(kinetic, sums[-2])
+        if has(particles.slip_work):
             p = places.node[i]
             if p != before:  # of all cables there
-                add_term(particles.slip_work[0][p], sums[2])
-                add_term(-particles.slip_work[1][p], sums[3])
-                add_term(particles.slip_work[2][p], sums[-1])
+                add_term(particles.slip_work[0, p], sums[2])
+                add_term(-particles.slip_work[1, p], sums[3])
+                add_term(particles.slip_work[2, p], sums[-1])
             before = p
             add_term(external, sums[2])
             add_term(-internal, sums[3])
             add_term(heat, sums[-1])
 
 
-@vector_kernel
-def clear(f):
-    """Set f (n, 3) to zero."""
-    for k in range(3):
-        for p in range(np.uint64(f.shape[0])):
-            f[p, k] = 0.0
-
-
-@vector_kernel
+@inner_kernel
 def count_slack(now, elements):
     """Cables of this rank that are whole and slack."""
     slack = 0
@@ -270,69 +252,67 @@ def count_slack(now, elements):
     return slack
 
 
-@kernel
-def observe_once(entry, before_dt, dt, zeta, share):
-    """`observe` from Python. entry : the kernel, and what it works on"""
-    call(entry, before_dt, dt, zeta, share, True)
-
-
-@kernel_apart
-def observe_particles(part, kick_dt, zeta, share, bodies, room):
+@inner_kernel
+def observe_particles(part, kick_dt, zeta, share, subject, room):
     """Velocities and energy terms of the particles; arguments as of `particle_energies`."""
-    n_owned, first_split, particles = bodies.n_owned, bodies.first_split, bodies.particles
-    if particles.air is not None:
+    n_owned, first_split, particles = subject.n_owned, subject.first_split, subject.particles
+    if has(particles.air):
         set_air(kick_dt, zeta, particles)
-    if particles.drag is not None:
-        set_drag(kick_dt, share, bodies.relative, particles)
-    of = particles, room.f_int, room.f_band, room.velocity, room.terms
-    particle_energies(0, n_owned, 0, part, kick_dt, zeta, share, *of)
+    if has(particles.drag):
+        set_drag(kick_dt, share, subject.relative, particles)
     halo = first_split - n_owned
-    particle_energies(first_split, bodies.rows[0], halo, part, kick_dt, zeta, share, *of)
+    particle_energies(halo - halo, n_owned, halo - halo, part, kick_dt, zeta, share, subject, room)
+    particle_energies(first_split, subject.rows[0], halo, part, kick_dt, zeta, share, subject, room)
 
 
-@kernel_apart
+@inner_kernel
+def internal_forces(before_dt, dt, subject, room):
+    """Forces f_int and f_band of the room, for the state of its elements; energy of elastic supports."""
+    particles, elements, law, now = subject.particles, subject.elements, subject.law, room.now
+    n_owned, first_split, x, f_int = subject.n_owned, subject.first_split, particles.x.T, room.f_int.T
+    f_int[:] = 0.0
+    add_tensions(x, elements.ends, now.N, now.L, f_int)
+    if has(law.branches):
+        set_branches(before_dt, dt, law)
+        add_branches(x, elements, now, law, f_int, room.f_band.T)
+    if has(subject.joints.stiffness):
+        add_bending_forces(x, subject.joints, f_int)
+    if has(particles.spring):
+        halo, supports = first_split - n_owned, (particles.spring.T, particles.spring_rest.T)
+        add_springs(x, particles.x_start.T, *supports, particles.turned.T, f_int)
+        spring_energies(0, n_owned, 0, particles, room.sprung)
+        spring_energies(first_split, subject.rows[0], halo, particles, room.sprung)
+
+
+@kernel
 def observe(before_dt, dt, zeta, share, whole, subject, room):
     """Fill the room; unless it is to be the whole, of elements the state alone.
 
-    before_dt, dt : [s] the steps before and after; zeta, share : of `motion.Kick`
+    before_dt, dt : [s] the steps before and after; zeta [1/s]; share : place between two samples
     """
-    element_state(subject.x, subject.elements, subject.law, room.now)
+    particles, elements, law = subject.particles, subject.elements, subject.law
+    element_state(particles.x.T, elements, law, room.now)
     if not whole:
         return
-    f_int, now, heat, f_band = room.f_int, room.now, room.heat, room.f_band
-    terms, stored, sums = room.terms, room.stored, room.sums
-    n_owned, first_split, n_local = subject.n_owned, subject.first_split, subject.rows[0]
-    halo, owned = first_split - n_owned, n_owned + n_local - first_split
+    heat, terms, stored, sums = room.heat, room.terms, room.stored, room.sums
+    owned = subject.n_owned + subject.rows[0] - subject.first_split
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
-    clear(f_int)
-    add_tensions(subject.x, subject.elements.ends, now.N, now.L, f_int)
-    if subject.law.branches is not None:
-        set_branches(before_dt, dt, subject.law)
-        add_branches(subject.x, subject.elements, now, subject.law, f_int, f_band)
-    if subject.joints is not None:
-        add_bending_forces(subject.x, subject.joints, f_int)
-    if subject.springs is not None:
-        start, spring, rest, turned = subject.springs
-        add_springs(subject.x, start, spring, rest, turned, f_int)
-        spring_energies(0, n_owned, 0, subject.x, start, spring, rest, turned, room.sprung)
-        spring_energies(first_split, n_local, halo, subject.x, start, spring, rest, turned, room.sprung)
-    call(subject.observe_particles, part, kick_dt, zeta, share)
-    element_energies(subject.elements, now, subject.law, stored, heat)
+    internal_forces(before_dt, dt, subject, room)
+    observe_particles(part, kick_dt, zeta, share, subject, room)
+    element_energies(elements, room.now, law, stored, heat)
     sums[:] = 0
-    last, all_of_them = terms.shape[0], subject.elements.owned[:0]
+    last, every = terms.shape[0], elements.owned[:0]
     for k in range(last):
-        call(room.add_exactly, terms[k, :owned], all_of_them, sums[k])
-    call(room.add_exactly, stored, subject.elements.owned, sums[last])
-    if subject.joints is not None:
-        add_joint_energies(subject.x, subject.joints, sums[last])
-    call(room.add_exactly, heat, subject.elements.owned, sums[last + 1])
-    if room.sprung is not None:
-        call(room.add_exactly, room.sprung[:owned], all_of_them, sums[last + 2])
-    if subject.detached is not None:
-        place = last + 2
-        if room.sprung is not None:
-            place += 1
+        add_exactly(terms[k, :owned], every, sums[k])
+    add_exactly(stored, elements.owned, sums[last])
+    add_joint_energies(particles.x.T, subject.joints, sums[last])
+    add_exactly(heat, elements.owned, sums[last + 1])
+    place = last + 2
+    if has(room.sprung):
+        add_exactly(room.sprung[:owned], every, sums[place])
+        place += 1
+    if has(particles.detached):
         add_attached(owned, subject, room, sums[place])
-    if subject.places is not None:
+    if has(subject.places.node):
         add_slip_energies(part, kick_dt, share, subject, sums)
-    room.slack[0] = count_slack(now, subject.elements)
+    room.slack[0] = count_slack(room.now, elements)

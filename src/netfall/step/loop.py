@@ -4,28 +4,46 @@ A step n takes x(n) and v(n-1/2); first the row of the history is made of them w
 Cables that slip over nodes get their kick. Particles go through it in chunks that stay in the cache:
     1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture
        strain
-    2. external force, kick to v(n+1/2), work
+    2. external force, kick to v(n+1/2), work; x(n+1) is written to a second array, so that the order of
+       chunks does not matter
     3. after the chunks with boundary particles, which come first: their total forces are sent
-    4. drift to x(n+1) of the chunks whose x(n) no later chunk needs; at the end, of all
-    5. the halo's total forces arrive; halo particles: the same kick and drift; drift of slips, and unstressed
+    4. the halo's total forces arrive; halo particles: the same kick and drift; drift of slips, and unstressed
        lengths that follow
-    6. elements that reached their fracture strain break at x(n+1) (`tear.py`); the loop returns if there is
+    5. elements that reached their fracture strain break at x(n+1) (`tear.py`); the loop returns if there is
        no room for what they leave
 
-It is compiled once for all scenes: all that depends on what a scene has is called by its address.
+It is compiled once for all scenes: what a scene has is looked up in its arrays, a few times for each chunk.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.apart import Entry, call
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel, vector_kernel
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.records import Record, f8, f8_2, has, i8, u1, whole
+from netfall.mechanics.air import RelativeWind, set_air, set_drag
+from netfall.mechanics.bending import Joints, add_bending_forces, clear_bending_forces
 from netfall.mechanics.events import StepDone
-from netfall.parallel.halo import buffer_in_use, send_buffer, wait_for_neighbours
-from netfall.parallel.mpi_symbols import lap
-from netfall.step.limits import count_near
+from netfall.mechanics.fields import Elements, Particles, Slots
+from netfall.mechanics.fracture import Fractures
+from netfall.mechanics.ground import Ground, move_ground
+from netfall.mechanics.law.branches import set_branches
+from netfall.mechanics.law.law import Law
+from netfall.mechanics.slip.motion import Places, drift_slips, kick_slips
+from netfall.parallel.halo import (
+    HaloBuffers,
+    buffer_in_use,
+    pack_forces,
+    send_buffer,
+    unpack_forces,
+    wait_for_neighbours,
+)
+from netfall.parallel.mpi_calls import lap
+from netfall.step.forces import Scratch, chunk_forces, move_chunk, move_halo
+from netfall.step.limits import is_any_over, look_closer
 from netfall.step.rows import Rows, is_due, make_row
+from netfall.step.slots import collect_elements, follow_slips
+from netfall.step.tear import break_elements
 
 FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # what time goes into; the kick counts with the forces
 
@@ -55,61 +73,68 @@ class Interval(NamedTuple):
     row: bool = False
 
 
-class Moved(NamedTuple):
-    """Of the particles: x [m], v [m/s], total force f [N], three of (n,) each."""
+class Chunks(Record):
+    """Stretches of particles, each small enough for the cache, in the order in which they are stepped.
 
-    x: tuple
-    v: tuple
-    f: tuple
-
-
-class Found(NamedTuple):
-    """What forces leave for the loop: f, near of the chunk in hand, as of `plan.Scratch`, and what breaks.
-
-    near : (0,) where all is elastic; count : (1,) elements that are to break in this step
+    First those of the owned particles, of which `boundary` chunks hold the boundary particles; then, from
+    chunk `owned` on, those of the particles that split off, `size` in each, some empty as yet.
+    low, high : (chunks,) particles of each; width : (chunks,) most elements at one of them
+    has_yielded : (chunks,) whether any of its elements may have plastic strain
     """
 
-    f: tuple
-    near: np.ndarray
-    count: np.ndarray
+    n_owned: whole
+    n_halo: whole
+    boundary: whole
+    owned: whole
+    size: whole
+    low: i8
+    high: i8
+    width: i8
+    has_yielded: u1
 
 
-class Spare(NamedTuple):
+class Spare(Record):
     """Room for what breaks. rows : (1,) of particles in use, of `most_rows`; events : the same of the log."""
 
-    rows: np.ndarray
-    most_rows: int
-    events: np.ndarray
-    most_events: int
+    rows: i8
+    most_rows: whole
+    events: i8
+    most_events: whole
 
 
-class Beside(NamedTuple):
-    """What the loop calls by its address: what a scene lacks is not there, and the call does nothing.
+class Work(Record):
+    """What the loop works on, see `plan.Plan`; absent is what a scene does not have.
 
-    kick_unyielded : `kick_chunk` without a look at plastic strains, where there are any
-    The others, of `beside` and `limits`, as their kernels; rows : those that are made before the last step
+    traits : bits of what the rank has, of `forces`; y : (3, n) [m] positions, in turn with those of `particles`
+    bends : joints of chains that bend; breaks : 1 where elements may break
+    seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
     """
 
-    kick_chunk: Entry
-    kick_unyielded: Entry
-    look_closer: Entry
-    find_over: Entry
-    break_elements: Entry
-    pack: Entry
-    unpack: Entry
-    move_ground: Entry
-    begin_step: Entry
-    find_drag: Entry
-    end_step: Entry
-    collect: Entry
+    traits: whole
+    chunks: Chunks
+    particles: Particles
+    y: f8_2
+    elements: Elements
+    slots: Slots
+    law: Law
+    scratch: Scratch
+    spare: Spare
+    fractures: Fractures
+    breaks: whole
+    bends: Joints
+    places: Places
+    ground: Ground
+    relative: RelativeWind
     rows: Rows
+    buffers: HaloBuffers
+    seconds: f8
 
 
 @inner_kernel
-def step_done(interval, s):
+def step_done(first, s, dt, stride):
     """Step number s of an interval."""
-    number = interval.first + s
-    return StepDone(number * interval.dt, number * interval.stride, interval.dt)
+    number = first + s
+    return StepDone(number * dt, number * stride, dt)
 
 
 @inner_kernel
@@ -119,109 +144,149 @@ def has_room(count, spare):
     return enough and spare.events[0] + 2 * count <= spare.most_events
 
 
-@vector_kernel
-def drift_rows(first, last, dt, x, v):
-    """x [m] to n + 1 of particles first to last; x, v : three of (n,), v = 0 where held."""
-    first, last = np.uint64(first), np.uint64(last)  # unsigned: no index then counts from the end
-    for p in range(first, last):
-        x[0][p] += dt * v[0][p]
-        x[1][p] += dt * v[1][p]
-        x[2][p] += dt * v[2][p]
+@inner_kernel
+def copy_positions(particles, x, y):
+    """Copy positions x (3, n) to y, of `particles` rows."""
+    for k in range(3):
+        for p in range(particles):
+            y[k, p] = x[k, p]
 
 
-@part_of_kernel
-def kick(c, kick_dt, zeta, share, chunks, beside):
-    """`kick_chunk`, without a look at plastic strains where the chunk has none."""
-    if chunks.has_yielded[c] or chunks.is_split[c]:
-        call(beside.kick_chunk, c, kick_dt, zeta, share)
-    else:
-        call(beside.kick_unyielded, c, kick_dt, zeta, share)
-
-
-@vector_kernel
-def keep_forces(low, high, f_chunk, f):
-    """Total forces of a chunk, particles low to high, from its scratch to f. f_chunk, f : three of (n,)"""
-    low, high = np.uint64(low), np.uint64(high)
-    for p in range(low, high):
-        f[0][p] = f_chunk[0][p - low]
-        f[1][p] = f_chunk[1][p - low]
-        f[2][p] = f_chunk[2][p - low]
+@inner_kernel
+def collect(work):
+    """Bring the elements up to date with what their slots have of their own."""
+    chunks, slots = work.chunks, work.slots
+    changed = has(slots.eps_p) and chunks.has_yielded.any()
+    if changed or has(slots.highest) or has(slots.branch_a):
+        collect_elements(chunks.n_owned, chunks.n_owned + chunks.n_halo, work.elements, slots, work.law)
 
 
 @kernel
-def time_loop(interval, chunks, moved, found, spare, beside, buffers, seconds):
-    """The steps of an interval; steps done, elements that are still to break, MPI error.
+def collect_now(work):
+    """`collect` from Python."""
+    collect(work)
+
+
+@inner_kernel
+def begin_step(time, before_dt, dt, kick_dt, zeta, share, anew, work):
+    """What forces need at a time [s]: branches, air, chains that bend, drag; kick of slips.
+
+    before_dt, dt : [s] the steps before and after; kick_dt [s], share : of the kick
+    anew : whether the kick, or a mass, is another than in the step before
+    """
+    particles, law = work.particles, work.law
+    if has(law.branches):
+        set_branches(before_dt, dt, law)
+    if has(particles.air) and anew:
+        set_air(kick_dt, zeta, particles)
+    if has(work.bends.stiffness):
+        clear_bending_forces(work.bends, particles.bend.T)
+        add_bending_forces(particles.x.T, work.bends, particles.bend.T)
+    if has(work.places.node):
+        kick_slips(time, kick_dt, share, work.places, particles, work.elements, law)
+    if has(particles.drag):
+        set_drag(kick_dt, share, work.relative, particles)
+
+
+@inner_kernel
+def step_chunks(x, y, kick_dt, zeta, share, dt, work):
+    """Step the particles that this rank owns from x to y, and send; elements to break, MPI's error code."""
+    chunks, particles, elements, slots, law = work.chunks, work.particles, work.elements, work.slots, work.law
+    scratch, traits, seconds = work.scratch, work.traits, work.seconds
+    count, mark = 0, lap(seconds, -1, 0.0, work.buffers)
+    for c in range(chunks.low.shape[0]):
+        low, high = chunks.low[c], chunks.high[c]
+        if high == low:
+            continue
+        near = chunk_forces(c, traits, x, chunks, slots, law, scratch)
+        keeps = near or c < chunks.boundary
+        move_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, law, scratch)
+        if near:
+            count = look_closer(c, count, x, scratch.near, chunks, elements, slots, law)
+        if c == chunks.boundary - 1:
+            mark = lap(seconds, FORCES, mark, work.buffers)
+            pack_forces(particles, buffer_in_use(work.buffers), work.buffers)
+            error = send_buffer(work.buffers)
+            if error != 0:
+                return count, error
+            mark = lap(seconds, EXCHANGE, mark, work.buffers)
+    lap(seconds, FORCES, mark, work.buffers)
+    return count, 0
+
+
+@kernel
+def time_loop(
+    first, steps, before_dt, dt, zeta, sample_time, sample_dt, stride, trial, pending, only_row, work
+):
+    """The steps of an `Interval`; steps done, elements that are still to break, MPI's error code.
 
     In a trial the second is the number of steps up to and with the one at whose begin the first element has
     passed its fracture strain, one more than there are where it is at the end of the last; 0 if none has.
 
-    chunks : of `Plan`; moved : `Moved`; found : `Found`; spare : `Spare`; beside : `Beside`
-    buffers : `HaloBuffers`
-    seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; None: not measured
+    only_row : `Interval.row`; work : `Work`
     """
-    before_dt, dt, zeta = interval.before_dt, interval.dt, interval.zeta
-    tried, place, kicked_dt = 0, np.int64(0), -1.0  # kicked_dt: of the kick before, if nothing broke
-    if interval.pending > 0:
-        call(beside.break_elements, interval.pending, step_done(interval, -1))
-    for s in range(max(interval.steps, int(interval.row))):
+    chunks, particles, buffers, rows = work.chunks, work.particles, work.buffers, work.rows
+    seconds, n_owned = work.seconds, work.chunks.n_owned
+    x, y, turned = particles.x, work.y, False  # turned: whether x(n) stands in the second array
+    in_place = has(work.bends.stiffness) or has(work.places.node)
+    tried, kicked_dt = 0, -1.0  # kicked_dt: of the kick before, if nothing broke
+    if pending > 0:
+        when = step_done(first, -1, dt, stride)
+        break_elements(pending, when, chunks, work.elements, work.slots, work.law, work.fractures)
+    done = steps
+    for s in range(max(steps, int(only_row))):
         kick_dt = 0.5 * (before_dt + dt)
-        n = interval.first + s
-        call(beside.move_ground, n * dt, before_dt, (n + 1) * dt, zeta)
-        if is_due(n * interval.stride, beside.rows):
-            mark = lap(seconds, -1, 0.0)
-            call(beside.collect)
-            sample = interval.sample_time, interval.sample_dt
-            make_row(n * interval.stride, before_dt, dt, zeta, sample[0], sample[1], beside.rows)
-            mark = lap(seconds, ROWS, mark)
-        if interval.row:
+        n = first + s
+        due = is_due(n * stride, rows)
+        if turned and (due or in_place):
+            copy_positions(work.spare.rows[0], x, y)
+            x, y, turned = y, x, False
+        if has(work.ground.start):
+            move_ground(n * dt, before_dt, (n + 1) * dt, zeta, work.ground, particles)
+        if due:
+            mark = lap(seconds, -1, 0.0, buffers)
+            collect(work)
+            make_row(n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows)
+            lap(seconds, ROWS, mark, buffers)
+        if only_row:
             break
         # of the step's number alone, wherever the loop was entered
-        share = (n * dt - interval.sample_time) / interval.sample_dt
-        call(beside.begin_step, n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt)
-        call(beside.find_drag, kick_dt, share)
-        before_dt, kicked_dt, found.count[0] = dt, kick_dt, 0
-        error, drifted = 0, chunks.front
-        mark = lap(seconds, -1, 0.0)
-        for c in range(chunks.low.shape[0]):
-            low, high = chunks.low[c], chunks.high[c]
-            kick(c, kick_dt, zeta, share, chunks, beside)
-            if found.near.shape[0] > 0 and count_near(found.near, high - low) > 0:
-                call(beside.look_closer, c)
-            if c < chunks.own and not chunks.is_split[c]:  # sent; `look_closer` keeps those that count
-                keep_forces(low, high, found.f, moved.f)
-            mark = lap(seconds, FORCES, mark)
-            if c == chunks.own - 1:
-                place = buffer_in_use(buffers)
-                call(beside.pack, place)
-                error = send_buffer(buffers)
-                if error != 0:
-                    return s, 0, error
-                mark = lap(seconds, EXCHANGE, mark)
-            while drifted <= c and chunks.last_use[drifted] <= c:
-                drift_rows(chunks.low[drifted], chunks.high[drifted], dt, moved.x, moved.v)
-                drifted += 1
-            mark = lap(seconds, INTEGRATION, mark)
-        for c in range(chunks.front):  # any chunk may need them
-            drift_rows(chunks.low[c], chunks.high[c], dt, moved.x, moved.v)
-        mark = lap(seconds, INTEGRATION, mark)
-        error = wait_for_neighbours(buffers)
-        mark = lap(seconds, EXCHANGE, mark)
+        share = (n * dt - sample_time) / sample_dt
+        begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt, work)
+        before_dt, kicked_dt = dt, kick_dt
+        place = buffer_in_use(buffers)
+        count, error = step_chunks(x, y, kick_dt, zeta, share, dt, work)
+        mark = lap(seconds, -1, 0.0, buffers)
+        if error == 0:
+            error = wait_for_neighbours(buffers)
+        mark = lap(seconds, EXCHANGE, mark, buffers)
         if error != 0:
             return s, 0, error
-        call(beside.unpack, place, kick_dt, dt, zeta)
-        call(beside.end_step, dt)
-        mark = lap(seconds, INTEGRATION, mark)
-        count = found.count[0]
+        unpack_forces(n_owned, particles, place, buffers)
+        move_halo(n_owned, n_owned + chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
+        x, y, turned = y, x, not turned
+        if has(work.places.node):
+            drift_slips(dt, work.places, particles)
+            follow_slips(
+                work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots
+            )
+        lap(seconds, INTEGRATION, mark, buffers)
         if count > 0:
-            if interval.trial:
+            if trial:
                 tried = s + 1 if tried == 0 else tried
-            elif has_room(count, spare):
-                call(beside.break_elements, count, step_done(interval, s))
-                kicked_dt = -1.0  # masses have changed
-            else:
-                return s + 1, count, 0
-    if interval.trial and tried == 0:
-        found.count[0] = 0
-        call(beside.find_over)
-        tried = interval.steps + 1 if found.count[0] > 0 else 0
-    return interval.steps, tried, 0
+                continue
+            if turned:
+                copy_positions(work.spare.rows[0], x, y)
+                x, y, turned = y, x, False
+            if not has_room(count, work.spare):
+                done = s + 1
+                tried = count
+                break
+            when = step_done(first, s, dt, stride)
+            break_elements(count, when, chunks, work.elements, work.slots, work.law, work.fractures)
+            kicked_dt = -1.0  # masses have changed
+    if turned:
+        copy_positions(work.spare.rows[0], x, y)
+    if trial and tried == 0 and work.breaks and is_any_over(particles.x, work.elements, work.law):
+        tried = steps + 1
+    return done, tried, 0

@@ -2,36 +2,28 @@
 
 They stand in ascending global number; so the sum has the same order, and the same bits, on any number of
 ranks. An element is computed at both ends, from the same bits: twice the arithmetic, but nothing is
-scattered, and the loop over particles runs in vector registers. In long rows one end borrows what the other
-has computed (`runs`); then the first end in number alone has in its slot what changes.
+scattered.
 """
 
 import math
 
 import numpy as np
 
-from netfall.ground.compile import allocating_kernel, inner_kernel, kernel, part_of_kernel
-from netfall.mechanics.fields import EMPTY, SLOTS, fields_of
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.records import has
+from netfall.mechanics.fields import EMPTY, fields_of
 from netfall.mechanics.law.element import yield_energy
-from netfall.mechanics.law.slot import squared_length
 from netfall.mechanics.slip.law import slipped_length
 from netfall.mechanics.slip.motion import is_whole
 from netfall.mechanics.state import State
-from netfall.numerics.arithmetic import inverse_root
 
 
-def fill_slots(state: State, chunks) -> None:
-    """Put the elements, as they are attached now, into the slots of the particles that this rank steps.
-
-    chunks : first and last particle of each stretch that is stepped at once, in which runs are worth having
-    """
+def fill_slots(state: State) -> None:
+    """Put the elements, as they are attached now, into the slots of the particles that this rank steps."""
     s = state
     filled = np.zeros(s.n_local, np.int32)
     element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
     attach_elements(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, element, filled)
-    for low, high in chunks:
-        align_slots(low + 1, high, 1, s.n_local, s.other, element, filled)
-        align_slots(high - 2, low - 1, -1, s.n_local, s.other, element, filled)
     fill_lengths(s.n_local, element, s.L0, s.inv_L0)
     if s.slot_highest is not None:
         s.slot_highest[:] = -np.inf
@@ -66,34 +58,6 @@ def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element
             filled[p] += 1
 
 
-@allocating_kernel
-def align_slots(first, last, direction, n_local, other, slot_element, filled):
-    """Move empty slots so that far ends are as far away in number as those of the particle before.
-
-    For particles first to last, counted in `direction`, 1 or -1. So a run goes on where a particle lacks an
-    element that its neighbour has: an empty slot may name any particle, and adds zero. The elements keep
-    their order. slot_element : (slots, n), EMPTY in empty slots
-    """
-    far, mine = np.empty(SLOTS, np.int64), np.empty(SLOTS, np.uint32)
-    for p in range(first, last, direction):
-        if filled[p] > SLOTS or filled[p - direction] > SLOTS:
-            continue
-        k, placed, fits = 0, 0, True
-        for s in range(SLOTS):
-            far[s] = np.int64(other[s, p - direction]) + direction
-            fits &= far[s] >= 0 and far[s] < n_local
-            while k < SLOTS and slot_element[k, p] == EMPTY:
-                k += 1
-            mine[s] = EMPTY
-            if k < SLOTS and np.int64(other[k, p]) == far[s]:
-                mine[s] = slot_element[k, p]
-                placed += 1
-                k += 1
-        if fits and placed == filled[p]:
-            for s in range(SLOTS):
-                other[s, p], slot_element[s, p] = far[s], mine[s]
-
-
 @kernel
 def fill_lengths(n_local, slot_element, L0, inv_L0):
     """1 / L0 of the elements, L0 (m,) [m], into the slots, inv_L0 (slots, n) [1/m]; 0 in an empty one."""
@@ -115,7 +79,7 @@ def copy_to_slots(n_local, slot_element, values, slot):
                 slot[s, p] = values[e]
 
 
-@kernel
+@inner_kernel
 def follow_slips(places, n_owned, first_split, particles, elements, slots):
     """Bring unstressed lengths, in slots too, to slips that have moved. places : `slip.motion.Places`"""
     for g in range(places.start.shape[0] - 1):
@@ -136,7 +100,7 @@ def has_moved(e, particles, elements):
     """Whether a slip point at an end of the segment of element e has moved in this step."""
     for end in range(2):
         c = elements.slip_place[e, end]
-        if c >= 0 and particles.slip_v[c][elements.slip_at[e, end]] != 0.0:
+        if c >= 0 and particles.slip_v[c, elements.slip_at[e, end]] != 0.0:
             return True
     return False
 
@@ -171,17 +135,17 @@ def collect_element(e, n_owned, first_split, elements, slots, law):
     until it breaks: what is left of it then has no strength, and rings on a light end.
     """
     s, p = own_slot(e, n_owned, first_split, elements, slots)
-    if slots.eps_p is not None:
+    if has(slots.eps_p):
         elements.eps_p[e] = slots.eps_p[s, p]
         if not elements.bar[e] and elements.eps_p[e] != 0.0:
             elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
-    if slots.highest is not None and elements.broken[e] == 0:
+    if has(slots.highest) and elements.broken[e] == 0:
         elements.highest[e] = max(elements.highest[e], slots.highest[s, p])
-        if elements.lowest is not None:
+        if has(elements.lowest):
             elements.lowest[e] = min(elements.lowest[e], slots.lowest[s, p])
-    if slots.branch_a is not None:
+    if has(slots.branch_a):
         elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
-        if elements.branch_c is not None:
+        if has(elements.branch_c):
             elements.branch_c[e] = slots.branch_c[s, p]
 
 
@@ -193,22 +157,11 @@ def collect_elements(n_owned, first_split, elements, slots, law):
             collect_element(e, n_owned, first_split, elements, slots, law)
 
 
-@part_of_kernel
-def keep_force(q, d, s, p, slots):
-    """Take in the axial force of the element in slot s of particle p. q : N / L [N/m]; d : three [m]"""
-    square = squared_length(d)
-    N, most = q * (square * inverse_root(square)), slots.highest[s, p]
-    slots.highest[s, p] = N if N > most else most
-    if slots.lowest is not None:
-        least = slots.lowest[s, p]
-        slots.lowest[s, p] = N if N < least else least
-
-
 @inner_kernel
 def empty_slot(s, p, slots):
-    """Leave a slot of particle p empty: it adds nothing, and keeps its far end, so that runs go on."""
+    """Leave a slot of particle p empty: it adds nothing."""
     slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
-    if slots.bar is not None:
+    if has(slots.bar):
         slots.bar[s, p] = 0
 
 
@@ -216,25 +169,25 @@ def empty_slot(s, p, slots):
 def fill_slot(e, s, p, far, elements, slots):
     """Put element e, whose far end is particle `far`, into a slot of particle p."""
     slots.other[s, p], slots.element[s, p], slots.inv_L0[s, p] = far, e, 1.0 / elements.L0[e]
-    if slots.EA is not None:
+    if has(slots.EA):
         slots.EA[s, p] = elements.EA[e]
-    if slots.bar is not None:
+    if has(slots.bar):
         slots.bar[s, p] = elements.bar[e]
-    if slots.euler is not None:
+    if has(slots.euler):
         slots.euler[s, p] = elements.euler[e]
-    if slots.yield_force is not None:
+    if has(slots.yield_force):
         slots.yield_force[s, p] = elements.yield_force[e]
-    if slots.yield_strain is not None:
+    if has(slots.yield_strain):
         slots.yield_strain[s, p] = elements.yield_strain[e]
-    if slots.eps_p is not None:
+    if has(slots.eps_p):
         slots.eps_p[s, p] = elements.eps_p[e]
-    if slots.reach is not None:
+    if has(slots.reach):
         slots.reach[s, p] = elements.reach[e]
-    if slots.highest is not None:
+    if has(slots.highest):
         slots.highest[s, p] = -math.inf
-    if slots.lowest is not None:
+    if has(slots.lowest):
         slots.lowest[s, p] = math.inf
-    if slots.branch_a is not None:
+    if has(slots.branch_a):
         slots.branch_a[s, p], slots.branch_b[s, p] = elements.branch_a[e], elements.branch_b[e]
-    if slots.branch_c is not None:
+    if has(slots.branch_c):
         slots.branch_c[s, p] = elements.branch_c[e]

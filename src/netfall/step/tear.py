@@ -1,19 +1,18 @@
 """Fractures within the time loop: elements break, and slots and chunks follow where they are touched.
 
 What an element that breaks leaves is a slot that stays empty, at the particle that it left, a new far end, at
-the particle that it stays with, and a particle with one element, which stands in a chunk of such. A chunk in
-which far ends have changed is gone through without runs from then on.
+the particle that it stays with, and a particle with one element, which stands in a chunk of such.
 """
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel_apart
+from netfall.core.kernels import inner_kernel
+from netfall.core.records import has
 from netfall.mechanics.fracture import break_element, decide, lengthen, owns
-from netfall.step.runs import end_loans
 from netfall.step.slots import collect_element, empty_slot, fill_slot, slot_of
 
 
-@kernel_apart
+@inner_kernel
 def break_elements(count, when, chunks, elements, slots, law, fractures):
     """Break the `count` elements in elements.pending; what is left of a broken one grows longer.
 
@@ -61,33 +60,19 @@ def follow_end(e, end, before, chunks, elements, slots, fractures):
     rules = fractures.rules
     there, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])
     out = elements.EA[e] == 0.0  # taken out of the net, or kept by another rank
-    if before < rules.n_owned:
-        end_loans(chunk_of(before, chunks), chunks, slots)
     if owns(before, rules) and (out or there != before):
         empty_slot(slot_of(e, before, slots), before, slots)
     elif owns(before, rules):
         s = slot_of(e, before, slots)
-        if slots.reach is not None:
+        if has(slots.reach):
             slots.reach[s, before] = elements.reach[e]
-        if slots.other[s, before] != np.uint32(far):
-            slots.other[s, before] = far
-            if before < rules.n_owned:
-                chunks.runs.gathered[chunk_of(before, chunks)] = 1
+        slots.other[s, before] = far
     if not out and there != before:
         for s in range(slots.other.shape[0]):
             slots.other[s, there] = there
             empty_slot(s, there, slots)
         fill_slot(e, 0, there, far, elements, slots)
-        c = chunks.place[(there - rules.first_split) // chunks.size]
+        c = chunks.owned + (there - rules.first_split) // chunks.size
         chunks.high[c] = max(chunks.high[c], there + 1)
-        if slots.eps_p is not None:
-            chunks.has_yielded[c] |= slots.eps_p[0, there] != 0.0
-
-
-@inner_kernel
-def chunk_of(p, chunks):
-    """The chunk of a particle that this rank has owned from the start."""
-    number = chunks.splits + p // chunks.size
-    if p >= chunks.inner:
-        number = chunks.splits + chunks.boundary + (p - chunks.inner) // chunks.size
-    return chunks.place[number]
+        if has(slots.eps_p):
+            chunks.has_yielded[c] = 1

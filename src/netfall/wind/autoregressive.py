@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.ground.errors import InputError
 from netfall.numerics.functions import cos, geometric, log, sin
 from netfall.numerics.linear import eliminate, factorised, product, solve_columns

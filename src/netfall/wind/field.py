@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.wind.autoregressive import AtPoints, GustModel, GustRecursion, fit_gust_model
 from netfall.wind.clusters import cluster_points, cluster_weights
 from netfall.wind.coherence import along_wind, mean_speed

@@ -7,7 +7,7 @@ same bits of chance, and gives the same numbers; but its exponential and logarit
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import kernel, part_of_kernel
 from netfall.numerics.arithmetic import exponential, logarithm
 from netfall.numerics.functions import exp, log
 

@@ -10,9 +10,9 @@ any length. Kept is what of alpha V(n-1/2) is left at n, H = alpha exp(-dt / 2 t
 
 import numpy as np
 
-from netfall.ground.compile import inner_kernel, kernel, part_of_kernel
-from netfall.mechanics.law.slot import squared_length
-from netfall.numerics.arithmetic import exponential, exponential_less_one, fused, inverse_root
+from netfall.core.kernels import inner_kernel
+from netfall.core.records import has
+from netfall.numerics.arithmetic import exponential, exponential_less_one
 
 NARROW = 1.14  # largest over smallest ratio within a band for which two branches will do
 
@@ -60,7 +60,8 @@ def set_branches(before_dt, dt, law):
 
     What stays of H to n + 1, what joins it of N; 1 + sum alpha exp(-dt / 2 tau). before_dt, dt : [s]
     """
-    b, kick_dt, law.branches[4, 0] = law.branches, 0.5 * (before_dt + dt), 1.0
+    b, kick_dt = law.branches, 0.5 * (before_dt + dt)
+    b[4, 0] = 1.0
     for k in range(b.shape[1]):
         alpha, rate = b[0, k], 1.0 / b[1, k]
         b[2, k] = exponential(-dt * rate)
@@ -68,28 +69,7 @@ def set_branches(before_dt, dt, law):
         b[4, 0] += alpha * exponential(-0.5 * before_dt * rate)
 
 
-@part_of_kernel
-def density_with_branches(q, d, s, p, slots, law):
-    """N / L [N/m] with branches of the element in slot s of particle p, without them q; H goes on to n + 1.
-
-    d : three [m], from the particle to the far end
-    """
-    square, of = squared_length(d), law.branches
-    per_length = inverse_root(square)
-    N, a, b = q * (square * per_length), slots.branch_a[s, p], slots.branch_b[s, p]
-    held = a + b
-    slots.branch_a[s, p] = fused(of[2, 0], a, of[3, 0] * N)
-    slots.branch_b[s, p] = fused(of[2, 1], b, of[3, 1] * N)
-    if slots.branch_c is not None:
-        c = slots.branch_c[s, p]
-        held += c
-        slots.branch_c[s, p] = fused(of[2, 2], c, of[3, 2] * N)
-    total = fused(-held, per_length, of[4, 0] * q)
-    bar = False if slots.bar is None else slots.bar[s, p] != 0
-    return total if bar or total > 0.0 else 0.0
-
-
-@kernel
+@inner_kernel
 def add_branches(x, elements, now, law, f_int, f_band):
     """Add the forces of the branches at x (n, 3) [m] to f_int (n, 3) [N]; alone to f_band (n, 3) [N]."""
     f_band[:] = 0.0
@@ -97,7 +77,7 @@ def add_branches(x, elements, now, law, f_int, f_band):
         if elements.EA[e] == 0.0:
             continue
         held = elements.branch_a[e] + elements.branch_b[e]
-        if elements.branch_c is not None:
+        if has(elements.branch_c):
             held += elements.branch_c[e]
         total = law.branches[4, 0] * now.N[e] - held
         q = ((total if elements.bar[e] or total > 0.0 else 0.0) - now.N[e]) / now.L[e]

@@ -1,33 +1,34 @@
 """The law of one element of `Elements`: strain, axial force, stiffness, energies. See `law.py`."""
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, part_of_kernel
+from netfall.core.records import has
 from netfall.numerics.arithmetic import exponential, exponential_less_one, logarithm
 
 
-@kernel
+@inner_kernel
 def strain(L, L0, law):
     """Strain of length L [m] against the unstressed length L0 [m]."""
-    if law.logarithmic is not None:
+    if law.logarithmic:
         return logarithm(L / L0)
     return (L - L0) / L0
 
 
-@kernel
+@inner_kernel
 def length_at(L, eps, law):
     """Unstressed length [m] of an element that has the strain eps at length L [m]."""
-    if law.logarithmic is not None:
+    if law.logarithmic:
         return L * exponential(-eps)
     return L / (1.0 + eps)
 
 
-@kernel
+@inner_kernel
 def axial_force(elements, e, eps, eps_p):
     """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
-    if elements.euler is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+    if has(elements.euler):
         if N < -elements.euler[e]:
             return -elements.euler[e], eps_p
-    if elements.yield_force is not None:
+    if has(elements.yield_force):
         if N > elements.yield_force[e]:
             return elements.yield_force[e], eps_p + (N - elements.yield_force[e]) / elements.EA[e]
         if N < -elements.yield_force[e] and elements.bar[e]:
@@ -44,53 +45,53 @@ def tangent_stiffness(elements, e, N, eps, L, law):
     N : [N] there, on the yield plateau at its limit
     """
     eps_p = 0.0
-    if elements.eps_p is not None:
+    if has(elements.eps_p):
         eps_p = elements.eps_p[e]
     if not (elements.EA[e] * (eps - eps_p) >= 0.0 or elements.bar[e]):
         return 0.0
-    if elements.yield_force is not None and not abs(N) < elements.yield_force[e]:
+    if has(elements.yield_force) and not abs(N) < elements.yield_force[e]:
         return 0.0
-    if elements.euler is not None and not N > -elements.euler[e]:
+    if has(elements.euler) and not N > -elements.euler[e]:
         return 0.0
-    if law.logarithmic is not None:
+    if law.logarithmic:
         return elements.EA[e] / L
     return elements.EA[e] / elements.L0[e]
 
 
-@kernel
+@inner_kernel
 def stored_energy(elements, e, N, L, eps_p, law):
     """Elastic energy [J] of element e at axial force N [N], length L [m]: the integral of N dL from L0 on."""
     EA, L0 = elements.EA[e], elements.L0[e]
     if EA == 0.0:
         return 0.0
     u, further = N / EA, 0.0
-    if elements.euler is not None:  # noqa: SIM102 (the compiler drops a branch on this alone)
+    if has(elements.euler):
         if N <= -elements.euler[e]:  # on from the length at which it buckled
-            stretch = exponential(eps_p + u) if law.logarithmic is not None else 1.0 + (eps_p + u)
+            stretch = exponential(eps_p + u) if law.logarithmic else 1.0 + (eps_p + u)
             further = N * (L - L0 * stretch)
-    if law.logarithmic is not None:
+    if law.logarithmic:
         return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u)) + further
     return 0.5 * N * u * L0 + further
 
 
-@kernel
+@inner_kernel
 def yield_energy(elements, e, eps_p, eps_p_new, law):
     """Energy [J] that yield of element e from plastic strain eps_p to eps_p_new turns into heat."""
     if eps_p_new == eps_p:
         return 0.0  # also of an element that never yields, whose limit is infinite
     EA, L0, limit = elements.EA[e], elements.L0[e], elements.yield_force[e]
-    if law.logarithmic is not None:
+    if law.logarithmic:
         grown = abs(exponential(eps_p_new) - exponential(eps_p))
         tension = eps_p_new > eps_p
         return EA * abs(exponential_less_one(limit / EA if tension else -limit / EA)) * L0 * grown
     return limit * L0 * abs(eps_p_new - eps_p)
 
 
-@kernel
+@inner_kernel
 def energies_at(elements, e, L, eps_p, law):
     """Plastic strain of element e at length L [m]; what yield to it turns to heat, and what is stored [J]."""
     N, now = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
     heat = 0.0
-    if elements.yield_force is not None and now != eps_p:
+    if has(elements.yield_force) and now != eps_p:
         heat = yield_energy(elements, e, eps_p, now, law)
     return now, heat, stored_energy(elements, e, N, L, now, law)

@@ -21,22 +21,22 @@ import math
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel
 from netfall.mechanics.state import State
 from netfall.numerics.arithmetic import exponential
 
 LEAST = 0.2  # of its first unstressed length: a shorter segment is locked
 
 
-@part_of_kernel
+@inner_kernel
 def slip_force(T, EA, law):
     """q [N] of a tension T [N]: minus the derivative of the strain energy by the unstressed length."""
-    if law.logarithmic is not None:
+    if law.logarithmic:
         return EA * (exponential(T / EA) - 1.0)
     return T + T * T / (2.0 * EA)
 
 
-@part_of_kernel
+@inner_kernel
 def slip_limit(before, after, EA_before, EA_after, friction, resistance, turn, law):
     """R [N], up to which a place sticks. before, after : [N] tensions; turn : exp(-mu theta)"""
     more, less, EA_more, EA_less = before, after, EA_before, EA_after
@@ -50,7 +50,7 @@ def slip_limit(before, after, EA_before, EA_after, friction, resistance, turn, l
     return limit
 
 
-@part_of_kernel
+@inner_kernel
 def angle_between(ax, ay, az, bx, by, bz):
     """Angle [rad] between two unit vectors: by sums, products and roots, the same bits on any processor.
 
@@ -75,20 +75,20 @@ def set_strands(state: State, L0: np.ndarray) -> None:
         slipped_lengths(state.particles.slip, state.elements)
 
 
-@part_of_kernel
+@inner_kernel
 def slipped_length(e, slip, elements):
     """Unstressed length [m] of element e with the slip, three of (n,) [m]."""
     return elements.strand[e] + elements.slip_share[e] * passed_into(e, slip, elements)
 
 
-@part_of_kernel
+@inner_kernel
 def passed_into(e, slip, elements):
     """Length [m] that has passed into the segment of element e, of slips, three of (n,); or velocities."""
     i, j, passed = elements.slip_place[e, 0], elements.slip_place[e, 1], 0.0
     if i >= 0:
-        passed += slip[i][elements.slip_at[e, 0]]
+        passed += slip[i, elements.slip_at[e, 0]]
     if j >= 0:
-        passed -= slip[j][elements.slip_at[e, 1]]
+        passed -= slip[j, elements.slip_at[e, 1]]
     return passed
 
 

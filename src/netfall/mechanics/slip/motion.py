@@ -23,16 +23,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.compile import kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel
+from netfall.core.records import Record, has, i8
 from netfall.mechanics.law.element import axial_force, strain
-from netfall.mechanics.law.slot import TINY
 from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_limit
 from netfall.numerics.arithmetic import exponential
+from netfall.physics.elements import TINY
 
 STEP = 0.75**0.5  # of a limit of the step without slip: three quarters of (omega dt)^2 are left to the net
 
 
-class Places(NamedTuple):
+class Places(Record):
     """Slip points over particles of a rank, and the free segments that grow longer and shorter by them.
 
     node, column : (k,) slip points at particles that it owns, ascending, and which of the cables there
@@ -41,16 +42,16 @@ class Places(NamedTuple):
     element : (q,) of all of them, segment by segment; start : (g + 1,) where each segment begins in it
     """
 
-    node: np.ndarray
-    column: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    segment_before: np.ndarray
-    segment_after: np.ndarray
-    moving: np.ndarray
-    of: np.ndarray
-    element: np.ndarray
-    start: np.ndarray
+    node: i8
+    column: i8
+    before: i8
+    after: i8
+    segment_before: i8
+    segment_after: i8
+    moving: i8
+    of: i8
+    element: i8
+    start: i8
 
 
 class Strand(NamedTuple):
@@ -106,19 +107,19 @@ def beside(places: Places, values: np.ndarray) -> np.ndarray:
     return total[places.segment_before] + total[places.segment_after]
 
 
-@part_of_kernel
+@inner_kernel
 def _strand(e, whole, share, particles, elements, law):
     """`Strand` of element e, beside a slip point, at the present positions.
 
     whole : whether its segment is; share : of the time between samples of what fades
     """
     hold = 0.0
-    if elements.hold_before is not None:
+    if has(elements.hold_before):
         hold = elements.hold_before[e] + share * (elements.hold_after[e] - elements.hold_before[e])
     if not whole and not hold > 0.0:
         return Strand(0.0, 0.0, False, False, (0.0, 0.0, 0.0))
     a, b, x = elements.ends[e, 0], elements.ends[e, 1], particles.x
-    dx, dy, dz = x[0][b] - x[0][a], x[1][b] - x[1][a], x[2][b] - x[2][a]
+    dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
     L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
     turned = elements.slip_along[e] / L
     T = 0.0
@@ -127,7 +128,7 @@ def _strand(e, whole, share, particles, elements, law):
     return Strand(T, hold, whole, True, (turned * dx, turned * dy, turned * dz))
 
 
-@part_of_kernel
+@inner_kernel
 def is_whole(g, places, elements):
     """Whether no element of segment g is broken or removed."""
     broken = 0
@@ -136,21 +137,21 @@ def is_whole(g, places, elements):
     return broken == 0
 
 
-@part_of_kernel
+@inner_kernel
 def _drive(g, places, particles, elements, law):
     """Sum [N] over the elements of segment g, which is whole, of q(T) times their shares."""
     x, total = particles.x, 0.0
     for j in range(places.start[g], places.start[g + 1]):
         e = places.element[j]
         a, b = elements.ends[e, 0], elements.ends[e, 1]
-        dx, dy, dz = x[0][b] - x[0][a], x[1][b] - x[1][a], x[2][b] - x[2][a]
+        dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
         L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
         T, _ = axial_force(elements, e, strain(L, elements.L0[e], law), 0.0)
         total += elements.slip_share[e] * slip_force(T, elements.EA[e], law)
     return total
 
 
-@part_of_kernel
+@inner_kernel
 def _is_short(g, e, whole, passed, places, elements):
     """Whether too little is left of segment g, out of which `passed` [m] went beside element e."""
     if whole:
@@ -161,7 +162,7 @@ def _is_short(g, e, whole, passed, places, elements):
     return passed >= (1.0 - LEAST) * length
 
 
-@part_of_kernel
+@inner_kernel
 def kicked_slip(i, kick_dt, share, places, particles, elements, law):
     """Velocity of slip i half a step on, the same without friction [m/s]; Q of the strands, and besides [N].
 
@@ -169,7 +170,7 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
     """
     p, c, b, a = places.node[i], places.column[i], places.before[i], places.after[i]
     segment_b, segment_a = places.segment_before[i], places.segment_after[i]
-    old, inertia = particles.slip_v[c][p], particles.slip_mass[c][p]
+    old, inertia = particles.slip_v[c, p], particles.slip_mass[c, p]
     before = _strand(b, is_whole(segment_b, places, elements), share, particles, elements, law)
     after = _strand(a, is_whole(segment_a, places, elements), share, particles, elements, law)
     if not before.whole and not after.whole:
@@ -182,16 +183,16 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
     if before.whole:
         strands -= _drive(segment_b, places, particles, elements, law)
     besides = slip_force(after.hold, EA_a, law) - slip_force(before.hold, EA_b, law)
-    besides += particles.slip_load[c][p]
-    mu, turn = particles.friction[c][p], 1.0
+    besides += particles.slip_load[c, p]
+    mu, turn = particles.friction[c, p], 1.0
     if mu > 0.0 and before.there and after.there:
         u, w = before.along, after.along
         turn = exponential(-mu * angle_between(u[0], u[1], u[2], w[0], w[1], w[2]))
     T_b, T_a = before.tension + before.hold, after.tension + after.hold
-    limit = slip_limit(T_b, T_a, EA_b, EA_a, mu, particles.resistance[c][p], turn, law)
+    limit = slip_limit(T_b, T_a, EA_b, EA_a, mu, particles.resistance[c, p], turn, law)
     free = old + kick_dt * (strands + besides) / inertia
     left = abs(free) - kick_dt * limit / inertia
-    new, passed = 0.0, particles.slip[c][p]
+    new, passed = 0.0, particles.slip[c, p]
     if left > 0.0:
         new = left if free > 0.0 else -left
     if new > 0.0 and _is_short(segment_b, b, before.whole, passed, places, elements):
@@ -201,40 +202,40 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
     return new, free, strands, besides, False
 
 
-@kernel
+@inner_kernel
 def kick_slips(time, kick_dt, share, places, particles, elements, law):
     """Kick of all slips of a rank at a time [s] to n + 1/2, with work and heat. places : `Places`"""
     for i in range(places.node.shape[0]):
         p, c = places.node[i], places.column[i]
-        old = particles.slip_v[c][p]
+        old = particles.slip_v[c, p]
         new, free, strands, besides, locked = kicked_slip(i, kick_dt, share, places, particles, elements, law)
-        particles.slip_v[c][p] = new
-        if locked and particles.slip_locked[c][p] == 0.0:
-            particles.slip_locked[c][p] = max(time, TINY)
-        if particles.slip_work is not None:
-            external, internal, heat = particles.slip_work
+        particles.slip_v[c, p] = new
+        if locked and particles.slip_locked[c, p] == 0.0:
+            particles.slip_locked[c, p] = max(time, TINY)
+        if has(particles.slip_work):
+            work = particles.slip_work
             mean = 0.5 * (old + new)
-            external[p] += kick_dt * mean * besides
-            internal[p] += kick_dt * mean * strands
-            heat[p] += particles.slip_mass[c][p] * (free - new) * mean
+            work[0, p] += kick_dt * mean * besides
+            work[1, p] += kick_dt * mean * strands
+            work[2, p] += particles.slip_mass[c, p] * (free - new) * mean
 
 
-@kernel
+@inner_kernel
 def drift_slips(dt, places, particles):
     """Slips of a rank, those of its halo too, to n + 1."""
     for j in range(places.moving.shape[0]):
         p, c = places.moving[j], places.of[j]
-        particles.slip[c][p] += dt * particles.slip_v[c][p]
+        particles.slip[c, p] += dt * particles.slip_v[c, p]
 
 
-@part_of_kernel
+@inner_kernel
 def slip_energies(i, part, kick_dt, share, places, particles, elements, law):
     """Kinetic energy of slip i at the very time n, and works on the way there [J]: external, internal, heat.
 
     part : share of the kick that comes before n
     """
     p, c = places.node[i], places.column[i]
-    old, inertia = particles.slip_v[c][p], particles.slip_mass[c][p]
+    old, inertia = particles.slip_v[c, p], particles.slip_mass[c, p]
     new, free, strands, besides, _ = kicked_slip(i, kick_dt, share, places, particles, elements, law)
     now, way = old + part * (new - old), part * kick_dt
     mean = 0.5 * (old + now)

@@ -1,0 +1,357 @@
+"""Vectors: LANES numbers side by side in registers, for the loops that take most of a run's time.
+
+A kernel reads as ordinary arithmetic, in operators and `fma`, `sqrt`, `where`, `maximum`, `minimum`; given
+floats it computes one particle, given vectors LANES of them. Nothing depends on whether a compiler finds that
+a loop can be vectorised. The bits are those of one number at a time, whatever LANES is.
+
+Undocumented of numba is used here `make_array` (see MAINTAINING).
+"""
+
+import operator
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+
+LANES = 8  # numbers of a vector: one register of AVX-512, two of AVX2
+
+DOUBLE, WORD, BIT, BYTE = ir.DoubleType(), ir.IntType(64), ir.IntType(1), ir.IntType(8)
+
+
+class Vector(types.Type):
+    """LANES numbers of a kind: float64, int64 or boolean."""
+
+    def __init__(self, kind, width):
+        self.kind, self.width = kind, width
+        super().__init__(name=f"Vector({kind}, {LANES})")
+
+
+@register_model(Vector)
+class _Model(models.PrimitiveModel):
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, ir.VectorType(kind.width, LANES))
+
+
+NUMBERS = Vector(types.float64, DOUBLE)
+INTEGERS = Vector(types.int64, WORD)
+TRUTHS = Vector(types.boolean, BIT)
+
+
+def _spread(context, builder, value, kind, like):
+    """A number in all lanes; a vector as it is."""
+    if isinstance(kind, Vector):
+        return value
+    number = context.cast(builder, value, kind, like.kind)
+    if like.kind == types.boolean:
+        number = builder.trunc(number, BIT) if number.type != BIT else number
+    one = builder.insert_element(
+        ir.Constant(ir.VectorType(number.type, LANES), ir.Undefined), number, ir.Constant(ir.IntType(32), 0)
+    )
+    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+
+
+def _operator(function, make, result=None):
+    """Let an operator of Python take two vectors, or a vector and a number. result : None: of the same kind
+
+    make : by the kind of the vectors
+    """
+
+    @type_callable(function)
+    def kind(context):
+        def of(a, b):
+            like = next((k for k in (a, b) if isinstance(k, Vector)), None)
+            if like is not None and like.kind in make:
+                return result or like
+
+        return of
+
+    def lower(context, builder, signature, values):
+        like = next(k for k in signature.args if isinstance(k, Vector))
+        given = (_spread(context, builder, v, k, like) for v, k in zip(values, signature.args))
+        return make[like.kind](builder, *given)
+
+    for kinds in ((Vector, Vector), (Vector, types.Number), (types.Number, Vector)):
+        lower_builtin(function, *kinds)(lower)
+
+
+_f8, _i8, _bool = types.float64, types.int64, types.boolean
+_operator(operator.add, {_f8: lambda b, x, y: b.fadd(x, y), _i8: lambda b, x, y: b.add(x, y)})
+_operator(operator.sub, {_f8: lambda b, x, y: b.fsub(x, y), _i8: lambda b, x, y: b.sub(x, y)})
+_operator(operator.mul, {_f8: lambda b, x, y: b.fmul(x, y)})
+_operator(operator.truediv, {_f8: lambda b, x, y: b.fdiv(x, y)})
+_operator(operator.rshift, {_i8: lambda b, x, y: b.ashr(x, y)})
+_operator(operator.lshift, {_i8: lambda b, x, y: b.shl(x, y)})
+_operator(operator.gt, {_f8: lambda b, x, y: b.fcmp_ordered(">", x, y)}, TRUTHS)
+_operator(operator.lt, {_f8: lambda b, x, y: b.fcmp_ordered("<", x, y)}, TRUTHS)
+_operator(operator.ne, {_f8: lambda b, x, y: b.fcmp_unordered("!=", x, y)}, TRUTHS)
+_operator(operator.eq, {_f8: lambda b, x, y: b.fcmp_ordered("==", x, y)}, TRUTHS)
+_operator(operator.or_, {_bool: lambda b, x, y: b.or_(x, y)})
+_operator(operator.and_, {_bool: lambda b, x, y: b.and_(x, y)})
+
+
+def _unary(function, make):
+    """The same of an operator of one vector."""
+
+    @type_callable(function)
+    def kind(context):
+        def of(a):
+            if isinstance(a, Vector):
+                return a
+
+        return of
+
+    lower_builtin(function, Vector)(lambda context, builder, signature, values: make(builder, values[0]))
+
+
+def _llvm(name, builder, *values):
+    """An operation that LLVM has under a name."""
+    kind = values[0].type
+    name = f"llvm.{name}.v{LANES}f64" if isinstance(kind, ir.VectorType) else f"llvm.{name}.f64"
+    function = builder.module.globals.get(name)
+    if function is None:
+        function = ir.Function(builder.module, ir.FunctionType(kind, [kind] * len(values)), name)
+    return builder.call(function, values)
+
+
+_unary(operator.neg, lambda builder, a: builder.fneg(a))
+_unary(abs, lambda builder, a: _llvm("fabs", builder, a))
+
+
+def _elementwise(make, truth_first=False):
+    """Typing and code of a function of numbers or vectors, of which numbers are spread."""
+
+    def typing(typing_context, *args):
+        vectors = any(isinstance(a, Vector) for a in args)
+        kinds = [NUMBERS if vectors else types.float64] * len(args)
+        if truth_first:
+            kinds[0] = TRUTHS if vectors else types.boolean
+
+        def code(context, builder, signature, values):
+            if vectors:
+                given = [_spread(context, builder, v, a, k) for v, a, k in zip(values, args, kinds)]
+            else:
+                given = [context.cast(builder, v, a, k) for v, a, k in zip(values, args, kinds)]
+            return make(builder, *given)
+
+        return kinds[-1](*args), code
+
+    return typing
+
+
+@intrinsic
+def fma(typing, a, b, c):
+    """a b + c, rounded once; in single precision if all three are."""
+    if (a, b, c) == (types.float32,) * 3:
+        return a(a, a, a), lambda context, builder, signature, values: builder.fma(*values)
+    return _elementwise(lambda builder, *values: _llvm("fma", builder, *values))(typing, a, b, c)
+
+
+@intrinsic
+def where(typing, truth, a, b):
+    """a where it is true, b elsewhere."""
+    return _elementwise(lambda builder, t, x, y: builder.select(t, x, y), True)(typing, truth, a, b)
+
+
+@intrinsic
+def maximum(typing, a, b):
+    """The larger one; b where either is nan."""
+    return _elementwise(lambda builder, x, y: builder.select(builder.fcmp_ordered(">", x, y), x, y))(
+        typing, a, b
+    )
+
+
+@intrinsic
+def minimum(typing, a, b):
+    """The smaller one; b where either is nan."""
+    return _elementwise(lambda builder, x, y: builder.select(builder.fcmp_ordered("<", x, y), x, y))(
+        typing, a, b
+    )
+
+
+@intrinsic
+def sqrt(typing, a):
+    """Square root."""
+    return _elementwise(lambda builder, x: _llvm("sqrt", builder, x))(typing, a)
+
+
+def _as(kind, result):
+    """Typing and code of a number or vector with the same bits as another kind."""
+    if isinstance(kind, Vector):
+        target = {types.float64: NUMBERS, types.int64: INTEGERS}[result]
+        llvm = ir.VectorType(target.width, LANES)
+    else:
+        target, llvm = result, {types.float64: DOUBLE, types.int64: WORD}[result]
+    return target(kind), lambda context, builder, signature, values: builder.bitcast(values[0], llvm)
+
+
+@intrinsic
+def bits_of(typing, a):
+    """The 64 bits of a number, as an integer."""
+    return _as(a, types.int64)
+
+
+@intrinsic
+def number_of(typing, a):
+    """The number of 64 bits."""
+    return _as(a, types.float64)
+
+
+@intrinsic
+def as_number(typing, a):
+    """An integer as a number."""
+    if isinstance(a, Vector):
+        target, llvm = NUMBERS, ir.VectorType(DOUBLE, LANES)
+    else:
+        target, llvm = types.float64, DOUBLE
+    return target(a), lambda context, builder, signature, values: builder.sitofp(values[0], llvm)
+
+
+@intrinsic
+def any_of(typing, truth):
+    """Whether it is true in any lane."""
+
+    def code(context, builder, signature, values):
+        bits = builder.bitcast(values[0], ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(truth), code
+
+
+@intrinsic
+def zeros(typing):
+    """Zero in all lanes."""
+    zero = ir.Constant(ir.VectorType(DOUBLE, LANES), [0.0] * LANES)
+    return NUMBERS(), lambda context, builder, signature, values: zero
+
+
+@intrinsic
+def nowhere(typing):
+    """False in all lanes."""
+    false = ir.Constant(ir.VectorType(BIT, LANES), [0] * LANES)
+    return TRUTHS(), lambda context, builder, signature, values: false
+
+
+# --- memory: arrays (rows, particles) in C order
+
+
+def _address(context, builder, kind, array, row, p):
+    """Where the number of particle p in a row stands; of an array without rows: in it."""
+    struct = context.make_array(kind)(context, builder, array)
+    if kind.ndim == 1:
+        return builder.gep(struct.data, [p])
+    length = builder.extract_value(struct.shape, 1)
+    return builder.gep(struct.data, [builder.add(builder.mul(row, length), p)])
+
+
+def _vector_at(context, builder, kind, array, row, p, number=DOUBLE):
+    address = _address(context, builder, kind, array, row, p)
+    return builder.bitcast(address, ir.VectorType(number, LANES).as_pointer())
+
+
+@intrinsic
+def load(typing, array, row, p):
+    """Numbers of particles p to p + LANES in a row."""
+
+    def code(context, builder, signature, values):
+        return builder.load(_vector_at(context, builder, array, *values), align=8)
+
+    return NUMBERS(array, types.int64, types.int64), code
+
+
+@intrinsic
+def load_truths(typing, array, row, p):
+    """Whether bytes of particles p to p + LANES in a row are not zero."""
+
+    def code(context, builder, signature, values):
+        found = builder.load(_vector_at(context, builder, array, *values, number=BYTE), align=1)
+        return builder.icmp_unsigned("!=", found, ir.Constant(found.type, [0] * LANES))
+
+    return TRUTHS(array, types.int64, types.int64), code
+
+
+@intrinsic
+def store(typing, array, row, p, value):
+    """Write numbers of particles p to p + LANES."""
+
+    def code(context, builder, signature, values):
+        builder.store(values[3], _vector_at(context, builder, array, *values[:3]), align=8)
+        return context.get_dummy_value()
+
+    return types.none(array, types.int64, types.int64, NUMBERS), code
+
+
+@intrinsic
+def store_truths(typing, array, row, p, truth):
+    """Write bytes, 1 where it is true, of particles p to p + LANES."""
+
+    def code(context, builder, signature, values):
+        byte = builder.zext(values[3], ir.VectorType(BYTE, LANES))
+        builder.store(byte, _vector_at(context, builder, array, *values[:3], number=BYTE), align=1)
+        return context.get_dummy_value()
+
+    return types.none(array, types.int64, types.int64, TRUTHS), code
+
+
+def _store_below(context, builder, kind, array, row, p, high, vector):
+    """Write the numbers of particles below `high` alone."""
+    for lane in range(LANES):
+        place = builder.add(p, ir.Constant(WORD, lane))
+        with builder.if_then(builder.icmp_signed("<", place, high)):
+            number = builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
+            builder.store(number, _address(context, builder, kind, array, row, place), align=8)
+
+
+def _put(context, builder, kind, array, row, p, high, vector):
+    """Write numbers of particles p to p + LANES that are below `high`."""
+    is_whole = builder.icmp_signed("<=", builder.add(p, ir.Constant(WORD, LANES)), high)
+    with builder.if_else(is_whole, likely=True) as (whole, part):
+        with whole:
+            builder.store(vector, _vector_at(context, builder, kind, array, row, p), align=8)
+        with part:
+            _store_below(context, builder, kind, array, row, p, high, vector)
+
+
+@intrinsic
+def put(typing, p, high, array, row, value):
+    """Write numbers of particles p to `high`, at most LANES."""
+
+    def code(context, builder, signature, values):
+        p, high, array, row, vector = values
+        _put(context, builder, signature.args[2], array, row, p, high, vector)
+        return context.get_dummy_value()
+
+    return types.none(types.int64, types.int64, array, types.int64, NUMBERS), code
+
+
+@intrinsic
+def add(typing, p, high, array, row, value):
+    """Add numbers to those of particles p to `high`, at most LANES."""
+
+    def code(context, builder, signature, values):
+        p, high, array, row, vector = values
+        kind = signature.args[2]
+        before = builder.load(_vector_at(context, builder, kind, array, row, p), align=8)
+        _put(context, builder, kind, array, row, p, high, builder.fadd(before, vector))
+        return context.get_dummy_value()
+
+    return types.none(types.int64, types.int64, array, types.int64, NUMBERS), code
+
+
+@intrinsic
+def gather(typing, array, row, other, s, p):
+    """Numbers, in a row, of the particles whose indices stand in row s of `other` for p to p + LANES.
+
+    One by one: the hardware's own gathers are slow where they were mended against leaks through them.
+    """
+
+    def code(context, builder, signature, values):
+        vector = ir.Constant(ir.VectorType(DOUBLE, LANES), ir.Undefined)
+        for lane in range(LANES):
+            place = builder.add(values[4], ir.Constant(WORD, lane))
+            index = builder.load(_address(context, builder, other, *values[2:4], place), align=4)
+            at = builder.zext(index, WORD)
+            number = builder.load(_address(context, builder, array, values[0], values[1], at), align=8)
+            vector = builder.insert_element(vector, number, ir.Constant(ir.IntType(32), lane))
+        return vector
+
+    return NUMBERS(array, types.int64, other, types.int64, types.int64), code
