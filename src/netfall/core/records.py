@@ -211,5 +211,7 @@ def _read(context, builder, kind, address, name):
     for length in reversed(shape[1:]):
         strides.insert(0, builder.mul(strides[0], length))
     data = builder.inttoptr(word(0), context.get_data_type(field.dtype).as_pointer())
-    populate_array(array, data=data, shape=shape, strides=strides, itemsize=ir.Constant(WORD, size), meminfo=None)
+    populate_array(
+        array, data=data, shape=shape, strides=strides, itemsize=ir.Constant(WORD, size), meminfo=None
+    )
     return array._getvalue()

@@ -355,3 +355,19 @@ def gather(typing, array, row, other, s, p):
         return vector
 
     return NUMBERS(array, types.int64, other, types.int64, types.int64), code
+
+
+@intrinsic
+def are_consecutive(typing, other, s, p):
+    """Whether the indices in row s of `other` for p to p + LANES count up by one: then `load` gets them all."""
+
+    def code(context, builder, signature, values):
+        kind, index = ir.VectorType(ir.IntType(32), LANES), ir.IntType(32)
+        found = builder.load(_vector_at(context, builder, other, *values, number=index), align=4)
+        first = builder.sub(found, ir.Constant(kind, list(range(LANES))))
+        zeros = ir.Constant(kind, [0] * LANES)
+        differs = builder.icmp_unsigned("!=", first, builder.shuffle_vector(first, first, zeros))
+        bits = builder.bitcast(differs, ir.IntType(LANES))
+        return builder.icmp_unsigned("==", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(other, types.int64, types.int64), code

@@ -22,7 +22,7 @@ from netfall.parallel.mpi import MPI
 from netfall.mechanics.slip.motion import Places
 from netfall.parallel.sums import LIMBS, rounded_of_all
 from netfall.step.audit import Room, Subject, observe
-from netfall.step.plan import traits_of
+from netfall.step.plan import make_scratch, traits_of
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,7 @@ def make_room(state: State) -> Snapshot:
         sums=np.zeros((len(terms) + 2 + more, LIMBS), np.int64),
         slack=np.zeros(1, np.int64),
         f_band=of_particles() if f.band else empty(f8_2),
+        scratch=make_scratch(state),
     )
     return Snapshot(np.zeros(0, np.int64), room)
 

@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, u1, whole
-from netfall.core.vectors import LANES, load, load_truths, put, where, zeros
+from netfall.core.vectors import LANES, fma, load, load_truths, put, where, zeros
 from netfall.mechanics.air import RelativeWind, set_air, set_drag
 from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
 from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
@@ -21,17 +21,17 @@ from netfall.mechanics.slip.motion import Places, slip_energies
 from netfall.mechanics.supports import add_springs
 from netfall.parallel.sums import add_exactly, add_term
 from netfall.physics.targets import CPU, particle
-from netfall.step.forces import (
+from netfall.step.forces import Scratch
+from netfall.step.motion import (
     air_work,
     damped_mass,
-    external_forces,
-    held_velocity,
-    with_air,
-    with_ground,
+    force_along_guides,
+    free_force,
+    total_forces,
     works_of_motion,
 )
 
-madd, kicked, off_guide = CPU.madd, particle.kicked, particle.off_guide
+madd, kicked = CPU.madd, particle.kicked
 
 
 class Subject(Record):
@@ -64,6 +64,7 @@ class Room(Record):
         attached, friction of slips
     slack : (1,) cables of this rank that are whole and slack
     f_band : (3, n) [N] of the branches alone; absent: there are none
+    scratch : for a stretch of particles
     """
 
     f_int: f8_2
@@ -78,34 +79,7 @@ class Room(Record):
     sums: i8_2
     slack: i8
     f_band: f8_2
-
-
-@part_of_kernel
-def energies_along(p, k, internal, external, total, part, c_v, c_a, kick_dt, zeta, particles):
-    """Velocities [m/s] of LANES particles from p on along axis k at the very time n; works [J] on the way.
-
-    part : share of the kick that comes before n; internal, external, total : forces [N]
-    Works: external, internal, damping, of the ground
-    """
-    old, mass, free = load(particles.v, k, p), load(particles.mass, 0, p), load_truths(particles.free, k, p)
-    inverse = where(mass > 0.0, 1.0 / mass, zeros())
-    new = held_velocity(p, k, old, kicked(old, total * inverse, c_v, c_a), particles)
-    now = madd(part, new - old, old)
-    duration = part * kick_dt
-    way, mean, ground = duration * (0.5 * (old + now)), 0.5 * (old + new), zeros()
-    if has(particles.ground):
-        damping, ground = works_of_motion(
-            p, k, old, now, duration, way, external + internal, mean, zeta, particles
-        )
-        return now, way * external, way * internal, damping, ground
-    damping = way * (zeta * damped_mass(p, particles) * mean)
-    return (
-        now,
-        where(free, way * external, zeros()),
-        where(free, way * internal, zeros()),
-        where(free, damping, zeros()),
-        ground,
-    )
+    scratch: Scratch
 
 
 @inner_kernel
@@ -114,57 +88,74 @@ def particle_energies(first, last, before, part, kick_dt, zeta, share, subject, 
 
     part : share of the kick that comes before n, 1/2 between equal steps
     """
+    particles, scratch = subject.particles, room.scratch
+    length = scratch.near.shape[0] - LANES
+    for low in range(first, last, length):
+        high = min(low + length, last)
+        for k in range(3):
+            for p in range(low, high):
+                scratch.f[k, p - low] = room.f_int[k, p]
+        total_forces(low, high, False, kick_dt, zeta, share, subject.traits, particles.x, particles, scratch)
+        energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room)
+
+
+@inner_kernel
+def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
+    """The same of particles whose forces are in the scratch."""
     particles, traits, velocity, terms = subject.particles, subject.traits, room.velocity, room.terms
     h = 0.5 * zeta * kick_dt
-    c_v, c_a = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h)
-    end = last - before
-    for p in range(first, last, LANES):
-        i = p - before
-        nx, ny, nz = load(room.f_int, 0, p), load(room.f_int, 1, p), load(room.f_int, 2, p)
-        ex, ey, ez = external_forces(p, share, True, traits, particles)
-        tx, ty, tz, pull = nx + ex, ny + ey, nz + ez, zeros()
-        if has(particles.ground):
-            tx, ty, tz = (
-                with_ground(p, 0, tx, zeta, particles),
-                with_ground(p, 1, ty, zeta, particles),
-                with_ground(p, 2, tz, zeta, particles),
-            )
-        if has(particles.air) or has(particles.air_mass):
-            tx, ty, tz, pull = with_air(p, tx, ty, tz, kick_dt, zeta, share, particles)
-        if has(particles.turned):
-            tx, ty = off_guide(load(particles.turned, 0, p), load(particles.turned, 1, p), tx, ty)
-        vx, ax, bx, cx, dx = energies_along(
-            p, 0, nx, ex, tx, part, c_v, c_a, kick_dt, zeta, particles
-        )
-        vy, ay, by, cy, dy = energies_along(
-            p, 1, ny, ey, ty, part, c_v, c_a, kick_dt, zeta, particles
-        )
-        vz, az, bz, cz, dz = energies_along(
-            p, 2, nz, ez, tz, part, c_v, c_a, kick_dt, zeta, particles
-        )
-        put(i, end, velocity, 0, vx)
-        put(i, end, velocity, 1, vy)
-        put(i, end, velocity, 2, vz)
-        half = 0.5 * load(particles.mass, 0, p)
-        put(i, end, terms, 0, madd(half, vz * vz, madd(half, vy * vy, half * (vx * vx))))
+    c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
+    ground, scratch, other = has(particles.ground), room.scratch, particles.other_work
+    for p in range(low, high, LANES):
+        i, row, mass = p - low, p - before, load(particles.mass, 0, p)
+        per_mass = where(mass > 0.0, 1.0 / mass, zeros())
+        kinetic, external, internal, damping, support = zeros(), zeros(), zeros(), zeros(), zeros()
+        of_air, of_band = zeros(), zeros()
+        along = force_along_guides(p, i, scratch.total, particles)
         if has(particles.work):
-            put(i, end, terms, 1, load(particles.work, 2, p) + cx + cy + cz)
-            put(i, end, terms, 2, load(particles.work, 0, p) + ax + ay + az)
-            put(i, end, terms, 3, -(load(particles.work, 1, p) + bx + by + bz))
-        else:
-            for k in range(1, 4):
-                put(i, end, terms, k, zeros() + math.nan)
-        if has(particles.other_work):
-            v, along, air = particles.v, zeros(), load(particles.other_work, 0, p)
-            tx, ty, tz = load(v, 0, p) + vx, load(v, 1, p) + vy, load(v, 2, p) + vz  # twice the mean
+            external, internal = load(particles.work, 0, p), load(particles.work, 1, p)
+            damping = load(particles.work, 2, p)
+        if has(other):
+            support = load(other, 2, p)
+        for k in range(3):
+            n, e, old = load(scratch.f, k, i), load(scratch.external, k, i), load(particles.v, k, p)
+            total, free = (
+                free_force(k, p, i, scratch.total, along, particles),
+                load_truths(particles.free, k, p),
+            )
+            held = load(particles.ground, k, p) if ground else old
+            new = where(free, kicked(old, total * per_mass, c_v, c_a), held)
+            now, mean = madd(part, new - old, old), 0.5 * (old + new)
+            way, twice = duration * (0.5 * (old + now)), old + now
+            if ground:
+                of_damping, of_ground = works_of_motion(
+                    p, k, old, now, duration, way, e + n, mean, zeta, particles
+                )
+                external, internal = external + way * e, internal + way * n
+                damping, support = damping + of_damping, support + of_ground
+            else:
+                external = external + where(free, way * e, zeros())
+                internal = internal + where(free, way * n, zeros())
+                damping = damping + where(free, way * (zeta * damped_mass(p, particles) * mean), zeros())
             if has(room.f_band):
-                fx, fy, fz = load(room.f_band, 0, p), load(room.f_band, 1, p), load(room.f_band, 2, p)
-                along = madd(tx, fx, madd(ty, fy, tz * fz))
+                of_band = madd(twice, load(room.f_band, k, p), of_band)
             if has(particles.air):
-                air = air + air_work(p, part * kick_dt, pull, tx, ty, tz, particles)
-            put(i, end, terms, 4, air)
-            put(i, end, terms, 5, load(particles.other_work, 1, p) - 0.5 * part * kick_dt * along)
-            put(i, end, terms, 6, load(particles.other_work, 2, p) + dx + dy + dz)
+                of_air = fma(load(particles.air, k, p), twice, of_air)
+            kinetic = madd(0.5 * mass, now * now, kinetic)
+            put(row, end, velocity, k, now)
+        if not has(particles.work):
+            external = internal = damping = zeros() + math.nan
+        put(row, end, terms, 0, kinetic)
+        put(row, end, terms, 1, damping)
+        put(row, end, terms, 2, external)
+        put(row, end, terms, 3, -internal)
+        if has(other):
+            air = load(other, 0, p)
+            if has(particles.air):
+                air = air + air_work(i, duration, of_air, scratch)
+            put(row, end, terms, 4, air)
+            put(row, end, terms, 5, load(other, 1, p) - 0.5 * duration * of_band)
+            put(row, end, terms, 6, support)
 
 
 @inner_kernel

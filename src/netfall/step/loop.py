@@ -17,8 +17,6 @@ It is compiled once for all scenes: what a scene has is looked up in its arrays,
 
 from typing import NamedTuple
 
-import numpy as np
-
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, has, i8, u1, whole
 from netfall.mechanics.air import RelativeWind, set_air, set_drag
@@ -39,8 +37,9 @@ from netfall.parallel.halo import (
     wait_for_neighbours,
 )
 from netfall.parallel.mpi_calls import lap
-from netfall.step.forces import Scratch, chunk_forces, move_chunk, move_halo
+from netfall.step.forces import Scratch, chunk_forces
 from netfall.step.limits import is_any_over, look_closer
+from netfall.step.motion import ALIKE, move_chunk, move_halo
 from netfall.step.rows import Rows, is_due, make_row
 from netfall.step.slots import collect_elements, follow_slips
 from netfall.step.tear import break_elements
@@ -105,7 +104,7 @@ class Spare(Record):
 class Work(Record):
     """What the loop works on, see `plan.Plan`; absent is what a scene does not have.
 
-    traits : bits of what the rank has, of `forces`; y : (3, n) [m] positions, in turn with those of `particles`
+    traits : bits of what the rank has, of `motion`; y : (3, n) [m] positions, in turn with those of `particles`
     bends : joints of chains that bend; breaks : 1 where elements may break
     seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
     """
@@ -198,9 +197,9 @@ def step_chunks(x, y, kick_dt, zeta, share, dt, work):
         low, high = chunks.low[c], chunks.high[c]
         if high == low:
             continue
-        near = chunk_forces(c, traits, x, chunks, slots, law, scratch)
+        near = chunk_forces(c, traits & ALIKE, x, chunks, slots, law, scratch)
         keeps = near or c < chunks.boundary
-        move_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, law, scratch)
+        move_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
         if near:
             count = look_closer(c, count, x, scratch.near, chunks, elements, slots, law)
         if c == chunks.boundary - 1:
@@ -267,9 +266,7 @@ def time_loop(
         x, y, turned = y, x, not turned
         if has(work.places.node):
             drift_slips(dt, work.places, particles)
-            follow_slips(
-                work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots
-            )
+            follow_slips(work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots)
         lap(seconds, INTEGRATION, mark, buffers)
         if count > 0:
             if trial:

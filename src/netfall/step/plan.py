@@ -8,14 +8,14 @@ from netfall.ground.columns import columns
 from netfall.mechanics.air import RelativeWind
 from netfall.mechanics.bending import Joints
 from netfall.mechanics.events import events_with_room
-from netfall.mechanics.fields import SLOTS
 from netfall.mechanics.fracture import FractureRules, Fractures
 from netfall.mechanics.ground import Ground
 from netfall.mechanics.slip.motion import Places
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo, check
-from netfall.step.forces import GENERAL, PART_HELD, RARE, SIDEWAYS, Scratch
+from netfall.step.forces import Scratch
 from netfall.step.loop import Chunks, Interval, Spare, Work, collect_now, time_loop
+from netfall.step.motion import ALIKE, PART_HELD, RARE, SIDEWAYS
 from netfall.step.rows import no_rows
 from netfall.step.slots import fill_slots
 
@@ -36,14 +36,22 @@ def halo_width(state: State) -> int:
 
 
 def traits_of(state: State) -> int:
-    """What a rank has, as bits of `step.forces`: they decide which variant of a kernel runs."""
+    """What a rank has, as bits of `motion`: they decide which variant of a kernel runs."""
     f, s, law = state.features, state, state.law
     alike = law.alike and not (f.bars or f.buckling or f.band or law.logarithmic)
     rare = f.varying or f.drags or f.springs or f.turned or f.motion or f.part_held
     rare = rare or f.air or f.air_mass or f.bending or f.band
     sideways = bool(s.load[:, :2].any())
     part_held = f.part_held or f.motion
-    return GENERAL * (not alike) | RARE * bool(rare) | SIDEWAYS * sideways | PART_HELD * part_held
+    return ALIKE * bool(alike) | RARE * bool(rare) | SIDEWAYS * sideways | PART_HELD * part_held
+
+
+def make_scratch(state: State) -> Scratch:
+    """Room for the forces on the particles of a chunk."""
+    forces = lambda: columns(3, CHUNK + LANES, float)
+    band = forces() if state.features.band else empty(f8_2)
+    near = np.zeros(CHUNK + LANES, np.uint8)
+    return Scratch(forces(), band, near, forces(), forces(), np.zeros(CHUNK + LANES))
 
 
 class Plan:
@@ -66,12 +74,7 @@ class Plan:
         self.halo, self.boundary, self.rules, self.rows, self.ground = halo, len(before), rules, rows, ground
         self._low = np.concatenate([before, after])
         self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
-        forces = lambda: columns(3, CHUNK + LANES, float)
-        self.scratch = Scratch(
-            forces(),
-            forces() if state.features.band else empty(f8_2),
-            np.zeros(CHUNK + LANES, np.uint8),
-        )
+        self.scratch = make_scratch(state)
         valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
         self._width = np.zeros(len(self._low), np.int64)
         chunk = np.searchsorted(self._low, np.arange(state.n_owned), side="right") - 1

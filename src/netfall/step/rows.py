@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
-from netfall.core.records import Record, f8, f8_2, f8_3, has, i8, i8_2, i8_3, real, whole
+from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, i8_3, real, whole
 from netfall.core.vectors import bits_of, number_of
 from netfall.mechanics.bending import joint_moment
 from netfall.step.audit import Room, Subject, observe
@@ -83,7 +83,9 @@ class Rows(Record):
 
 def no_rows() -> Rows:
     """Where none are made."""
-    return Rows.absent().replaced(made=np.zeros(2, np.int64), every=1 << 62, last=np.zeros(1, np.int64), dt=1.0)
+    return Rows.absent().replaced(
+        made=np.zeros(2, np.int64), every=1 << 62, last=np.zeros(1, np.int64), dt=1.0
+    )
 
 
 @part_of_kernel
