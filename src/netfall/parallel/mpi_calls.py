@@ -1,7 +1,7 @@
 """What compiled code calls of the MPI library, by the addresses of its functions; ordered memory access.
 
 A request or a communicator is a pointer in Open MPI, and an integer of 32 bits in MPICH. Which of the two
-there is, the last number of the addresses tells.
+there is, the last number of the addresses tells. All are handed on in 64 bits, as registers are.
 """
 
 import ctypes
@@ -13,13 +13,13 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from netfall.core.kernels import inner_kernel
+from netfall.core.kernels import calling, inner_kernel
 from netfall.core.records import has
 from netfall.parallel.mpi import MISSING, MPI
 
 START_ALL, WAIT_ALL, PROBE, CLOCK, YIELD, MPICH = range(6)  # places in `functions`
 ANY_SOURCE, UNUSED_TAG = int(MPI.ANY_SOURCE), 1
-INT, WORD, POINTER = ir.IntType(32), ir.IntType(64), ir.IntType(8).as_pointer()
+WORD = ir.IntType(64)
 
 
 @cache
@@ -57,35 +57,7 @@ def handle(made) -> int:
     return MPI._handleof(made)
 
 
-def _call(result, *kinds):
-    """Intrinsic that calls what stands at an address. result, kinds : of llvmlite"""
-
-    @intrinsic
-    def call(typing, address, arguments):
-        """Call the function at an address with a tuple of whole numbers."""
-
-        def code(context, builder, signature, values):
-            function = builder.inttoptr(values[0], ir.FunctionType(result, kinds).as_pointer())
-            given = [builder.extract_value(values[1], k) for k in range(len(kinds))]
-            narrowed = [
-                builder.trunc(one, kind) if kind == INT else builder.inttoptr(one, kind) if kind == POINTER else one
-                for one, kind in zip(given, kinds)
-            ]
-            found = builder.call(function, narrowed)
-            return builder.sext(found, WORD) if result == INT else found
-
-        number = types.float64 if result == ir.DoubleType() else types.int64
-        return number(types.uint64, arguments), code
-
-    return call
-
-
-_start = _call(INT, INT, POINTER)
-_wait = _call(INT, INT, POINTER, POINTER)
-_probe = _call(INT, INT, INT, POINTER, POINTER, POINTER)
-_probe_of_mpich = _call(INT, INT, INT, INT, POINTER, POINTER)
-_clock = _call(ir.DoubleType())
-_yield = _call(INT)
+call, clock = calling(types.int32), calling(types.float64)
 
 
 @inner_kernel
@@ -97,30 +69,27 @@ def count_of(functions, requests):
 @inner_kernel
 def start_all(functions, requests):
     """MPI_Startall; its error code. requests : (bytes,)"""
-    return _start(functions[START_ALL], (count_of(functions, requests), requests.ctypes.data))
+    return call(functions[START_ALL], (count_of(functions, requests), requests.ctypes.data))
 
 
 @inner_kernel
 def wait_all(functions, requests):
     """MPI_Waitall without statuses; its error code. requests : (bytes,)"""
     ignore = functions[MPICH]  # MPI_STATUSES_IGNORE: null, 1 in MPICH
-    return _wait(functions[WAIT_ALL], (count_of(functions, requests), requests.ctypes.data, ignore))
+    return call(functions[WAIT_ALL], (count_of(functions, requests), requests.ctypes.data, ignore))
 
 
 @inner_kernel
 def look_for_messages(functions, comm):
     """MPI_Iprobe, which moves messages on; its error code."""
     found = np.zeros(1, np.int64)
-    ignore, address = functions[MPICH], found.ctypes.data
-    if functions[MPICH] != 0:
-        return _probe_of_mpich(functions[PROBE], (ANY_SOURCE, UNUSED_TAG, comm, address, ignore))
-    return _probe(functions[PROBE], (ANY_SOURCE, UNUSED_TAG, comm, address, ignore))
+    return call(functions[PROBE], (ANY_SOURCE, UNUSED_TAG, comm, found.ctypes.data, functions[MPICH]))
 
 
 @inner_kernel
 def yield_processor(functions):
     """Let others have the processor."""
-    _yield(functions[YIELD], (0,))
+    call(functions[YIELD], (0,))
 
 
 @intrinsic
@@ -149,7 +118,7 @@ def lap(seconds, k, since, buffers):
     """Add the time since a lap began to seconds[k] [s]; when the next begins. seconds absent: not timed."""
     if not has(seconds):
         return 0.0
-    now = _clock(buffers.functions[CLOCK], (0,))
+    now = clock(buffers.functions[CLOCK], (0,))
     if k >= 0:
         seconds[k] += now - since
     return now

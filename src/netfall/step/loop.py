@@ -17,8 +17,8 @@ It is compiled once for all scenes: what a scene has is looked up in its arrays,
 
 from typing import NamedTuple
 
-from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.records import Record, f8, f8_2, has, i8, u1, whole
+from netfall.core.kernels import call, inner_kernel, kernel, routine
+from netfall.core.records import Record, f8, f8_2, has, i8, real, u1, whole
 from netfall.mechanics.air import RelativeWind, set_air, set_drag
 from netfall.mechanics.bending import Joints, add_bending_forces, clear_bending_forces
 from netfall.mechanics.events import StepDone
@@ -40,7 +40,7 @@ from netfall.parallel.mpi_calls import lap
 from netfall.step.forces import Scratch, chunk_forces
 from netfall.step.limits import is_any_over, look_closer
 from netfall.step.motion import ALIKE, move_chunk, move_halo
-from netfall.step.rows import Rows, is_due, make_row
+from netfall.step.rows import Rows, is_due
 from netfall.step.slots import collect_elements, follow_slips
 from netfall.step.tear import break_elements
 
@@ -107,6 +107,7 @@ class Work(Record):
     traits : bits of what the rank has, of `motion`; y : (3, n) [m] positions, in turn with those of `particles`
     bends : joints of chains that bend; breaks : 1 where elements may break
     seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
+    step_chunks, make_row, tear : addresses of these routines
     """
 
     traits: whole
@@ -127,13 +128,9 @@ class Work(Record):
     rows: Rows
     buffers: HaloBuffers
     seconds: f8
-
-
-@inner_kernel
-def step_done(first, s, dt, stride):
-    """Step number s of an interval."""
-    number = first + s
-    return StepDone(number * dt, number * stride, dt)
+    step_chunks: whole
+    make_row: whole
+    tear: whole
 
 
 @inner_kernel
@@ -187,9 +184,15 @@ def begin_step(time, before_dt, dt, kick_dt, zeta, share, anew, work):
         set_drag(kick_dt, share, work.relative, particles)
 
 
-@inner_kernel
-def step_chunks(x, y, kick_dt, zeta, share, dt, work):
-    """Step the particles that this rank owns from x to y, and send; elements to break, MPI's error code."""
+@routine(whole, real, real, real, real, Work.kind)
+def step_chunks(turned, kick_dt, zeta, share, dt, work):
+    """Step the particles that this rank owns, and send; elements that are to break, or -MPI's error code.
+
+    turned : whether x(n) stands in the second array, and x(n+1) goes to the first
+    """
+    x, y = work.particles.x, work.y
+    if turned:
+        x, y = y, x
     chunks, particles, elements, slots, law = work.chunks, work.particles, work.elements, work.slots, work.law
     scratch, traits, seconds = work.scratch, work.traits, work.seconds
     count, mark = 0, lap(seconds, -1, 0.0, work.buffers)
@@ -207,10 +210,18 @@ def step_chunks(x, y, kick_dt, zeta, share, dt, work):
             pack_forces(particles, buffer_in_use(work.buffers), work.buffers)
             error = send_buffer(work.buffers)
             if error != 0:
-                return count, error
+                return -error
             mark = lap(seconds, EXCHANGE, mark, work.buffers)
     lap(seconds, FORCES, mark, work.buffers)
-    return count, 0
+    return count
+
+
+@routine(whole, whole, real, whole, Work.kind)
+def tear(count, number, dt, stride, work):
+    """Break elements in the step of a number. count : of those in elements.pending"""
+    when = StepDone(number * dt, number * stride, dt)
+    break_elements(count, when, work.chunks, work.elements, work.slots, work.law, work.fractures)
+    return 0
 
 
 @kernel
@@ -230,8 +241,7 @@ def time_loop(
     in_place = has(work.bends.stiffness) or has(work.places.node)
     tried, kicked_dt = 0, -1.0  # kicked_dt: of the kick before, if nothing broke
     if pending > 0:
-        when = step_done(first, -1, dt, stride)
-        break_elements(pending, when, chunks, work.elements, work.slots, work.law, work.fractures)
+        call(work.tear, (pending, first - 1, dt, stride, work))
     done = steps
     for s in range(max(steps, int(only_row))):
         kick_dt = 0.5 * (before_dt + dt)
@@ -245,7 +255,7 @@ def time_loop(
         if due:
             mark = lap(seconds, -1, 0.0, buffers)
             collect(work)
-            make_row(n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows)
+            call(work.make_row, (n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows))
             lap(seconds, ROWS, mark, buffers)
         if only_row:
             break
@@ -254,10 +264,9 @@ def time_loop(
         begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt, work)
         before_dt, kicked_dt = dt, kick_dt
         place = buffer_in_use(buffers)
-        count, error = step_chunks(x, y, kick_dt, zeta, share, dt, work)
+        count = call(work.step_chunks, (int(turned), kick_dt, zeta, share, dt, work))
         mark = lap(seconds, -1, 0.0, buffers)
-        if error == 0:
-            error = wait_for_neighbours(buffers)
+        error = -count if count < 0 else wait_for_neighbours(buffers)
         mark = lap(seconds, EXCHANGE, mark, buffers)
         if error != 0:
             return s, 0, error
@@ -279,8 +288,7 @@ def time_loop(
                 done = s + 1
                 tried = count
                 break
-            when = step_done(first, s, dt, stride)
-            break_elements(count, when, chunks, work.elements, work.slots, work.law, work.fractures)
+            call(work.tear, (count, n, dt, stride, work))
             kicked_dt = -1.0  # masses have changed
     if turned:
         copy_positions(work.spare.rows[0], x, y)

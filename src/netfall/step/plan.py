@@ -14,9 +14,9 @@ from netfall.mechanics.slip.motion import Places
 from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo, check
 from netfall.step.forces import Scratch
-from netfall.step.loop import Chunks, Interval, Spare, Work, collect_now, time_loop
+from netfall.step.loop import Chunks, Interval, Spare, Work, collect_now, step_chunks, tear, time_loop
 from netfall.step.motion import ALIKE, PART_HELD, RARE, SIDEWAYS
-from netfall.step.rows import no_rows
+from netfall.step.rows import make_row, no_rows
 from netfall.step.slots import fill_slots
 
 MOVING = (  # where nothing breaks
@@ -123,6 +123,9 @@ class Plan:
             rows=self.rows.of(state) if self.rows else no_rows(),
             buffers=self.halo.buffers,
             seconds=empty(f8),
+            step_chunks=step_chunks.address,
+            make_row=make_row.address,
+            tear=tear.address,
         )
 
     def _chunks_of(self, state: State) -> Chunks:

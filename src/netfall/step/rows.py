@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, i8_3, real, whole
 from netfall.core.vectors import bits_of, number_of
 from netfall.mechanics.bending import joint_moment
@@ -101,7 +101,7 @@ def is_due(number, rows):
     return has_row(number, rows) or number - rows.last[0] >= rows.every
 
 
-@inner_kernel
+@routine(whole, real, real, real, real, real, Rows.kind)
 def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
     """The row of a step, within the time loop: into the table, and taken in by the envelope; or that alone.
 
@@ -111,6 +111,7 @@ def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
     share = (number * rows.dt - sample_time) / sample_dt
     observe(before_dt, dt, zeta, share, due, rows.subject, rows.room)
     take_row(number, before_dt if before_dt > 0.0 else dt, due, rows)
+    return 0
 
 
 @inner_kernel
