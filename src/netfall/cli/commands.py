@@ -4,6 +4,7 @@ What a command needs it imports itself: `info`, `plot` and `report` work where t
 word on the command line is answered before anything is loaded.
 """
 
+import os
 from pathlib import Path
 
 import netfall
@@ -70,12 +71,15 @@ def run(arguments) -> None:
     from netfall.ground.stop import StopRequest
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
+    from netfall.program.compile import compile_first
     from netfall.program.run import run_job
 
     stop = StopRequest(arguments.walltime)
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
     path = arguments.output or Path(f"{job.name}.vtkhdf")
+    if comm.size > 1:
+        compile_first(comm)
     run_job(comm, job, path, progress, arguments.restart, stop, arguments.profile)
 
 
@@ -98,6 +102,19 @@ def _check_same_options(given: list[dict]) -> None:
 def _words(value) -> str:
     """Return the value of an option as it is typed."""
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def compile(arguments) -> None:
+    """netfall compile"""
+    from netfall.parallel.alone import start_alone
+
+    start_alone()
+    from netfall.core.cache import FOLDER
+    from netfall.program.compile import compile_all, turn
+
+    with turn():
+        compile_all(tell)
+    tell(f"kept in {os.environ[FOLDER]}")
 
 
 def info(arguments) -> None:

@@ -11,7 +11,7 @@ from netfall.ground.text_tables import rows_of
 
 VERBS = (
     *("check", "partition", "run", "info", "plot", "view", "report", "scale", "trade", "study"),
-    *("import", "export", "init"),
+    *("import", "export", "init", "compile"),
 )
 # A command, and what it takes before its options, JOB (with --set) or RESULT; what it does.
 # Below it its words and options: name, and the attribute where that has another; kind, or choices; value in
@@ -96,6 +96,7 @@ drawing | Path | FILE | |
 --time | time | T | | the state at this time [s], or end for the last (default: the form)
 --case | str | NAME | | the equilibrium of a case or combination (default: the form)
 --unit | m,cm,mm | | m | of a drawing (default: m)
+/compile | compile what ordinary runs need (a minute); without it a first run does
 """
 EXAMPLES = """
 netfall init roof.toml
@@ -124,6 +125,7 @@ netfall import plan.dxf -o plan --split --tolerance 5e-3
 netfall export roof.vtkhdf -o roof.dxf
 netfall export roof.vtkhdf -o collapse.vtu --time 4.2
 netfall export roof.vtkhdf -o roof.tcl
+netfall compile
 """
 
 
@@ -179,6 +181,6 @@ def _add(verb, name: str, kind: str, what: str, default: str, text: str) -> None
 
 def shown(verb: str) -> str:
     """The examples of a command as they stand below its options."""
-    lines = [line for line in EXAMPLES.splitlines() if f"netfall {verb} " in line]
+    lines = [line for line in EXAMPLES.splitlines() if f"netfall {verb} " in f"{line} "]
     title = "examples:" if len(lines) > 1 else "example:"
     return "\n".join([title, *(f"  {line}" for line in lines)]) if lines else ""

@@ -55,12 +55,14 @@ def serve() -> None:
     from netfall.job.memory import Memory
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
+    from netfall.program.compile import compile_first
     from netfall.program.member import net_of, run_member
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a study that is interrupted ends its workers itself
     tasks = comm.Dup()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves
+    compile_first(comm)  # of several workers too the first compiles
     if comm.rank == 0:
         print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
     memory = Memory(REMEMBERED)

@@ -1,0 +1,111 @@
+"""Compiling the kernels before they are needed: `netfall compile`, and the first run on several ranks.
+
+Small jobs go through the stages of ordinary runs, and numba keeps what it compiles for them. What rarer jobs
+have besides (slips, joints that bend) is compiled when they are run.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import llvmlite.binding
+import numba
+
+from netfall.core.cache import FOLDER
+from netfall.ground.progress import Progress
+from netfall.job.read import read_job
+from netfall.parallel.agree import wait_asleep
+from netfall.parallel.mpi import MPI
+from netfall.program.run import run_job
+
+PATIENCE = 300.0  # s for which a process waits for another one that compiles
+NET = """
+[net]
+generator = "saddle"
+side = 24.0
+rise = 3.0
+cells = {cells}
+[cable]
+modulus = 1.6e11
+area = 400e-6
+density = 7850.0
+prestress = 60e3
+yield_stress = 1e9
+fracture_strain = 0.03
+[form_finding]
+[load]
+dead = 300.0
+steps = 2
+"""
+CASE = '[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n[output]\nmodes = 1\n'
+MOTION = """
+[wind]
+speed = 20.0
+turbulence = 0.2
+shape_coefficient = -1.0
+base_height = 10.0
+[[remove]]
+elements = [20]
+time = 0.01
+[dynamics]
+duration = 0.02
+[output]
+frames = 2
+history = 0.01
+"""
+GROUPS = {  # what is compiled, and a job that needs it
+    "forms, loads, equilibria, modes": NET.format(cells=4) + CASE,
+    "equilibria of larger nets": NET.format(cells=12),
+    "wind, motion, yield, fracture": NET.format(cells=4) + MOTION,
+}
+
+
+def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
+    """Compile what ordinary runs need, or load it; say for each group how long it took."""
+    with tempfile.TemporaryDirectory(prefix="netfall-", ignore_cleanup_errors=True) as folder:
+        for name, text in GROUPS.items():
+            begin, job = time.perf_counter(), Path(folder, "job.toml")
+            job.write_text(text)
+            run_job(MPI.COMM_SELF, read_job(job), Path(folder, "job.vtkhdf"), Progress(False))
+            say(f"{name}: {time.perf_counter() - begin:.1f} s")
+    marker().touch()
+
+
+def compile_first(comm: MPI.Comm) -> None:
+    """Where kernels are missing, one rank of each node compiles them before any goes on. Collective."""
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    if node.rank == 0 and FOLDER in os.environ and not marker().exists():
+        with contextlib.suppress(Exception), turn():  # if it fails, each rank compiles what it needs
+            if not marker().exists():
+                compile_all()
+    wait_asleep(comm)
+    node.Free()
+
+
+def marker() -> Path:
+    """The file that says that all is compiled, by this numba for this processor."""
+    host = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
+    name = hashlib.sha256(repr((numba.__version__, sys.version, *host)).encode()).hexdigest()[:16]
+    return Path(os.environ[FOLDER], f"compiled-{name}")
+
+
+@contextlib.contextmanager
+def turn():
+    """One process at a time, the others wait for a while; where there are no locks, all at once."""
+    end = time.monotonic() + PATIENCE
+    with open(Path(os.environ[FOLDER], "compiling"), "a") as file:
+        while time.monotonic() < end:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(0.05)
+            except OSError:
+                break
+        yield
