@@ -11,6 +11,10 @@ import pytest
 from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
+from netfall.core.cache import choose_folder
+
+choose_folder()  # of compiled kernels: here, and in what is started
+
 # As it was before any MPI start-up in this process: mpirun fails silently with more.
 # Ranks of two tests share the cores, so they do not wait in busy loops. Warnings are errors, as in the tests.
 # What Python makes of its sources is kept, whatever is asked for: that is a quarter of each start of netfall.
