@@ -124,9 +124,8 @@ class _Absent:
         words = sum(1 + one.ndim if isinstance(one, types.Array) else 1 for one in kind.fields.values())
         self._table = np.zeros(max(words, 1), np.uint64)
         self._parts = [empty(one) for one in kind.fields.values() if isinstance(one, RecordType)]
-        for (name, one), part in zip(
-            ((n, o) for n, o in kind.fields.items() if isinstance(o, RecordType)), self._parts
-        ):
+        names = [name for name, one in kind.fields.items() if isinstance(one, RecordType)]
+        for name, part in zip(names, self._parts):
             self._table[kind.places[name]] = part.address
         self.address = self._table.__array_interface__["data"][0]
 

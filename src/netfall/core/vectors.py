@@ -60,8 +60,8 @@ def _operator(function, make, result=None):
     def kind(context):
         def of(a, b):
             like = next((k for k in (a, b) if isinstance(k, Vector)), None)
-            if like is not None and like.kind in make:
-                return result or like
+            known = like is not None and like.kind in make
+            return (result or like) if known else None
 
         return of
 
@@ -95,8 +95,7 @@ def _unary(function, make):
     @type_callable(function)
     def kind(context):
         def of(a):
-            if isinstance(a, Vector):
-                return a
+            return a if isinstance(a, Vector) else None
 
         return of
 
@@ -359,7 +358,7 @@ def gather(typing, array, row, other, s, p):
 
 @intrinsic
 def are_consecutive(typing, other, s, p):
-    """Whether the indices in row s of `other` for p to p + LANES count up by one: then `load` gets them all."""
+    """Whether the indices in row s of `other` for p to p + LANES count up by one, for `load`."""
 
     def code(context, builder, signature, values):
         kind, index = ir.VectorType(ir.IntType(32), LANES), ir.IntType(32)

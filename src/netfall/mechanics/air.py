@@ -20,6 +20,7 @@ with the wind velocity u at its place in the net as it starts. It is external, a
 """
 
 import math
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
@@ -30,7 +31,7 @@ from netfall.mechanics.motion import inverse_mass
 
 @inner_kernel
 def set_air(kick_dt, zeta, particles):
-    """Write |U| / (1 + h + a) of `step.forces.with_air`, signed as U, at both samples of the wind; kick_dt : [s].
+    """Write |U| / (1 + h + a) of `step.motion.add_air_damping`, signed as U, at both samples; kick_dt : [s].
 
     Between them it is linear in time, as U is: that is the implicit damping of a speed between theirs, and so
     stable too. How far it is off stands in jobs/METHOD.md.
@@ -72,10 +73,7 @@ def set_drag(kick_dt, share, relative, particles):
     v, drag = particles.v, particles.drag
     for i in range(relative.rows.shape[0]):
         p = relative.rows[i]
-        if not has(relative.steady):
-            speed = wind_speed(p, particles, share)
-        else:
-            speed = relative.steady[i]
+        speed = relative.steady[i] if has(relative.steady) else wind_speed(p, particles, share)
         wx, wy, wz = speed * relative.along_x - v[0, p], speed * relative.along_y - v[1, p], -v[2, p]
         k = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
         k /= 1.0 + k * kick_dt * particles.per_mass[p]

@@ -4,6 +4,7 @@ The step does not use them (`netfall.step`): they serve form finding, statics, t
 """
 
 import math
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel

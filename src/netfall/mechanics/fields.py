@@ -185,7 +185,7 @@ def fields_of(entity: str) -> tuple[Field, ...]:
 
 
 def _record(name: str, entity: str) -> type[Record]:
-    """The record of an entity's arrays; of particles and slots a column stands in a row: (axes, particles)."""
+    """The record of an entity's arrays; those of particles and slots are (axes or slots, particles)."""
     kinds = {}
     for field in fields_of(entity):
         axes = 2 if field.tail or entity == "slot" else 1

@@ -21,6 +21,7 @@ All of this is compiled, and called by the time loop (`step/tear.py`), which the
 """
 
 import math
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
@@ -142,9 +143,8 @@ def split_particles(e, when, elements, law, fractures):
     elements.broken[e] = 1
     if has(elements.eps_c):
         elements.eps_c[e] = -np.inf
-    if has(elements.yield_force):
-        if elements.yield_force[e] < np.inf:
-            never_again(e, elements)
+    if has(elements.yield_force) and elements.yield_force[e] < np.inf:
+        never_again(e, elements)
     half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE)
     mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
     weight = rules.gravity * (half * rules.own_weighs + (mass - half) * rules.carried_weighs)

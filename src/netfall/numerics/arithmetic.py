@@ -1,9 +1,7 @@
-"""Inverse root, logarithm, exponential and angle, for vector registers or a number at a time.
+"""Logarithm, exponential and angle, for vectors or a number at a time.
 
-A processor's own root and division together take some 35 cycles for a register, four times as long as all
-the rest of an element; a guess and two rounds of fused multiply-add take seven, and give the same bits on
-every processor. The logarithm of the mathematical library works on one number at a time. Both are right to
-two units in the last place (tests/test_arithmetic.py), the angle to five.
+The logarithm of the mathematical library works on one number at a time, and has other bits on another
+machine. The one here is right to two units in the last place (tests/test_arithmetic.py), the angle to five.
 """
 
 import math
@@ -16,7 +14,6 @@ from netfall.numerics.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
 FOLD = 1e-6  # least sine of an angle near pi, beyond which psi / sin psi is that of this sine
-GUESS = np.int64(0x5FE6EB50C7B537A9)  # less half the bits of a number: its inverse root within 3.5 %
 
 
 fused = fma
@@ -26,20 +23,6 @@ fused = fma
 def dot(a, b):
     """Product of two vectors, three each."""
     return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
-
-
-@part_of_kernel
-def inverse_root(a):
-    """1 / sqrt(a) of a > 0, at least 1e-300; nan for infinity and nan.
-
-    With the error e = 1 - a y^2 of a guess y, 1 / sqrt(a) = y (1 - e)^(-1/2); its series up to e^3 leaves
-    35/128 e^4, twice: 6e-6, 6e-21.
-    """
-    y = number_of(GUESS - (bits_of(a) >> 1))
-    for _ in range(2):
-        e = fused(-(a * y), y, 1.0)
-        y = fused(y * e, fused(fused(0.3125, e, 0.375), e, 0.5), y)
-    return y
 
 
 @part_of_kernel
@@ -59,7 +42,7 @@ def logarithm(a):
     for n in range(8, 0, -1):
         series = fused(series, z, 1.0 / (2 * n + 1))
     # ln m = f - f^2/2 + ..., written as f - s (f - 2 z series): its first term is exact
-    return fused(whole, LN2_HIGH, f - (s * (f - 2.0 * z * series) - whole * LN2_LOW))
+    return fused(whole, LN2_HIGH, f - fused(s, fused(-2.0 * z, series, f), -whole * LN2_LOW))
 
 
 @part_of_kernel

@@ -11,6 +11,7 @@ been read.
 """
 
 import os
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel

@@ -1,4 +1,4 @@
-"""The motion of a particle and the forces on it, along one axis or as three numbers.
+"""The motion of a particle along one axis.
 
 Central difference in half-step velocities; damping is implicit in the mean velocity:
 
@@ -10,34 +10,32 @@ from types import SimpleNamespace
 
 def make(target) -> SimpleNamespace:
     """The functions, compiled for a target."""
-    inline, fma, madd = target.inline, target.fma, target.madd
-
-    @inline
-    def dot(ax, ay, az, bx, by, bz):
-        """Product of two vectors."""
-        return fma(az, bz, fma(ay, by, ax * bx))
+    inline, fma = target.inline, target.fma
 
     @inline
     def between(before, after, share):
         """The value `share` of the way between two samples."""
-        return madd(share, after - before, before)
+        return fma(share, after - before, before)
 
     @inline
     def kicked(v, a, c_v, c_a):
         """v(n+1/2) [m/s] of v(n-1/2) and the acceleration a [m/s2]; c_v, c_a : factors of the kick."""
-        return madd(c_v, v, c_a * a)
+        return fma(c_a, a, c_v * v)
 
     @inline
-    def off_guide(nx, ny, fx, fy):
-        """Of a force in plan [N] what is across a unit vector (nx, ny), along which a support holds."""
-        along = madd(nx, fx, ny * fy)
-        return madd(-along, nx, fx), madd(-along, ny, fy)
+    def moved(x, v, dt):
+        """x(n+1) [m]."""
+        return fma(dt, v, x)
 
     @inline
-    def air_pull(size, half, cx, cy, cz, fx, fy, fz, vx, vy, vz):
-        """Force of the air's damping over -c; half : kick dt / 2 mass; (fx, ..) [N] all other forces."""
-        return size * fma(half, dot(cx, cy, cz, fx, fy, fz), dot(cx, cy, cz, vx, vy, vz))
+    def works_of_motion(mass, damped, zeta, ground, old, new, mean, duration):
+        """Works [J] on the way where supports move, as factors of what the loop adds up.
 
-    return SimpleNamespace(
-        dot=dot, between=between, kicked=kicked, off_guide=off_guide, air_pull=air_pull
-    )
+        The force of the damping [N], the way against the ground [m], and the change of kinetic energy [J].
+        damped : mass on which the damping acts; mean : [m/s] over the whole kick; old, new : begin and end
+        """
+        pull = zeta * damped * (mean - ground)
+        way = fma(-duration, ground, duration * (0.5 * (old + new)))
+        return pull, way, 0.5 * mass * fma(new, new, -(old * old))
+
+    return SimpleNamespace(between=between, kicked=kicked, moved=moved, works_of_motion=works_of_motion)

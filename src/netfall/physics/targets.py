@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from netfall.core import vectors
 from netfall.core.kernels import part_of_kernel
-from netfall.numerics.arithmetic import inverse_root, logarithm
+from netfall.numerics.arithmetic import logarithm
 from netfall.physics import elements, particles
 
 
@@ -13,28 +13,11 @@ class Target(NamedTuple):
 
     inline: object
     fma: object
-    madd: object
-    inverse_root: object
+    sqrt: object
     logarithm: object
     maximum: object
     minimum: object
-    where: object
 
 
-@part_of_kernel
-def _madd(a, b, c):
-    return a * b + c
-
-
-CPU = Target(
-    part_of_kernel,
-    vectors.fma,
-    _madd,
-    inverse_root,
-    logarithm,
-    vectors.maximum,
-    vectors.minimum,
-    vectors.where,
-)
-element = elements.make(CPU)
-particle = particles.make(CPU)
+CPU = Target(part_of_kernel, vectors.fma, vectors.sqrt, logarithm, vectors.maximum, vectors.minimum)
+element, particle = elements.make(CPU), particles.make(CPU)

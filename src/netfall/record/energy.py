@@ -17,9 +17,9 @@ from netfall.mechanics.air import RelativeWind
 from netfall.mechanics.bending import Joints
 from netfall.mechanics.elements import ElementState
 from netfall.mechanics.fields import OTHER_WORKS
+from netfall.mechanics.slip.motion import Places
 from netfall.mechanics.state import State
 from netfall.parallel.mpi import MPI
-from netfall.mechanics.slip.motion import Places
 from netfall.parallel.sums import LIMBS, rounded_of_all
 from netfall.step.audit import Room, Subject, observe
 from netfall.step.plan import make_scratch, traits_of

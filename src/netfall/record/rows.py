@@ -149,4 +149,6 @@ def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
         pairs = [(row, k) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)]
         found.append(np.array(pairs, np.int64).reshape(-1, 2).T.copy())  # contiguous however many
     (particle, of_particle), (element, of_element) = found
-    return Local(particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element, empty(i8), empty(i8))
+    return Local(
+        particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element, empty(i8), empty(i8)
+    )

@@ -20,18 +20,16 @@ from netfall.mechanics.law.law import Law
 from netfall.mechanics.slip.motion import Places, slip_energies
 from netfall.mechanics.supports import add_springs
 from netfall.parallel.sums import add_exactly, add_term
-from netfall.physics.targets import CPU, particle
+from netfall.physics.targets import particle
 from netfall.step.forces import Scratch
 from netfall.step.motion import (
-    air_work,
     damped_mass,
     force_along_guides,
     free_force,
     total_forces,
-    works_of_motion,
 )
 
-madd, kicked = CPU.madd, particle.kicked
+kicked, works_of_motion = particle.kicked, particle.works_of_motion
 
 
 class Subject(Record):
@@ -102,7 +100,7 @@ def particle_energies(first, last, before, part, kick_dt, zeta, share, subject, 
 @inner_kernel
 def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
     """The same of particles whose forces are in the scratch."""
-    particles, traits, velocity, terms = subject.particles, subject.traits, room.velocity, room.terms
+    particles, velocity, terms = subject.particles, room.velocity, room.terms
     h = 0.5 * zeta * kick_dt
     c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
     ground, scratch, other = has(particles.ground), room.scratch, particles.other_work
@@ -125,23 +123,25 @@ def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
             )
             held = load(particles.ground, k, p) if ground else old
             new = where(free, kicked(old, total * per_mass, c_v, c_a), held)
-            now, mean = madd(part, new - old, old), 0.5 * (old + new)
+            now, mean = fma(part, new - old, old), 0.5 * (old + new)
             way, twice = duration * (0.5 * (old + now)), old + now
+            damped = damped_mass(p, particles)
+            with_e, with_n = fma(way, e, external), fma(way, n, internal)
             if ground:
-                of_damping, of_ground = works_of_motion(
-                    p, k, old, now, duration, way, e + n, mean, zeta, particles
-                )
-                external, internal = external + way * e, internal + way * n
-                damping, support = damping + of_damping, support + of_ground
+                at = load(particles.ground, k, p)
+                pull, against, gained = works_of_motion(mass, damped, zeta, at, old, now, mean, duration)
+                external, internal = with_e, with_n
+                damping = where(free, fma(pull, against, damping), damping)
+                held, drawn = fma(-way, e + n, gained) + support, fma(-pull * duration, at, support)
+                support = where(free, drawn, held)
             else:
-                external = external + where(free, way * e, zeros())
-                internal = internal + where(free, way * n, zeros())
-                damping = damping + where(free, way * (zeta * damped_mass(p, particles) * mean), zeros())
+                external, internal = where(free, with_e, external), where(free, with_n, internal)
+                damping = where(free, fma(way, zeta * damped * mean, damping), damping)
             if has(room.f_band):
-                of_band = madd(twice, load(room.f_band, k, p), of_band)
+                of_band = fma(twice, load(room.f_band, k, p), of_band)
             if has(particles.air):
                 of_air = fma(load(particles.air, k, p), twice, of_air)
-            kinetic = madd(0.5 * mass, now * now, kinetic)
+            kinetic = fma(0.5 * mass, now * now, kinetic)
             put(row, end, velocity, k, now)
         if not has(particles.work):
             external = internal = damping = zeros() + math.nan
@@ -152,9 +152,9 @@ def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
         if has(other):
             air = load(other, 0, p)
             if has(particles.air):
-                air = air + air_work(i, duration, of_air, scratch)
+                air = fma(0.5 * duration * load(scratch.pull, 0, i), of_air, air)
             put(row, end, terms, 4, air)
-            put(row, end, terms, 5, load(other, 1, p) - 0.5 * duration * of_band)
+            put(row, end, terms, 5, fma(-0.5 * duration, of_band, load(other, 1, p)))
             put(row, end, terms, 6, support)
 
 

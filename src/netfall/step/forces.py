@@ -35,7 +35,8 @@ from netfall.physics.targets import element
 INFINITE = float("inf")
 inverse_length, elastic_density = element.inverse_length, element.elastic_density
 logarithmic_density, logarithmic_strain = element.logarithmic_density, element.logarithmic_strain
-grown, branch = element.grown, element.branch
+engineering_strain = element.engineering_strain
+grown, shrunk, branch = element.grown, element.shrunk, element.branch
 
 
 class Scratch(Record):
@@ -80,20 +81,20 @@ def general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
 
     eps_p : plastic strain so far; bar : whether they carry compression
     """
-    EA, stretch = of_slot(slots.EA, s, p, law.EA), L * per_L0
+    EA = of_slot(slots.EA, s, p, law.EA)
     if law.logarithmic:
-        q = logarithmic_density(stretch, per_L, eps_p, EA)
+        q = logarithmic_density(per_L, L, per_L0, eps_p, EA)
     else:
         q = elastic_density(per_L, per_L0, eps_p, EA)
     highest = of_slot(slots.yield_force, s, p, law.yield_force) * per_L
     reach, past, new = of_slot(slots.reach, s, p, law.reach), nowhere(), eps_p
     if law.plastic:
         limit = of_slot(slots.yield_strain, s, p, law.yield_strain)
-        eps = logarithmic_strain(stretch) if law.logarithmic else stretch - 1.0
+        eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
         new = grown(eps, eps_p, limit)
         if has(slots.bar):  # their heat does not follow from their plastic strain: looked at one by one
             yields = bar & (of_slot(slots.euler, s, p, INFINITE) == INFINITE)
-            past = bar & (where(yields, minimum(new, eps + limit), new) != eps_p)
+            past = bar & (where(yields, shrunk(eps, new, limit), new) != eps_p)
             new = where(bar, eps_p, new)
     past = past | (fma(reach, per_L, -per_L0) < 0.0)
     lowest = where(bar, -highest, zeros())
@@ -110,7 +111,7 @@ def cable_density(per_L, L, per_L0, eps_p, yields, law):
     """The same of cables that are all alike, in the engineering strain; without yield where none is near."""
     q, new = elastic_density(per_L, per_L0, eps_p, law.EA), eps_p
     if yields:
-        new = grown(L * per_L0 - 1.0, eps_p, law.yield_strain)
+        new = grown(engineering_strain(L, per_L0), eps_p, law.yield_strain)
         past = fma(law.reach, per_L, -per_L0) < 0.0
         highest = law.yield_force * per_L
         q = where(q > highest, highest, q)

@@ -3,8 +3,6 @@
 The pass over vectors only points at particles that have such an element; here it is decided, exactly.
 """
 
-import math
-
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
@@ -12,14 +10,14 @@ from netfall.core.records import has
 from netfall.mechanics.law.element import strain, yield_energy
 from netfall.physics.targets import element
 
-inverse_length, logarithmic_strain, grown = element.inverse_length, element.logarithmic_strain, element.grown
+inverse_length, grown, shrunk = element.inverse_length, element.grown, element.shrunk
+logarithmic_strain, engineering_strain = element.logarithmic_strain, element.engineering_strain
 
 
 @inner_kernel
 def length_of(p, o, x):
     """Distance [m] of two particles. x : (3, n) [m]"""
-    dx, dy, dz = x[0, o] - x[0, p], x[1, o] - x[1, p], x[2, o] - x[2, p]
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
+    return inverse_length(x[0, o] - x[0, p], x[1, o] - x[1, p], x[2, o] - x[2, p])[1]
 
 
 @inner_kernel
@@ -80,12 +78,12 @@ def is_any_over(x, elements, law):
 @inner_kernel
 def yielded(p, o, s, x, slots, law):
     """Plastic strain of the bar in slot s of particle p at x(n), to the bits of the pass over vectors."""
-    per_L, L = inverse_length(x[0, o] - x[0, p], x[1, o] - x[1, p], x[2, o] - x[2, p])
-    stretch, limit, eps_p = L * slots.inv_L0[s, p], law.yield_strain, slots.eps_p[s, p]
+    L, per_L0 = length_of(p, o, x), slots.inv_L0[s, p]
+    limit, eps_p = law.yield_strain, slots.eps_p[s, p]
     if has(slots.yield_strain):
         limit = slots.yield_strain[s, p]
-    eps = logarithmic_strain(stretch) if law.logarithmic else stretch - 1.0
+    eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
     new = grown(eps, eps_p, limit)
     if has(slots.euler) and slots.euler[s, p] < np.inf:
         return new
-    return min(new, eps + limit)
+    return shrunk(eps, new, limit)

@@ -104,7 +104,8 @@ class Spare(Record):
 class Work(Record):
     """What the loop works on, see `plan.Plan`; absent is what a scene does not have.
 
-    traits : bits of what the rank has, of `motion`; y : (3, n) [m] positions, in turn with those of `particles`
+    traits : bits of what the rank has, of `motion`
+    y : (3, n) [m] positions, in turn with those of `particles`
     bends : joints of chains that bend; breaks : 1 where elements may break
     seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
     step_chunks, make_row, tear : addresses of these routines

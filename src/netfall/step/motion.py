@@ -6,12 +6,12 @@ large net, `move` does both at once. Rows of the history use `total_forces` too 
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import has
-from netfall.core.vectors import LANES, add, fma, load, load_truths, put, store, where, zeros
-from netfall.physics.targets import CPU, particle
+from netfall.core.vectors import LANES, fma, load, load_truths, put, store, where, zeros
+from netfall.physics.targets import particle
 
 ALIKE, RARE, SIDEWAYS, PART_HELD = 1, 2, 4, 8  # bits of what a rank has, `plan.traits_of`
-madd = CPU.madd
-between, kicked = particle.between, particle.kicked
+between, kicked, moved = particle.between, particle.kicked, particle.moved
+works_of_motion = particle.works_of_motion
 
 
 @part_of_kernel
@@ -50,7 +50,7 @@ def total_forces(low, high, with_supports, kick_dt, zeta, share, traits, x, part
     with_supports : whether f has yet to get those of chains that bend and of elastic supports
     kick_dt : [s] length of the kick; share : place between two samples of the loads
     """
-    f, v = scratch.f, particles.v
+    f = scratch.f
     for p in range(low, high, LANES):
         i, square = p - low, squared_speed(p, share, particles)
         for k in range(3):
@@ -59,21 +59,21 @@ def total_forces(low, high, with_supports, kick_dt, zeta, share, traits, x, part
                 n = n + load(particles.bend, k, p)
             if with_supports and has(particles.spring):
                 off = load(particles.spring_zero, k, p) - load(x, k, p)
-                n = madd(load(particles.spring, k, p), off, n)
+                n = fma(load(particles.spring, k, p), off, n)
                 if has(particles.turned) and k < 2:
                     across = load(particles.spring_zero, 1 - k, p) - load(x, 1 - k, p)
-                    n = madd(load(particles.turned, 2, p), across, n)
+                    n = fma(load(particles.turned, 2, p), across, n)
             if has(particles.load_before):
                 after = load(particles.load_after, k, p)
                 e = e + between(load(particles.load_before, k, p), after, share)
             if has(particles.wind):
-                e = madd(load(particles.wind, k, p), square, e)
+                e = fma(load(particles.wind, k, p), square, e)
             if has(particles.drag):
                 e = e + load(particles.drag, k, p)
             t = n + e
             if has(particles.ground):  # the damping holds to the ground below
-                pull = zeta * damped_mass(p, particles) * load(particles.ground, k, p)
-                t = t + where(load_truths(particles.free, k, p), pull, zeros())
+                pulled = fma(zeta * damped_mass(p, particles), load(particles.ground, k, p), t)
+                t = where(load_truths(particles.free, k, p), pulled, t)
             store(f, k, i, n)
             store(scratch.external, k, i, e)
             store(scratch.total, k, i, t)
@@ -106,16 +106,10 @@ def add_air_damping(p, i, half, share, particles, scratch):
 def add_air_mass(p, i, half, zeta, particles, scratch):
     """Spare the air that moves along the mass-proportional damping. half : dt / 2M [s/kg]"""
     air = load(particles.air_mass, 0, p)
-    spared = zeta * air / madd(half * zeta, load(particles.mass, 0, p) - air, 1.0)
+    spared = zeta * air / fma(half * zeta, load(particles.mass, 0, p) - air, 1.0)
     for k in range(3):
         t = load(scratch.total, k, i)
-        store(scratch.total, k, i, madd(spared, madd(half, t, load(particles.v, k, p)), t))
-
-
-@part_of_kernel
-def air_work(i, duration, twice_along, scratch):
-    """Work [J] of the air's damping in some time [s] of a kick; twice_along : c times twice the mean velocity."""
-    return (0.5 * duration * load(scratch.pull, 0, i)) * twice_along
+        store(scratch.total, k, i, fma(spared, fma(half, t, load(particles.v, k, p)), t))
 
 
 @part_of_kernel
@@ -124,7 +118,7 @@ def force_along_guides(p, i, total, particles):
     along = zeros()
     if has(particles.turned):
         nx, ny = load(particles.turned, 0, p), load(particles.turned, 1, p)
-        along = madd(nx, load(total, 0, i), ny * load(total, 1, i))
+        along = fma(nx, load(total, 0, i), ny * load(total, 1, i))
     return along
 
 
@@ -133,7 +127,7 @@ def free_force(k, p, i, total, along, particles):
     """Total forces [N] along axis k less what such supports take. along : of `force_along_guides`"""
     force = load(total, k, i)
     if has(particles.turned) and k < 2:
-        force = madd(-along, load(particles.turned, k, p), force)
+        force = fma(-along, load(particles.turned, k, p), force)
     return force
 
 
@@ -147,7 +141,7 @@ def keep_totals(low, high, particles, scratch):
 
 @part_of_kernel
 def new_velocity(k, p, old, total, per_mass, c_v, c_a, traits, particles):
-    """Velocities [m/s] along axis k after a kick under total forces [N]; of what is held that of the ground."""
+    """Velocities [m/s] along axis k after a kick under total forces [N]; of what is held the ground's."""
     new = kicked(old, total * per_mass, c_v, c_a)
     if traits & PART_HELD:
         held = old
@@ -158,21 +152,8 @@ def new_velocity(k, p, old, total, per_mass, c_v, c_a, traits, particles):
 
 
 @part_of_kernel
-def works_of_motion(p, k, old, new, duration, way, force, mean, zeta, particles):
-    """Works [J] of damping and of the ground along axis k; the velocities go from old to new.
-
-    duration : [s]; way : [m] meanwhile; force : [N], external and internal; mean : [m/s] over the whole kick
-    """
-    ground, free = load(particles.ground, k, p), load_truths(particles.free, k, p)
-    pull = zeta * damped_mass(p, particles) * (mean - ground)
-    held = 0.5 * load(particles.mass, 0, p) * (new * new - old * old) - way * force
-    damping = where(free, pull * (way - duration * ground), zeros())
-    return damping, where(free, -pull * duration * ground, held)
-
-
-@part_of_kernel
 def add_works(p, high, half, quarter, external, internal, square, particles):
-    """Add works [J] of a kick; external, internal, square : twice the mean velocity times forces, and itself."""
+    """Add works [J] of a kick; the three : twice the mean velocity times forces, and times itself."""
     work = particles.work
     put(p, high, work, 0, fma(half, external, load(work, 0, p)))
     put(p, high, work, 1, fma(half, internal, load(work, 1, p)))
@@ -185,7 +166,7 @@ def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
     h = 0.5 * zeta * kick_dt
     c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
     v, energy, ground, air = particles.v, has(particles.work), has(particles.ground), has(particles.air)
-    other, band = particles.other_work, has(scratch.band)
+    work, other, band = particles.work, particles.other_work, has(scratch.band)
     for p in range(low, high, LANES):
         i, per_mass = p - low, load(particles.per_mass, 0, p)
         external, internal, square, of_band, of_air = zeros(), zeros(), zeros(), zeros(), zeros()
@@ -205,23 +186,24 @@ def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
             if air:
                 of_air = fma(load(particles.air, k, p), twice, of_air)
             if ground and energy:
-                mean = 0.5 * twice
-                way = kick_dt * mean
-                damping, of_ground = works_of_motion(
-                    p, k, old, new, kick_dt, way, e + n, mean, zeta, particles
-                )
-                add(p, high, particles.work, 0, way * e)
-                add(p, high, particles.work, 1, way * n)
-                add(p, high, particles.work, 2, damping)
-                add(p, high, other, 2, of_ground)
+                mean, free = 0.5 * twice, load_truths(particles.free, k, p)
+                way, at = kick_dt * mean, load(particles.ground, k, p)
+                mass, damped = load(particles.mass, 0, p), damped_mass(p, particles)
+                pull, against, gained = works_of_motion(mass, damped, zeta, at, old, new, mean, kick_dt)
+                put(p, high, work, 0, fma(way, e, load(work, 0, p)))
+                put(p, high, work, 1, fma(way, n, load(work, 1, p)))
+                so_far, by_ground = load(work, 2, p), load(other, 2, p)
+                put(p, high, work, 2, where(free, fma(pull, against, so_far), so_far))
+                held, drawn = fma(-way, e + n, gained) + by_ground, fma(-pull * kick_dt, at, by_ground)
+                put(p, high, other, 2, where(free, drawn, held))
             put(p, high, v, k, new)
-            put(p, high, y, k, madd(dt, new, load(x, k, p)))
+            put(p, high, y, k, moved(load(x, k, p), new, dt))
         if energy and not ground:
             add_works(p, high, half, quarter, external, internal, square, particles)
         if energy and band:
             put(p, high, other, 1, fma(-half, of_band, load(other, 1, p)))
         if energy and air:
-            add(p, high, other, 0, air_work(i, kick_dt, of_air, scratch))
+            put(p, high, other, 0, fma(half * load(scratch.pull, 0, i), of_air, load(other, 0, p)))
 
 
 @part_of_kernel
@@ -234,7 +216,7 @@ def move_vector(p, high, whole, i, keeps, traits, kick_dt, zeta, share, dt, x, y
     for k in range(3):
         n, e, old = load(scratch.f, k, i), constant_load(k, p, traits, particles), load(v, k, p)
         if has(particles.wind):
-            e = madd(load(particles.wind, k, p), square, e)
+            e = fma(load(particles.wind, k, p), square, e)
         if keeps:
             put(p, high, particles.f, k, n + e)
         new = kicked(old, (n + e) * per_mass, c_v, c_a)
@@ -242,7 +224,7 @@ def move_vector(p, high, whole, i, keeps, traits, kick_dt, zeta, share, dt, x, y
             twice = old + new
             external, internal = fma(twice, e, external), fma(twice, n, internal)
             squares = fma(twice, twice, squares)
-        place = madd(dt, new, load(x, k, p))
+        place = moved(load(x, k, p), new, dt)
         if whole:
             store(v, k, p, new)
             store(y, k, p, place)
@@ -290,4 +272,4 @@ def move_halo(low, high, traits, kick_dt, zeta, dt, x, y, particles):
             total = free_force(k, p, p, particles.f, along, particles)
             new = new_velocity(k, p, load(v, k, p), total, per_mass, c_v, c_a, traits, particles)
             put(p, high, v, k, new)
-            put(p, high, y, k, madd(dt, new, load(x, k, p)))
+            put(p, high, y, k, moved(load(x, k, p), new, dt))

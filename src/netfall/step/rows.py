@@ -164,7 +164,7 @@ def widen(number, rows):
 
 @kernel
 def widen_to_extremes(time, highest, lowest, tension):
-    """Take in the extremes of all steps up to a time [s], (m,) each, lowest or absent, and tension (4, m)."""
+    """Take in the extremes (m,) of all steps up to a time [s]; lowest may be absent; tension : (4, m)"""
     for e in range(tension.shape[1]):
         if highest[e] > tension[0, e]:
             tension[0, e], tension[1, e] = highest[e], time

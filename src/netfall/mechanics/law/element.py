@@ -25,9 +25,8 @@ def length_at(L, eps, law):
 def axial_force(elements, e, eps, eps_p):
     """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
-    if has(elements.euler):
-        if N < -elements.euler[e]:
-            return -elements.euler[e], eps_p
+    if has(elements.euler) and N < -elements.euler[e]:
+        return -elements.euler[e], eps_p
     if has(elements.yield_force):
         if N > elements.yield_force[e]:
             return elements.yield_force[e], eps_p + (N - elements.yield_force[e]) / elements.EA[e]
@@ -65,10 +64,9 @@ def stored_energy(elements, e, N, L, eps_p, law):
     if EA == 0.0:
         return 0.0
     u, further = N / EA, 0.0
-    if has(elements.euler):
-        if N <= -elements.euler[e]:  # on from the length at which it buckled
-            stretch = exponential(eps_p + u) if law.logarithmic else 1.0 + (eps_p + u)
-            further = N * (L - L0 * stretch)
+    if has(elements.euler) and N <= -elements.euler[e]:  # on from the length at which it buckled
+        stretch = exponential(eps_p + u) if law.logarithmic else 1.0 + (eps_p + u)
+        further = N * (L - L0 * stretch)
     if law.logarithmic:
         return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u)) + further
     return 0.5 * N * u * L0 + further
