@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.numerics.functions import exp, lengths
+from netfall.numerics.functions import exp, lengths, total
 from netfall.numerics.linear import product
 from netfall.wind.autoregressive import AtPoints, cosine_weights, frequency_nodes
 from netfall.wind.coherence import along_wind
@@ -47,7 +47,9 @@ def coherence_errors(x: np.ndarray, field: WindField, settings, gust: Gust) -> n
     found = _covariance(field, p, q) / (field.deviation[p] * field.deviation[q])
     square = (found - _correlation(delay, gust, settings.time_step)) ** 2
     in_height = apart[:, 2] > lengths(apart[:, :2])
-    means = [square[which].mean() if which.any() else np.nan for which in (~in_height, in_height)]
+    means = [
+        total(square[which]) / which.sum() if which.any() else np.nan for which in (~in_height, in_height)
+    ]
     return np.sqrt(np.array(means))
 
 
