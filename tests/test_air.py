@@ -26,7 +26,6 @@ def free_plate(kappa, step, damping=0.0, air=0.0):
 HALF_CABLE = 0.5 * 7850.0 * 683.08e-6 * 10.0  # kg
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("damping, air", [(0.0, 0.0), (0.5, 30.0)])
 def test_a_free_plate_in_steady_wind_decays_as_the_scheme_does(workshop, damping, air):
     """v(n+1/2) = ((1 - b) v(n-1/2) + dt F / M) / (1 + b), b = (kappa rho U A + zeta m) dt / 2M.

@@ -1,36 +1,51 @@
-"""Inverse root and logarithm against exact ones; their errors are in units of the last place."""
+"""Length, inverse length and logarithm against exact ones; errors are in units of the last place."""
 
 from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
 
-from netfall.ground.compile import kernel, vector_kernel
-from netfall.numerics.arithmetic import inverse_root, logarithm
+from netfall.core.kernels import kernel
+from netfall.core.vectors import LANES, load, put
+from netfall.numerics.arithmetic import logarithm
+from netfall.physics.targets import element
 
-
-@vector_kernel
-def in_registers(numbers, roots, logarithms):
-    for i in range(np.uint64(len(numbers))):
-        roots[i] = inverse_root(numbers[i])
-        logarithms[i] = logarithm(numbers[i])
+inverse_length = element.inverse_length
 
 
 @kernel
-def each(numbers, roots, logarithms):
-    in_registers(numbers, roots, logarithms)
+def in_vectors(x, z, numbers, inverses, lengths, logarithms):
+    for p in range(0, numbers.shape[0], LANES):
+        high, dx, dz = numbers.shape[0], load(x, 0, p), load(z, 0, p)
+        inverse, length = inverse_length(dx, dz - dz, dz)
+        put(p, high, inverses, 0, inverse)
+        put(p, high, lengths, 0, length)
+        put(p, high, logarithms, 0, logarithm(load(numbers, 0, p)))
 
 
-def exact(number: float, function) -> Decimal:
+@kernel
+def one_by_one(x, z, numbers, inverses, lengths, logarithms):
+    for i in range(numbers.shape[0]):
+        inverses[i], lengths[i] = inverse_length(x[i], z[i] - z[i], z[i])
+        logarithms[i] = logarithm(numbers[i])
+
+
+def exact(function) -> Decimal:
+    """What a function gives with forty digits."""
     with localcontext() as context:
         context.prec = 40
-        return function(Decimal(number))
+        return function()
+
+
+def near(found: float, expected: Decimal) -> bool:
+    return abs(Decimal(found) - expected) <= Decimal(2 * np.spacing(abs(found)))
 
 
 @pytest.mark.parametrize("low, high", [(-290, 290), (-3, 3), (-1e-3, 1e-3)])
 def test_within_two_units_of_the_last_place(low, high):
-    """Over all magnitudes, and about 1, where strains are; the same bits in registers and one by one."""
-    numbers = 10.0 ** np.random.default_rng(3).uniform(low, high, 3003)
+    """Over all magnitudes, and about 1, where strains are; the same bits in vectors and one by one."""
+    rng = np.random.default_rng(3)
+    numbers = 10.0 ** rng.uniform(low, high, 376 * LANES)
     numbers[:8] = [
         1.0,
         2.0,
@@ -41,17 +56,20 @@ def test_within_two_units_of_the_last_place(low, high):
         np.nextafter(1.0, 2.0),
         4.0,
     ]
-    roots, logarithms, one = np.empty_like(numbers), np.empty_like(numbers), np.empty((2, 1))
-    each(numbers, roots, logarithms)
-    for number, root, log in zip(numbers.tolist(), roots.tolist(), logarithms.tolist()):
-        each(np.array([number]), one[0], one[1])
-        assert (root, log) == (one[0, 0], one[1, 0])
-        assert abs(Decimal(root) - exact(number, lambda a: 1 / a.sqrt())) <= Decimal(2 * np.spacing(root))
-        assert abs(Decimal(log) - exact(number, lambda a: a.ln())) <= Decimal(2 * np.spacing(abs(log)))
+    x, z = 10.0 ** rng.uniform(0.45 * low, 0.45 * high, (2, len(numbers)))  # whose squares can be added
+    found, again = np.empty((2, 3, len(numbers)))
+    in_vectors(x, z, numbers, *found)
+    one_by_one(x, z, numbers, *again)
+    assert found.tobytes() == again.tobytes()
+    for number, dx, dz, inverse, length, log in zip(*(row.tolist() for row in (numbers, x, z, *found))):
+        true = exact(lambda: (Decimal(dx) ** 2 + Decimal(dz) ** 2).sqrt())
+        assert near(length, true) and near(inverse, exact(lambda: 1 / true))
+        assert near(log, exact(Decimal(number).ln))
 
 
 def test_what_is_no_number_stays_none():
-    """Infinity and nan give nan, which the look at the energies finds."""
-    roots = np.empty(2)
-    each(np.array([np.inf, np.nan]), roots, np.empty(2))
-    assert np.isnan(roots).all()
+    """Infinity and nan: a length that is none either, which the look at the energies finds."""
+    x, found = np.full(LANES, np.inf), np.empty((3, LANES))
+    x[1::2] = np.nan
+    in_vectors(x, np.ones(LANES), np.ones(LANES), *found)
+    assert not np.isfinite(found[1]).any() and np.isnan(found[0, 1::2]).all()

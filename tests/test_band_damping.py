@@ -60,7 +60,6 @@ HUNG = (
 )
 
 
-@pytest.mark.plain
 def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
     """The stable step is that of elements stiffer by 1 + sum alpha: times 0.964."""
     job = [HUNG.format(keys=keys, duration=0.01) for keys in ("", BAND)]
@@ -72,7 +71,6 @@ def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
     assert limits[1] / limits[0] == pytest.approx(0.964, abs=0.001)
 
 
-@pytest.mark.plain
 def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how_much(workshop):
     """A weight let go on a cable is stopped by more force than is written, by what the note bounds."""
     keys = "damping_ratio = 0.02\ndamping_band = [1.0, 20.0]\n"

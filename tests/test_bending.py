@@ -8,7 +8,7 @@ from conftest import ROOT, STEEL, assert_same_bits_on, assert_same_results, run_
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.job.read import read_job
 from netfall.mechanics.bending import (
     Joints,
@@ -406,7 +406,6 @@ def test_the_report_has_moments(bicycle, shared_workshop):
     assert "## Bending" in page and (shared_workshop.folder / "report" / "moments.png").exists()
 
 
-@pytest.mark.plain
 def test_a_beam_vibrates_about_its_sag(workshop):
     """Under a load put on at once: twice the sag and the moment at rest, at the period of a hinged beam."""
     n, span, EI, line, per_length = 12, 6.0, 2.1e11 * 2e-5, 4000.0, 0.005 * 7850.0

@@ -88,13 +88,12 @@ def test_a_bar_that_bears_more_than_eulers_load_is_told(workshop, more, told, ra
         assert ("beyond_euler" in f["statics"].attrs) == told
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("length, told", [(4.0, False), (6.0, True)])
 def test_a_bar_that_bears_more_than_eulers_load_in_motion_is_told(workshop, length, told):
     """200 kN that come at once press with up to 400 kN: on a post of 648 kN, or of 288 kN."""
     text = STEEL.replace("100e3", "0.0") + POST + f"buckling_length = {length}\n[dynamics]\nduration = 0.02\n"
     job = workshop.job(text, NODES, ELEMENTS)
-    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", plain=True)
+    done = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf")
     again = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf")
     for each in (done, again):
         words = "note: dynamics: element 7 compressed beyond Euler's load"
@@ -163,7 +162,6 @@ def dropped(workshop, more="", parts=1, **how):
     return job, workshop.run(job, **how)
 
 
-@pytest.mark.plain
 def test_a_post_that_buckles_carries_eulers_load(both_ways):
     """From there on with one force: P x = N_E x - N_E^2 / 2 k where the mass comes to rest."""
     _, f = dropped(both_ways)
@@ -260,7 +258,6 @@ def falls(limit, strain):
     return turned / w + (-v + np.sqrt(v * v + 2.0 * a * (x - first))) / a
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize(
     "keys, limit, strain, heat",
     [

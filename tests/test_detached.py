@@ -42,7 +42,6 @@ def place(v: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(STEP * v[1:])])
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("area", [AREA, 4e4])
 def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
     """M dv/dt = rho A (u - v)^2 / 2 from rest: v = u - u / (1 + k u t), k = rho A / 2M.
@@ -68,7 +67,6 @@ def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
     assert (h["attached_energy"][SEEN + 1 :] == 0.0).all()
 
 
-@pytest.mark.plain
 def test_a_free_plate_falls_with_drag_as_the_closed_form_says(workshop):
     """M dv/dt = M g - rho A v^2 / 2: v = V tanh(g t / V), V^2 = 2 M g / rho A, in nearly still air.
 
@@ -97,7 +95,6 @@ def test_a_free_plate_falls_with_drag_as_the_closed_form_says(workshop):
 PRESSURES = 'pressures = "p.csv"\ntaps = "taps.csv"\n'
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("speed", [None, 20.0])
 def test_pressures_end_and_drag_needs_a_speed(workshop, speed):
     """Taps lift both plates with 100 N/m2 until they are cut free: then they fly on, or the mean wind drags.
@@ -126,7 +123,6 @@ def test_pressures_end_and_drag_needs_a_speed(workshop, speed):
     assert told == speed if speed else np.isnan(told)
 
 
-@pytest.mark.plain
 def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
     """With "none" the lift goes on: v = F t / M passes the wind, 5 m/s, at the step that F gives.
 
@@ -148,7 +144,6 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
     )
 
 
-@pytest.mark.plain
 def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
     """A taut cable beside the plates: N^2 L0 / 2 EA stays, whatever flies away.
 

@@ -76,7 +76,6 @@ def test_plastic_oscillation_balances(workshop, strain, fragments):
     assert np.abs(total - h["external_work"][:]).max() < 1e-4 * np.abs(h["external_work"][:]).max()
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_a_net_of_which_only_a_part_may_yield_has_its_balance(workshop, strain):
     """Two bars in line around a mass that 3 kN throw: one yields at 1 kN, the other has no yield stress.

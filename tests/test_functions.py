@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.numerics import functions
 from netfall.numerics.arithmetic import exponential, exponential_less_one
 from netfall.numerics.linear import (

@@ -246,7 +246,6 @@ def test_a_mean_of_pressures_that_breaks_a_cable_has_no_speed(workshop):
     assert "speed" not in done.stderr
 
 
-@pytest.mark.plain
 def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     """Yield at 2 kN: at rest the cables carry just that; their plastic strain is what the sag asks for."""
     text = (

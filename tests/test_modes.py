@@ -99,7 +99,6 @@ def test_a_flat_net_has_the_periods_of_the_sums_of_sines(cells):
     assert np.linalg.norm(modes.shape, axis=2).max(1) == pytest.approx(np.ones(6), rel=1e-12)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_a_mode_along_a_cable_has_the_tangent_of_the_law(workshop, strain):
     """A mass between two cables in line, N = EA / 100: omega^2 = 2 EA / L0 / m, and 2 EA / L / m with the

@@ -21,7 +21,6 @@ def closes(f, balance=1e-5):
     assert np.abs(balanced[len(balanced) // 4 :]).max() < balance
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("damping", [0.0, 0.8])
 def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, damping):
     """Galilei: a net that moves with its supports feels nothing; to rounding."""
@@ -58,7 +57,6 @@ def oscillators(periods, extra, step, duration, mass=100.0):
     return text + f"[output]\nhistory = {max(step, 0.005)}\nprobes = {probes}\n", nodes, elements
 
 
-@pytest.mark.plain
 def test_an_oscillator_under_a_step_of_acceleration(workshop):
     """Relative to the ground: -a / w^2 (1 - cos wt); second order in the step."""
     extra = '[[motion]]\nacceleration = "a.csv"\n'

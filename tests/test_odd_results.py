@@ -101,10 +101,7 @@ def read_all(path) -> None:
                 assert len(str(error)) > 30 and "object has no attribute" not in str(error), (name, error)
 
 
-OWN_SCENE = {"no audit": pytest.mark.plain}
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=OWN_SCENE.get(name, ())) for name in JOBS])
+@pytest.mark.parametrize("name", JOBS)
 def test_every_odd_result_is_answered(workshop, name):
     text, *tables = JOBS[name]
     workshop.run(workshop.job(text, *tables)).close()

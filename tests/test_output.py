@@ -326,7 +326,6 @@ def run_of_a_hung_weight(workshop, column: str, node: str, more: str):
     return workshop.run(workshop.job(text, nodes, "start,end\n1,3\n2,3\n"))
 
 
-@pytest.mark.plain
 def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
     """A weight on two cables that can move along z alone: two squares, and a triangle that goes with it."""
     more = "[dynamics]\nduration = 0.5\n[output]\nframes = 4\n"
@@ -338,7 +337,6 @@ def test_what_is_held_in_part_is_no_whole_support_in_pictures(workshop):
         assert np.ravel(drawn["held in part, 1"]) == pytest.approx(place, abs=1e-6)
 
 
-@pytest.mark.plain
 def test_springs_are_no_supports_in_pictures(workshop):
     """A weight on two cables, held along x and y, and by a spring along z."""
     with run_of_a_hung_weight(

@@ -75,7 +75,7 @@ def test_an_element_without_strength_is_told_beyond_what_meets_it():
 def broken(workshop):
     """The post's run: what it printed, and its result."""
     job, result = workshop.job(JOB, NODES, ELEMENTS), workshop.folder / "result.vtkhdf"
-    done = run_on_standing_ranks("run", job, "-o", result, plain=True)
+    done = run_on_standing_ranks("run", job, "-o", result)
     return done.stdout, result
 
 

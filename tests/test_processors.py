@@ -15,16 +15,13 @@ from test_output import size_is_told, told_of
 
 FEATURES = [name for name, here in llvmlite.binding.get_host_cpu_features().items() if here]
 CHANGED = "the bits of {}'s result have changed; if that is meant: tests/processors.py --write, and say why"
-OF_OWN_SCENE = ("cable", "trusses_front", "trusses_uplift")  # which costs a compilation
 
 
 def test_every_shipped_job_has_a_digest():
     assert sorted(kept()) == sorted(JOBS)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long) if name in OF_OWN_SCENE else name for name in JOBS]
-)
+@pytest.mark.parametrize("name", JOBS)
 def test_shipped_jobs_have_the_bits_that_they_had(name, tmp_path):
     result = tmp_path / "result.vtkhdf"
     run_on_standing_ranks("run", JOBS[name], "-o", result, "--quiet", cwd=tmp_path)

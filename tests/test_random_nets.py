@@ -10,10 +10,9 @@ from tempfile import TemporaryDirectory
 import hypothesis
 import hypothesis.strategies as st
 import pytest
-from conftest import BIN, ENVIRONMENT, PLAIN, on_ranks, run_on_standing_ranks
+from conftest import run_on_standing_ranks
 from drawn_jobs import FULL, OTHER, QUIET, jobs
 from same_bits import differences, figures, without_mpirun
-from standing_ranks import StandingRanks
 
 from netfall.job.entries import LISTS
 from netfall.job.schema import SECTIONS
@@ -99,21 +98,10 @@ def test_a_net_with_everything_has_the_same_bits_on_any_ranks_and_through_a_rest
     assert seen["exit code 0"] >= 2 and seen["broken"] and seen["yielded"] and seen["slack"], seen
 
 
-class InPlainPython:
-    """Ranks that stay, whose kernels are not compiled: so each scene costs its steps alone."""
-
-    def __init__(self):
-        plain = ENVIRONMENT | PLAIN
-        self.by_number = {n: StandingRanks([*on_ranks(n), BIN / "python"], plain) for n in (1, 3)}
-
-    def __call__(self, *arguments, ranks=1, cwd=None):
-        return self.by_number[ranks].run(*arguments, cwd=cwd, timeout=3000)
-
-
 @pytest.mark.long
 def test_nets_of_any_scene_have_the_same_bits_on_any_ranks_and_through_a_restart():
-    """Scenes drawn too, in plain Python. NETFALL_EXAMPLES: how many."""
-    seen, run = Counter(), InPlainPython()
+    """Scenes drawn too. NETFALL_EXAMPLES: how many."""
+    seen, run = Counter(), partial(run_on_standing_ranks, code=None, timeout=3000)
 
     @hypothesis.settings(max_examples=EXAMPLES, **QUIET)
     @hypothesis.given(jobs())
@@ -121,11 +109,7 @@ def test_nets_of_any_scene_have_the_same_bits_on_any_ranks_and_through_a_restart
         tried(drawn, run, seen)
         print(dict(seen), flush=True)
 
-    try:
-        of_any_scene()
-    finally:
-        for ranks in run.by_number.values():
-            ranks.stop()
+    of_any_scene()
     assert seen["exit code 0"] > 0.7 * EXAMPLES and min(seen[k] for k in ("broken", "yielded", "slack")) > 3
 
 

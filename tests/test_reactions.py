@@ -118,7 +118,7 @@ def balanced(net: LoadedNet, folder: Path, seen: Counter) -> None:
     for name, text in (net.tables | {"job.toml": net.text}).items():
         (folder / name).write_text(text)
     line = ["run", "job.toml", "-o", "result.vtkhdf"]
-    done = run_on_standing_ranks(*line, cwd=folder, plain=True, code=None)
+    done = run_on_standing_ranks(*line, cwd=folder, code=None)
     said = done.stdout + done.stderr
     seen[f"exit code {done.returncode}"] += 1
     assert done.returncode in (0, 3), said
@@ -183,7 +183,6 @@ CROSS_NODES += (
 )
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("ratio", [0.0, 0.02, 0.05])
 def test_axial_damping_leaves_reactions_as_they_are(workshop, ratio):
     """A weight of 10 kN on a cross of cables: the reactions of each equilibrium add up to it."""
@@ -200,7 +199,6 @@ def test_axial_damping_leaves_reactions_as_they_are(workshop, ratio):
         assert of["foundation_z"][of["stage"] == name].sum() == pytest.approx(-10e3, rel=1e-6)
 
 
-@pytest.mark.plain
 def test_reactions_have_the_weight_of_what_slips_away_from_supports(workshop):
     """The cable of jobs/slide.toml: 380 kN at its hangers and its own weight, to the tolerance of each step.
 
@@ -251,7 +249,6 @@ def test_one_warning_names_the_worst_equilibrium():
     assert line.startswith("warning: case wind (and 1 other equilibria): loads, reactions") and "0.12" in line
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("count", [SHORT, pytest.param(LONG, marks=pytest.mark.long)])
 def test_reactions_balance_the_loads_of_random_nets(count):
     """In every equilibrium of these jobs; each feature occurs in some."""

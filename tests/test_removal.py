@@ -124,7 +124,6 @@ def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways
     assert result["events/time"].shape == (0,) and result["rest/tension"][:] == pytest.approx([5e3] * 2)
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("duration", [0.0, 1e-6, 0.3])
 @pytest.mark.parametrize("time", [0.25, 0.225])
 def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, duration):
@@ -307,7 +306,6 @@ def extremes_are_beyond_all_rows(torn):
         assert (high > rows.max(0) + single)[there].any()
 
 
-@pytest.mark.plain
 def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(workshop):
     """A weight on four cables loses one: the two beside it break, and come taut again on their light ends.
 
@@ -354,7 +352,6 @@ def test_the_envelope_is_that_of_all_rows(torn):
     assert (envelope["displacement_max_time"][particle] == time[u.argmax(0)]).all()
 
 
-@pytest.mark.plain
 @pytest.mark.parametrize("strut", ["", ",strut"])
 def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, strut):
     """Of four cables with a weight one breaks, and the others ring: the same forces by few rows or many.
@@ -533,13 +530,12 @@ def test_a_loss_in_the_motion_after_another_is_told(later, told):
     assert "still moved" not in first
 
 
-@pytest.mark.plain
 def test_the_tensions_of_a_rest_in_which_something_breaks_are_given(workshop):
     """One of two cables bears W / 2 and not W: its rest would be W, and lines say that it breaks there."""
     text = CABLE.replace("density", f"fracture_strain = {0.9 * WEIGHT / EA}\ndensity")
     whole = dynamics(PERIOD, 400, more="fragments = false\n")
     job = workshop.job(text + whole + entry([0], 0.1), *weights(2))
-    told = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf", plain=True).stdout
+    told = run_on_standing_ranks("run", job, "-o", workshop.folder / "result.vtkhdf").stdout
     assert "the net without element 0: to" in told and "slack 0; something breaks there: element 1" in told
     breaks = "the rest of the net would come to rest, but something breaks there: element 1"
     assert f"element 0; {breaks}; element 1 broke then" in told

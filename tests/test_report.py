@@ -516,7 +516,6 @@ def test_the_picture_tells_of_checks_that_it_does_not_show(workshop, monkeypatch
     assert "en1993 (besides, 1 fail en1993_service, 1 fail asce19);" in told[0]
 
 
-@pytest.mark.plain
 def test_what_yields_fails_whatever_its_utilisation(workshop):
     """A cable that yields carries its yield force, here its resistance: 1.000 FAILS. Let go, 6 t at its end
     pull with twice their weight; below the yield force it passes.

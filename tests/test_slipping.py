@@ -53,7 +53,6 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     assert abs(history["balance_error"][:]).max() < 1e-4
 
 
-@pytest.mark.plain
 def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
     """Two weights let go on a rope without tension, which swings up to twice the mean one, and breaks.
 

@@ -148,7 +148,6 @@ def test_wrong_studies_are_refused(workshop, arguments, says):
     assert {p.suffix for p in workshop.folder.iterdir()} <= {".toml", ".h5"}
 
 
-@pytest.mark.plain
 def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
     """energy = false: the same motion and fractures to the bit;
     the works and both errors are nan, the rest of /history is as before.
