@@ -7,6 +7,7 @@ import numpy as np
 from netfall.job.job import Job
 from netfall.model.loads import mean_pressure
 from netfall.model.model import Model
+from netfall.numerics.functions import integral
 from netfall.wind.errors import coherence_errors
 from netfall.wind.spectra import Gust, gust_of, intensity
 
@@ -21,7 +22,7 @@ def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
     """
     n = np.geomspace(1e-4 * gust.speed / gust.length, 0.5 / dt, 2000)
     S = gust.spectrum(n)
-    rate = math.sqrt(np.trapezoid(n**2 * S, n) / np.trapezoid(S, n))
+    rate = math.sqrt(integral(n**2 * S, n) / integral(S, n))
     root = math.sqrt(2.0 * math.log(max(rate * duration, math.e)))
     return 1.0 + (root + EULER / root) * gust.deviation / gust.speed
 

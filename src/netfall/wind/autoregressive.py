@@ -18,7 +18,7 @@ import numpy as np
 
 from netfall.core.kernels import kernel
 from netfall.ground.errors import InputError
-from netfall.numerics.functions import cos, geometric, log, sin
+from netfall.numerics.functions import cos, geometric, integral, log, sin
 from netfall.numerics.linear import eliminate, factorised, product, solve_columns
 from netfall.wind.coherence import davenport_coherence
 from netfall.wind.means import Means
@@ -198,7 +198,7 @@ def _judge(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]
     psi, sigma = yule_walker(R, known, lags)
     n = frequency_nodes(gust, dt)[1:]
     ours = model_spectrum(n, lags, psi, sigma, dt)
-    variance = np.trapezoid(ours, n) + ours[0] * n[0]
+    variance = integral(ours, n) + ours[0] * n[0]
     own = _own(R[0])
     gain = own / variance
     between = (own - _own(R[1])) / (3.0 * own)
@@ -206,11 +206,11 @@ def _judge(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]
     wanted = np.maximum(gust.spectrum(n) * kept, FAINTEST * gust.spectrum(n).max())
     off = (gain * ours / wanted)[octaves].mean(1) - 1.0
     worst, first = int(np.argmax(np.abs(off))), int(octaves[0, 0])
-    slow = (np.trapezoid(ours[: first + 1], n[: first + 1]) + ours[0] * n[0]) / variance
+    slow = (integral(ours[: first + 1], n[: first + 1]) + ours[0] * n[0]) / variance
     low, misfit, below = float(n[octaves[worst, 0]]), float(off[worst]), float(n[first])
     beyond = gust.share_above(0.5 / dt)
     spectrum = gust.spectrum(n)
-    kept = float(np.trapezoid(spectrum * kept, n) / np.trapezoid(spectrum, n))
+    kept = float(integral(spectrum * kept, n) / integral(spectrum, n))
     asked = (1.0 - gust.share_above(below)) / (1.0 - beyond) / kept
     return gain, Losses(beyond, between, misfit, low, below, float(slow), asked)
 

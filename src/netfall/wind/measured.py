@@ -12,7 +12,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.table import LARGEST, Table
-from netfall.numerics.functions import lengths
+from netfall.numerics.functions import integral, lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 
 ROWS = 64  # of a long file that are read at once
@@ -110,7 +110,7 @@ def read_measured(job) -> TableHistory:
     table, time, speed = read_rows(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
     within = np.unique(np.clip(time, 0.0, duration))
     course = (np.interp(within, time, column) for column in speed.T)
-    mean = np.array([np.trapezoid(values, within) / duration for values in course])
+    mean = np.array([integral(values, within) / duration for values in course])
     return TableHistory(time, lambda first, end: speed[first:end], mean, places, notes + table.notes)
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.numerics.functions import cube_root, geometric, log
+from netfall.numerics.functions import cube_root, geometric, integral, log
 
 KARMAN = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
 TAIL = 1e4  # x from which on every shape is x^(-5/3)
@@ -86,7 +86,7 @@ class Gust:
         if x >= TAIL:
             return float(1.5 * x * self.density(x))
         rest = geometric(x, TAIL, 4000)
-        return float(np.trapezoid(rest * self.density(rest), log(rest)) + 1.5 * TAIL * self.density(TAIL))
+        return float(integral(rest * self.density(rest), log(rest)) + 1.5 * TAIL * self.density(TAIL))
 
 
 def intensity(settings) -> float:
