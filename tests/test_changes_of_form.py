@@ -1,24 +1,14 @@
 """Exact changes of form: what other units, axes, orders and names may not change; single parts."""
 
 import json
-import subprocess
 from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
-import test_fracture  # noqa: F401  it has tests of own scenes too
-import test_material  # noqa: F401  likewise
 from conftest import (
-    BIN,
-    ENVIRONMENT,
-    IN_PLAIN_PYTHON,
-    OF_OWN_SCENES,
-    PLAIN,
-    ROOT,
     STEEL,
     assert_same_results,
-    of_own_scene,
 )
 from mpi4py import MPI
 from plain_step import Plain
@@ -41,8 +31,7 @@ from netfall.mechanics.stability import any_shape_limits
 from netfall.mechanics.state import State
 from netfall.net.build import build_net
 from netfall.net.net import Net, subdivide
-from netfall.parallel.halo import HaloBuffers, exchange_rows
-from netfall.parallel.mpi_symbols import HANDLE
+from netfall.parallel.halo import buffers_alone, exchange_rows
 from netfall.program.run import run_job
 from netfall.results.states import envelope_of
 from netfall.stages.step_limit import long_step_allowed
@@ -210,7 +199,6 @@ duration = {fade}
 """
 
 
-@of_own_scene
 def test_a_fading_cable_between_two_weights(workshop):
     """Both fall back alike: the factor is 1 + |sin(pi d / T)| / (pi d / T) in the cables that are left.
 
@@ -279,7 +267,6 @@ class Panelled(Plain):
             self.wind[0] *= 0.5
 
 
-@of_own_scene
 def test_a_panel_takes_its_pressure_along(workshop):
     """Wind, pressure and mass, in the step of the fracture: the motion after it against the plain step."""
     job = workshop.job(CABLE + PANELS, *CROSS)
@@ -309,7 +296,6 @@ def test_a_panel_takes_its_pressure_along(workshop):
     assert f["final/position"][0] == pytest.approx(plain.x[0], rel=1e-9)
 
 
-@of_own_scene
 def test_what_has_yielded_at_rest_yields_no_more(workshop):
     """Dead load beyond yield, found at rest, then most of it lifted: the sag that plastic strain leaves."""
     text = (
@@ -328,7 +314,6 @@ def test_what_has_yielded_at_rest_yields_no_more(workshop):
     assert np.abs(f["history/plastic_dissipation"][:]).max() < 1e-5  # of 2 kN 5 m 0.09, at rest to 1e-9
 
 
-@of_own_scene
 def test_what_comes_loose_at_a_cut_is_the_same_on_two_ranks(workshop):
     """A chain that is pulled apart; a node that has lost one cable is a loose end of the other."""
     rows = [
@@ -381,7 +366,6 @@ def test_the_long_step_is_allowed_up_to_what_the_net_as_it_is_stands(bar, most):
             assert long_step_allowed(MPI.COMM_SELF, state, nobody, dt, 0.9) is allowed
 
 
-@of_own_scene
 def test_a_spring_holds_the_form_that_was_found(workshop):
     """It begins with the reaction there; nothing moves."""
     table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
@@ -393,7 +377,6 @@ def test_a_spring_holds_the_form_that_was_found(workshop):
     assert f["net/spring"][1, 0] == 4e5
 
 
-@of_own_scene
 def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
     """20 kN against 21 kN in line, a hundredth of EA: 20e3 + 1e4 u / 5 = 21e3 - 1e4 u / 5."""
     text = CABLE + "[form_finding]\nmodulus_factor = 0.01\nmax_iterations = 2000\ntolerance = 1e-10\n"
@@ -403,7 +386,6 @@ def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
     assert workshop.open()["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
 
 
-@of_own_scene
 def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
     """Two equal cases around one under which the cables yield: equal results, to the bit."""
     text = (
@@ -556,18 +538,16 @@ def test_gusts_keep_their_variance_between_control_points():
 
 def test_a_rank_may_be_one_exchange_ahead():
     """It fills its second buffer while its neighbour, which is stopped, has not yet read the first."""
-    numbers = np.zeros(64)
-    address = np.uint64(numbers.ctypes.data)
-    none = np.zeros(0, np.uint32)
-    common = dict(numbers=numbers, to_second=8, requests=np.zeros((2, 0), HANDLE), comm=HANDLE(0))
+    numbers, none = np.zeros(64), np.zeros(0, np.uint32)
+    address = numbers.ctypes.data
     ahead, behind = (
-        HaloBuffers(
-            send_index=send, send_at=8, receive_at=receive, count=np.zeros(1, np.int64),
-            own_count=own, counts=counts, found=np.zeros(1, np.int32), **common,
+        buffers_alone().replaced(
+            send_index=send, numbers=numbers, send_at=8, receive_at=receive, to_second=8,
+            count=np.zeros(1, np.int64), own_count=own, counts=np.array([address], np.uint64),
         )
-        for send, receive, own, counts in (
-            (np.array([0, 1], np.uint32), np.zeros(0, np.int64), address, np.array([address])),
-            (none, np.array([8, 9]), address + np.uint64(8 * 40), np.array([address])),
+        for send, receive, own in (
+            (np.array([0, 1], np.uint32), np.zeros(0, np.int64), address),
+            (none, np.array([8, 9]), address + 8 * 40),
         )
     )  # fmt: skip
     arrived = np.zeros((2, 1))
@@ -577,11 +557,3 @@ def test_a_rank_may_be_one_exchange_ahead():
         exchange_rows((turn + 1) * np.array([[1.0], [10.0]]), 2, ahead)
         exchange_rows(arrived, 0, behind)
         assert arrived[:, 0].tolist() == [turn, 10.0 * turn]
-
-
-@pytest.mark.skipif(IN_PLAIN_PYTHON, reason="this is what it starts")
-def test_what_has_a_scene_of_its_own_holds_in_plain_python():
-    """The tests here and in the files that are imported here that would each be compiled for."""
-    line = [BIN / "python", "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *OF_OWN_SCENES]
-    done = subprocess.run(line, cwd=ROOT / "tests", env=ENVIRONMENT | PLAIN, capture_output=True, text=True)
-    assert done.returncode == 0 and "skipped" not in done.stdout, done.stdout + done.stderr

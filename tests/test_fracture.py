@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import STEEL, STILL_AIR, of_own_scene
+from conftest import STEEL, STILL_AIR
 from mpi4py import MPI
 from test_kernels import ALL_FEATURES, lattice, make_state
 
-from netfall.mechanics.fields import Features, Slots
+from netfall.core.kernels import kernel
+from netfall.mechanics.fields import Features, fields_of
 from netfall.mechanics.fracture import FractureRules, dissipate
 from netfall.mechanics.state import State
 from netfall.model.losses import comes_loose
@@ -18,10 +19,8 @@ from netfall.net.net import Net
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import cut_net
 from netfall.report.info import print_info
-from netfall.step import plan as plan_module
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan
-from netfall.step.runs import BORROWING, end_all_loans
 
 BRITTLE = STEEL.replace(
     "prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n"
@@ -208,12 +207,17 @@ def test_an_elastic_element_taken_out_balances(workshop):
     assert np.abs(f["history/balance_error"][:]).max() < 1e-3
 
 
+@kernel
+def dissipate_one(e, dt, elements, particles, law):
+    dissipate(e, dt, elements, particles, law)
+
+
 def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():
     """Beside a group that yields: its yield force is infinite, and its plastic work is 0 and not inf x 0."""
     state = State(Features(plastic=True, fracture=True, fragments=False), 2, 0, 1)
     state.ends[:], state.owned[:], state.free[:], state.mass[:] = [[0, 1]], 1, 1, 1.0
     state.x[1, 0], state.L0[:], state.EA[:], state.yield_force[:] = 2.0, 1.9, 1e6, np.inf
-    dissipate(0, 1e-4, state.elements, state.particles, state.law)
+    dissipate_one(0, 1e-4, state.elements, state.particles, state.law)
     assert state.dissipated[0] == pytest.approx(0.5 * 1e6 * 0.1**2 / 1.9, rel=1e-12)
 
 
@@ -258,50 +262,27 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
     """A lattice of all kinds of elements tears: its particles have theirs in order, with all fields."""
     state, plan = torn_lattice(fragments)
     assert (state.n_local > state.n_owned) == fragments
-    end_all_loans(plan.chunks, state.slots)
     mended = slots_of(state)
     plan.attach(state)
     assert mended == slots_of(state)
 
 
 @pytest.mark.parametrize("fragments", [True, False])
-def test_loans_change_no_bit(fragments, monkeypatch):
-    """A lattice tears whose particles borrow elements, also over chunks; and one in which none does."""
-    found, loans = [], []
-    find_runs = plan_module.find_runs
-    for lends in (True, False):
-        monkeypatch.setattr(plan_module, "CHUNK", 256 if lends else 2048)
-
-        def find(chunks, *slots, lends=lends):
-            if lends:
-                find_runs(chunks, *slots)
-            whole = chunks.runs.whole
-            loans.append((whole[:, 1] - whole[:, 0]) @ (whole[:, -1] == BORROWING))
-
-        monkeypatch.setattr(plan_module, "find_runs", find)
+def test_the_size_of_chunks_changes_no_bit(fragments, monkeypatch):
+    """A lattice tears; then what has split off is sorted anew."""
+    found = []
+    for size in (64, 256, 2048):
+        monkeypatch.setattr("netfall.step.plan.CHUNK", size)
         state, plan = torn_lattice(fragments)
+        state.sort_splits()
+        plan.attach(state, filled=True)
+        advance(plan, 400, 600)
         plan.collect_yield()
         by_number = np.argsort(state.gid[: state.n_local])
         found.append([a[by_number].tobytes() for a in (state.gid, state.x, state.v, state.work)])
         kept = state.broken, state.eps_p, state.dissipated, state.highest
         found[-1] += [a.tobytes() for a in kept if a is not None]
-        assert (loans[0] > 1000) if lends else (loans[-1] == 0)
-    assert found[0] == found[1]
-
-
-def test_where_fragments_are_stepped_changes_no_bit(monkeypatch):
-    """They are stepped and drift among the others in small chunks, and apart in large ones."""
-    found = []
-    for size, among in ((64, True), (2048, False)):
-        monkeypatch.setattr("netfall.step.plan.CHUNK", size)
-        state, plan = torn_lattice(fragments=True)
-        state.sort_splits()
-        plan.attach(state, filled=True)
-        advance(plan, 400, 600)
-        assert (plan.chunks.front < plan.chunks.splits) == among
-        by_number = np.argsort(state.gid[: state.n_local])
-        found.append([a[by_number].tobytes() for a in (state.gid, state.x, state.v, state.work)])
-    assert found[0] == found[1]
+    assert found[0] == found[1] == found[2]
 
 
 def slots_of(state: State) -> list:
@@ -309,13 +290,14 @@ def slots_of(state: State) -> list:
 
     But for extremes, which begin anew where slots are filled.
     """
-    fields = state.slots._replace(highest=None, lowest=None)
-    there = [column[:, : state.n_local] for column in fields if column is not None]
-    full = there[Slots._fields.index("inv_L0")] > 0.0
+    columns = {f.short: getattr(state, f.name) for f in fields_of("slot") if state.features.has(f)}
+    there = [
+        column[:, : state.n_local] for name, column in columns.items() if name not in ("highest", "lowest")
+    ]
+    full = columns["inv_L0"][:, : state.n_local] > 0.0
     return [[tuple(c[s, p] for c in there) for s in np.flatnonzero(full[:, p])] for p in range(state.n_local)]
 
 
-@of_own_scene
 @pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     """A remnant's light end flies off with four times the energy that it can store: its tension is its

@@ -1,27 +1,24 @@
-"""The vector kernel of the step against the plain element law, for every kind of scene."""
+"""The vector kernels of the step against the plain element law, for every kind of scene."""
 
 import itertools
 
 import numpy as np
 import pytest
 
+from netfall.core.kernels import kernel
+from netfall.core.vectors import LANES
 from netfall.ground.columns import LINE, PAGE
-from netfall.ground.compile import kernel
-from netfall.ground.handed import laid
 from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.fields import FIELDS, Features
 from netfall.mechanics.state import State
 from netfall.parallel.halo import buffers_alone
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
-from netfall.step.limits import count_near
-from netfall.step.loop import kick
-from netfall.step.plan import CHUNK, Plan
-from netfall.step.runs import BORROWING, end_all_loans
+from netfall.step.forces import chunk_forces
+from netfall.step.loop import Chunks
+from netfall.step.motion import ALIKE
+from netfall.step.plan import CHUNK, Plan, traits_of
 from netfall.step.slots import collect_elements
-
-# Numbers of far ends wrap where kernels run as plain Python, as unsigned ones do.
-pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 
 
 class NoHalo:
@@ -64,34 +61,40 @@ def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, see
 
 
 @kernel
-def run_chunk(c, chunks, near, beside):
-    """One chunk from rest, without load; what is near, where that is told."""
-    kick(c, 0.0, 0.0, 0.0, chunks, beside)
-    return 0 if near.shape[0] == 0 else count_near(near, chunks.high[c] - chunks.low[c])
+def run_chunk(c, alike, x, chunks, slots, law, scratch):
+    return chunk_forces(c, alike, x, chunks, slots, law, scratch)
 
 
-def forces_of(state: State, in_runs: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (n, 3) [N] by the vector loop, from rest without load;
-    and whether a particle has elements near their limits.
+def chunks_of(plan: Plan) -> Chunks:
+    """Those that its loop goes through."""
+    return plan._works[False].chunks
+
+
+def forces_of(state: State, alike: bool | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (n, 3) [N] of the elements by the vector kernels, and which particles have some near a limit.
+
+    alike : whether by that of cables that are all alike; None: if they are
     """
-    plan, s = Plan(state, NoHalo()), state
-    chunks, scratch = plan.chunks, plan.scratch
-    runs = chunks.runs
-    in_some = [runs.rest[slice(*span)] for span in runs.spans[:, 2:4]]
-    in_some += [np.arange(*run[:2]) for span in runs.spans for run in runs.whole[slice(*span[:2])]]
-    in_some += [np.arange(*chunk[:2]) for chunk in zip(chunks.low, chunks.high, runs.gathered) if chunk[2]]
-    assert np.array_equal(np.sort(np.concatenate(in_some)), np.arange(s.n_owned))
-    if not in_runs:
-        runs.gathered[:] = 1
-    found, near = np.zeros_like(s.x), np.zeros(s.n_owned, bool)
+    s, found, near = state, np.zeros_like(state.x), np.zeros(state.n_owned, bool)
+    plan = Plan(state, NoHalo())
+    chunks, scratch = chunks_of(plan), plan.scratch
+    alike = bool(traits_of(state) & ALIKE) if alike is None else alike
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
-        count = run_chunk(c, laid(chunks), plan.found.near, laid(plan.beside))
-        found[low:high] = np.column_stack(scratch.f)[: high - low]
-        if s.features.inelastic:
-            near[low:high] = scratch.near[: high - low]
-            assert count == scratch.near[: high - low].sum()
-    end_all_loans(chunks, state.slots)
+        any_near = run_chunk(c, alike, s.particles.x, chunks, s.slots, s.law, scratch)
+        found[low:high], near[low:high] = scratch.f[:, : high - low].T, scratch.near[: high - low]
+        assert any_near == near[low:high].any()
     return found, near
+
+
+def law_forces(state: State) -> np.ndarray:
+    """The same forces by the law of one element."""
+    now, expected = state.elements_now(), np.zeros_like(state.x)
+    add_tensions(state.x, state.ends, now.N, now.L, expected)
+    return expected
+
+
+def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
+    assert np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max()
 
 
 def lattice(side: int) -> np.ndarray:
@@ -107,10 +110,10 @@ def lattice(side: int) -> np.ndarray:
 
 FEATURES = ("plastic", "fracture", "logarithmic", "bars", "sections")
 ROUNDING = 1e-12  # of the largest force; there are thirteen terms at the hub
-# Any two features, with and without, in some row: few, for each is compiled.
-COVERING = ["00000", "11111", "00111", "11010", "10100", "11001", "01110"]
 EVERY = list(map("".join, itertools.product("01", repeat=5)))
 NAMES = {row: "-".join(itertools.compress(FEATURES, map(int, row))) or "none" for row in EVERY}
+OF_CABLES = ["00000", "10000", "01000", "11000"]  # which are all alike
+LATTICE = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)])
 
 
 def scene_of(row: str) -> Features:
@@ -122,32 +125,21 @@ def scene_of(row: str) -> Features:
 
 SCENES = {row: scene_of(row) for row in EVERY}
 ALL_FEATURES = SCENES["11111"]
-EVERY_SCENE = pytest.mark.parametrize(
-    "scene",
-    [
-        pytest.param(SCENES[row], id=NAMES[row], marks=() if row in COVERING else pytest.mark.long)
-        for row in EVERY
-    ],
-)
 
 
-def test_scenes_that_are_always_tested_cover_all_pairs():
-    """Of any two features each combination stands in some row."""
-    pairs = lambda rows: {
-        ((i, a), (j, b)) for row in rows for (i, a), (j, b) in itertools.combinations(enumerate(row), 2)
-    }
-    assert pairs(COVERING) == pairs(EVERY)
+def of_scenes(rows: list[str]):
+    """A test of each of these scenes."""
+    return pytest.mark.parametrize("scene", [pytest.param(SCENES[row], id=NAMES[row]) for row in rows])
 
 
-@EVERY_SCENE
-def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
-    """To rounding; and it points at every particle with an element past yield or fracture."""
+@of_scenes(EVERY)
+def test_vector_kernels_give_the_forces_of_the_element_law(scene):
+    """To rounding; and they point at every particle with an element past yield or fracture."""
     state = random_state(scene, 1)
-    N, eps, eps_p, L = state.elements_now()
-    expected = np.zeros_like(state.x)
-    add_tensions(state.x, state.ends, N, L, expected)
+    now, expected = state.elements_now(), law_forces(state)
+    eps, eps_p = now.eps, now.eps_p
     found, near = forces_of(state)
-    assert np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max()
+    assert_close(found, expected)
     if scene.inelastic:
         over = np.zeros(state.m, bool)
         if scene.plastic:  # bars are pointed at, cables yield
@@ -160,60 +152,67 @@ def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
         assert (over.any() or not (scene.fracture or scene.bars)) and near[state.ends[over]].all()
 
 
-@EVERY_SCENE
-def test_runs_give_the_bits_of_the_general_loop(scene):
-    """On a grid of 40 x 40, whose rows are runs: the same forces, yield and particles pointed at."""
-    state = make_state(
-        scene,
-        1600,
-        lattice(40),
-        np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)]),
-        2,
-    )
-    whole = Plan(state, NoHalo()).chunks.runs.whole
-    assert (whole[:, 1] - whole[:, 0]) @ (whole[:, -1] == BORROWING) > 1300
+def share_in_line(state: State, first: int = 0) -> float:
+    """Share of the vectors of owned particles, the first on, whose far ends stand one after the other."""
+    before = first + -first % LANES
+    there = state.other[:, before : state.n_owned - (state.n_owned - before) % LANES].astype(np.int64)
+    steps = np.diff(there.reshape(len(there), -1, LANES), axis=2)
+    return float((steps == 1).all((0, 2)).mean())
+
+
+@of_scenes(OF_CABLES)
+def test_cables_that_are_alike_have_the_bits_of_the_general_kernel(scene):
+    """On a grid of 40 x 40, in which most vectors load their far ends in one piece: forces and yield."""
     outcomes = []
-    for in_runs in (True, False):
-        found = *forces_of(state, in_runs), np.zeros(0) if state.slot_eps_p is None else state.slot_eps_p
-        outcomes.append([values.tobytes() for values in found])
+    for alike in (True, False):
+        state = make_state(scene, 1600, lattice(40), LATTICE, 2)
+        found, _ = forces_of(state, alike)
+        assert share_in_line(state) == 0.6  # of five vectors of a row those that do not touch its ends
+        outcomes.append((found.tobytes(), b"" if state.slot_eps_p is None else state.slot_eps_p.tobytes()))
     assert outcomes[0] == outcomes[1]
 
 
-def test_runs_keep_the_extreme_forces_of_each_element():
-    """Where particles borrow elements, at the lenders' ends; in another order of the elements, at both.
-
-    The forces of the element law, to rounding.
-    """
-    across = np.abs(np.diff(lattice(40), axis=1).ravel()) > 1
-    x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)])
-    for order, kind in ((np.arange(len(across)), BORROWING), (np.argsort(across, kind="stable"), 0)):
-        state = make_state(SCENES["01110"], 1600, lattice(40)[order], x, 2)
-        runs = Plan(state, NoHalo()).chunks.runs
-        inside = (runs.whole[:, 1] - runs.whole[:, 0]) @ (runs.whole[:, -1] == kind)
-        assert inside > 1200 and runs.rest.any()
-        forces_of(state)
-        collect_elements(state.n_owned, state.first_split, state.elements, state.slots, state.law)
-        N = state.elements_now().N
-        for kept, expected in ((state.highest, np.maximum(N, 0.0)), (state.lowest, np.minimum(N, 0.0))):
-            assert np.abs(kept - expected).max() <= ROUNDING * np.abs(N).max()
+def test_yield_is_found_whether_or_not_any_was_before():
+    """A chunk is first gone through as if nothing yielded, and again where something does: the same bits."""
+    outcomes = []
+    for yielded in (0, 1):
+        state = make_state(SCENES["10000"], 1600, lattice(40), LATTICE, 2)
+        state.eps_p[:] = 0.0
+        plan = Plan(state, NoHalo())
+        chunks = chunks_of(plan)
+        assert not chunks.has_yielded.any()
+        chunks.has_yielded[:] = yielded
+        run_chunk(0, True, state.particles.x, chunks, state.slots, state.law, plan.scratch)
+        assert chunks.has_yielded[0] and (state.slot_eps_p > 0.0).any()
+        outcomes.append((plan.scratch.f[:, :CHUNK].tobytes(), state.slot_eps_p.tobytes()))
+    assert outcomes[0] == outcomes[1]
 
 
-def test_a_lattice_with_gaps_is_one_run_for_each_chunk():
-    """Where a particle lacks an element that its neighbours have, empty slots stand so that the run goes on;
-    the forces have the same bits.
-    """
-    elements = lattice(40)
-    elements = elements[np.random.default_rng(4).random(len(elements)) > 0.05]
-    x = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, 0.1 * np.sin(np.arange(1600))])
-    state = make_state(ALL_FEATURES, 1600, elements, x, 2)
-    whole = Plan(state, NoHalo()).chunks.runs.whole
-    assert (whole[:, 1] - whole[:, 0]).max() > 1400
-    N, _, _, L = state.elements_now()
-    expected = np.zeros_like(state.x)
-    add_tensions(state.x, state.ends, N, L, expected)
-    found = forces_of(state)[0]
-    assert np.abs(found - expected).max() <= ROUNDING * np.abs(expected).max()
-    assert found.tobytes() == forces_of(state, in_runs=False)[0].tobytes()
+@of_scenes(["01000", "11000", "01110"])
+def test_the_extreme_forces_of_each_element_are_kept(scene):
+    """Those of the element law, to rounding."""
+    state = make_state(scene, 1600, lattice(40), LATTICE, 2)
+    N = state.elements_now().N
+    forces_of(state)
+    collect_elements(state.n_owned, state.first_split, state.elements, state.slots, state.law)
+    assert np.abs(state.highest - np.maximum(N, 0.0)).max() <= ROUNDING * np.abs(N).max()
+    if scene.dips:
+        assert np.abs(state.lowest - np.minimum(N, 0.0)).max() <= ROUNDING * np.abs(N).max()
+
+
+@of_scenes(["11000", "11111"])
+def test_particles_that_lack_elements_have_empty_slots(scene):
+    """A lattice with gaps, and a disc, whose rows differ in length: what is missing adds nothing."""
+    column, row = LATTICE[:, 0], LATTICE[:, 1]
+    inside = np.hypot(column - 19.5, 1.3 * (row - 19.5)) < 20
+    number, whole = np.cumsum(inside) - 1, lattice(40)
+    with_gaps = whole[np.random.default_rng(4).random(len(whole)) > 0.05]
+    x = np.column_stack([column, 1.1 * row, 0.1 * np.sin(np.arange(1600))])
+    for elements, places in ((with_gaps, x), (number[whole[inside[whole].all(1)]], x[inside])):
+        state = make_state(scene, len(places), elements, places, 2)
+        expected = law_forces(state)
+        assert_close(forces_of(state)[0], expected)
+        assert (state.inv_L0[:, : state.n_owned] == 0.0).any()
 
 
 def test_a_net_numbered_at_random_is_stepped_in_layers():
@@ -228,27 +227,8 @@ def test_a_net_numbered_at_random_is_stepped_in_layers():
         assert np.array_equal(subdomain.particle_gid[rows], given)
 
 
-def test_a_net_of_short_rows_is_gone_through_without_runs():
-    """A disc, whose rows differ in length."""
-    side = 24
-    column, row = np.arange(side**2) % side, np.arange(side**2) // side
-    inside = np.hypot(column - 11.5, 1.3 * (row - 11.5)) < 12
-    number = np.cumsum(inside) - 1
-    elements = lattice(side)
-    elements = number[elements[inside[elements].all(1)]]
-    x = np.column_stack([column, 1.1 * row, 0.1 * np.sin(np.arange(side**2))])[inside]
-    state = make_state(ALL_FEATURES, len(x), elements, x, 2)
-    assert Plan(state, NoHalo()).chunks.runs.gathered.all()
-    N, _, _, L = state.elements_now()
-    expected = np.zeros_like(state.x)
-    add_tensions(state.x, state.ends, N, L, expected)
-    assert np.abs(forces_of(state)[0] - expected).max() <= ROUNDING * np.abs(expected).max()
-
-
 def test_a_cut_leaves_the_rows_of_a_lattice_whole():
-    """METIS's halves of a lattice:
-    almost no element along the rows is cut, runs are longer than a row, and few particles are in none.
-    """
+    """METIS's halves of a lattice: almost no element along the rows is cut, and most vectors are in line."""
     side = 120
     part = metis_partition(side**2, lattice(side), 2)
     cut = lattice(side)[(part[lattice(side)] != part[lattice(side)[:, :1]]).any(1)]
@@ -258,14 +238,13 @@ def test_a_cut_leaves_the_rows_of_a_lattice_whole():
         state.ends[:], state.EA[:], state.L0[:] = subdomain.ends, 1.0, 1.0
         halo = NoHalo()
         halo.boundary = int(subdomain.send_index.max()) + 1
-        runs = Plan(state, halo).chunks.runs
-        assert (runs.whole[:, 1] - runs.whole[:, 0]).max() > 4 * side and (
-            runs.spans[:, 3] - runs.spans[:, 2]
-        ).sum() < 0.02 * subdomain.n_owned
+        Plan(state, halo)
+        assert share_in_line(state, halo.boundary) > 0.8
 
 
 @pytest.mark.parametrize("n", [512, 4096, 66049])
 def test_columns_of_a_step_begin_apart_within_a_page(n):
+    """Those of eight bytes a number at the begin of a line, of each table the first one."""
     state = State(Features(plastic=True, fracture=True, wind=True, energy=True, air=True), n, 0, 2 * n)
     grown = state.copy()
     grown.reserve(n // 4)
@@ -273,6 +252,8 @@ def test_columns_of_a_step_begin_apart_within_a_page(n):
         arrays = [(f, getattr(each, f.name)) for f in FIELDS if f.entity != "element"]
         tables = [a if f.entity == "slot" else a.reshape(len(a), -1).T for f, a in arrays if a is not None]
         begin = np.array([column.ctypes.data for table in tables for column in table])
-        assert (begin % LINE == 0).all()
+        wide = np.array([table.itemsize == 8 for table in tables for column in table])
+        first = np.array([k == 0 for table in tables for k in range(len(table))])
+        assert (begin[wide | first] % LINE == 0).all()
         assert len(begin) > 40
         assert np.bincount(begin % PAGE // LINE).max() <= 3  # the cache has room for eight

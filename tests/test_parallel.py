@@ -317,28 +317,6 @@ def test_one_process_that_ends_takes_nothing_from_another(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-TOUCH = """
-import ctypes, resource
-import numpy as np
-from netfall.ground.room import keep_freed
-faults = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-keep_freed()
-for _ in range(3):
-    before = faults()
-    arrays = [np.ones(400_000) for _ in range(40)]  # 31,000 pages
-    del arrays
-print(faults() - before)
-"""
-
-
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="of glibc")
-def test_memory_that_arrays_leave_stays_for_those_that_follow():
-    """By itself glibc hands it back: pages of levels are then touched anew in each correction."""
-    done = subprocess.run([sys.executable, "-c", TOUCH], env=ENVIRONMENT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) < 1000
-
-
 def test_a_place_that_a_kill_has_left_goes_with_the_next_start(tmp_path, monkeypatch):
     """Each kill left one for good; those that are held, or were just made, stay."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))

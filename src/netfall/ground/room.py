@@ -1,4 +1,4 @@
-"""Memory: what a rank takes at most, what it keeps, and what this machine has left."""
+"""Memory: what a rank takes at most, and what this machine has left."""
 
 RANK_BYTES = 250e6  # of Python and of what is compiled, some of it shared by all ranks of a machine
 SETUP_BYTES = 900  # per element on rank 0: while the faces of the roof are found
