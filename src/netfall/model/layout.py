@@ -1,7 +1,6 @@
 """The layout of a job: its net as it is given, on rank 0, in global order, before its form is found."""
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np

@@ -28,13 +28,14 @@ def make(target) -> SimpleNamespace:
         return fma(dt, v, x)
 
     @inline
-    def works_of_motion(mass, damped, zeta, ground, old, new, mean, duration):
+    def works_of_motion(mass, damped, zeta, ground, old, new, twice, duration):
         """Works [J] on the way where supports move, as factors of what the loop adds up.
 
         The force of the damping [N], the way against the ground [m], and the change of kinetic energy [J].
-        damped : mass on which the damping acts; mean : [m/s] over the whole kick; old, new : begin and end
+        damped : mass on which the damping acts; old, new : velocities [m/s] at the begin and the end of the
+        way; twice : the mean one of the whole kick
         """
-        pull = zeta * damped * (mean - ground)
+        pull = zeta * damped * fma(0.5, twice, -ground)
         way = fma(-duration, ground, duration * (0.5 * (old + new)))
         return pull, way, 0.5 * mass * fma(new, new, -(old * old))
 

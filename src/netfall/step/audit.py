@@ -129,7 +129,7 @@ def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
             with_e, with_n = fma(way, e, external), fma(way, n, internal)
             if ground:
                 at = load(particles.ground, k, p)
-                pull, against, gained = works_of_motion(mass, damped, zeta, at, old, now, mean, duration)
+                pull, against, gained = works_of_motion(mass, damped, zeta, at, old, now, old + new, duration)
                 external, internal = with_e, with_n
                 damping = where(free, fma(pull, against, damping), damping)
                 held, drawn = fma(-way, e + n, gained) + support, fma(-pull * duration, at, support)

@@ -186,10 +186,10 @@ def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
             if air:
                 of_air = fma(load(particles.air, k, p), twice, of_air)
             if ground and energy:
-                mean, free = 0.5 * twice, load_truths(particles.free, k, p)
-                way, at = kick_dt * mean, load(particles.ground, k, p)
+                free = load_truths(particles.free, k, p)
+                way, at = 0.5 * kick_dt * twice, load(particles.ground, k, p)
                 mass, damped = load(particles.mass, 0, p), damped_mass(p, particles)
-                pull, against, gained = works_of_motion(mass, damped, zeta, at, old, new, mean, kick_dt)
+                pull, against, gained = works_of_motion(mass, damped, zeta, at, old, new, twice, kick_dt)
                 put(p, high, work, 0, fma(way, e, load(work, 0, p)))
                 put(p, high, work, 1, fma(way, n, load(work, 1, p)))
                 so_far, by_ground = load(work, 2, p), load(other, 2, p)

@@ -1,0 +1,93 @@
+"""What the pass over chunks of particles is compiled to, and its bits with other vectors and chunks."""
+
+import os
+import re
+import subprocess
+import sys
+
+import llvmlite.binding as llvm
+import pytest
+from numba import cfunc, types
+from processors import JOBS, digest, kept
+from same_bits import ROOT
+
+from netfall.core.kernels import OPTIONS
+from netfall.step.loop import step_chunks
+
+VECTOR = r"<\d+ x double>"
+FUSED = re.compile(r"llvm\.fma\.")
+
+
+@pytest.fixture(scope="module")
+def text() -> str:
+    """The optimised code of the pass, in LLVM's language."""
+    compiled = cfunc(types.int64(*step_chunks.kinds), **OPTIONS)(step_chunks.function)
+    return compiled.inspect_llvm()
+
+
+def products_that_are_added(text: str) -> list[str]:
+    """Lines that add or subtract the product of vectors of an earlier line of the same function."""
+    found, products = [], set()
+    for line in text.splitlines():
+        if line.startswith("define"):
+            products = set()
+        product = re.match(rf"\s*(%[\w.]+) = fmul (?:\w+ )*{VECTOR} ", line)
+        if product:
+            products.add(product[1])
+        added = re.match(rf"\s*%[\w.]+ = f(?:add|sub) (?:\w+ )*{VECTOR} (.*)", line)
+        if added and products & set(re.findall(r"%[\w.]+", added[1])):
+            found.append(line.strip())
+    return found
+
+
+def test_a_product_that_is_added_is_found():
+    """The search itself: one line of three adds a product the plain way."""
+    lines = "define x\n %a = fmul <8 x double> %x, %y\n %b = fadd <8 x double> %a, %z\n"
+    lines += " %c = fadd <8 x double> %x, %z"
+    assert products_that_are_added(lines) == ["%b = fadd <8 x double> %a, %z"]
+
+
+def test_no_product_is_added_but_by_fma(text):
+    """Nothing is left that a compiler might contract: so the bits are those of a GPU too."""
+    assert len(re.findall(rf"fmul (?:\w+ )*{VECTOR}", text)) > 20  # the pass is in it
+    assert products_that_are_added(text) == []
+
+
+def test_nothing_is_contracted(text):
+    """As many fused operations of vectors in machine code as were asked for: no flag allows more."""
+    assert not re.search(r"f(?:add|sub|mul|div) (?:fast|contract|reassoc|nnan|ninf)", text)
+    asked = len(re.findall(rf"call {VECTOR} @llvm\.fma\.", text))
+    features = llvm.get_host_cpu_features().flatten()
+    if "+fma" not in features:
+        pytest.skip("the processor has no fused operations")
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=features, opt=3
+    )
+    made = machine.emit_assembly(llvm.parse_assembly(text))
+    wide = len(re.findall(r"vfn?m(?:add|sub)\d*pd\s.*%zmm", made))
+    half = len(re.findall(r"vfn?m(?:add|sub)\d*pd\s.*%ymm", made))
+    assert 0.9 * asked < wide + half // 2 <= asked  # a few that are alike are found to be so
+
+
+OTHER = """
+import sys
+import netfall.core.vectors
+netfall.core.vectors.LANES = {lanes}
+import netfall.step.plan
+netfall.step.plan.CHUNK = {chunk}
+from netfall.__main__ import main
+sys.argv[1:] = ["run", sys.argv[1], "-o", sys.argv[2], "--quiet"]
+main()
+"""
+
+
+@pytest.mark.parametrize("lanes, chunk", [(4, 64), (16, 4096)])
+def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(lanes, chunk, tmp_path):
+    """A storm in which cables yield and break, and parts fly off, in other registers and other chunks."""
+    result = tmp_path / "result.vtkhdf"
+    subprocess.run(
+        [sys.executable, "-c", OTHER.format(lanes=lanes, chunk=chunk), str(JOBS["saddle"]), str(result)],
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)},
+        check=True,
+    )
+    assert digest(result) == kept()["saddle"]
