@@ -65,7 +65,7 @@ elif [ "${NETFALL_SYSTEM_MPI:-1}" = 1 ] && command -v mpicc.openmpi >/dev/null &
 fi
 if ! is_done core; then
     say "packages from PyPI"
-    pip install "setuptools>=77" wheel "$(requirement numpy)" "$(requirement mpi4py)"
+    pip install "setuptools>=77" wheel "$(requirement numpy)" "$(requirement numba)" "$(requirement mpi4py)"
     if [ $parallel = 1 ] && ! $venv/bin/python -c 'import h5py; assert h5py.get_config().mpi' 2>/dev/null; then
         # Compiled once and kept. Without build isolation, or pip would also compile mpi4py; without
         # pip's cache, which does not tell a parallel h5py wheel from a serial one.
