@@ -16,7 +16,7 @@ import time
 import numpy as np
 from mpi4py import MPI
 
-from netfall.ground.compile import kernel
+from netfall.core.kernels import kernel
 from netfall.parallel.halo import Halo, exchange_rows
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import Subdomain

@@ -14,7 +14,7 @@ code reads where a field is used.
 The type of a record says nothing of what a scene has: a field that is absent is an array without elements
 (`has`). So all scenes share one compiled kernel.
 
-Undocumented of numba is used here `AttributeTemplate`, `make_array` and `populate_array` (see MAINTAINING).
+Undocumented of numba is used here `AttributeTemplate`, `make_array` and `populate_array` (MAINTAINING.md).
 """
 
 import hashlib

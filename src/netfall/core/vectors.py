@@ -4,7 +4,7 @@ A kernel reads as ordinary arithmetic, in operators and `fma`, `sqrt`, `where`, 
 floats it computes one particle, given vectors LANES of them. Nothing depends on whether a compiler finds that
 a loop can be vectorised. The bits are those of one number at a time, whatever LANES is.
 
-Undocumented of numba is used here `make_array` (see MAINTAINING).
+Undocumented of numba is used here `make_array` (MAINTAINING.md).
 """
 
 import operator
