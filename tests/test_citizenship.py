@@ -71,7 +71,7 @@ after(1.0)
 assert before._cache.cache_path == after._cache.cache_path
 second = state()
 print([name for name in first if first[name] != second[name]])
-print([name for name in ("mpi4py.MPI", "netfall.ground.compile") if name in sys.modules])
+print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.modules])
 """
 
 

@@ -47,6 +47,7 @@ u4, u4_2 = (types.Array(types.uint32, k, "C") for k in (1, 2))
 u1, u1_2 = (types.Array(types.uint8, k, "C") for k in (1, 2))
 
 WORD = ir.IntType(64)
+NUMBERS = (int, float, np.number, np.bool_)
 
 
 class RecordType(types.Type):
@@ -82,10 +83,11 @@ class Record:
         """
         fields = self.kind.fields
         given = dict(zip(fields, values, strict=False)) | named
-        if len(values) + len(named) != len(fields) or list(given) != list(fields):
-            given = {name: given[name] for name in fields if name in given}
-            if len(given) != len(fields) or len(values) + len(named) != len(fields):
-                raise TypeError(f"{type(self).__name__} takes {', '.join(fields)}")
+        if len(values) + len(named) != len(fields) or given.keys() != fields.keys():
+            names = sorted(fields.keys() ^ given.keys()) or sorted(
+                set(list(fields)[: len(values)]) & set(named)
+            )
+            raise TypeError(f"{type(self).__name__}: missing, unknown or given twice: {', '.join(names)}")
         self.__dict__ |= given
         words = []
         for name, kind in fields.items():
@@ -139,13 +141,13 @@ def _add_words(words: list, value, kind, name: str, of: RecordType) -> None:
             raise TypeError(f"{name}: {what[0]} {what[1]}; expected {kind}")
         words += value.__array_interface__["data"][0], *value.shape
     elif isinstance(kind, RecordType):
-        if value.kind is not kind:
-            raise TypeError(f"{name}: {value.kind}; expected {kind}")
+        if getattr(value, "kind", None) is not kind:
+            raise TypeError(f"{name}: {type(value).__name__}; expected {kind}")
         words.append(value.address)
-    elif kind == real:
-        words.append(struct.unpack("q", struct.pack("d", value))[0])
+    elif not isinstance(value, NUMBERS):
+        raise TypeError(f"{name}: {type(value).__name__}; expected a number")
     else:
-        words.append(int(value))
+        words.append(struct.unpack("q", struct.pack("d", value))[0] if kind == real else int(value))
 
 
 @intrinsic

@@ -1,0 +1,458 @@
+"""Plain numba: nothing of the user's process is changed; records and vectors, on which all kernels stand."""
+
+import gc
+import pickle
+import subprocess
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from conftest import BIN, ENVIRONMENT, on_ranks
+from numba import njit
+
+from netfall.core.kernels import OPTIONS, call, inner_kernel, kernel, routine
+from netfall.core.records import Record, f8, f8_2, has, i8, real, u1, u4_2, whole
+from netfall.core.vectors import (
+    LANES,
+    add,
+    any_of,
+    are_consecutive,
+    as_number,
+    bits_of,
+    fma,
+    gather,
+    load,
+    load_truths,
+    maximum,
+    minimum,
+    nowhere,
+    number_of,
+    put,
+    sqrt,
+    store,
+    store_truths,
+    where,
+    zeros,
+)
+
+# --- the user's process
+
+PROCESS = """
+import gc, os, signal, sys, warnings
+import numba, numpy as np
+from numba.core import compiler, registry, types
+
+def state():
+    classes = (registry.CPUDispatcher, types.Type, compiler.Compiler, compiler.CompilerBase, types.Array)
+    of_pickle = "__slotnames__"
+    own = lambda one: {name: value for name, value in vars(one).items() if name != of_pickle}
+    return {
+        "numba": {name: getattr(numba.config, name) for name in dir(numba.config) if name[0] != "_"},
+        "classes": [own(one) for one in classes],
+        "methods": [registry.CPUDispatcher.compile, type(types.Type).__call__, types.Type.__init__],
+        "njit": numba.njit,
+        "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), len(gc.callbacks)),
+        "environment": dict(os.environ),
+        "handlers": [signal.getsignal(number) for number in signal.valid_signals()],
+        "folder": os.getcwd(), "path": list(sys.path), "warnings": repr(warnings.filters),
+        "errors": np.geterr(),
+    }
+
+@numba.njit(cache=True)
+def before(x):
+    return 2.0 * x
+
+assert before(1.0) == 2.0
+first = state()
+import netfall
+net = {"nodes": np.array([[-10.0, 0, 2], [10, 0, 2], [0, 0, 0]]), "elements": [[0, 2], [1, 2]]}
+net |= {"fixed": [True, True, False], "node_columns": {"mass": [0.0, 0.0, 1000.0]}}
+cable = {"modulus": 1.6e11, "area": 500e-6, "density": 7850.0, "prestress": 100e3}
+with netfall.run({"net": net, "cable": cable, "dynamics": {"duration": 0.01}}, output="r.vtkhdf") as result:
+    assert result.tension(element=0)[0] > 0.0
+
+@numba.njit(cache=True)
+def after(x):
+    return np.sort(np.zeros(x))[-1]
+
+assert after(3) == 0.0
+try:
+    after(-1)
+except ValueError as error:
+    assert "negative dimensions" in str(error)
+else:
+    raise AssertionError("an error of a user's kernel is lost")
+folders = {os.path.dirname(str(one._cache.cache_path)) for one in (before, after)}
+given = os.environ.get("NUMBA_CACHE_DIR")
+print(folders == {os.path.dirname(os.path.abspath(__file__))} if given is None else
+      all(folder.startswith(given) for folder in folders))
+second = state()
+print([name for name in first if first[name] != second[name]])
+print("netfall.core.kernels" in sys.modules)
+"""
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_run_changes_nothing_of_numba_or_the_users_process(tmp_path, ranks):
+    """A user's kernels are kept beside their file, if nothing else is asked for, and work as ever.
+
+    On the ranks of mpirun it computes in them: netfall's kernels stand beside the user's.
+    """
+    (tmp_path / "process.py").write_text(PROCESS)
+    mine = {name: value for name, value in ENVIRONMENT.items() if name != "NUMBA_CACHE_DIR" or ranks > 1}
+    done = subprocess.run(
+        [*on_ranks(ranks), BIN / "python", "process.py"],
+        env=mine,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=500,
+    )
+    lines = done.stdout.splitlines()
+    assert sorted(lines) == sorted(["True", "[]", str(ranks > 1)] * ranks), done.stdout + done.stderr
+
+
+# --- records
+
+
+class Inner(Record):
+    numbers: f8
+    table: f8_2
+
+
+class Outer(Record):
+    factor: real
+    count: whole
+    flags: u1
+    pairs: u4_2
+    inner: Inner
+
+
+@kernel
+def read(outer, out):
+    """What compiled code finds in a record."""
+    out[0], out[1] = outer.factor, outer.count
+    out[2], out[3], out[4] = has(outer.flags), has(outer.pairs), has(outer.inner.table)
+    for i in range(outer.flags.shape[0]):
+        out[5] += outer.flags[i]
+    for i in range(outer.pairs.shape[0]):
+        out[6] += outer.pairs[i, 0] - outer.pairs[i, 1]
+    for i in range(outer.inner.table.shape[0]):
+        for k in range(outer.inner.table.shape[1]):
+            out[7] += outer.inner.table[i, k] * outer.inner.numbers[k]
+
+
+def inner() -> Inner:
+    return Inner(np.array([1.0, 10.0, 100.0]), np.arange(6.0).reshape(2, 3))
+
+
+def outer(**changes) -> Outer:
+    flags, pairs = np.array([1, 0, 255], np.uint8), np.array([[5, 2], [9, 1]], np.uint32)
+    return Outer(
+        **({"factor": -0.1, "count": -7, "flags": flags, "pairs": pairs, "inner": inner()} | changes)
+    )
+
+
+def found(record: Outer) -> list[float]:
+    out = np.zeros(8)
+    read(record, out)
+    return out.tolist()
+
+
+def test_compiled_code_reads_what_a_record_was_given():
+    """Numbers, arrays of several types and axes, a record within; by place, by name, changed, pickled."""
+    whole = outer()
+    assert found(whole) == [-0.1, -7, 1, 1, 1, 256, 11, 210 + 543]
+    by_place = Outer(-0.1, -7, whole.flags, whole.pairs, whole.inner)
+    for other in (by_place, pickle.loads(pickle.dumps(whole)), whole.replaced()):
+        assert found(other) == found(whole)
+    assert found(whole.replaced(factor=np.inf, count=2**40))[:2] == [np.inf, 2.0**40]
+    assert found(whole)[:2] == [-0.1, -7]  # a record is never changed,
+    whole.inner.table[0] = 0.0  # but its arrays may be
+    assert found(by_place)[7] == 543
+    assert np.isnan(found(outer(factor=np.nan))[0])
+
+
+def test_a_record_keeps_its_arrays():
+    """They are nobody else's."""
+    record = outer(inner=Inner(np.full(3, 2.0), np.full((1000, 3), 0.5)))
+    gc.collect()
+    others = [np.full((1000, 3), -1.0) for _ in range(20)]
+    assert found(record)[7] == 3000.0 and len(others) == 20
+
+
+def test_absent_fields_are_seen_as_absent():
+    """Arrays without elements, also those within records that are absent."""
+    nothing = Outer.absent()
+    assert found(nothing) == [0.0] * 8
+    assert found(outer(inner=nothing.inner))[4:] == [0, 256, 11, 0]
+    assert found(outer(pairs=np.zeros((0, 2), np.uint32)))[2:5] == [1, 0, 1]
+    assert found(nothing.replaced(inner=inner()))[2:5] == [0, 0, 1]
+    assert not [name for name in ("flags", "pairs") if getattr(nothing, name).size]
+
+
+@pytest.mark.parametrize(
+    "name, value",
+    [
+        ("flags", np.zeros(3)),  # of another type
+        ("flags", np.zeros(3, bool)),
+        ("flags", [1, 0, 255]),
+        ("flags", None),
+        ("pairs", np.zeros((2, 2), np.int32)),
+        ("pairs", np.zeros(4, np.uint32)),  # of another shape
+        ("pairs", np.zeros((2, 2), np.uint32, order="F")),  # in another order of memory
+        ("pairs", np.zeros((2, 4), np.uint32)[:, ::2]),
+        ("pairs", np.zeros((2, 2), ">u4")),
+        ("inner", Outer.absent()),
+        ("inner", None),
+        ("inner", np.zeros(3)),
+        ("factor", None),
+        ("factor", "1"),
+        ("count", None),
+        ("count", np.zeros(3)),
+    ],
+)
+def test_what_does_not_fit_is_named(name, value):
+    """By the name of its field, when the record is made."""
+    with pytest.raises(TypeError, match=f"^{name}: "):
+        outer(**{name: value})
+
+
+@pytest.mark.parametrize("name", ["factor", "pairs", "inner"])
+def test_what_is_missing_is_named(name):
+    given = {field: getattr(outer(), field) for field in Outer.kind.fields if field != name}
+    with pytest.raises(TypeError, match=f"^Outer: .*{name}"):
+        Outer(**given)
+
+
+def test_what_is_unknown_or_given_twice_is_named():
+    with pytest.raises(TypeError, match=r"^Outer: .*colour"):
+        outer(colour=1.0)
+    with pytest.raises(TypeError, match=r"^Outer: .*factor"):
+        Outer(*(getattr(outer(), name) for name in Outer.kind.fields), factor=1.0)
+
+
+def test_the_type_of_a_record_is_that_of_its_fields():
+    """Not of what a scene has: one compiled kernel for all; another for a record with other fields."""
+    assert Outer.absent().kind is outer().kind and Inner.kind != Outer.kind
+    assert len(read.signatures) == 1
+    other = type("Inner", (Record,), {"__annotations__": {"numbers": f8, "table": i8}})
+    assert other.kind.name != Inner.kind.name and other.kind != Inner.kind
+
+
+@routine(whole, real, Outer.kind)
+def scaled(number, factor, record):
+    """A routine: it gives a whole number, and writes into arrays."""
+    record.inner.table[0, 0] = factor * record.factor
+    return number + record.count
+
+
+@kernel
+def call_scaled(address, number, factor, record):
+    return call(address, (number, factor, record))
+
+
+def test_a_routine_is_called_by_its_address():
+    record = outer()
+    assert call_scaled(scaled.address, 2**40, 3.0, record) == 2**40 - 7
+    assert record.inner.table[0, 0] == 3.0 * -0.1
+
+
+# --- vectors: each operation on LANES numbers as on each of them alone
+
+
+TWO = 2.0
+OPERATIONS = {
+    "sum": lambda a, b, c: a + b,
+    "difference": lambda a, b, c: a - b,
+    "product": lambda a, b, c: a * b,
+    "quotient": lambda a, b, c: a / b,
+    "negative": lambda a, b, c: -a,
+    "size": lambda a, b, c: abs(a),
+    "fused": lambda a, b, c: fma(a, b, c),
+    "root": lambda a, b, c: sqrt(abs(a)),
+    "larger": lambda a, b, c: maximum(a, b),
+    "smaller": lambda a, b, c: minimum(a, b),
+    "with numbers, first": lambda a, b, c: TWO * a + (1 - a) - TWO / a,
+    "with numbers, last": lambda a, b, c: a * TWO + (a - 1) - a / TWO,
+    "fused with numbers": lambda a, b, c: fma(a, TWO, 1) + fma(TWO, b, -1.0) + fma(1, TWO, c),
+    "limited by numbers": lambda a, b, c: maximum(minimum(a, 1.0), -1.0) + maximum(0.5, b) + minimum(0, c),
+    "less": lambda a, b, c: where(a < b, a, c),
+    "more": lambda a, b, c: where(a > b, a, c),
+    "equal": lambda a, b, c: where(a == b, a, c),
+    "another": lambda a, b, c: where(a != b, a, c),
+    "not itself": lambda a, b, c: where(a != a, 1.0, c),
+    "against numbers": lambda a, b, c: where(a < 0.0, 1.0, where(0.5 < b, c, TWO)),
+    "both": lambda a, b, c: where((a < b) & (b < c), a, c),
+    "either": lambda a, b, c: where((a > b) | (b == c), a, c),
+    "the same bits": lambda a, b, c: number_of(bits_of(a)),
+    "exponent": lambda a, b, c: as_number(bits_of(a) >> 52),
+    "bits added": lambda a, b, c: as_number(bits_of(a) + bits_of(b)),
+    "bits subtracted": lambda a, b, c: as_number((bits_of(a) - bits_of(b)) - 1),
+    "bits shifted": lambda a, b, c: as_number(bits_of(a) << 3),
+}
+
+
+def numbers_of_all_kinds(n: int) -> np.ndarray:
+    """Three rows of numbers, among them none, infinite ones, zeros of both signs, and very small ones."""
+    rng = np.random.default_rng(7)
+    rows = rng.normal(size=(3, n)) * 10.0 ** rng.integers(-3, 3, (3, n))
+    odd = [0.0, -0.0, np.inf, -np.inf, np.nan, 5e-324, -1e-310, 1.0, -1.0, 1.7e308]
+    rows[:, : len(odd) ** 2] = [
+        np.repeat(odd, len(odd)),
+        np.tile(odd, len(odd)),
+        np.roll(np.repeat(odd, 10), 7),
+    ]
+    rows[1, 150:200] = rows[0, 150:200]
+    return rows
+
+
+def both_ways(operation) -> tuple:
+    """Kernels that write what an operation gives of three rows: of vectors, and of one number at a time."""
+    each = inner_kernel(operation)
+
+    @njit(**OPTIONS)
+    def of_vectors(rows, high, out):
+        for p in range(0, high, LANES):
+            put(p, high, out, 0, each(load(rows, 0, p), load(rows, 1, p), load(rows, 2, p)))
+
+    @njit(**OPTIONS)
+    def one_by_one(rows, high, out):
+        for p in range(high):
+            out[p] = each(rows[0, p], rows[1, p], rows[2, p])
+
+    return of_vectors, one_by_one
+
+
+def canonical(values: np.ndarray) -> np.ndarray:
+    """The bits, all those that are no number alike."""
+    return np.where(np.isnan(values), np.int64(-1), values.view(np.int64))
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_an_operation_gives_the_bits_of_one_number_at_a_time(name):
+    """Of all kinds of numbers; the last vector is not full."""
+    rows, high = numbers_of_all_kinds(40 * LANES), 40 * LANES - 3
+    found, expected = np.full((2, 40 * LANES), 7.0)
+    of_vectors, one_by_one = both_ways(OPERATIONS[name])
+    of_vectors(rows, high, found)
+    one_by_one(rows, high, expected)
+    assert np.array_equal(canonical(found), canonical(expected)) and (found[high:] == 7.0).all()
+
+
+def test_functions_of_one_number_are_what_they_say():
+    """Root and bits as numpy has them; fused is the exact value rounded once; larger and smaller take b
+    where either is none.
+    """
+    rows = numbers_of_all_kinds(400)
+    n, out = rows.shape[1], np.empty(400)
+    given = lambda name: (both_ways(OPERATIONS[name])[1](rows, n, out), out.copy())[1]
+    assert np.array_equal(canonical(given("root")), canonical(np.sqrt(np.abs(rows[0]))))
+    exponents = (rows[0].view(np.int64) >> 52).astype(float)
+    nans = np.isnan(rows[0])
+    assert np.array_equal(given("exponent")[~nans], exponents[~nans])
+    assert np.array_equal(canonical(given("larger")), canonical(np.where(rows[0] > rows[1], *rows[:2])))
+    assert np.array_equal(canonical(given("smaller")), canonical(np.where(rows[0] < rows[1], *rows[:2])))
+    fused = given("fused")
+    for k in np.flatnonzero(np.isfinite(rows).all(0)):
+        a, b, c = (Fraction(value) for value in rows[:, k].tolist())
+        if abs(a * b + c) < 1e308:
+            assert fused[k] == float(a * b + c)
+
+
+@kernel
+def single(a, b, c):
+    return fma(np.float32(a), np.float32(b), np.float32(c))
+
+
+def test_fused_in_single_precision_is_rounded_to_it():
+    one = 1.0 + 2.0**-23
+    assert single(one, one, -1.0) == np.float32(2.0**-22 + 2.0**-46)
+
+
+# --- vectors in memory
+
+
+ROWS = 3
+LENGTHS = [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES - 2, 3 * LANES]
+
+
+def padded(n: int) -> int:
+    """Places with room for a whole vector behind the last of n, so that none reads or writes beyond."""
+    return n + LANES
+
+
+@kernel
+def through_memory(high, numbers, truths, other, copied, partly, added, told, gathered, consecutive):
+    """Each access to memory, at all places up to `high`; what is read goes into other arrays."""
+    for p in range(0, high, LANES):
+        for row in range(ROWS):
+            value, truth = load(numbers, row, p), load_truths(truths, row, p)
+            store(copied, row, p, value)
+            put(p, high, partly, row, value)
+            add(p, high, added, row, value)
+            store_truths(told, row, p, truth)
+            put(p, high, gathered, row, gather(numbers, row, other, row, p))
+            consecutive[row, p // LANES] = are_consecutive(other, row, p)
+
+
+@pytest.mark.parametrize("n", LENGTHS)
+def test_memory_is_read_and_written_as_one_number_at_a_time(n):
+    """In any row, and at its end: nothing behind the last particle but by whole stores, which say so."""
+    rng, width = np.random.default_rng(n), padded(n)
+    numbers, truths = rng.normal(size=(ROWS, width)), rng.choice([0, 1, 255], (ROWS, width)).astype(np.uint8)
+    other = rng.integers(0, n, (ROWS, width)).astype(np.uint32)
+    other[1] = np.minimum(np.arange(width) + 1, n - 1)
+    if n > LANES:
+        other[2, :LANES] = np.arange(LANES)
+    copied, partly, added, gathered = np.full((4, ROWS, width), -9.0)
+    told, consecutive = np.full((ROWS, width), 77, np.uint8), np.zeros((ROWS, width), np.uint8)
+    through_memory(n, numbers, truths, other, copied, partly, added, told, gathered, consecutive)
+    whole = -(-n // LANES) * LANES  # a whole store writes so far
+    assert np.array_equal(copied[:, :whole], numbers[:, :whole]) and (copied[:, whole:] == -9.0).all()
+    assert np.array_equal(told[:, :whole], truths[:, :whole] != 0) and (told[:, whole:] == 77).all()
+    assert np.array_equal(partly[:, :n], numbers[:, :n]) and (partly[:, n:] == -9.0).all()
+    assert np.array_equal(added[:, :n], -9.0 + numbers[:, :n]) and (added[:, n:] == -9.0).all()
+    expected = np.array([numbers[row, other[row, :n]] for row in range(ROWS)])
+    assert np.array_equal(gathered[:, :n], expected) and (gathered[:, n:] == -9.0).all()
+    for row in range(ROWS):
+        for p in range(0, n, LANES):
+            steps = np.diff(other[row, p : p + LANES].astype(int))
+            assert consecutive[row, p // LANES] == (steps == 1).all()
+
+
+@kernel
+def one_row(high, numbers, truths, copied, told):
+    for p in range(0, high, LANES):
+        put(p, high, copied, 0, load(numbers, 0, p))
+        store_truths(told, 0, p, load_truths(truths, 0, p))
+
+
+def test_arrays_of_one_axis_have_one_row():
+    numbers, truths = np.arange(40.0), (np.arange(40) % 3).astype(np.uint8)
+    copied, told = np.zeros(40), np.zeros(40, np.uint8)
+    one_row(21, numbers, truths, copied, told)
+    assert np.array_equal(copied, np.where(np.arange(40) < 21, numbers, 0.0))
+    whole = -(-21 // LANES) * LANES
+    assert np.array_equal(told, np.where(np.arange(40) < whole, truths != 0, False))
+
+
+@kernel
+def any_in(truths, out):
+    """Whether any is true; and of nowhere, alone and with these; a sum that begins with zeros."""
+    truth = load_truths(truths, 0, 0)
+    out[0], out[1], out[2] = any_of(truth), any_of(nowhere()), any_of(nowhere() | truth)
+    out[3], out[4] = any_of(zeros() != zeros()), any_of(zeros() == zeros())
+
+
+def test_any_of_is_that_of_its_lanes():
+    """None, each alone, and all."""
+    for rows in (
+        np.zeros((1, LANES), np.uint8),
+        np.eye(LANES, dtype=np.uint8),
+        np.ones((1, LANES), np.uint8),
+    ):
+        for truths in rows:
+            out = np.full(5, 7.0)
+            any_in(truths, out)
+            assert out.tolist() == [truths.any(), 0.0, truths.any(), 0.0, 1.0]
