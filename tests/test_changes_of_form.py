@@ -550,10 +550,10 @@ def test_a_rank_may_be_one_exchange_ahead():
             (none, np.array([8, 9]), address + 8 * 40),
         )
     )  # fmt: skip
-    arrived = np.zeros((2, 1))
+    arrived, nothing = np.zeros((2, 1)), np.zeros((0, 1))
     for turn in range(1, 4):
         if turn == 1:
-            exchange_rows(np.array([[1.0], [10.0]]), 2, ahead)
-        exchange_rows((turn + 1) * np.array([[1.0], [10.0]]), 2, ahead)
-        exchange_rows(arrived, 0, behind)
+            exchange_rows(np.array([[1.0], [10.0]]), nothing, ahead)
+        exchange_rows((turn + 1) * np.array([[1.0], [10.0]]), nothing, ahead)
+        exchange_rows(nothing, arrived, behind)
         assert arrived[:, 0].tolist() == [turn, 10.0 * turn]

@@ -28,8 +28,8 @@ def columns(count: int, rows: int, dtype, place: int = 0) -> np.ndarray:
 
 
 def vectors(rows: int, dtype=float, place: int = 0, width: int = 3) -> np.ndarray:
-    """Zeros (rows, width), whose columns are placed so."""
-    return columns(width, rows, dtype, place)[:, :rows].T
+    """Zeros (rows, width), whose columns are placed so; never contiguous, so that kernels get one type."""
+    return columns(width, rows + 1, dtype, place)[:, :rows].T
 
 
 def placed(array: np.ndarray) -> np.ndarray:

@@ -122,8 +122,8 @@ def _moment(joints, k, a, b, g):
     return s * c[0], s * c[1], s * c[2]
 
 
-@kernel
-def add_bending_forces(x, joints, f):
+@inner_kernel
+def bend(x, joints, f):
     """Add the forces of joints at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
@@ -136,6 +136,12 @@ def add_bending_forces(x, joints, f):
             f[h, axis] += on_a
             f[i, axis] += on_b - on_a
             f[j, axis] -= on_b
+
+
+@kernel
+def add_bending_forces(x, joints, f):
+    """`bend` from Python."""
+    bend(x, joints, f)
 
 
 @inner_kernel

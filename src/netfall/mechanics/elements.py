@@ -38,14 +38,20 @@ def _state_of(x, elements, law, e):
     return N, eps, eps_p, L, (dx, dy, dz)
 
 
-@kernel
-def element_state(x, elements, law, now):
+@inner_kernel
+def find_state(x, elements, law, now):
     """Force, strain, plastic strain and length of each element at x (n, 3) [m], changing nothing else.
 
     elements : `Elements`; law : `Law`; now : `ElementState`, out
     """
     for e in range(elements.ends.shape[0]):
         now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = _state_of(x, elements, law, e)
+
+
+@kernel
+def element_state(x, elements, law, now):
+    """`find_state` from Python."""
+    find_state(x, elements, law, now)
 
 
 @kernel
@@ -74,8 +80,8 @@ def add_element_forces(x, elements, law, f):
             f[b, k] -= d
 
 
-@kernel
-def add_tensions(x, ends, N, L, f_int):
+@inner_kernel
+def pull(x, ends, N, L, f_int):
     """Add given axial forces N (m,) [N] at lengths L (m,) [m] to the particles' f_int (n, 3) [N]."""
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]
@@ -84,6 +90,12 @@ def add_tensions(x, ends, N, L, f_int):
             d = q * (x[b, k] - x[a, k])
             f_int[a, k] += d
             f_int[b, k] -= d
+
+
+@kernel
+def add_tensions(x, ends, N, L, f_int):
+    """`pull` from Python."""
+    pull(x, ends, N, L, f_int)
 
 
 @kernel

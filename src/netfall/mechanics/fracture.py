@@ -201,7 +201,7 @@ def take_out(e, when, elements, law, fractures):
     """Element e leaves the net; what is stored in it counts as dissipated."""
     rules, particles, events = fractures.rules, fractures.particles, fractures.events
     before = strain_before(e, when.dt, elements, particles, law)
-    dissipate(e, when.dt, elements, particles, law)
+    lose_stored(e, when.dt, elements, particles, law)
     elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0
     if has(elements.eps_c):
         elements.eps_c[e] = -np.inf
@@ -223,8 +223,8 @@ def lose_wind(p, rules, particles):
         lose_air(p, particles)
 
 
-@kernel
-def dissipate(e, dt, elements, particles, law):
+@inner_kernel
+def lose_stored(e, dt, elements, particles, law):
     """Count what is stored in element e as dissipated: up to half a drift ago, where its forces worked."""
     L = length_before(e, 0.5 * dt, elements, particles)
     eps_p = 0.0
@@ -237,6 +237,12 @@ def dissipate(e, dt, elements, particles, law):
         elements.dissipated[e] += heat
         elements.eps_p[e] = now
     elements.dissipated[e] += stored
+
+
+@kernel
+def dissipate(e, dt, elements, particles, law):
+    """`lose_stored` from Python."""
+    lose_stored(e, dt, elements, particles, law)
 
 
 @inner_kernel

@@ -10,12 +10,12 @@ is held along a unit vector n in plan, forces lose their part along n, so that n
 
 import numpy as np
 
-from netfall.core.kernels import kernel
+from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import has
 
 
-@kernel
-def add_springs(x, x_start, spring, rest, turned, f_int):
+@inner_kernel
+def spring_back(x, x_start, spring, rest, turned, f_int):
     """Add the forces of the springs (n, 3) [N/m] at x (n, 3) [m] to f_int (n, 3) [N]; rest : (n, 3) [m].
 
     turned : (n, 3), absent: all stand along x, y and z
@@ -26,6 +26,12 @@ def add_springs(x, x_start, spring, rest, turned, f_int):
         if has(turned):
             f_int[p, 0] += turned[p, 2] * (rest[p, 1] - (x[p, 1] - x_start[p, 1]))
             f_int[p, 1] += turned[p, 2] * (rest[p, 0] - (x[p, 0] - x_start[p, 0]))
+
+
+@kernel
+def add_springs(x, x_start, spring, rest, turned, f_int):
+    """`spring_back` from Python."""
+    spring_back(x, x_start, spring, rest, turned, f_int)
 
 
 def spring_forces(x, x_start, spring, rest, turned=None) -> np.ndarray:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from netfall.ground.columns import placed
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
 from netfall.mechanics.bending import add_joint_bounds
@@ -123,7 +124,7 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     rows, chains = np.flatnonzero(there), None
     if model.joints is not None:
         sizes = np.zeros(model.net.n)  # of joints, of angles that grow too
-        add_joint_bounds(model.x, model.joints, TURNED, sizes)
+        add_joint_bounds(placed(model.x), model.joints, TURNED, sizes)
         support = support + sizes
         chains = model.joints.particles, np.searchsorted(rows, model.layout.chains.elements[:, 0])
     limits = any_shape_limits(*of_net, support, chains)

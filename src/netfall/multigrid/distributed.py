@@ -65,11 +65,22 @@ def step_rows(rows, start, column, block, inverse, b, x, scale, keep, step):
         add_step(i, inverse, r, s, t, scale, keep, step)
 
 
+@part_of_kernel
+def _dot_rows(a, b, out):
+    for p in range(out.shape[0]):
+        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
+
+
 @kernel
 def dot_rows(a, b, out):
     """Products (n,) of the rows of two arrays (n, 3)."""
-    for p in range(out.shape[0]):
-        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
+    _dot_rows(a, b, out)
+
+
+@kernel
+def dot_single_rows(a, b, out):
+    """The same in single precision: of a kernel kept on disk there is one version."""
+    _dot_rows(a, b, out)
 
 
 @kernel

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from netfall.core.kernels import kernel, part_of_kernel
-from netfall.multigrid.distributed import DistributedMatrix, dot_rows, first_step
+from netfall.multigrid.distributed import DistributedMatrix, dot_single_rows, first_step
 from netfall.multigrid.products import Coarser, Transposed
 from netfall.multigrid.rows import BlockRows, Everywhere, Owners, Pattern, entries_of, starts_of
 from netfall.parallel.agree import on_root
@@ -217,9 +217,9 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
     v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
     squares = np.empty((2, len(v)))
     for _ in range(POWERS):  # that grow by 1e12 at most
-        dot_rows(v, v, squares[0])
+        dot_single_rows(v, v, squares[0])
         first_step(inverse, product(v), np.float32(1.0), v)
-    dot_rows(v, v, squares[1])
+    dot_single_rows(v, v, squares[1])
     old, new = exact_sums(product.shared.comm, *squares)
     if new == 0.0:  # all is slack, and nothing resists: any bound will do
         return TOP_OF_NET

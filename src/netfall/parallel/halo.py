@@ -152,20 +152,19 @@ def unpack_forces(n_owned, particles, place, buffers):
 
 
 @kernel
-def exchange_rows(rows, n_owned, buffers):
-    """Owners' rows (n, width) to the halo copies; MPI's error code, 0 for success."""
-    width, place = rows.shape[1], buffer_in_use(buffers)
-    for i in range(buffers.send_index.shape[0]):
-        p = buffers.send_index[i]
+def exchange_rows(sent, arrived, buffers):
+    """Send rows (k, width) of the boundary particles, take those (h, width) of the halo; MPI's error code."""
+    width, place = sent.shape[1], buffer_in_use(buffers)
+    for i in range(sent.shape[0]):
         for k in range(width):
-            buffers.numbers[buffers.send_at + place + i * width + k] = rows[p, k]
+            buffers.numbers[buffers.send_at + place + i * width + k] = sent[i, k]
     error = send_buffer(buffers)
     if error != 0:
         return error
     error = wait_for_neighbours(buffers)
-    for i in range(buffers.receive_at.shape[0]):
+    for i in range(arrived.shape[0]):
         for k in range(width):
-            rows[n_owned + i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
+            arrived[i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
     return error
 
 
@@ -244,7 +243,11 @@ class Halo:
 
     def update(self, rows: np.ndarray) -> None:
         """Give the owners' rows (n, width) to the halo copies. Collective among neighbours."""
-        check(exchange_rows(rows, self.n_owned, self.buffers))
+        index, n_halo = self.buffers.send_index, len(self.buffers.receive_at)
+        if len(index) or n_halo:
+            sent, arrived = np.ascontiguousarray(rows[index], np.float64), np.empty((n_halo, self.width))
+            check(exchange_rows(sent, arrived, self.buffers))
+            rows[self.n_owned : self.n_owned + n_halo] = arrived
 
     def free(self) -> None:
         """Give the requests and the shared memory back to MPI. Collective."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.ground.columns import placed
 from netfall.mechanics.bending import add_bending_forces, joint_moments
 from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.state import State
@@ -116,9 +117,10 @@ def balance_in_form(model: Model, load: np.ndarray, residual: float, tolerance: 
     np.add.at(pull, start, each)
     np.subtract.at(pull, end, each)
     if model.joints is not None:
-        add_bending_forces(x, model.joints, pull)
-        moment, hold = np.empty((2, len(model.joints.stiffness)))
-        joint_moments(x, model.joints, moment, hold)
+        pull = np.asfortranarray(pull)  # as in a state
+        add_bending_forces(placed(x), model.joints, pull)
+        pull, (moment, hold) = np.ascontiguousarray(pull), np.empty((2, len(model.joints.stiffness)))
+        joint_moments(placed(x), model.joints, moment, hold)
     total, held = pull + load, net.fixed | (net.spring > 0)
     reaction = on_held(net, held, total)
     parts = Parts(x, load, reaction, total - reaction, ~held.all(1), model.N, hold)

@@ -12,13 +12,13 @@ from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, u1, whole
 from netfall.core.vectors import LANES, fma, load, load_truths, put, where, zeros
 from netfall.mechanics.air import RelativeWind, set_air, set_drag
-from netfall.mechanics.bending import Joints, add_bending_forces, joint_energy
-from netfall.mechanics.elements import ElementState, add_tensions, element_energies, element_state
+from netfall.mechanics.bending import Joints, bend, joint_energy
+from netfall.mechanics.elements import ElementState, element_energies, find_state, pull
 from netfall.mechanics.fields import Elements, Particles
 from netfall.mechanics.law.branches import add_branches, set_branches
 from netfall.mechanics.law.law import Law
 from netfall.mechanics.slip.motion import Places, slip_energies
-from netfall.mechanics.supports import add_springs
+from netfall.mechanics.supports import spring_back
 from netfall.parallel.sums import add_exactly, add_term
 from netfall.physics.targets import particle
 from netfall.step.forces import Scratch
@@ -262,15 +262,15 @@ def internal_forces(before_dt, dt, subject, room):
     particles, elements, law, now = subject.particles, subject.elements, subject.law, room.now
     n_owned, first_split, x, f_int = subject.n_owned, subject.first_split, particles.x.T, room.f_int.T
     f_int[:] = 0.0
-    add_tensions(x, elements.ends, now.N, now.L, f_int)
+    pull(x, elements.ends, now.N, now.L, f_int)
     if has(law.branches):
         set_branches(before_dt, dt, law)
         add_branches(x, elements, now, law, f_int, room.f_band.T)
     if has(subject.joints.stiffness):
-        add_bending_forces(x, subject.joints, f_int)
+        bend(x, subject.joints, f_int)
     if has(particles.spring):
         halo, supports = first_split - n_owned, (particles.spring.T, particles.spring_rest.T)
-        add_springs(x, particles.x_start.T, *supports, particles.turned.T, f_int)
+        spring_back(x, particles.x_start.T, *supports, particles.turned.T, f_int)
         spring_energies(0, n_owned, 0, particles, room.sprung)
         spring_energies(first_split, subject.rows[0], halo, particles, room.sprung)
 
@@ -282,7 +282,7 @@ def observe(before_dt, dt, zeta, share, whole, subject, room):
     before_dt, dt : [s] the steps before and after; zeta [1/s]; share : place between two samples
     """
     particles, elements, law = subject.particles, subject.elements, subject.law
-    element_state(particles.x.T, elements, law, room.now)
+    find_state(particles.x.T, elements, law, room.now)
     if not whole:
         return
     heat, terms, stored, sums = room.heat, room.terms, room.stored, room.sums

@@ -20,7 +20,7 @@ from typing import NamedTuple
 from netfall.core.kernels import call, inner_kernel, kernel, routine
 from netfall.core.records import Record, f8, f8_2, has, i8, real, u1, whole
 from netfall.mechanics.air import RelativeWind, set_air, set_drag
-from netfall.mechanics.bending import Joints, add_bending_forces, clear_bending_forces
+from netfall.mechanics.bending import Joints, bend, clear_bending_forces
 from netfall.mechanics.events import StepDone
 from netfall.mechanics.fields import Elements, Particles, Slots
 from netfall.mechanics.fracture import Fractures
@@ -178,7 +178,7 @@ def begin_step(time, before_dt, dt, kick_dt, zeta, share, anew, work):
         set_air(kick_dt, zeta, particles)
     if has(work.bends.stiffness):
         clear_bending_forces(work.bends, particles.bend.T)
-        add_bending_forces(particles.x.T, work.bends, particles.bend.T)
+        bend(particles.x.T, work.bends, particles.bend.T)
     if has(work.places.node):
         kick_slips(time, kick_dt, share, work.places, particles, work.elements, law)
     if has(particles.drag):

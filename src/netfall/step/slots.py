@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import has
 from netfall.mechanics.fields import EMPTY, fields_of
 from netfall.mechanics.law.element import yield_energy
@@ -32,7 +32,8 @@ def fill_slots(state: State) -> None:
     for field in fields_of("slot"):
         slot = getattr(s, field.name)
         if field.slot_of and slot is not None:
-            copy_to_slots(s.n_local, element, getattr(s, field.slot_of), slot)
+            copy = copy_marks_to_slots if slot.dtype == np.uint8 else copy_to_slots
+            copy(s.n_local, element, getattr(s, field.slot_of), slot)
 
 
 @kernel
@@ -67,9 +68,8 @@ def fill_lengths(n_local, slot_element, L0, inv_L0):
             inv_L0[s, p] = 0.0 if e == EMPTY else 1.0 / L0[e]
 
 
-@kernel
-def copy_to_slots(n_local, slot_element, values, slot):
-    """A field of the elements (m,) into a field of the slots (slots, n); nothing of use in an empty slot."""
+@part_of_kernel
+def _copy_to_slots(n_local, slot_element, values, slot):
     for s in range(slot.shape[0]):
         for p in range(n_local):
             e = slot_element[s, p]
@@ -77,6 +77,18 @@ def copy_to_slots(n_local, slot_element, values, slot):
                 slot[s, p] = 0
             else:
                 slot[s, p] = values[e]
+
+
+@kernel
+def copy_to_slots(n_local, slot_element, values, slot):
+    """A field of the elements (m,) into a field of the slots (slots, n); nothing of use in an empty slot."""
+    _copy_to_slots(n_local, slot_element, values, slot)
+
+
+@kernel
+def copy_marks_to_slots(n_local, slot_element, values, slot):
+    """The same of a field of bytes: of a kernel kept on disk there is one version."""
+    _copy_to_slots(n_local, slot_element, values, slot)
 
 
 @inner_kernel
