@@ -73,6 +73,8 @@ def _place_joints(distribution: Distribution, model: Model | None, state: State)
     """Give a state its joints, and which of them each of its elements has at its ends. Collective."""
     d, of = distribution.subdomain, model and model.joints
     owned = (d.joints[:, 1] < d.n_owned).astype(np.uint8)
-    state.joints = Joints(d.joints, *(distribution.joints(of and getattr(of, k)) for k in ("stiffness", "rest")), owned)
+    state.joints = Joints(
+        d.joints, *(distribution.joints(of and getattr(of, k)) for k in ("stiffness", "rest")), owned
+    )
     at = distribution.elements(model and model.layout.chains.at)
     state.joint_at = np.where(at >= 0, rows_of(d.joint_gid, at.ravel()).reshape(at.shape), at)
