@@ -133,7 +133,7 @@ def of_scenes(rows: list[str]):
 
 
 @of_scenes(EVERY)
-def test_vector_kernels_give_the_forces_of_the_element_law(scene):
+def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
     """To rounding; and they point at every particle with an element past yield or fracture."""
     state = random_state(scene, 1)
     now, expected = state.elements_now(), law_forces(state)

@@ -1,0 +1,132 @@
+"""Where commands keep compiled kernels, and who compiles while others wait."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ENVIRONMENT
+
+from netfall.core import cache
+from netfall.program import compile as compiling
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package with a kernel and something else, and nothing said of a folder."""
+    package = tmp_path / "netfall"
+    texts = {
+        "physics/law.py": "LIMIT = 1.0\n",
+        "step/loop.py": "@kernel\ndef loop(): pass\n",
+        "report/page.py": "TITLE = ''\n",
+    }
+    for name, text in texts.items():
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text(text)
+    monkeypatch.setattr(cache, "PACKAGE", package)
+    monkeypatch.setattr(cache, "CONSTANTS", (f"{package / 'physics'}{os.sep}",))
+    monkeypatch.setenv(cache.FOLDER, "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    return package
+
+
+def chosen(given: str = "") -> Path:
+    """The folder that a process chooses, with what the environment says before it."""
+    os.environ[cache.FOLDER] = given
+    cache.choose_folder()
+    return Path(os.environ[cache.FOLDER])
+
+
+def test_code_of_changed_sources_is_kept_apart(package):
+    """Of any kernel, for numba looks at the file of the one that is called alone; and of their constants."""
+    first = chosen()
+    assert first.is_dir() and first.parent == package / "__pycache__"
+    (package / "report/page.py").write_text("TITLE = 'another'\n")
+    assert chosen() == first
+    folders, changed = {first}, {"step/loop.py": "@kernel\ndef loop(): return 1\n", "physics/law.py": ""}
+    for name, text in (changed | {"step/more.py": "@inner_kernel\ndef more(): pass\n"}).items():
+        (package / name).write_text(text)
+        folders.add(chosen())
+    assert len(folders) == 4
+
+
+@pytest.mark.parametrize("name", ["NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"])
+def test_code_for_another_processor_is_kept_apart(package, monkeypatch, name):
+    """One that numba is told to compile for, or that the system tells of."""
+    first = chosen()
+    monkeypatch.setenv(name, "generic")
+    assert chosen() != first
+    monkeypatch.delenv(name)
+    assert chosen() == first
+    monkeypatch.setattr(cache, "processor", lambda: b"another")
+    assert chosen() != first
+
+
+def test_a_folder_that_is_given_has_one_within_it_for_all_processes(package, tmp_path):
+    """What a command starts is told of its own folder, and makes none within that."""
+    first = chosen(str(tmp_path / "mine"))
+    assert first.parent == tmp_path / "mine" and first.is_dir()
+    assert chosen(str(first)) == first
+
+
+def test_where_nobody_may_write_the_users_own_folder_serves(package, tmp_path):
+    """Where another user has installed it, for example; here files stand in the way."""
+    (package / "__pycache__").write_text("")
+    (tmp_path / "full").write_text("")
+    assert chosen().parent == chosen(str(tmp_path / "full")).parent == tmp_path / "home" / "netfall"
+
+
+def test_folders_of_old_sources_go(package):
+    """Those with which no command was started for a month, as a run may go on for long; nothing else."""
+    first, names = chosen(), ("netfall-" + "0" * 16, "netfall-" + "1" * 16, "netfall-notes", "other")
+    old, young, *others = (first.parent / name for name in names)
+    for path in (old, young, *others):
+        path.mkdir()
+        (path / "code.nbc").write_text("")
+        days = cache.KEPT_DAYS + (-1 if path is young else 1)
+        os.utime(path, (0, time.time() - 86400 * days))
+    os.utime(first, (0, 0))
+    assert chosen() == first and first.is_dir()
+    assert [path.exists() for path in (old, young, *others)] == [False, True, True, True]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where nothing is compiled yet, and nothing is compiled but in name."""
+    monkeypatch.setenv(cache.FOLDER, str(tmp_path))
+    monkeypatch.setattr(compiling, "GROUPS", {})
+    return tmp_path
+
+
+HOLDS_ITS_TURN = """
+from netfall.program.compile import turn
+with turn():
+    print("there", flush=True)
+    input()
+"""
+
+
+def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(folder, monkeypatch):
+    """A process that was stopped while it compiled keeps others waiting for a while, and not for ever."""
+    monkeypatch.setattr(compiling, "PATIENCE", 0.5)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    own = ENVIRONMENT | {cache.FOLDER: str(folder)}
+    waited = []
+    with subprocess.Popen([sys.executable, "-c", HOLDS_ITS_TURN], env=own, **pipes) as other:
+        assert other.stdout.readline() == "there\n"
+        for ended in (False, True):
+            begin = time.monotonic()
+            with compiling.turn():
+                waited.append(time.monotonic() - begin)
+            if not ended:
+                other.communicate("\n")
+    assert waited[0] > 0.4 and waited[1] < 0.4
+
+
+def test_what_is_compiled_is_marked(folder):
+    """For this version of numba and this processor; so it is not gone through before every run."""
+    assert not compiling.marker().exists()
+    compiling.compile_all()
+    assert [path.name for path in folder.iterdir()] == [compiling.marker().name]
