@@ -20,7 +20,7 @@ def spring_back(x, x_start, spring, rest, turned, f_int):
 
     turned : (n, 3), absent: all stand along x, y and z
     """
-    for p in range(x.shape[0]):
+    for p in range(f_int.shape[0]):  # the others may have more rows
         for k in range(3):
             f_int[p, k] += spring[p, k] * (rest[p, k] - (x[p, k] - x_start[p, k]))
         if has(turned):
