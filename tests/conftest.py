@@ -30,16 +30,6 @@ IN_PLAIN_PYTHON = "uncompiled" in os.environ.get("PYTHONPATH", "")
 # For processes whose kernels run as plain Python.
 PLAIN = {"PYTHONPATH": os.pathsep.join([str(UNCOMPILED), os.environ.get("PYTHONPATH", "")])}
 
-OF_OWN_SCENES = []  # ids of tests
-
-
-def of_own_scene(test):
-    """A test whose scene no other has: it runs in plain Python, sooner than the compiler would be ready."""
-    OF_OWN_SCENES.append(f"{test.__module__}.py::{test.__name__}")
-    reason = "has a scene of its own: test_changes_of_form.py runs it in plain Python"
-    return pytest.mark.skipif(not IN_PLAIN_PYTHON, reason=reason)(test)
-
-
 STEEL = """
 [cable]
 modulus = 1.95e11
@@ -48,8 +38,7 @@ density = 7850.0
 prestress = 100e3
 """
 
-# What is never reached, behind [cable], and a wind that presses on nothing, for a table of nodes with areas:
-# with them a job whose subject is none of these has the scene of many others, which is compiled already.
+# What is never reached, behind [cable], and a wind that presses on nothing, for a table of nodes with areas.
 NEVER_REACHED = "yield_stress = 1e12\nfracture_strain = 0.9\n"
 AREAS, ROOF = ",area,normal_x,normal_y,normal_z", ",1,0,0,1"  # of nodes: columns, and what stands there
 STILL_AIR = '[wind]\nonset = "sudden"\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = 0.0\n'
@@ -156,18 +145,14 @@ def wait_for(there) -> None:
         time.sleep(0.02)
 
 
-STANDING = {}  # by their number, and whether their kernels are plain Python
+STANDING = {}  # by their number
 
 
-def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, plain=False, code=0):
-    """The same without the start of processes, some 2 s of a core for each: by ranks that stay.
-
-    plain : kernels run as plain Python
-    """
-    if (ranks, plain) not in STANDING:
-        environment = ENVIRONMENT | (PLAIN if plain else {})
-        STANDING[ranks, plain] = StandingRanks([*on_ranks(ranks), BIN / "python"], environment)
-    done = STANDING[ranks, plain].run(*arguments, cwd=cwd, timeout=timeout)
+def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, code=0):
+    """The same without the start of processes, some 2 s of a core for each: by ranks that stay."""
+    if ranks not in STANDING:
+        STANDING[ranks] = StandingRanks([*on_ranks(ranks), BIN / "python"], ENVIRONMENT)
+    done = STANDING[ranks].run(*arguments, cwd=cwd, timeout=timeout)
     assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
     return done
 
@@ -181,9 +166,9 @@ def refused(*arguments, run=run_on_standing_ranks, **more) -> str:
 class Workshop:
     """A folder with job files and what came of them."""
 
-    def __init__(self, folder: Path, standing: bool = False, plain: bool = False):
-        """standing : jobs run on ranks that stay; plain : whose kernels are plain Python"""
-        self.folder, self.standing, self.plain = folder, standing, plain
+    def __init__(self, folder: Path, standing: bool = False):
+        """standing : jobs run on ranks that stay"""
+        self.folder, self.standing = folder, standing
 
     def job(self, text: str, nodes: str = "", elements: str = "", name: str = "job") -> Path:
         """Write a job file, and tables where given."""
@@ -199,7 +184,7 @@ class Workshop:
         """Run a job; its result file, open, or the finished process. A code of None is not checked."""
         line = ["run", job, "-o", self.folder / output, *arguments]
         if self.standing and environment is None:
-            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder, plain=self.plain, code=code)
+            done = run_on_standing_ranks(*line, ranks=ranks, cwd=self.folder, code=code)
         else:
             done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment, code=code)
         return self.open(output) if code == 0 else done
@@ -227,14 +212,9 @@ def may_stand(request) -> bool:
     return request.node.get_closest_marker("processes") is None
 
 
-def is_plain(request) -> bool:
-    """Whether the kernels of a test's jobs run as plain Python."""
-    return request.node.get_closest_marker("plain") is not None
-
-
 @pytest.fixture
 def workshop(tmp_path, request):
-    return Workshop(tmp_path, may_stand(request), is_plain(request))
+    return Workshop(tmp_path, may_stand(request))
 
 
 class BothWays(Workshop):
@@ -252,7 +232,7 @@ class BothWays(Workshop):
 @pytest.fixture
 def both_ways(tmp_path, request):
     """For validation: each job on one rank and on two, where a test does not ask for more."""
-    return BothWays(tmp_path, True, is_plain(request))
+    return BothWays(tmp_path, True)
 
 
 TABLES = {}  # by the file whose tests made the rows

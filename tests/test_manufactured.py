@@ -17,7 +17,6 @@ from conftest import (
     IN_PLAIN_PYTHON,
     PLAIN,
     assert_same_results,
-    of_own_scene,
     on_ranks,
 )
 from mpi4py import MPI
@@ -223,7 +222,6 @@ def test_every_step_is_the_plain_one(torn):
     assert (f["history/probe_displacement"][-1] == moved[at]).all() and len(at) == 2
 
 
-@of_own_scene
 @pytest.mark.parametrize("after, fragments", [("all", True), ("none", False)])
 def test_what_becomes_of_the_wind_is_the_plain_one(workshop, after, fragments):
     """All of it ends with the first fracture; or none of it with any, and what breaks is taken out."""
@@ -241,7 +239,6 @@ def test_what_becomes_of_the_wind_is_the_plain_one(workshop, after, fragments):
     assert f["history/plastic_dissipation"][-1] == pytest.approx(heat, rel=1e-9)
 
 
-@of_own_scene
 def test_what_is_cut_free_is_dragged_as_in_the_plain_step(workshop):
     """Cables that break at less strain leave parts without a support: no pressure on these, but drag.
 
@@ -280,7 +277,14 @@ def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
     assert 3 < one["history/broken"][int(MIDDLE / (10 * DT))] < one["history/broken"][-1]
 
 
-@of_own_scene
+@pytest.mark.skipif(IN_PLAIN_PYTHON, reason="nothing is compiled")
+def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
+    """The same functions without the compiler, by Python's own arithmetic and the C library's fma."""
+    job, compiled = torn
+    with shared_workshop.run(job, output="plain.vtkhdf", environment=PLAIN) as plain:
+        assert_same_results(compiled, plain)
+
+
 def test_air_and_two_branches_have_the_same_bits_on_three_ranks_and_through_a_restart(shared_workshop):
     """The same net in air, with damping over a band, through its fractures, until parts are cut free.
 
@@ -306,14 +310,6 @@ def test_air_and_two_branches_have_the_same_bits_on_three_ranks_and_through_a_re
     assert_same_results(one, again)
 
 
-@pytest.mark.skipif(IN_PLAIN_PYTHON, reason="nothing is compiled")
-def test_compiled_code_gives_the_bits_of_plain_python(torn, shared_workshop):
-    """The same functions without the compiler, by Python's own arithmetic and the C library's fma."""
-    job, compiled = torn
-    with shared_workshop.run(job, output="plain.vtkhdf", environment=PLAIN) as plain:
-        assert_same_results(compiled, plain)
-
-
 PULLED = """
 [cable]
 modulus = 1e10
@@ -331,7 +327,6 @@ history = 0.001
 THREE = "id,x,y,z,fixed,load_y\n0,-5,0,0,1,0\n1,0,0,0,0,2e4\n2,5,0,0,1,0\n"
 
 
-@of_own_scene
 @pytest.mark.parametrize("owners", ["001", "110"])
 def test_a_node_that_two_ranks_take_apart_is_loose_for_both(workshop, owners):
     """It loses one cable within its rank, then the one across the cut, from which nothing splits off.
@@ -367,7 +362,6 @@ history = {T}
 """
 
 
-@of_own_scene
 def test_a_cable_that_is_pulled_just_beyond_its_yield_force_yields(workshop):
     """By half of 1.005 N_y, at once: it goes as far as N_y^2 / 2 k (N_y - F), by energy, and N_y / k back."""
     k, limit, force, mass = 2e5, 4e3, 0.5 * 1.005 * 4e3, 20.0 + 0.25
@@ -424,7 +418,6 @@ def pressures_for(t):
     return -(MASS[:, None] * (a + 0.6 * v) - np.diff(pull, axis=0)) / SURFACE[:, None]
 
 
-@of_own_scene
 def test_a_prescribed_motion_is_met_at_second_order(workshop):
     """By tapped pressures at each step, with damping and the logarithmic strain: positions and works."""
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\nB,4,0\n")

@@ -1,8 +1,9 @@
-"""The program's kernels as plain Python, for tests that would wait for the compiler longer than they run.
+"""The program's kernels as plain Python: without the compiler, by Python's own arithmetic.
 
 A folder to put on PYTHONPATH: Python imports a module of this name at its start, in every process. What the
-kernels use that only compiled code has (fused operations, ordered access to shared memory, MPI's symbols) is
-put in their place here. The bits are those of compiled code but for the order of what a compiler contracts.
+kernels use that only compiled code has (vectors, records and routines by their address, ordered access to
+shared memory, MPI's functions) is put in their place here. A vector is a numpy array of LANES numbers. The
+bits are those of compiled code; only what else adds products may differ, if the compiler contracts it.
 """
 
 import ctypes
@@ -10,28 +11,23 @@ import importlib.machinery
 import json
 import os
 import sys
-import time
 import warnings
 
-KERNELS = (
-    "kernel",
-    "allocating_kernel",
-    "kernel_apart",
-    "kernel_both_ways",
-    "inner_kernel",
-    "part_of_kernel",
-    "vector_kernel",
-)
+ROUTINES = {}  # by the address that stands for each
+TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64, "float64": ctypes.c_double}
 
 
 def fused_of(np):
-    """a b + c rounded once, by the C library."""
+    """a b + c rounded once, by the C library: of numbers, and of vectors one by one."""
     libm = ctypes.CDLL("libm.so.6")
     double, single = libm.fma, libm.fmaf
     double.restype, double.argtypes = ctypes.c_double, [ctypes.c_double] * 3
     single.restype, single.argtypes = ctypes.c_float, [ctypes.c_float] * 3
 
     def fused(a, b, c):
+        if any(isinstance(one, np.ndarray) for one in (a, b, c)):
+            rows = np.broadcast_arrays(a, b, c)
+            return np.array([double(*each) for each in zip(*(row.tolist() for row in rows))])
         if type(a) is type(b) is type(c) is np.float32:
             return np.float32(single(a, b, c))
         return np.float64(double(a, b, c))
@@ -39,42 +35,107 @@ def fused_of(np):
     return fused
 
 
-def plain_compile(module):
-    """Decorators that leave functions as they are."""
+def plain_kernels(module):
+    """Decorators that leave functions as they are; routines stand under numbers, for calls by address."""
 
     def plain(function):
         function.py_func = function
         return function
 
-    for name in KERNELS:
+    def address(routine):
+        return next((k for k, one in ROUTINES.items() if one is routine.function), None) or enter(routine)
+
+    def enter(routine):
+        number = len(ROUTINES) + 1
+        ROUTINES[number] = routine.function
+        return number
+
+    def calling(result):
+        kind = TYPES[str(result)]
+
+        def call(address, arguments):
+            if address in ROUTINES:
+                return ROUTINES[address](*arguments)
+            words = [ctypes.c_int64] * len(arguments)
+            return ctypes.CFUNCTYPE(kind, *words)(int(address))(*map(int, arguments))
+
+        return call
+
+    for name in ("kernel", "inner_kernel", "part_of_kernel"):
         setattr(module, name, plain)
-    module.wake = lambda: None
+    module.Routine.address, module.calling = property(address), calling
+    module.call = calling("int64")
 
 
-def plain_tuples(module):
-    """Named tuples as Python has them."""
-    module.laid = lambda value, kind=None: value
+def plain_records(module):
+    """Records as Python has them; an array without elements is absent."""
+
+    def attribute(absent, name):
+        if name not in absent.kind.fields:
+            raise AttributeError(name)
+        value = module.empty(absent.kind.fields[name])
+        setattr(absent, name, value)
+        return value
+
+    module.has = lambda array: array.size > 0
+    module._Absent.__getattr__ = attribute
 
 
-def plain_arithmetic(module):
-    """The intrinsic functions of arithmetic.py."""
+def plain_vectors(module):
+    """Vectors as arrays of LANES numbers; an access beyond the end of an array is an error."""
     import numpy as np
 
-    module.fused = fused_of(np)
-    module.bits_of = lambda a: np.float64(a).view(np.int64)
-    module.number_of = lambda a: np.int64(a).view(np.float64)
+    lanes = module.LANES
+
+    def place(array, row, p):
+        return int(p) if array.ndim == 1 else int(row) * array.shape[1] + int(p)
+
+    def part(array, row, p, count=lanes):
+        first = place(array, row, p)
+        if not 0 <= first <= first + count <= array.size:
+            raise IndexError(f"{first} to {first + count} of {array.size}")
+        return array.reshape(-1)[first : first + count]
+
+    def store(array, row, p, value):
+        part(array, row, p)[:] = value
+
+    def put(p, high, array, row, value):
+        count = min(lanes, int(high) - int(p))
+        part(array, row, p, count)[:] = value[:count]
+
+    def store_truths(array, row, p, truth):
+        part(array, row, p)[:] = truth
+
+    def gather(array, row, other, s, p):
+        return np.array([part(array, row, k, 1)[0] for k in part(other, s, p).tolist()])
+
+    def either(truth, a, b):
+        return np.where(truth, a, b) if isinstance(truth, np.ndarray) else a if truth else b
+
+    module.fma, module.where = fused_of(np), either
+    module.maximum = lambda a, b: either(a > b, a, b)
+    module.minimum = lambda a, b: either(a < b, a, b)
+    module.sqrt = np.sqrt
+    module.bits_of = lambda a: np.asarray(a, float).view(np.int64)[()]
+    module.number_of = lambda a: np.asarray(a, np.int64).view(float)[()]
+    module.as_number = lambda a: np.asarray(a).astype(float)[()]
+    module.any_of = lambda truth: bool(truth.any())
+    module.zeros, module.nowhere = (lambda: np.zeros(lanes)), (lambda: np.zeros(lanes, bool))
+    module.load = lambda array, row, p: part(array, row, p).copy()
+    module.load_truths = lambda array, row, p: part(array, row, p) != 0
+    module.store, module.put, module.store_truths, module.gather = store, put, store_truths, gather
+    module.add = lambda p, high, array, row, value: put(p, high, array, row, part(array, row, p) + value)
+    module.are_consecutive = lambda other, s, p: bool((np.diff(part(other, s, p).astype(int)) == 1).all())
 
 
-def plain_symbols(module):
-    """Ordered access of parallel/mpi_symbols.py; messages between nodes there are none."""
+def plain_access(module):
+    """Ordered access to shared memory of parallel/mpi_calls.py."""
     cell = lambda address: ctypes.c_int64.from_address(int(address))
 
     def announce(address, number):
         cell(address).value = int(number)
 
     module.announce, module.announced = announce, lambda address: cell(address).value
-    module.probe, module.yield_processor = (lambda *_: 0), (lambda: time.sleep(1e-5))
-    module.wall_time = time.perf_counter
 
 
 def rows_at_once(module):
@@ -111,12 +172,18 @@ def rows_at_once(module):
     module.product, module.factorised, module.solve_columns = product, factorised, solve_columns
 
 
+def nothing_to_compile(module):
+    """Nothing is compiled before a run on several ranks."""
+    module.compile_first = lambda comm: None
+
+
 PLAIN = {
-    "netfall.ground.compile": plain_compile,
-    "netfall.ground.handed": plain_tuples,
-    "netfall.numerics.arithmetic": plain_arithmetic,
+    "netfall.core.kernels": plain_kernels,
+    "netfall.core.records": plain_records,
+    "netfall.core.vectors": plain_vectors,
     "netfall.numerics.linear": rows_at_once,
-    "netfall.parallel.mpi_symbols": plain_symbols,
+    "netfall.parallel.mpi_calls": plain_access,
+    "netfall.program.compile": nothing_to_compile,
 }
 
 
