@@ -23,8 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"
 WIDEST = 110  # characters of a line of a page
 ROOMS = (  # from the ground up: a room imports from those before it
-    *("ground", "numerics", "job", "net", "net/generators", "roof", "wind", "mechanics/law"),
-    *("mechanics", "mechanics/slip", "parallel", "step"),
+    *("core", "ground", "numerics", "job", "net", "net/generators", "roof", "wind", "physics"),
+    *("mechanics/law", "mechanics", "mechanics/slip", "parallel", "step"),
     *(
         "multigrid",
         "equilibrium",

@@ -207,8 +207,12 @@ def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
 
 
 @part_of_kernel
-def move_vector(p, high, whole, i, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch):
-    """`move` of the particles from p on; whole : whether there are LANES of them below high"""
+def move_vector(p, high, whole, i, keeps, traits, times, x, y, particles, scratch):
+    """`move` of the particles from p on; whole : whether there are LANES of them below high
+
+    times : kick_dt [s], zeta [1/s], share, dt [s] of `move`
+    """
+    kick_dt, zeta, share, dt = times
     h = 0.5 * zeta * kick_dt
     c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
     v, per_mass, square = particles.v, load(particles.per_mass, 0, p), squared_speed(p, share, particles)
@@ -242,7 +246,7 @@ def move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, sc
     keeps : whether their total forces [N] are written to particles.f
     """
     rest = (high - low) % LANES
-    of_all = keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch
+    of_all = keeps, traits, (kick_dt, zeta, share, dt), x, y, particles, scratch
     for p in range(low, high - rest, LANES):
         move_vector(p, high, True, p - low, *of_all)
     if rest:
