@@ -9,9 +9,7 @@ bits are those of compiled code; only what else adds products may differ, if the
 import ctypes
 import importlib.machinery
 import json
-import os
 import sys
-import warnings
 
 ROUTINES = {}  # by the address that stands for each
 TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64, "float64": ctypes.c_double}
@@ -85,6 +83,7 @@ def plain_vectors(module):
     """Vectors as arrays of LANES numbers; an access beyond the end of an array is an error."""
     import numpy as np
 
+    np.seterr(all="ignore")  # to divide by zero, and to go round, is what kernels do
     lanes = module.LANES
 
     def place(array, row, p):
@@ -207,5 +206,3 @@ class Finder:
 
 sys.meta_path.insert(0, Finder)
 json.JSONEncoder.default = lambda self, number: number.item()  # what compiled code gives is Python's own
-warnings.filterwarnings("ignore", category=RuntimeWarning)  # wrapping and dividing is what kernels do
-os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"
