@@ -27,12 +27,9 @@ from netfall.parallel.mpi import MPI
 from netfall.program.run import run_job
 
 PATIENCE = 300.0  # s for which a process waits for another one that compiles
-NET = """
-[net]
-generator = "saddle"
-side = 24.0
-rise = 3.0
-cells = {cells}
+SADDLE = '[net]\ngenerator = "saddle"\nside = 24.0\nrise = 3.0\ncells = 4\n'
+RING = '[net]\ngenerator = "ring"\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 2.0\n'
+ROOF = """
 [cable]
 modulus = 1.6e11
 area = 400e-6
@@ -45,17 +42,7 @@ fracture_strain = 0.03
 dead = 300.0
 steps = 2
 """
-CASE = """
-[[zone]]
-name = "west"
-polygon = [[-20.0, -20.0], [1.0, -20.0], [1.0, 20.0], [-20.0, 20.0]]
-cut = true
-[[case]]
-name = "snow"
-set = {"load.zone.west.snow" = 500.0}
-[output]
-modes = 1
-"""
+CASE = '[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n[output]\nmodes = 1\n'
 MOTION = """
 [wind]
 speed = 20.0
@@ -72,9 +59,9 @@ frames = 2
 history = 0.01
 """
 GROUPS = {  # what is compiled, and a job that needs it
-    "forms, areas, equilibria, modes": NET.format(cells=4) + CASE,
-    "equilibria of larger nets": NET.format(cells=12),
-    "wind, motion, yield, fracture": NET.format(cells=4) + MOTION,
+    "forms, loads, equilibria, modes": SADDLE + ROOF + CASE,
+    "areas and equilibria of larger nets": RING + ROOF,
+    "wind, motion, yield, fracture": SADDLE + ROOF + MOTION,
 }
 
 
