@@ -2,8 +2,8 @@
 
 A folder to put on PYTHONPATH: Python imports a module of this name at its start, in every process. What the
 kernels use that only compiled code has (vectors, records and routines by their address, ordered access to
-shared memory, MPI's functions) is put in their place here. A vector is a numpy array of LANES numbers. The
-bits are those of compiled code; only what else adds products may differ, if the compiler contracts it.
+shared memory, MPI's functions) is put in their place here. A vector has one number. The bits are those of
+compiled code; only what adds products without fma may differ, if the compiler contracts it.
 """
 
 import ctypes
@@ -16,16 +16,13 @@ TYPES = {"int32": ctypes.c_int32, "int64": ctypes.c_int64, "float64": ctypes.c_d
 
 
 def fused_of(np):
-    """a b + c rounded once, by the C library: of numbers, and of vectors one by one."""
+    """a b + c rounded once, by the C library."""
     libm = ctypes.CDLL("libm.so.6")
     double, single = libm.fma, libm.fmaf
     double.restype, double.argtypes = ctypes.c_double, [ctypes.c_double] * 3
     single.restype, single.argtypes = ctypes.c_float, [ctypes.c_float] * 3
 
     def fused(a, b, c):
-        if any(isinstance(one, np.ndarray) for one in (a, b, c)):
-            rows = np.broadcast_arrays(a, b, c)
-            return np.array([double(*each) for each in zip(*(row.tolist() for row in rows))])
         if type(a) is type(b) is type(c) is np.float32:
             return np.float32(single(a, b, c))
         return np.float64(double(a, b, c))
@@ -80,51 +77,35 @@ def plain_records(module):
 
 
 def plain_vectors(module):
-    """Vectors as arrays of LANES numbers; an access beyond the end of an array is an error."""
+    """Vectors of one number; an access beyond the end of an array is an error."""
     import numpy as np
 
     np.seterr(all="ignore")  # to divide by zero, and to go round, is what kernels do
-    lanes = module.LANES
 
-    def place(array, row, p):
-        return int(p) if array.ndim == 1 else int(row) * array.shape[1] + int(p)
-
-    def part(array, row, p, count=lanes):
-        first = place(array, row, p)
-        if not 0 <= first <= first + count <= array.size:
-            raise IndexError(f"{first} to {first + count} of {array.size}")
-        return array.reshape(-1)[first : first + count]
+    def at(array, row, p):
+        return p if array.ndim == 1 else (row, p)
 
     def store(array, row, p, value):
-        part(array, row, p)[:] = value
+        array[at(array, row, p)] = value
 
     def put(p, high, array, row, value):
-        count = min(lanes, int(high) - int(p))
-        part(array, row, p, count)[:] = value[:count]
+        array[at(array, row, p)] = value
 
-    def store_truths(array, row, p, truth):
-        part(array, row, p)[:] = truth
+    def add(p, high, array, row, value):
+        array[at(array, row, p)] += value
 
-    def gather(array, row, other, s, p):
-        return np.array([part(array, row, k, 1)[0] for k in part(other, s, p).tolist()])
-
-    def either(truth, a, b):
-        return np.where(truth, a, b) if isinstance(truth, np.ndarray) else a if truth else b
-
-    module.fma, module.where = fused_of(np), either
-    module.maximum = lambda a, b: either(a > b, a, b)
-    module.minimum = lambda a, b: either(a < b, a, b)
-    module.sqrt = np.sqrt
-    module.bits_of = lambda a: np.asarray(a, float).view(np.int64)[()]
-    module.number_of = lambda a: np.asarray(a, np.int64).view(float)[()]
-    module.as_number = lambda a: np.asarray(a).astype(float)[()]
-    module.any_of = lambda truth: bool(truth.any())
-    module.zeros, module.nowhere = (lambda: np.zeros(lanes)), (lambda: np.zeros(lanes, bool))
-    module.load = lambda array, row, p: part(array, row, p).copy()
-    module.load_truths = lambda array, row, p: part(array, row, p) != 0
-    module.store, module.put, module.store_truths, module.gather = store, put, store_truths, gather
-    module.add = lambda p, high, array, row, value: put(p, high, array, row, part(array, row, p) + value)
-    module.are_consecutive = lambda other, s, p: bool((np.diff(part(other, s, p).astype(int)) == 1).all())
+    module.LANES, module.fma = 1, fused_of(np)
+    module.where = lambda truth, a, b: a if truth else b
+    module.maximum, module.minimum = (lambda a, b: a if a > b else b), (lambda a, b: a if a < b else b)
+    module.sqrt, module.as_number = np.sqrt, np.float64
+    module.bits_of = lambda a: np.float64(a).view(np.int64)
+    module.number_of = lambda a: np.int64(a).view(np.float64)
+    module.any_of, module.zeros, module.nowhere = bool, (lambda: np.float64(0.0)), (lambda: False)
+    module.load = lambda array, row, p: array[at(array, row, p)]
+    module.load_truths = lambda array, row, p: bool(array[at(array, row, p)])
+    module.store, module.put, module.add, module.store_truths = store, put, add, store
+    module.gather = lambda array, row, other, s, p: array[row, other[s, p]]
+    module.are_consecutive = lambda other, s, p: True
 
 
 def plain_access(module):
