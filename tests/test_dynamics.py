@@ -55,7 +55,7 @@ def test_oscillator_converges_at_second_order(workshop, damping):
 
 @pytest.mark.parametrize(
     "strain, fragments",
-    [("engineering", "true"), pytest.param("logarithmic", "false", marks=pytest.mark.long)],
+    [("engineering", "true"), ("logarithmic", "false")],
 )
 def test_plastic_oscillation_balances(workshop, strain, fragments):
     """A weight dropped on a cable makes it yield:
@@ -352,7 +352,7 @@ def test_mass_scaling_with_fragments_is_refused(workshop):
     assert "mass_scaling = 0.05" in done.stderr and "fragments = false" in done.stderr
 
 
-@pytest.mark.parametrize("beside", ["wind", pytest.param("nothing", marks=pytest.mark.long)])
+@pytest.mark.parametrize("beside", ["wind", "nothing"])
 def test_pressure_grows_over_a_ramp(workshop, beside):
     """A weight on a bar under a force that grows over 0.3 s: Duhamel's integral, with wind beside it too."""
     job = workshop.job(

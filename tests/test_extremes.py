@@ -101,7 +101,7 @@ def test_stiffness_and_mass_ratios_of_a_million(workshop):
     """Neighbours 1e6 times as stiff and as heavy: both audits hold."""
     masses = [0.0, 1e6, 1.0, 1e6, 1.0, 1e6, 1.0]
     nodes, elements = chain([2.0] * 6, [1.95e11, 1.95e5] * 3, masses, 10.0, along="z")
-    text = BARE + "fracture_strain = 0.9\n"  # never reached: a scene that others have
+    text = BARE + "fracture_strain = 0.9\n"  # never reached
     text += "[dynamics]\nduration = 2.0\n" + QUICK.format(0.01, 5)
     f = workshop.run(workshop.job(text, nodes, elements))
     identity, balance = audits(f)

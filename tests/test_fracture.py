@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import STEEL, STILL_AIR
+from conftest import STEEL
 from mpi4py import MPI
 from test_kernels import ALL_FEATURES, lattice, make_state
 
@@ -22,9 +22,7 @@ from netfall.report.info import print_info
 from netfall.step.loop import Interval
 from netfall.step.plan import Plan
 
-BRITTLE = STEEL.replace(
-    "prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n"
-)  # others' scene
+BRITTLE = STEEL.replace("prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
 
 
@@ -162,8 +160,6 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
     is that of the intact net.
     """
     text = PULLED.format(0.6).replace("fracture_strain", f'strain = "{strain}"\nfracture_strain')
-    if strain == "logarithmic":  # a scene that others have
-        text = text.replace("[dynamics]", STILL_AIR + "[dynamics]")
     f = both_ways.run(
         both_ways.job(text), "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1"
     )

@@ -99,9 +99,7 @@ def test_audits_through_the_collapse(collapse_on_one_rank):
     assert np.abs(f["history/balance_error"][:]).max() < 1e-3
 
 
-@pytest.mark.parametrize(
-    "after", ["all", *(pytest.param(after, marks=pytest.mark.long) for after in ("none", "particle"))]
-)
+@pytest.mark.parametrize("after", ["all", "none", "particle"])
 def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
     """The whole wind ends at the same step on all ranks; or never does."""
     job = shared_workshop.job(COLLAPSE.format(after=after), name=after)

@@ -82,9 +82,7 @@ KEYS_OF_THEIR_OWN = {
 }
 
 
-@pytest.mark.parametrize(
-    "scene", [pytest.param(FULL, id="full"), pytest.param(OTHER, id="other", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("scene", [pytest.param(FULL, id="full"), pytest.param(OTHER, id="other")])
 def test_a_net_with_everything_has_the_same_bits_on_any_ranks_and_through_a_restart(scene):
     """Wind, taps, growing loads, losses that fade, springs, struts, yield, fracture: three nets of each."""
     seen = Counter()

@@ -196,7 +196,7 @@ AREA, EA = 2.5e-3, 4.0e8
         ("elastic", "engineering"),
         ("plastic", "engineering"),
         ("plastic", "logarithmic"),
-        pytest.param("elastic", "logarithmic", marks=pytest.mark.long),
+        ("elastic", "logarithmic"),
     ],
 )
 def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(workshop, law, strain):

@@ -456,7 +456,7 @@ def test_order_of_accuracy(both_ways, compare):
     zeta, hold, L0, soft_k, carried = 2.0, 20e3, 10.0, 9e4, 100.0
     stretched = L0 * (1 + hold / EA) + 1e-3
     start = np.array([3.0 + 2.0 * np.sin(1.0), -2.0 * np.cos(1.0)])
-    found = {}  # each moves by itself: with one stiffness, loads along z, in a scene that others have
+    found = {}  # each moves by itself: with one stiffness, loads along z
     for k, at, end, mass, load, length, modulus in (
         (0, [0.0, 0.0, 0.0], [0.0, 0.0, -stretched], 1000.0, -hold, L0, E),
         (1, [3.0, 0.0, 0.0], [start[0], 0.0, start[1]], carried, -carried * G, 1.99, soft_k * 1.99 / A),

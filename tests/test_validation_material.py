@@ -166,7 +166,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     )
 
 
-@pytest.mark.parametrize("strain", ["engineering", pytest.param("logarithmic", marks=pytest.mark.long)])
+@pytest.mark.parametrize("strain", ["engineering", "logarithmic"])
 def test_cycles_with_slack(both_ways, compare, strain):
     """Paper Fig. 3: a cable and a bar on a heavy mass that swings in two modes:
     load, yield, slack, yield again, slack, up the same line; the bar yields both ways.
