@@ -64,7 +64,7 @@ class RelativeWind(Record):
 
 @inner_kernel
 def set_drag(kick_dt, share, relative, particles):
-    """Write the drag [N] that acts in a kick; kick_dt [s], share : of `motion.Kick`.
+    """Write the drag [N] that acts in a kick; kick_dt [s], share : of `audit.observe`.
 
     Alone it changes w by M dw/dt = -k |w| w, k = rho A / 2, which turns w into w / (1 + b) in a time dt,
     b = k |w| dt / M. The force k |w| w / (1 + b) does the same in one kick. So the drag carries no particle

@@ -79,7 +79,7 @@ def fill_elements(at, direction, axial, across, start, other, element):
 
 
 class ElementMatrix:
-    """The product with a vector of rows (n_owned, 3) float32 on each rank, as of `blocks.DistributedMatrix`.
+    """The product with a vector of rows (n_owned, 3) float32 on each rank, as of `distributed.DistributedMatrix`.
 
     What it is multiplied with is zero on held axes.
     """

@@ -1,10 +1,10 @@
 """METIS partitions of the net's graph, and their files in METIS's own text formats.
 
 A particle is a vertex, weighted by its elements; an element is an edge. Edges between particles that follow
-each other in number weigh more, for the step goes through the numbers, and a cut across them ends a run
-(`step.runs.find_runs`). The files are those of gpmetis: NAME.graph (`n edges 011`, then for each vertex its
-weight, and each neighbour, from 1, with the edge's weight) and NAME.graph.part.P (for each vertex its part,
-from 0).
+each other in number weigh more, for the step goes through the numbers, and loads far ends at once where these
+follow each other too (`vectors.are_consecutive`). The files are those of gpmetis: NAME.graph
+(`n edges 011`, then for each vertex its weight, and each neighbour, from 1, with the edge's weight) and
+NAME.graph.part.P (for each vertex its part, from 0).
 """
 
 from pathlib import Path

@@ -152,7 +152,7 @@ def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share:
     """Forces, velocities and energies at the present step.
 
     before_dt, dt : [s] the steps before and after it
-    zeta, share : of `motion.Kick`
+    zeta, share : of `audit.observe`
     """
     snapshot = make_room(state)
     snapshot.look_at(state)

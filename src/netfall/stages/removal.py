@@ -1,7 +1,7 @@
 """Loss of members in the dynamic stage, [[remove]]: when it happens, and what becomes of the tensions.
 
 At its step the elements leave the net (`mechanics.loss`). Their tensions stay as forces on their ends that
-fade (`loads.FadingLoad`), and the extremes of every element's tension in all steps are counted anew.
+fade (`varying.FadingLoad`), and the extremes of every element's tension in all steps are counted anew.
 The loads inside a removed cable go to its ends (`model.redistribution`), in motion and in the equilibrium
 after it.
 """

@@ -35,7 +35,7 @@ kicked, works_of_motion = particle.kicked, particle.works_of_motion
 class Subject(Record):
     """What is looked at, on one rank; absent is what the scene does not have.
 
-    n_owned, first_split : particles; rows : (1,) of them in use; traits : of `step.forces`
+    n_owned, first_split : particles; rows : (1,) of them in use; traits : of `step.motion`
     joints : of chains that bend; places : at which cables slip; relative : wind at detached particles
     """
 

@@ -11,7 +11,7 @@ The paper writes increments, whose sum is the logarithmic strain; both measures 
 row of `measures.MEASURES`, a branch where `law.logarithmic` has one, and a choice of [cable] strain.
 
 The law stands twice: for one element of `Elements` (`element.py`), and for vectors of slots in the step
-(`slot.py`).
+(`physics.elements`, `step.forces`).
 """
 
 import numpy as np
