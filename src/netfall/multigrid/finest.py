@@ -79,7 +79,9 @@ def fill_elements(at, direction, axial, across, start, other, element):
 
 
 class ElementMatrix:
-    """The product with a vector of rows (n_owned, 3) float32 on each rank, as of `distributed.DistributedMatrix`.
+    """The product with a vector of rows (n_owned, 3) float32 on each rank.
+
+    It does what `distributed.DistributedMatrix` does, without a stored matrix.
 
     What it is multiplied with is zero on held axes.
     """
