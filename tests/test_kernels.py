@@ -16,7 +16,7 @@ from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import chunk_forces
 from netfall.step.loop import Chunks
-from netfall.step.motion import ALIKE
+from netfall.step.motion import PLAIN_LAW
 from netfall.step.plan import CHUNK, Plan, traits_of
 from netfall.step.slots import collect_elements
 
@@ -55,14 +55,18 @@ def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, see
     if scene.plastic:
         state.yield_force[:] = 0.01 * 1e8 * (rng.choice([1.0, 1.5], len(L)) if scene.sections else 1.0)
         state.eps_p[:] = rng.choice([0.0, 0.004], len(L))
+    if scene.buckling:
+        state.euler[:] = np.where(state.bar, rng.choice([0.6e6, np.inf], len(L)), np.inf)
+    if scene.crushing:
+        state.eps_c[:] = np.where(state.bar, -0.025, -np.inf)
     if scene.fracture:
         state.eps_u[:] = rng.choice([0.025, 0.027], len(L)) if scene.strengths else 0.025
     return state
 
 
 @kernel
-def run_chunk(c, alike, x, chunks, slots, law, scratch):
-    return chunk_forces(c, alike, x, chunks, slots, law, scratch)
+def run_chunk(c, plain, x, chunks, slots, law, scratch):
+    return chunk_forces(c, plain, x, chunks, slots, law, scratch)
 
 
 def chunks_of(plan: Plan) -> Chunks:
@@ -70,7 +74,7 @@ def chunks_of(plan: Plan) -> Chunks:
     return plan._works[False].chunks
 
 
-def forces_of(state: State, alike: bool | None = None) -> tuple[np.ndarray, np.ndarray]:
+def forces_of(state: State, plain: bool | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Forces (n, 3) [N] of the elements by the vector kernels, and which particles have some near a limit.
 
     alike : whether by that of cables that are all alike; None: if they are
@@ -78,9 +82,9 @@ def forces_of(state: State, alike: bool | None = None) -> tuple[np.ndarray, np.n
     s, found, near = state, np.zeros_like(state.x), np.zeros(state.n_owned, bool)
     plan = Plan(state, NoHalo())
     chunks, scratch = chunks_of(plan), plan.scratch
-    alike = bool(traits_of(state) & ALIKE) if alike is None else alike
+    plain = bool(traits_of(state) & PLAIN_LAW) if plain is None else plain
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
-        any_near = run_chunk(c, alike, s.particles.x, chunks, s.slots, s.law, scratch)
+        any_near = run_chunk(c, plain, s.particles.x, chunks, s.slots, s.law, scratch)
         found[low:high], near[low:high] = scratch.f[:, : high - low].T, scratch.near[: high - low]
         assert any_near == near[low:high].any()
     return found, near
@@ -112,7 +116,7 @@ FEATURES = ("plastic", "fracture", "logarithmic", "bars", "sections")
 ROUNDING = 1e-12  # of the largest force; there are thirteen terms at the hub
 EVERY = list(map("".join, itertools.product("01", repeat=5)))
 NAMES = {row: "-".join(itertools.compress(FEATURES, map(int, row))) or "none" for row in EVERY}
-OF_CABLES = ["00000", "10000", "01000", "11000"]  # which are all alike
+PLAIN = [row for row in EVERY if row[FEATURES.index("logarithmic")] == "0"]
 LATTICE = np.column_stack([np.arange(1600) % 40, np.arange(1600) // 40, np.zeros(1600)])
 
 
@@ -120,7 +124,8 @@ def scene_of(row: str) -> Features:
     """The scene of a row of zeros and ones."""
     there = {name: one == "1" for name, one in zip(FEATURES, row)}
     strain = "logarithmic" if there.pop("logarithmic") else "engineering"
-    return Features(strain=strain, strengths=there["fracture"] and there["sections"], **there)
+    strengths, buckling = there["fracture"] and there["sections"], there["bars"] and there["sections"]
+    return Features(strain=strain, strengths=strengths, buckling=buckling, **there)
 
 
 SCENES = {row: scene_of(row) for row in EVERY}
@@ -160,23 +165,24 @@ def share_in_line(state: State, first: int = 0) -> float:
     return float((steps == 1).all((0, 2)).mean())
 
 
-@of_scenes(OF_CABLES)
-def test_cables_that_are_alike_have_the_bits_of_the_general_kernel(scene):
+@of_scenes(PLAIN)
+def test_quick_kernels_have_the_bits_of_the_general_one(scene):
     """On a grid of 40 x 40, in which most vectors load their far ends in one piece: forces and yield."""
     outcomes = []
-    for alike in (True, False):
+    for plain in (True, False):
         state = make_state(scene, 1600, lattice(40), LATTICE, 2)
-        found, _ = forces_of(state, alike)
+        found, _ = forces_of(state, plain)
         assert share_in_line(state) >= 0.6  # all but those at the ends of rows
         outcomes.append((found.tobytes(), b"" if state.slot_eps_p is None else state.slot_eps_p.tobytes()))
     assert outcomes[0] == outcomes[1]
 
 
-def test_yield_is_found_whether_or_not_any_was_before():
+@of_scenes([row for row in PLAIN if row[0] == "1"])
+def test_yield_is_found_whether_or_not_any_was_before(scene):
     """A chunk is first gone through as if nothing yielded, and again where something does: the same bits."""
     outcomes = []
     for yielded in (0, 1):
-        state = make_state(SCENES["10000"], 1600, lattice(40), LATTICE, 2)
+        state = make_state(scene, 1600, lattice(40), LATTICE, 2)
         state.eps_p[:] = 0.0
         plan = Plan(state, NoHalo())
         chunks = chunks_of(plan)

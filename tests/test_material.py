@@ -27,7 +27,7 @@ def element(bar=0, L0=1.0, euler=None) -> Elements:
 def law_with(logarithmic: bool) -> Law:
     """The law of the element."""
     measure = "logarithmic" if logarithmic else "engineering"
-    return law_of(measure, True, EA, YIELD, None, False, None)
+    return law_of(measure, True, EA, YIELD, None, np.inf, None)
 
 
 @kernel

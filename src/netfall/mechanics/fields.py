@@ -150,6 +150,7 @@ dissipated | f8 | J | dissipating | kept | energy lost by yield, and by taking t
 eps_u | f8 | | fracture | kept given | strain at fracture, and at which what is left grows longer; inf: never
 eps_c | f8 | | crushing | kept given | strain at fracture in compression; -inf: never
 reach | f8 | | strengths | | L / L0 from which it is looked at for fracture
+near | f8 | N | unlike_limits | | size of the elastic axial force from which it is looked at for any limit
 branch_a | f8 | N | band | kept | H of a branch of the damping over a band
 branch_b | f8 | N | band | kept | H of a branch of the damping over a band
 branch_c | f8 | N | third_branch | kept | H of a branch of the damping over a band
@@ -175,6 +176,8 @@ slot_branch_c | f8 | N | third_branch | repeats | H of a branch
 slot_eps_p | f8 | | plastic | repeats | plastic strain
 slot_reach | f8 | | strengths | repeats | L / L0 from which the element is looked at, unless it is the same
     everywhere
+slot_near | f8 | N | unlike_limits | repeats | size of the elastic axial force from which the element is
+    looked at, unless it is the same everywhere
 """
 FIELDS = _fields("particle", PARTICLES) + _fields("element", ELEMENTS) + _fields("slot", SLOTS_OF_ELEMENTS)
 
@@ -278,6 +281,11 @@ class Features:
     def crushing(self) -> bool:
         """Whether elements may break in compression."""
         return self.buckling and self.fracture
+
+    @property
+    def unlike_limits(self) -> bool:
+        """Whether elements come near their limits at different forces."""
+        return self.buckling or (self.inelastic and (self.sections or self.strengths))
 
     @property
     def plastic_sections(self) -> bool:

@@ -13,7 +13,7 @@ from netfall.mechanics import fields
 from netfall.mechanics.air import RelativeWind
 from netfall.mechanics.bending import Joints, joint_moments
 from netfall.mechanics.elements import ElementState, element_state
-from netfall.mechanics.law.law import Law, law_of, reaches
+from netfall.mechanics.law.law import Law, forces_near_limits, law_of, reaches
 
 FEWEST_SPARE = 64  # rows for particles that may split off, made at once
 COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
@@ -120,13 +120,17 @@ class State:
             np.divide(self.yield_force, self.EA, out=self.yield_strain, where=self.EA > 0.0)
         if self.reach is not None:
             self.reach[:] = reaches(self.eps_u, self.features.strain)
+        yields = self.yield_force if self.features.plastic else None
+        near = forces_near_limits(self.EA, yields, self.eps_u, self.euler, self.features.strain)
+        if self.near is not None:
+            self.near[:] = near
         self._records["law"] = law_of(
             self.features.strain,
             self.features.plastic,
             alike(self.EA, self.slot_EA),
             alike(self.yield_force, self.slot_yield_force),
             least,
-            self.slot_reach is None,
+            float(near.min(initial=np.inf, where=self.EA > 0.0)),
             self.branches,
         )
         return self._records["law"]

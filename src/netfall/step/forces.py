@@ -4,8 +4,9 @@ A vector holds LANES particles, one after the other. Each sums over its own elem
 global numbers, so that the sum has the same bits on any number of ranks; an element is computed at both ends,
 from the same bits. Forces wait in a scratch, which stays in the first cache, for the second pass (`motion`).
 
-Cables that are all alike have variants of their own, compiled with literals: most of a large net is such, and
-what bars, sections and branches take would slow it down. What else a scene has is looked up at run time.
+Three variants are compiled with literals. While no element of a chunk is near a limit, all of them are
+elastic; then cables that yield have a variant of their own, and any other kind of element the general one.
+The rest of what a scene has is looked up at run time.
 """
 
 import numpy as np
@@ -107,16 +108,32 @@ def general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
 
 
 @part_of_kernel
-def cable_density(per_L, L, per_L0, eps_p, yields, law):
-    """The same of cables that are all alike, in the engineering strain; without yield where none is near."""
-    q, new = elastic_density(per_L, per_L0, eps_p, law.EA), eps_p
-    if yields:
-        new = grown(engineering_strain(L, per_L0), eps_p, law.yield_strain)
-        past = fma(law.reach, per_L, -per_L0) < 0.0
-        highest = law.yield_force * per_L
-        q = where(q > highest, highest, q)
-    else:
-        past = fma(law.near, per_L, -q) < 0.0
+def elastic_forces(s, p, per_L, per_L0, slots, law):
+    """Return N / L [N/m] of elements without plastic strain, and where they are near a limit.
+
+    The strain is the engineering strain.
+    """
+    q = elastic_density(per_L, per_L0, zeros(), of_slot(slots.EA, s, p, law.EA))
+    near = of_slot(slots.near, s, p, law.near)
+    if has(slots.bar):
+        bar = load_truths(slots.bar, s, p)
+        q = where(bar | (q > 0.0), q, zeros())
+        return q, fma(near, per_L, -abs(q)) < 0.0
+    past = fma(near, per_L, -q) < 0.0
+    return where(q > 0.0, q, zeros()), past
+
+
+@part_of_kernel
+def yielding_cable(s, p, per_L, L, per_L0, eps_p, slots, law):
+    """Return N / L [N/m] of cables that may yield, where they are near fracture, and their plastic strain.
+
+    The strain is the engineering strain.
+    """
+    q = elastic_density(per_L, per_L0, eps_p, of_slot(slots.EA, s, p, law.EA))
+    new = grown(engineering_strain(L, per_L0), eps_p, of_slot(slots.yield_strain, s, p, law.yield_strain))
+    past = fma(of_slot(slots.reach, s, p, law.reach), per_L, -per_L0) < 0.0
+    highest = of_slot(slots.yield_force, s, p, law.yield_force) * per_L
+    q = where(q > highest, highest, q)
     return where(q > 0.0, q, zeros()), past, new
 
 
@@ -156,6 +173,7 @@ def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, sc
     px, py, pz = load(x, 0, p), load(x, 1, p), load(x, 2, p)
     fx, fy, fz, near = zeros(), zeros(), zeros(), nowhere()
     bx, by, bz, bar = zeros(), zeros(), zeros(), nowhere()
+    comes_again = not general and not yields and (law.plastic > 0 or has(slots.euler))
     for s in range(width):
         ox, oy, oz = far_ends(s, p, in_line, x, slots.other)
         dx, dy, dz = ox - px, oy - py, oz - pz
@@ -167,13 +185,16 @@ def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, sc
             if has(slots.bar):
                 bar = load_truths(slots.bar, s, p)
             q, past, new = general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
+        elif yields:
+            q, past, new = yielding_cable(s, p, per_L, L, per_L0, eps_p, slots, law)
         else:
-            q, past, new = cable_density(per_L, L, per_L0, eps_p, yields, law)
+            q, past = elastic_forces(s, p, per_L, per_L0, slots, law)
+            new = eps_p
         if yields and any_of(new != eps_p):
             put(p, high, slots.eps_p, s, new)
         near = near | past
-        if peaks:  # what may yet yield comes again
-            keep_extremes(q * L, past if law.plastic and not yields else nowhere(), s, p, slots)
+        if peaks:  # elements near yield are computed again
+            keep_extremes(q * L, past if comes_again else nowhere(), s, p, slots)
         if branches:
             total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
             alone, q = total - q, total
@@ -211,8 +232,8 @@ def add_forces(low, high, width, general, yields, x, slots, law, scratch):
 
 
 @inner_kernel
-def cables(low, high, width, x, slots, law, scratch):
-    """`add_forces` of cables of one section; where any is near yield, `yielding_cables` has to come again."""
+def elastic_elements(low, high, width, x, slots, law, scratch):
+    """Sum the forces of elements without plastic strain; the result does not hold where one is near yield."""
     if width == SLOTS:  # unrolled
         return add_forces(low, high, SLOTS, False, False, x, slots, law, scratch)
     return add_forces(low, high, width, False, False, x, slots, law, scratch)
@@ -220,29 +241,33 @@ def cables(low, high, width, x, slots, law, scratch):
 
 @inner_kernel
 def yielding_cables(low, high, width, x, slots, law, scratch):
-    """`add_forces` of cables of one section with plastic strains."""
+    """Sum the forces of cables that may have plastic strains."""
+    if width == SLOTS:
+        return add_forces(low, high, SLOTS, False, True, x, slots, law, scratch)
     return add_forces(low, high, width, False, True, x, slots, law, scratch)
 
 
 @inner_kernel
 def elements_of_any_kind(low, high, width, x, slots, law, scratch):
-    """`add_forces` in general."""
+    """Sum the forces of cables and bars that may yield or buckle, by any law."""
     return add_forces(low, high, width, True, has(slots.eps_p), x, slots, law, scratch)
 
 
 @inner_kernel
-def chunk_forces(c, alike, x, chunks, slots, law, scratch):
+def chunk_forces(c, plain, x, chunks, slots, law, scratch):
     """Forces of the elements at the particles of chunk c, with yield; whether any is near a limit.
 
-    alike : whether all elements of the rank are cables of one section
+    plain : whether the law is in the engineering strain, without branches
     """
     low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
-    if not alike:
+    if not plain:
         chunks.has_yielded[c] = law.plastic
         return elements_of_any_kind(low, high, width, x, slots, law, scratch)
     if not chunks.has_yielded[c]:
-        near = cables(low, high, width, x, slots, law, scratch)
-        if not (near and law.plastic):
+        near = elastic_elements(low, high, width, x, slots, law, scratch)
+        if not (near and (law.plastic or has(slots.euler))):
             return near
     chunks.has_yielded[c] = 1
+    if has(slots.bar):
+        return elements_of_any_kind(low, high, width, x, slots, law, scratch)
     return yielding_cables(low, high, width, x, slots, law, scratch)

@@ -39,7 +39,7 @@ from netfall.parallel.halo import (
 from netfall.parallel.mpi_calls import lap
 from netfall.step.forces import Scratch, chunk_forces
 from netfall.step.limits import is_any_over, look_closer
-from netfall.step.motion import ALIKE, move_chunk, move_halo
+from netfall.step.motion import PLAIN_LAW, move_chunk, move_halo
 from netfall.step.rows import Rows, is_due
 from netfall.step.slots import collect_elements, follow_slips
 from netfall.step.tear import break_elements
@@ -201,7 +201,7 @@ def step_chunks(turned, kick_dt, zeta, share, dt, work):
         low, high = chunks.low[c], chunks.high[c]
         if high == low:
             continue
-        near = chunk_forces(c, traits & ALIKE, x, chunks, slots, law, scratch)
+        near = chunk_forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
         keeps = near or c < chunks.boundary
         move_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
         if near:

@@ -9,7 +9,7 @@ from netfall.core.records import has
 from netfall.core.vectors import LANES, fma, load, load_truths, put, store, where, zeros
 from netfall.physics.targets import particle
 
-ALIKE, RARE, SIDEWAYS, PART_HELD = 1, 2, 4, 8  # bits of what a rank has, `plan.traits_of`
+PLAIN_LAW, RARE, SIDEWAYS, PART_HELD = 1, 2, 4, 8  # bits of what a rank has, `plan.traits_of`
 between, kicked, moved = particle.between, particle.kicked, particle.moved
 works_of_motion = particle.works_of_motion
 

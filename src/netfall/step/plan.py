@@ -15,7 +15,7 @@ from netfall.mechanics.state import State
 from netfall.parallel.halo import Halo, check
 from netfall.step.forces import Scratch
 from netfall.step.loop import Chunks, Interval, Spare, Work, collect_now, step_chunks, tear, time_loop
-from netfall.step.motion import ALIKE, PART_HELD, RARE, SIDEWAYS
+from netfall.step.motion import PART_HELD, PLAIN_LAW, RARE, SIDEWAYS
 from netfall.step.rows import make_row, no_rows
 from netfall.step.slots import fill_slots
 
@@ -38,12 +38,12 @@ def halo_width(state: State) -> int:
 def traits_of(state: State) -> int:
     """What a rank has, as bits of `motion`: they decide which variant of a kernel runs."""
     f, s, law = state.features, state, state.law
-    alike = law.alike and not (f.bars or f.buckling or f.band or law.logarithmic)
     rare = f.varying or f.drags or f.springs or f.turned or f.motion or f.part_held
     rare = rare or f.air or f.air_mass or f.bending or f.band
     sideways = bool(s.load[:, :2].any())
     part_held = f.part_held or f.motion
-    return ALIKE * bool(alike) | RARE * bool(rare) | SIDEWAYS * sideways | PART_HELD * part_held
+    plain = not (f.band or law.logarithmic)
+    return PLAIN_LAW * plain | RARE * bool(rare) | SIDEWAYS * sideways | PART_HELD * part_held
 
 
 def make_scratch(state: State) -> Scratch:

@@ -195,6 +195,8 @@ def fill_slot(e, s, p, far, elements, slots):
         slots.eps_p[s, p] = elements.eps_p[e]
     if has(slots.reach):
         slots.reach[s, p] = elements.reach[e]
+    if has(slots.near):
+        slots.near[s, p] = elements.near[e]
     if has(slots.highest):
         slots.highest[s, p] = -math.inf
     if has(slots.lowest):

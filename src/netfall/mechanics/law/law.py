@@ -28,7 +28,7 @@ class Law(Record):
     plastic : 1 where elements yield; EA : [N] axial stiffness, 0 where it differs, in the slots
     yield_force : [N], inf: none, or it differs; yield_strain : yield_force / EA
     reach : L / L0 from which an element is looked at for fracture (the least, where they differ), inf: never
-    alike : 1 where `near` [N], the elastic axial force from which one is looked at for either, holds for all
+    near : [N] size of the elastic axial force from which one is looked at for any limit (the least)
     branches : (5, 2 or 3) alpha, tau [s], and of `set_branches`; absent: there are none
     """
 
@@ -38,7 +38,6 @@ class Law(Record):
     yield_force: real
     yield_strain: real
     reach: real
-    alike: whole
     near: real
     branches: f8_2
 
@@ -49,21 +48,16 @@ def law_of(
     EA: float | None,
     yield_force: float | None,
     least: float | None,
-    alike: bool,
+    near: float,
     branches: np.ndarray | None,
 ) -> Law:
-    """The law of a rank. measure : a key of MEASURES; least : fracture strain of all, None: nothing breaks
+    """The law of a rank.
 
-    alike : whether all have that fracture strain
+    measure : a key of MEASURES; least : the least fracture strain, None: nothing breaks
+    near : the least of `forces_near_limits`
     """
     reach = np.inf if least is None else float(reaches(least, measure))
     yield_strain = np.inf if not EA or yield_force is None else yield_force / EA
-    alike, near = alike and EA is not None, np.inf
-    if alike:
-        near = min(
-            EA * float(strains(reach, 1.0, measure)) if reach < np.inf else np.inf,
-            NEARLY * yield_force if plastic else np.inf,
-        )
     return Law(
         measure == "logarithmic",
         plastic,
@@ -71,10 +65,26 @@ def law_of(
         np.inf if yield_force is None else yield_force,
         yield_strain,
         reach,
-        alike,
         near,
         empty(f8_2) if branches is None else branches,
     )
+
+
+def forces_near_limits(EA, yield_force, eps_u, euler, measure: str) -> np.ndarray:
+    """Sizes of elastic axial forces (m,) [N] from which elements are looked at for any limit; inf: never.
+
+    yield_force, euler : (m,) [N], eps_u : (m,); None: nothing yields, buckles, breaks
+    """
+    near = np.full(len(EA), np.inf)
+    if eps_u is not None:
+        breaks, reach = np.isfinite(eps_u), reaches(eps_u, measure)
+        if euler is not None:  # bars break in compression too, and sooner
+            reach = 2.0 - 1.0 / reach
+        near[breaks] = (EA * strains(np.where(breaks, reach, 1.0), 1.0, measure))[breaks]
+    for limit in (yield_force, euler):
+        if limit is not None:
+            near = np.minimum(near, NEARLY * limit)
+    return near
 
 
 def reaches(eps_u: np.ndarray, measure: str) -> np.ndarray:
