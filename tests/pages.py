@@ -1,15 +1,16 @@
 """The pages, or parts of them, that are made from the code, so that they cannot be other than it.
 
     .venv/bin/python tests/pages.py          writes them anew
+    .venv/bin/python tests/pages.py --map    prints a map of the code, from the first sentence of each file
 
-src/netfall/MAP.md, from the first sentence of each file; the tables of datasets in
-src/netfall/results/README.md; the tables of keys in jobs/KEYS.md; those of options in jobs/RUNNING.md.
-test_readme.py compares them with the code.
+The tables of datasets in src/netfall/results/README.md; the tables of keys in jobs/KEYS.md; those of options
+in jobs/RUNNING.md. test_readme.py compares them with the code.
 """
 
 import argparse
 import ast
 import re
+import sys
 import textwrap
 from pathlib import Path
 
@@ -42,8 +43,8 @@ ROOMS = (  # from the ground up: a room imports from those before it
 )
 HEAD = """# The map of the code
 
-Made by `tests/pages.py` from the first sentence of each file. Rooms stand in the order in which they
-import: each from those above it, as `tests/test_imports.py` says in detail.
+Packages stand in the order in which they import: each from those above it, as `tests/test_imports.py` says in
+detail.
 """
 
 
@@ -54,7 +55,7 @@ def first_sentence(path: Path) -> str:
 
 
 def code_map() -> str:
-    """The text of MAP.md."""
+    """A page of all files."""
     parts = [HEAD]
     for room in ROOMS:
         files = sorted(path for path in (PACKAGE / room).glob("*.py") if path.name != "__init__.py")
@@ -219,7 +220,6 @@ DATASETS = PACKAGE / "results" / "README.md"
 KEYS = ROOT / "jobs" / "KEYS.md"
 RUNNING = ROOT / "jobs" / "RUNNING.md"
 PAGES = {  # page: its text as the code says it
-    PACKAGE / "MAP.md": code_map,
     DATASETS: lambda: with_parts(DATASETS, {"datasets": tables()}),
     KEYS: lambda: with_parts(
         KEYS,
@@ -229,5 +229,8 @@ PAGES = {  # page: its text as the code says it
 }
 
 if __name__ == "__main__":
+    if "--map" in sys.argv:
+        print(code_map())
+        sys.exit()
     for path, text in PAGES.items():
         path.write_text(text())

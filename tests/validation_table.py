@@ -2,11 +2,10 @@
 netfall's figure beside an independent one, with the tolerance that theory gives.
 """
 
+import csv
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-
-HEAD = "| case | source | netfall | theirs | difference | within | because |\n|---|---|---|---|---|---|---|\n"
 
 
 @dataclass(frozen=True)
@@ -22,15 +21,6 @@ class Row:
     within: float
     unit: str
     because: str
-
-    def text(self) -> str:
-        """The row in Markdown."""
-        mark = "" if self.met else " (NOT MET)"
-        unit = f" {self.unit}" if self.unit else ""
-        return (
-            f"| {self.case} | {self.source} | {self.ours} | {self.theirs} | "
-            f"{self.difference:.1e}{unit}{mark} | {self.within:.0e}{unit} | {self.because} |\n"
-        )
 
     @property
     def met(self) -> bool:
@@ -82,14 +72,9 @@ class Table:
     def add(self, row: Row) -> None:
         """Add a row and assert it."""
         self.rows.append(row)
-        assert math.isfinite(row.difference) and row.met, row.text()
+        assert math.isfinite(row.difference) and row.met, row
 
     def write(self, path: Path) -> None:
-        """The table as a page of Markdown."""
-        themes = list(dict.fromkeys(row.theme for row in self.rows))
-        path.write_text(
-            "\n".join(
-                f"**{theme}**\n\n{HEAD}{''.join(row.text() for row in self.rows if row.theme == theme)}"
-                for theme in themes
-            )
-        )
+        """The table as CSV."""
+        with path.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerows([[field.name for field in fields(Row)], *self.plain()])
