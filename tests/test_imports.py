@@ -68,8 +68,8 @@ PACKAGES = {
     ],
     "llvmlite": ["core", "parallel.mpi_calls", "program.compile"],
     "scipy": [
-        *("stages.modes", "multigrid.rows", "study.draws", "study.rare", "study.answers"),
-        *("exchange.drawings", "plots.study"),
+        *("stages.modes", "parallel.subdomain", "multigrid.rows", "study.draws", "study.rare"),
+        *("study.answers", "exchange.drawings", "plots.study"),
     ],
     "shapely": ["roof", "exchange.drawings"],
     "pymetis": ["parallel.partition", "numerics.sparse"],

@@ -12,15 +12,11 @@ class Exception(RuntimeError):
 
 
 class Request:
-    """A message that is under way; there are none."""
+    """A request that has ended: there are no messages."""
 
     @staticmethod
     def Waitall(requests) -> None:
         """Wait for no message."""
-
-
-class Done(Request):
-    """A request that has ended."""
 
     def Test(self) -> bool:
         """Tell that it has ended."""
@@ -32,52 +28,34 @@ class Comm:
 
     rank, size = 0, 1
 
-    def bcast(self, value, root=0):
+    def allreduce(self, value, *_):
         """Return the value."""
         return value
 
-    def allreduce(self, value, op=SUM):
-        """Return the value."""
-        return value
-
-    def allgather(self, value):
+    def allgather(self, value, *_):
         """Return the value of the only rank."""
         return [value]
 
-    def gather(self, value, root=0):
-        """Return the value of the only rank."""
-        return [value]
-
-    def scatter(self, values, root=0):
+    def scatter(self, values, *_):
         """Return the only value."""
         return values[0]
 
-    def alltoall(self, values):
-        """Return the values."""
-        return values
-
-    def Allreduce(self, sent, received, op=SUM) -> None:
+    def Allreduce(self, sent, received, *_) -> None:
         """Leave in `received` what the only rank has sent."""
         if sent is not IN_PLACE:
             received[...] = sent
 
-    def Alltoall(self, sent, received) -> None:
-        """Leave in `received` what the only rank has sent."""
-        received[...] = sent
-
-    def Barrier(self) -> None:
+    def Barrier(self) -> Request:
         """Wait for nobody."""
+        return Request()
 
-    def Ibarrier(self) -> Done:
-        """Wait for nobody."""
-        return Done()
-
-    def Split_type(self, kind):
+    def Split_type(self, *_) -> "Comm":
         """Return a communicator of the same process."""
         return Comm()
 
-    def Free(self) -> None:
-        """Give nothing back."""
+    bcast = alltoall = allreduce
+    gather = allgather
+    Ibarrier = Free = Barrier
 
 
 COMM_SELF = COMM_WORLD = Comm()
@@ -93,6 +71,6 @@ def get_vendor() -> tuple[str, tuple[int, ...]]:
     return "none", ()
 
 
-def _handleof(made) -> int:
+def _handleof(_) -> int:
     """Return a handle that nobody uses."""
     return 0

@@ -29,23 +29,10 @@ class Slabs:
             block[row] = values
             return block
         bounds = self.bounds(total)
-        to = np.searchsorted(bounds, row, side="right") - 1
-        if not self.all_write:
-            to[:] = 0
-        order = np.argsort(to, kind="stable")
-        sends = np.bincount(to, minlength=self.comm.size)
-        receives = np.empty_like(sends)
-        self.comm.Alltoall(sends, receives)
-        rows = self._move(np.ascontiguousarray(row[order], np.int64)[:, None], sends, receives)[:, 0]
-        moved = self._move(np.ascontiguousarray(values[order], np.float64), sends, receives)
+        to = np.searchsorted(bounds, row, side="right") - 1 if self.all_write else np.zeros(len(row), int)
+        here = [to == rank for rank in range(self.comm.size)]
         low, high = bounds[self.comm.rank], bounds[self.comm.rank + 1]
         block = np.empty((high - low, values.shape[1]))
-        block[rows - low] = moved
+        for rows, moved in self.comm.alltoall([(row[to_rank], values[to_rank]) for to_rank in here]):
+            block[rows - low] = moved
         return block
-
-    def _move(self, values, sends, receives):
-        k = values.shape[1]
-        out = np.empty((int(receives.sum()), k), values.dtype)
-        kind = MPI.DOUBLE if values.dtype == np.float64 else MPI.INT64_T
-        self.comm.Alltoallv([values, sends * k, kind], [out, receives * k, kind])
-        return out
