@@ -33,6 +33,7 @@ LOOK_STEPS = 100_000  # at most, between looks at the wish to stop: a tenth of a
 LOOK_WORK = 200_000_000  # steps of an element, at most, between them: two seconds on one rank
 
 NAME = "dynamics"
+KEPT = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
 
 
 def required(job: Job) -> bool:
@@ -42,30 +43,28 @@ def required(job: Job) -> bool:
 
 def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
     """Step through the dynamic stage; result : the `Simulation`. Collective."""
-    removal, losses = None, losses_now(scene)
+    losses, removal, start, state, schedule = losses_now(scene), None, None, scene.state, scene.schedule
     if scene.job.removes:
         removal = Removal(scene, losses, outcomes[rests.NAME].result, desk.log)
     with desk.phases.phase("wind"):
         loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
-    schedule = scene.schedule
     desk.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {steps_line(schedule)}")
-    if desk.saver.stage != NAME and scene.state.features.sliding:
-        begin_slipping(scene)
-    start = None
     if desk.saver.stage != NAME:
-        start = total_energies(scene.comm, scene.state, take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0))
-    if start and scene.state.features.band:
-        rest_branches(scene.state)
+        if state.features.sliding:
+            begin_slipping(scene)
+        start = total_energies(scene.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+        if state.features.band:
+            rest_branches(state)
     simulation = Simulation(scene, desk, loads, removal)
     if start:
         simulation.begin(start)
     simulation.register()
-    with desk.phases.phase(NAME):
-        try:
+    try:
+        with desk.phases.phase(NAME):
             simulation.run()
-        except DivergedError:  # on every rank
-            simulation.halo.free()
-            raise
+    except DivergedError:  # on every rank
+        simulation.halo.free()
+        raise
     made = {"steps": simulation.made, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
     return Outcome(simulation, sections=sections(scene, simulation), attributes=made)
 
@@ -79,16 +78,6 @@ def begin_slipping(scene: Scene) -> None:
     state.slip_mass[places.node, places.column] = inertia
 
 
-def stopped_slips(scene: Scene) -> np.ndarray | None:
-    """When too little of a strand was left at each place, (k,) [s], nan: not; on rank 0. Collective."""
-    time = scene.distribution.gather_particles(scene.state.slip_locked)
-    if time is None:
-        return None
-    places = scene.model.layout.slides
-    found = time[places.node, places.column]
-    return np.where(found > 0.0, found, np.nan)
-
-
 def rest_branches(state) -> None:
     """The branches of all elements as they are where it has long been at rest: they add nothing."""
     N = state.elements_now().N
@@ -99,7 +88,9 @@ def rest_branches(state) -> None:
 def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
     """History, events, losses and wind, on rank 0."""
     model = scene.model
-    stopped = stopped_slips(scene) if scene.state.features.sliding else None
+    locked = (
+        scene.distribution.gather_particles(scene.state.slip_locked) if scene.state.features.sliding else None
+    )
     if model is None:
         return {}
     history, events = simulation.history, simulation.log.columns()
@@ -107,7 +98,8 @@ def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
     found["events"] = events | event_ids(model.net, events)
     if model.layout.slides:
         found["slide"] = slide_section(model.net, model.layout.slides) | history.slip_columns()
-        found["slide"]["stopped"] = stopped
+        time = locked[model.layout.slides.node, model.layout.slides.column]  # when too little was left
+        found["slide"]["stopped"] = np.where(time > 0.0, time, np.nan)
     if simulation.removal:
         found["removal"] = simulation.removal.columns()
     if simulation.detaching and (parts := simulation.detaching.columns(simulation.wind)):
@@ -132,10 +124,10 @@ class Simulation(Stepper):
         probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
         self.envelope = Envelope(scene.distribution, scene.state.joints is not None)
         self.history = History(probes, scene.state.features)
-        s = scene.schedule
+        s, subdomain = scene.schedule, scene.distribution.subdomain
         slips = scene.finder.slips.numbers() if scene.state.features.sliding else None
-        of_net = scene.distribution.subdomain, probes, self.envelope, slips
-        rows = RowTable(scene.state, s.history, s.dt, WIDEN_STEPS * s.stride, *of_net)
+        of_steps = s.history, s.dt, WIDEN_STEPS * s.stride
+        rows = RowTable(scene.state, *of_steps, subdomain, probes, self.envelope, slips)
         super().__init__(scene, desk, loads, rows)
         self.removal = removal
         self.detaching = Detaching(scene) if scene.state.features.detaches else None
@@ -218,7 +210,7 @@ class Simulation(Stepper):
 
     def snapshot(self):
         """Snapshot of the present step, with the loads at its time, in place of the one before."""
-        self.loads.advance(self.state, self.n, self.schedule.step_at)
+        self.loads.advance(self.state, self.n)
         share = (self.time - self.loads.time) / self.loads.dt
         self.plan.collect_yield()
         if self.ground:
@@ -230,29 +222,19 @@ class Simulation(Stepper):
 
     def record(self) -> tuple[dict, dict]:
         """Where the run stands, for `restore`. Collective."""
-        small = {
-            "step": self.n,
-            "before_dt": self.before_dt,
-            "made": self.made,
-            "stride": self.stride,
-            "calm": self.calm,
-            "largest_work": self.largest_work,
-            "start_strain": self.start_strain,
-            "start_plastic": self.start_plastic,
-            "widened": int(self.rows.last[0]),
-            "most_strained": most_strained_of_all(self.comm, self.history.most_strained),
-        }
-        return small, {}
+        small = {name: getattr(self, name) for name in KEPT}
+        small |= {"step": self.n, "widened": int(self.rows.last[0])}
+        return small | {"most_strained": most_strained_of_all(self.comm, self.history.most_strained)}, {}
 
     def restore(self, small: dict, _: dict | None) -> None:
         """Take up the record of an earlier run; the loads stand where it left them."""
-        self.n, self.before_dt, self.made = small["step"], small["before_dt"], small["made"]
-        self.stride, self.calm, self.rows.last[:] = small["stride"], small["calm"], small["widened"]
-        self.largest_work = small["largest_work"]
+        for name in KEPT:
+            setattr(self, name, small[name])
+        self.n, self.rows.last[:] = small["step"], small["widened"]
         self.history.most_strained = tuple(small["most_strained"])
-        self.start_strain, self.start_plastic = small["start_strain"], small["start_plastic"]
         self.result.losses = self.removal.done if self.removal else 0
-        self.loads.restart(self.state, self.n, self.schedule.step_at)
+        self.loads.renew(self.state)
+        self.loads.advance(self.state, self.n)
 
     def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
@@ -270,8 +252,8 @@ class Simulation(Stepper):
                 if self.n == self.removal.next_step:
                     self.removal.happen(self)
                 stop = min(stop, self.removal.next_step)
-            self.loads.advance(self.state, self.n, self.schedule.step_at)
-            stop = min(stop, self.loads.due(self.schedule.step_at))
+            self.loads.advance(self.state, self.n)
+            stop = min(stop, self.loads.due())
             while self.n < stop:
                 self.advance_in_stride(min(stop, self.find_detached()))
             if self.n < target and (self.n % self.look_every == 0 or self.rows.full):
@@ -338,15 +320,8 @@ class Simulation(Stepper):
 
     def report(self) -> None:
         """Progress on rank 0."""
-        s = self.schedule
-        share = self.n / s.steps
-        self.progress.at(
-            share,
-            f"t = {self.time:.3f} s",
-            self.n,
-            "steps",
-            f"slack {self.slack}, broken {len(self.log.broken)}",
-        )
+        share, done = self.n / self.schedule.steps, f"t = {self.time:.3f} s"
+        self.progress.at(share, done, self.n, "steps", f"slack {self.slack}, broken {len(self.log.broken)}")
 
 
 def diverges(energies: Energies, work, stored: float):

@@ -35,7 +35,7 @@ class Stepper:
         self.comm, self.state, self.schedule = scene.comm, scene.state, schedule
         self.log, self.model = desk.log, scene.model
         self.phases, self.stop = desk.phases, desk.stop
-        self.loads = VaryingLoads(self.state, loads)
+        self.loads = VaryingLoads(self.state, loads, schedule.step_at)
         self.zeta = job.dynamics.damping
         self.ground = ground_of(scene.comm, self.model, self.state)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
@@ -44,6 +44,7 @@ class Stepper:
             stable_dt *= float(np.sqrt(stiffening(self.state.features.band)))
         if self.state.features.sliding:  # to which slips add their share
             stable_dt /= STEP
+        breaks = self.state.features.fracture
         rules = FractureRules(
             particles=distribution.n,
             n_owned=self.state.n_owned,
@@ -55,11 +56,9 @@ class Stepper:
             wind_stays=self.after_fracture not in ("particle", "detached"),
             stable_dt=stable_dt if self.state.features.fragments else np.nan,
         )
-        self.subdomain = distribution.subdomain
+        self.subdomain, self.rows = distribution.subdomain, rows
         self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
-        self.rows = rows
-        rules = rules if self.state.features.fracture else None
-        self.plan = Plan(self.state, self.halo, rules, rows, self.ground)
+        self.plan = Plan(self.state, self.halo, rules if breaks else None, rows, self.ground)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
         self.slack, self.stopping = 0, False
@@ -100,9 +99,8 @@ class Stepper:
         last = self.comm.allreduce(int(mine.max(initial=known)), MPI.MAX)
         self.calm = max(self.calm, (last // long + 1 + CALM) * long if last >= 0 else 0)
         if self.n == self.calm:
-            if long_step_allowed(
-                self.comm, self.state, self.halo, self.schedule.long_dt, self.schedule.margin
-            ):
+            of_step = self.schedule.long_dt, self.schedule.margin
+            if long_step_allowed(self.comm, self.state, self.halo, *of_step):
                 self.stride = long
             else:
                 self.calm += CALM * long
@@ -110,35 +108,30 @@ class Stepper:
     def advance_through_fractures(self, stop: int) -> None:
         """Step to number `stop` with the short step, whatever breaks."""
         known = len(self.log)
-        if self.after_fracture == "all" and not known:
-            if self.advance_to_fracture(stop):
-                end_wind(self.state)
-        elif self.tearing:
-            while self.n < stop and self.advance_to_fracture(stop):
-                self.tearing.tear(self.state, np.unique(self.log.element[known:]))
-                self.plan.attach(self.state)
-                known = len(self.log)
-        else:
-            self.advance_block(stop)
+        while self.tearing and self.n < stop and self.advance_to_fracture(stop):
+            self.tearing.tear(self.state, np.unique(self.log.element[known:]))
+            self.plan.attach(self.state)
+            known = len(self.log)
+        if self.after_fracture == "all" and not known and self.advance_to_fracture(stop):
+            end_wind(self.state)
+        self.advance_block(stop)
 
     def interval(self, stop: int, trial: bool = False) -> Interval:
         """The steps from the present one to number `stop`, with the stride of now."""
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
-        sample = self.loads.time, self.loads.dt
         now = first, steps, self.before_dt, self.dt, self.zeta
-        return Interval(*now, *sample, self.stride, trial)
+        return Interval(*now, self.loads.time, self.loads.dt, self.stride, trial)
 
     def advance_to_first_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or to the step in which something is to break on any rank; whether it is."""
         whole = self.interval(stop, trial=True)
-        mine = self.plan.try_out(whole, self.phases.of_steps)
-        steps = self.comm.allreduce(mine, MPI.MIN)
+        steps = self.comm.allreduce(self.plan.try_out(whole, self.phases.of_steps), MPI.MIN)
         if steps < whole.steps:
             self.plan.take_back()
-            if steps:
-                self.plan.run(self.interval(self.n + steps * self.stride), self.phases.of_steps)
+            self.advance_block(self.n + steps * self.stride)
+            return True
         self._stepped(steps)
-        return steps < whole.steps
+        return False
 
     def _stepped(self, steps: int) -> None:
         self.n += steps * self.stride
@@ -154,26 +147,15 @@ class Stepper:
         """Step to number `stop`, or just behind the first fracture on any rank; whether there is one.
 
         What a fracture does to the whole net it does on all ranks in the same step, but a rank learns of one
-        elsewhere only at the end of a block. The block that holds the first one is therefore taken back and
-        stepped again to just behind it; no step waits for a reduction.
+        elsewhere only at the end of a block. So the steps to the first one are found by a trial, and no step
+        waits for a reduction.
         """
-        self.plan.collect_yield()
-        begin, kept = (self.n, self.made, self.before_dt, int(self.plan.events.count[0])), self.state.copy()
-        rows = self.rows.keep()
-        self.advance_block(stop)
-        events = self.plan.events
-        mine = int(events.step[: events.count[0]].min(initial=stop))
-        first = self.comm.allreduce(mine, MPI.MIN)
-        if first >= stop:
-            return False
-        if first + 1 < self.n:
-            self.n, self.made, self.before_dt, events.count[0] = begin
-            self.rows.put_back(rows)
-            self.state = kept
-            self.plan.attach(kept)
-            self.advance_block(first + 1)
-        self.share_events()
-        return True
+        known = len(self.log)
+        if self.advance_to_first_fracture(stop):
+            while self.n < stop and len(self.log) == known:
+                self.advance_block(self.n + 1)
+                self.share_events()
+        return len(self.log) > known
 
     def share_events(self) -> None:
         """Broadcast the fractures since the last time, so that every rank knows all of them.

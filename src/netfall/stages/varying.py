@@ -59,8 +59,9 @@ def ground_of(comm: MPI.Comm, model, state: State) -> Ground | None:
 class VaryingLoads:
     """All loads that vary, between two times that they have in common."""
 
-    def __init__(self, state: State, loads: list):
-        self.loads = loads
+    def __init__(self, state: State, loads: list, step_at: Callable[[float], int]):
+        """step_at(time) : number of the first step at or after a time [s]"""
+        self.loads, self.step_at = loads, step_at
         self.renew(state)
 
     def renew(self, state: State) -> None:
@@ -75,25 +76,16 @@ class VaryingLoads:
         for load in self.loads:
             load.write(state, self.time, end)
 
-    def due(self, step_at: Callable[[float], int]) -> int:
-        """Number of the step at which the next samples are due; beyond every step after the last.
+    def due(self) -> int:
+        """Number of the step at which the next samples are due; beyond every step after the last."""
+        return self.step_at(self.time + self.dt) if self.dt < math.inf else sys.maxsize
 
-        step_at(time) : number of the first step at or after a time [s]
-        """
-        return step_at(self.time + self.dt) if self.dt < math.inf else sys.maxsize
-
-    def advance(self, state: State, step: int, step_at: Callable[[float], int]) -> None:
+    def advance(self, state: State, step: int) -> None:
         """Move on to the samples around a step: `due` is later than it. Collective."""
-        while self.due(step_at) <= step:
+        while self.due() <= step:
             for load in self.loads:
-                load.advance(step, step_at)
+                load.advance(step, self.step_at)
             self.renew(state)
-
-    def restart(self, state: State, step: int, step_at: Callable[[float], int]) -> None:
-        """The samples around a step, from whichever the loads stand at. Collective."""
-        for load in self.loads:
-            load.advance(step, step_at)
-        self.renew(state)
 
     def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
         """Give what acts on particles that leave to others; `renew` is due after it. Collective."""
