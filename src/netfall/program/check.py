@@ -1,6 +1,6 @@
 """What `netfall check` tells of a job before it is run: sizes, step limits, memory, expected run time."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +16,10 @@ from netfall.mechanics.fields import FIELDS
 from netfall.messages import run
 from netfall.messages.wind import wind_lines
 from netfall.model.layout import Layout, make_layout
-from netfall.model.model import Model
 from netfall.model.schedule import steps_line
 from netfall.net.build import build_net
 from netfall.parallel.mpi import MPI
 from netfall.program.ranks import ranks_line, steps_time
-from netfall.program.run import scheduled
 from netfall.program.setup import prepare
 from netfall.roof.areas import GIVEN_AREAS, areas_are_given, largest_face, normals
 from netfall.stages.modes import mode_lines
@@ -55,82 +53,71 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
 
     folder : for a picture of the net, which is there even where no form is found; None: no picture
     """
+    for line in _lines(job, folder):
+        say(line)
+
+
+def _lines(job: Job, folder: Path | None) -> Iterator[str]:
+    """What `check_job` says, as it is found."""
     short = job
     if job.form_finding and build_net(job).m > LARGEST_FORM:
-        say(
+        yield (
             f"note: more than {LARGEST_FORM} elements: the form is not found here; "
             "figures are those of the start geometry"
         )
         short = replace(job, form_finding=None)
     memory = Memory(1)
     if folder:
-        say(f"picture: {draw_check(job, make_layout(short, 1, memory), folder)}")
-    scene = scheduled(prepare(MPI.COMM_SELF, short, Phases(), memory=memory)[0])
+        yield f"picture: {draw_check(job, make_layout(short, 1, memory), folder)}"
+    scene = prepare(MPI.COMM_SELF, short, Phases(), memory=memory)[0]
     if scene.failure:
         raise scene.failure
-    say(f"{job.path}: {job.title or job.name}: valid")
-    _describe_net(scene, say)
+    model = scene.model
+    yield f"{job.path}: {job.title or job.name}: valid"
+    yield from _of_net(scene)
     if scene.form:
-        say(run.form_line(scene))
-        for line in run.moved_lines(scene):
-            say(line)
-    for line in run.start_notes(scene):
-        say(line)
-    say("stages: " + ", ".join(run.stages(job)))
-    say(f"the scene has: {run.feature_words(job, scene.model)}")
-    for line in wind_lines(job, scene.model):
-        say(line)
+        yield from (run.form_line(scene), *run.moved_lines(scene))
+    yield from run.start_notes(scene)
+    yield "stages: " + ", ".join(run.stages(job))
+    yield f"the scene has: {run.feature_words(job, model)}"
+    yield from wind_lines(job, model)
     if scene.schedule:
-        _describe_steps(scene, say)
-    _describe_time(scene, say)
-    _describe_memory(job, scene, say)
-    for line in mode_lines(short, scene):
-        say(line)
+        yield from (run.limit_line(limit, model) for limit in scene.limits.values())
+        yield f"steps: {steps_line(scene.schedule)}" + " (auto)" * (job.dynamics.time_step == "auto")
+        yield from run.remarks_of(scene)
+    yield from (time_line(scene), ranks_line(scene), memory_line(scene))
+    yield from mode_lines(short, scene)
 
 
-def _describe_net(scene: Scene, say) -> None:
+def _of_net(scene: Scene) -> Iterator[str]:
+    """What the net is."""
     model, net = scene.model, scene.model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
-    say(f"{run.net_line(model)} in groups {', '.join(groups)}")
+    yield f"{run.net_line(model)} in groups {', '.join(groups)}"
     L0, N = model.L0, model.N
-    say(
+    yield (
         f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
         f"tension {N.min():.4g} to {N.max():.4g} N"
     )
     own = float((net.density * net.section * L0).sum())
-    say(f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg")
+    yield f"masses: elements {own:.4g} kg, all particles {model.mass.sum():.4g} kg"
     covered = model.layout.roofing.covered
     source = f"closed faces cover {covered:.1%} of the net's outline in plan (its convex hull)"
-    say(
+    yield (
         f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
         + (GIVEN_AREAS if areas_are_given(net) else source)
     )
-    _describe_largest_face(model, say)
-    for remark in run.job_remarks(model, scene.job):
-        say(remark)
-
-
-def _describe_largest_face(model: Model, say) -> None:
-    """A face much larger than the others, which may be an opening."""
-    found = largest_face(model.x, model.net, model.layout.roofing.faces)
+    found = largest_face(model.x, net, model.layout.roofing.faces)
     if found and found[0] > MUCH_LARGER * found[1]:
         area, usual, (x, y) = found
-        say(
+        yield (
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
             f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
         )
+    yield from run.job_remarks(model, scene.job)
 
 
-def _describe_steps(scene: Scene, say) -> None:
-    job, schedule = scene.job, scene.schedule
-    for limit in scene.limits.values():
-        say(run.limit_line(limit, scene.model))
-    say(f"steps: {steps_line(schedule)}" + (" (auto)" if job.dynamics.time_step == "auto" else ""))
-    for remark in run.remarks_of(scene):
-        say(remark)
-
-
-def _describe_time(scene: Scene, say) -> None:
+def time_line(scene: Scene) -> str:
     """What a run takes on one core, by its parts."""
     job, schedule, m = scene.job, scene.schedule, scene.model.net.m
     parts, more = {"start, net and form": START_S + NET_S * m}, ""
@@ -145,12 +132,11 @@ def _describe_time(scene: Scene, say) -> None:
         parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
             parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + SAVED_S * m)
-    say(
-        f"expected run time about {sum(parts.values()):.2g} s on one core ("
-        + ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items())
-        + f"); modes, and compiling at the first run of its kind, come on top{more}"
+    total, of_parts = sum(parts.values()), ", ".join(f"{name} {each:.2g} s" for name, each in parts.items())
+    return (
+        f"expected run time about {total:.2g} s on one core ({of_parts}); modes, and compiling at the first "
+        f"run of its kind, come on top{more}"
     )
-    say(ranks_line(scene))
 
 
 def equilibria_time(scene: Scene) -> tuple[float, str]:
@@ -173,13 +159,14 @@ def equilibria_time(scene: Scene) -> tuple[float, str]:
     return m * (NEAR_S * near + FAR_S * (count - near)), UNFORESEEN + more
 
 
-def _describe_memory(job: Job, scene: Scene, say) -> None:
+def memory_line(scene: Scene) -> str:
+    """What a run takes of memory and disk."""
     m, state = scene.model.net.m, scene.state
     held = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
     least, anew = result_bytes(scene)
     up_to = f", up to {(least + anew) / 1e6:.3g} MB where elements break until the end" if anew else ""
-    more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(job) else ""
-    say(
+    more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(scene.job) else ""
+    return (
         f"memory: {held / 1e6:.3g} MB for the state ({held / m:.0f} bytes an element), {more}and some "
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some {RANK_BYTES / 1e6:.0f} MB for "
         f"Python on each rank; result file about {least / 1e6:.3g} MB{up_to}"
@@ -207,24 +194,15 @@ def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
     """Write NAME_net.png into a folder, from the net before its form is found; the path of it."""
     from netfall.plots.job import JobNet, draw_job
 
-    net, faces = layout.net, layout.roofing.faces
-    zones, given = layout.zones, layout.roofing.given
-    rows = lambda parts: np.unique(np.concatenate([np.zeros(0, np.int64), *parts]))
-    shown = JobNet(
-        job.title or job.name,
-        net,
-        faces,
-        given.plan,
-        zones.names,
-        zones.of_node,
-        np.array([(given.plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]),
-        [zone.polygon for zone in job.zones if zone.polygon is not None],
-        normals(net, given.vector) if along_normals(job) else None,
-        rows(layout.lost),
-        rows([layout.probes.named]),
-        rows([layout.probes.particles]),
-        _wind_of(job),
-    )
+    net, zones, given, probes = layout.net, layout.zones, layout.roofing.given, layout.probes
+    areas = [(given.plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]
+    polygons = [zone.polygon for zone in job.zones if zone.polygon is not None]
+    normal = normals(net, given.vector) if along_normals(job) else None
+    lost = np.unique(np.concatenate([np.zeros(0, np.int64), *layout.lost]))
+    of_net = job.title or job.name, net, layout.roofing.faces, given.plan
+    of_zones = zones.names, zones.of_node, np.array(areas), polygons
+    followed = np.unique(probes.named), np.unique(probes.particles)
+    shown = JobNet(*of_net, *of_zones, normal, lost, *followed, _wind_of(job))
     path = folder / f"{job.path.stem}_net.png"
     with writing(path):
         folder.mkdir(parents=True, exist_ok=True)

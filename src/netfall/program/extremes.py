@@ -29,20 +29,21 @@ def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
     return np.divide(N, EA, out=np.zeros(len(N)), where=EA > 0.0)
 
 
+def gathered(distribution: Distribution, state: State, rows: Extremes) -> Extremes:
+    """The extremes of all ranks, on rank 0; rows : of this rank, (m,) and (n_owned,). Collective."""
+    mine = state.owned.astype(bool)
+    of_elements = (distribution.gather_elements(each, mine) for each in rows[:3])
+    return Extremes(*of_elements, *(distribution.gather_particles(each[:, None]) for each in rows[3:]))
+
+
 def extremes_of_motion(scene: Scene, simulation) -> Extremes:
     """Of a dynamic stage. The plastic strain of a cable only grows, so its last one counts. Collective."""
-    spread, state, n = scene.distribution, simulation.state, simulation.state.n_owned
-    mine, (tension, _, least, _) = state.owned.astype(bool), simulation.envelope.tension
+    state, n, (tension, _, least, _) = simulation.state, simulation.state.n_owned, simulation.envelope.tension
     plastic = 0.0 if state.eps_p is None else state.eps_p
     strain = elastic_strain(tension, state.EA) + plastic
     compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
-    return Extremes(
-        spread.gather_elements(tension, mine),
-        spread.gather_elements(strain, mine),
-        spread.gather_elements(compressed, mine),
-        spread.gather_particles(simulation.envelope.displacement[0][:, None]),
-        spread.gather_particles((state.x_start[:n, 2] - state.x[:n, 2])[:, None]),
-    )
+    moved, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
+    return gathered(scene.distribution, state, Extremes(tension, strain, compressed, moved, sunk))
 
 
 class Watched:
@@ -51,22 +52,17 @@ class Watched:
     def __init__(self, distribution: Distribution):
         self._distribution = distribution
         m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
-        self._tension, self._strain = np.full((2, m), np.nan)  # nothing yet
-        self._compressed = np.zeros(m)
-        self._moved, self._sunk = np.zeros((2, n, 1))
+        self._rows = Extremes(*np.full((2, m), np.nan), np.zeros(m), *np.zeros((2, n)))  # nan: nothing yet
 
     def take_in(self, state: State, snapshot) -> None:
         """An equilibrium."""
-        step = (state.x - state.x_start)[snapshot.rows]
-        np.fmax(self._tension, snapshot.N, out=self._tension)
-        np.fmax(self._strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=self._strain)
-        np.fmax(self._compressed, np.where(state.EA > 0.0, -snapshot.eps, 0.0), out=self._compressed)
-        np.maximum(self._moved, np.sqrt((step * step).sum(1))[:, None], out=self._moved)
-        np.maximum(self._sunk, -step[:, 2:], out=self._sunk)
+        most, step = self._rows, (state.x - state.x_start)[snapshot.rows]
+        np.fmax(most.tension, snapshot.N, out=most.tension)
+        np.fmax(most.strain, elastic_strain(snapshot.N, state.EA) + snapshot.eps_p, out=most.strain)
+        np.fmax(most.compressed, np.where(state.EA > 0.0, -snapshot.eps, 0.0), out=most.compressed)
+        np.maximum(most.displacement, np.sqrt((step * step).sum(1)), out=most.displacement)
+        np.maximum(most.sunk, -step[:, 2], out=most.sunk)
 
     def extremes(self, state: State) -> Extremes:
         """Of all equilibria so far. Collective."""
-        spread, mine = self._distribution, state.owned.astype(bool)
-        rows = self._tension, self._strain, self._compressed
-        of_elements = (spread.gather_elements(each, mine) for each in rows)
-        return Extremes(*of_elements, *(spread.gather_particles(rows) for rows in (self._moved, self._sunk)))
+        return gathered(self._distribution, state, self._rows)

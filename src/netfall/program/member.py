@@ -12,7 +12,6 @@ from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
 from netfall.job.job import Job
 from netfall.job.memory import Memory
-from netfall.mechanics.events import EventLog
 from netfall.model.model import Model
 from netfall.model.state import crushing_strain
 from netfall.net.net import Net
@@ -20,7 +19,7 @@ from netfall.net.parts import part_has, parts_of
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.program.extremes import Extremes, Watched, extremes_of_motion
-from netfall.program.run import desk_for, raise_failure, run_stages, scheduled
+from netfall.program.run import desk_for, raise_failure, run_stages
 from netfall.program.setup import prepare
 from netfall.results.loss_lines import states_of_rest, telling_factor, tension_ratios, worst_rest
 from netfall.results.outcomes import NOTHING
@@ -29,7 +28,7 @@ from netfall.stages.scene import Scene
 from netfall.stages.static_outcome import NONE, UNDECIDED
 from netfall.write.h5 import check_one_folder
 from netfall.write.locks import check_place
-from netfall.write.result import Result
+from netfall.write.result import net_section
 
 
 def run_member(
@@ -55,14 +54,10 @@ def run_member(
         found["state"] = found.get("state") or "finished"
     except NoRest as error:  # it fails before the first gust
         found = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
-    except Undecided as error:
-        found = _ended("undecided", error)
     except DivergedError as error:
-        found = _ended("diverged", error)
-    except InputError as error:
-        found = _ended("failed", error)
-    except OutputError as error:
-        if not getattr(error, "on_every_rank", comm.size == 1):
+        found = _ended("undecided" if isinstance(error, Undecided) else "diverged", error)
+    except (InputError, OutputError) as error:
+        if isinstance(error, OutputError) and not getattr(error, "on_every_rank", comm.size == 1):
             raise
         found = _ended("failed", error)
     return found | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
@@ -81,10 +76,8 @@ def _outcome(
     if path:
         on_root(comm, lambda: check_place(path))
         check_one_folder(comm, path)
-    scene = scheduled(prepare(comm, job, phases, memory=memory)[0])
-    log, own = EventLog(scene.distribution.n), scene.model and scene.model.net
-    result = Result(comm, path, scene.distribution, own, log) if path else Unwritten(comm)
-    desk, watched = desk_for(scene, result, log, Progress(False), phases, memory=memory), None
+    scene = prepare(comm, job, phases, memory=memory)[0]
+    desk, watched = desk_for(scene, path, Progress(False), phases, memory=memory), None
     if job.dynamics is None:
         watched = Watched(scene.distribution)
         desk = replace(desk, watch=watched.take_in)
@@ -190,17 +183,10 @@ def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str,
     scene.halo.free()
     if comm.rank > 0:
         return None
-    net, area = scene.model.net, scene.model.roof.area
-    return {
-        "particles": scene.model.x,
-        "elements": net.elements,
-        "fixed": net.fixed.astype(np.uint8),
-        "node_id": net.node_id,
-        "element_id": net.element_id,
-        "group": net.group.astype(np.int32),
-        "cable": np.array(net.cable_names)[net.cable],
-        "tributary_area": area,
-    }
+    model, names = scene.model, ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
+    net = net_section(model.net, model.roof, model.cut_length)
+    own = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
+    return own | {name: net[name] for name in names}
 
 
 def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable) -> dict:
@@ -225,19 +211,3 @@ def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     label = parts_of(net.elements[net.is_there & ~gone], net.n)
     total = float(area.sum())
     return float(area[~part_has(label, net.held.any(1))].sum()) / total if total > 0.0 else np.nan
-
-
-class Unwritten:
-    """Takes what a run reports, as `result.Result` does, and keeps none of it."""
-
-    kept = False
-
-    def __init__(self, comm):
-        self.comm, self.file = comm, self
-        self.losses = 0
-
-    def _nothing(self, *_):
-        pass
-
-    write_frame = write_static_step = write_equilibrium = write_whole = _nothing
-    write_envelope = write_final = close = discard = discard_all = discard_after = _nothing

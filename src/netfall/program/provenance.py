@@ -72,9 +72,9 @@ def provenance_of(scene: Scene) -> dict:
         "partition": model.layout.partition_source,
         "metis_seed": partition.SEED,
         "edge_cut": partition.edge_cut(model.net.elements, model.layout.part),
+        "net": net_record(model),
+        "notes": "\n".join(notes_of(scene)),
     }
-    values["net"] = net_record(model)
-    values["notes"] = "\n".join(notes_of(scene))
     if scene.form:
         values["form"] = "\n".join(moved_lines(scene))
     if model.added is not None:

@@ -20,7 +20,6 @@ from netfall.job.memory import FORGETFUL, Memory
 from netfall.mechanics.events import EventLog
 from netfall.messages.run import after_run, before_run, in_form
 from netfall.model.loads import load_section
-from netfall.model.schedule import schedule_of
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.program.provenance import how_it_writes, provenance_of
@@ -31,7 +30,7 @@ from netfall.record.balance import Balance, balance_in_form
 from netfall.record.energy import take_snapshot
 from netfall.results.notes import force_balance_warnings
 from netfall.stages import dynamics, modes, rests, statics
-from netfall.stages.scene import BuildUp, Desk, Outcome, Scene, Stage
+from netfall.stages.scene import BuildUp, Desk, Outcome, Scene
 from netfall.stages.static_outcome import NONE, UNDECIDED
 from netfall.write.checkpoint import Checkpoint
 from netfall.write.h5 import check_one_folder
@@ -39,7 +38,7 @@ from netfall.write.locks import check_place, claim, followed, release
 from netfall.write.result import Result, net_section, slide_section
 from netfall.write.saver import Saver
 
-STAGES: tuple[Stage, ...] = (statics, rests, modes, dynamics)
+STAGES = (statics, rests, modes, dynamics)
 NAMES = (FORM, *(stage.NAME for stage in STAGES))
 
 
@@ -66,16 +65,11 @@ def run_job(
         check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
         progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {how_it_writes()}")
-        at_iteration = lambda i, r: progress.detail(
-            f"form finding: iteration {i}, largest residual {r:.3g} N"
-        )
-        scene, checkpoint = prepare(comm, job, phases, at_iteration, path, restart, stop)
-        scene = scheduled(scene)
+        tell = lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N")
+        scene, checkpoint = prepare(comm, job, phases, tell, path, restart, stop)
         before_run(scene, progress)
         progress.say(*ranks_notes(scene))
-        log = EventLog(scene.distribution.n)
-        result = Result(comm, path, scene.distribution, scene.model and scene.model.net, log)
-        desk = desk_for(scene, result, log, progress, phases, stop, given=restart, checkpoint=checkpoint)
+        desk = desk_for(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
         outcomes = run_stages(scene, desk)
         progress.end()
         after_run(scene, desk, outcomes, path)
@@ -85,18 +79,9 @@ def run_job(
             release(claimed)
 
 
-def scheduled(scene: Scene) -> Scene:
-    """The scene with the steps of its dynamic stage. Raises InputError for wrong ones. Collective."""
-    if scene.job.dynamics is None or scene.failure:
-        return scene
-    found = on_root(scene.comm, lambda: schedule_of(scene.job, scene.limits, scene.model))
-    return replace(scene, schedule=scene.comm.bcast(found))
-
-
 def desk_for(
     scene: Scene,
-    result: Result,
-    log: EventLog,
+    path: Path | None,
     progress: Progress,
     phases: Phases,
     stop: StopRequest = NEVER,
@@ -106,11 +91,28 @@ def desk_for(
 ) -> Desk:
     """The desk of a run, with what it takes up of an earlier one. Collective.
 
+    path : of the result file, None: none is written
     given : the checkpoint that it goes on from; checkpoint : what that holds, on rank 0
     """
-    name = scene.job.title or scene.job.name
-    saver = Saver(scene.comm, result, name, scene.digest, NAMES, given, checkpoint)
+    log, net, job = EventLog(scene.distribution.n), scene.model and scene.model.net, scene.job
+    result = Result(scene.comm, path, scene.distribution, net, log) if path else Unwritten(scene.comm)
+    saver = Saver(scene.comm, result, job.title or job.name, scene.digest, NAMES, given, checkpoint)
     return Desk(log, result, saver, progress, phases, stop, memory)
+
+
+class Unwritten:
+    """Takes what a run reports, as `result.Result` does, and keeps none of it."""
+
+    kept = False
+
+    def __init__(self, comm: MPI.Comm):
+        self.comm, self.file, self.losses = comm, self, 0
+
+    def _nothing(self, *_):
+        pass
+
+    write_frame = write_static_step = write_equilibrium = write_whole = _nothing
+    write_envelope = write_final = close = discard = discard_all = discard_after = _nothing
 
 
 def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
@@ -132,13 +134,13 @@ def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
             snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
             desk.result.write_frame(0.0, scene.state, snapshot)
             desk.result.write_final(scene.state, snapshot)
-        sections, labels = {}, {}
         provenance = provenance_of(scene) if desk.result.kept else {}
-        for outcome in outcomes.values():
-            sections |= outcome.sections
-            provenance |= outcome.attributes
-            labels |= outcome.labels
-        desk.result.close(sections, provenance, desk.phases.over_ranks(scene.comm), labels)
+        sections, attributes, labels = (
+            {name: one for outcome in outcomes.values() for name, one in getattr(outcome, kind).items()}
+            for kind in ("sections", "attributes", "labels")
+        )
+        times = desk.phases.over_ranks(scene.comm)
+        desk.result.close(sections, provenance | attributes, times, labels)
     except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
         desk.result.file.discard_all()
         if isinstance(error, DivergedError):
@@ -164,11 +166,9 @@ def take_up(scene: Scene, desk: Desk) -> None:
     """Have saved what belongs to no stage; taken up where the run goes on from a checkpoint. Collective."""
     if desk.saver.given:
         desk.progress.say(f"going on from {desk.saver.given}")
-    in_form = scene.build_up.base if scene.build_up else scene.model
-    initial = lambda: initial_record(scene.form, in_form)
-    desk.saver.register(INITIAL, initial, lambda *_: None)  # `prepare` has taken it up
-    for name, record in (scene.build_up.records if scene.build_up else {}).items():
-        desk.saver.register(name, lambda record=record: record, lambda *_: None)
+    built = scene.build_up or BuildUp(scene.model)
+    for name, record in {INITIAL: initial_record(scene.form, built.base), **built.records}.items():
+        desk.saver.register(name, lambda record=record: record, lambda *_: None)  # `prepare` has taken it up
     register_result(scene.comm, desk.result, desk.saver)
     if desk.saver.stage not in (None, FORM):
         restore_state(scene.distribution, scene.state, desk.saver.checkpoint)
@@ -176,31 +176,29 @@ def take_up(scene: Scene, desk: Desk) -> None:
 
 def of_form(scene: Scene) -> Outcome:
     """What came of the form, of targets and stages of erection."""
-    built, balance = scene.build_up, balance_of_form(scene) if scene.model and scene.form else None
-    labels = built.labels if built and scene.model else {}
-    found = [("form", balance.unexplained)] if balance and "form_finding" not in labels else []
-    ended = (
-        {"exit_state": UNDECIDED if isinstance(scene.failure, Undecided) else NONE} if scene.failure else {}
-    )
-    sections = initial_sections(scene, balance)
-    return Outcome(None, force_balance_warnings(found), sections, ended, labels, scene.failure)
+    built, failure, notes = scene.build_up or BuildUp(scene.model), scene.failure, []
+    balance = balance_of_form(scene) if scene.model and scene.form else None
+    if balance and "form_finding" not in built.labels:
+        notes = force_balance_warnings([("form", balance.unexplained)])
+    ended = {"exit_state": UNDECIDED if isinstance(failure, Undecided) else NONE} if failure else {}
+    labels = built.labels if scene.model else {}
+    return Outcome(None, notes, initial_sections(scene, built, balance), ended, labels, failure)
 
 
 def balance_of_form(scene: Scene) -> Balance:
     """The balance of the form under what it carries. Rank 0."""
-    model, asked = in_form(scene), [settings_of(scene.job).tolerance]
+    model, asked = in_form(scene), settings_of(scene.job).tolerance
     if scene.job.form_finding:
-        asked.append(scene.job.form_finding.tolerance)
+        asked = max(asked, scene.job.form_finding.tolerance)
     carried = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
-    return balance_in_form(model, carried, scene.residual, max(asked))
+    return balance_in_form(model, carried, scene.residual, asked)
 
 
-def initial_sections(scene: Scene, balance: Balance | None) -> dict[str, dict]:
+def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
     """The small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
     model, form = scene.model, scene.form
     if model is None:
         return {}
-    build_up = scene.build_up or BuildUp(model)
     net = replace(model.net, density=build_up.base.net.density)  # of what an erection took out too
     sections = {"net": net_section(net, model.roof, model.cut_length)}
     sections["load"] = load_section(scene.job, model.roof.zones)

@@ -20,7 +20,7 @@ from netfall.mechanics.slip.law import set_strands
 from netfall.mechanics.stability import Limit
 from netfall.model.layout import features_of, layout_digest, make_layout
 from netfall.model.model import make_model
-from netfall.model.schedule import step_limits, with_slips
+from netfall.model.schedule import schedule_of, step_limits, with_slips
 from netfall.model.state import make_state
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
@@ -48,8 +48,8 @@ def prepare(
 ) -> tuple[Scene, Checkpoint | None]:
     """The job in its initial state: form found, prestressed, loaded; on rank 0 a checkpoint. Collective.
 
-    The schedule is still to come. Targets that are not reached end it, so does a stage of erection without an
-    equilibrium, see `Scene.failure`.
+    Targets that are not reached end it, so does a stage of erection without an equilibrium, see
+    `Scene.failure`: there are no limits and no schedule then.
     result : path of the result file, beside which a form finding that is stopped leaves a checkpoint
     restart : the checkpoint to go on from; memory : of runs before
 
@@ -98,7 +98,9 @@ def prepare(
             set_strands(scene.state, distribution.elements(scene.model and scene.model.L0))
         if job.stages:
             scene = replace(scene, build_up=replace(scene.build_up, left=_left(scene)))
-        return replace(scene, limits=_limits(scene)), checkpoint
+        limits = _limits(scene)
+        schedule = job.dynamics and on_root(comm, lambda: schedule_of(job, limits, scene.model))
+        return replace(scene, limits=limits, schedule=comm.bcast(schedule)), checkpoint
 
 
 def _left(scene: Scene) -> tuple[float, float]:
