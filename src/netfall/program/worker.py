@@ -14,27 +14,19 @@ import json
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 from netfall.__main__ import abort  # which also sees to one thread for each rank
 
-PAUSE = 2e-3, 2e-2  # s between two looks for a task, at first and later: waiting in MPI would take a core
 REMEMBERED = 4  # forms, rests and winds of earlier members
 
 
 def next_task(comm) -> dict | None:
     """The task that rank 0 has read, on every rank; None at the end. Collective."""
-    if comm.rank == 0:
-        line = sys.stdin.readline()
-        task = json.loads(line) if line.endswith("\n") else None
-        for rank in range(1, comm.size):
-            comm.send(task, rank)
-        return task
-    begin = time.monotonic()
-    while not comm.iprobe(source=0):
-        time.sleep(min(max(PAUSE[0], 0.1 * (time.monotonic() - begin)), PAUSE[1]))
-    return comm.recv(source=0)
+    from netfall.parallel.agree import on_root
+
+    line = comm.bcast(on_root(comm, sys.stdin.readline))
+    return json.loads(line) if line.endswith("\n") else None
 
 
 def packed(array) -> dict:
@@ -59,14 +51,13 @@ def serve() -> None:
     from netfall.program.member import net_of, run_member
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a study that is interrupted ends its workers itself
-    tasks = comm.Dup()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # libraries that print by themselves
     compile_first(comm)  # of several workers too the first compiles
     if comm.rank == 0:
         print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
     memory = Memory(REMEMBERED)
-    while (task := next_task(tasks)) is not None:
+    while (task := next_task(comm)) is not None:
         words = task["job"], task["overrides"], task["removes"]
         read = lambda words=words: comm.bcast(on_root(comm, lambda: read_job(*words)))
         result = Path(task["result"]) if task["result"] else None
