@@ -55,15 +55,14 @@ class _Place:
         """job : a path, or a dict that becomes a file; output : None for a result that is kept no longer than
         it is used
         """
-        self.folder = None
-        if output is None or isinstance(job, dict):
-            self.folder = _temporary_folder()
+        self.keep, as_dict = output is not None, isinstance(job, dict)
+        self.folder = _temporary_folder() if as_dict or not self.keep else None
         try:
-            self.job = _job_file(job, Path(self.folder.name)) if isinstance(job, dict) else Path(job)
+            self.job = _job_file(job, Path(self.folder.name)) if as_dict else Path(job)
         except BaseException:
-            self.folder.cleanup()
+            if self.folder:
+                self.folder.cleanup()
             raise
-        self.keep = output is not None
         self.output = Path(output) if self.keep else Path(self.folder.name) / f"{self.job.stem}.vtkhdf"
 
     def __enter__(self):
@@ -101,16 +100,15 @@ def _temporary_folder() -> tempfile.TemporaryDirectory:
 def _job_file(job: dict, folder: Path) -> Path:
     """Write a job, and the tables of its net; paths in it are relative to the working directory."""
     job = {name: _absolute(value) if name != "title" else value for name, value in job.items()}
-    net = job.get("net")
-    own = net.get("nodes") if isinstance(net, dict) else net
-    if isinstance(net, dict) and not isinstance(own, str) and own is not None:
+    net, fields = job.get("net"), Net.__dataclass_fields__
+    if isinstance(net, Net):
+        job["net"] = net.write(folder)
+    elif isinstance(net, dict) and not isinstance(net.get("nodes"), (str, type(None))):
         if "elements" not in net:
             raise InputError("net: nodes without elements: expected both, arrays or names of tables")
-        given = [name for name in Net.__dataclass_fields__ if name in net]
-        rest = {name: value for name, value in net.items() if name not in given}
-        job["net"] = rest | Net(**{name: net[name] for name in given}).write(folder)
-    elif isinstance(net, Net):
-        job["net"] = net.write(folder)
+        rest = {name: value for name, value in net.items() if name not in fields}
+        arrays = Net(**{name: value for name, value in net.items() if name in fields})
+        job["net"] = rest | arrays.write(folder)
     path = folder / "job.toml"
     path.write_text(toml_text(job), encoding="utf-8")
     return path
@@ -131,21 +129,13 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
     Raises what the command ends with, KeyboardInterrupt after a checkpoint.
     """
     launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
-    command = run_command(
-        launcher, ranks, place.job, place.output, settings, *options, module="netfall.program.attached"
-    )
-    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:
-        interrupt = None
-        with subprocess.Popen(
-            command,
-            env=_environment(),
-            stdin=subprocess.PIPE,
-            stdout=_output(quiet),
-            stderr=complaints,
-            text=True,
-            encoding="utf-8",
-            errors="replace",
-        ) as process:
+    asked = launcher, ranks, place.job, place.output, settings, *options
+    command = run_command(*asked, module="netfall.program.attached")
+    text = {"encoding": "utf-8", "errors": "replace"}
+    interrupt, pipe = None, subprocess.PIPE
+    with tempfile.TemporaryFile("w+", **text) as complaints:
+        streams = {"stdin": pipe, "stdout": _output(quiet), "stderr": complaints}
+        with subprocess.Popen(command, env=_environment(), **streams, **text) as process:
             try:
                 for line in process.stdout or ():
                     print(line, end="", flush=True)

@@ -2,9 +2,19 @@
 
 import argparse
 import os
+import re
+from functools import partial
 from pathlib import Path
 
 TINY = 1e-300  # what is > 0
+DURATION = re.compile(r"(\d+):(\d+):(\d+)")
+SIZE, LEAST_PIXELS, MOST_PIXELS = re.compile(r"(\d+)x(\d+)"), 300, 8000
+SHARD = re.compile(r"(\d+)/(\d+)")
+
+
+def refusal(text: str, expected: str) -> argparse.ArgumentTypeError:
+    """The error for a text that is not what is expected."""
+    return argparse.ArgumentTypeError(f"{text}: expected {expected}")
 
 
 def file(text: str) -> Path:
@@ -17,13 +27,8 @@ def file(text: str) -> Path:
 def count(text: str, least: int = 1) -> int:
     """A whole number >= least."""
     if not text.isdigit() or int(text) < least:
-        raise argparse.ArgumentTypeError(f"{text}: expected a whole number >= {least}")
+        raise refusal(text, f"a whole number >= {least}")
     return int(text)
-
-
-def number(text: str) -> int:
-    """A whole number >= 0."""
-    return count(text, 0)
 
 
 def counts(text: str) -> list[int]:
@@ -36,41 +41,27 @@ def words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def length(text: str) -> float:
-    """Metres > 0."""
-    return _between(text, TINY, 1e3, "a length > 0 in m")
-
-
-def tension(text: str) -> float:
-    """Newtons >= 0."""
-    return _between(text, 0.0, 1e12, "a tension >= 0 in N")
-
-
-def warming(text: str) -> float:
-    """Kelvins, as `[load] temperature`."""
-    return _between(text, -273.0, 1e3, "a change of temperature from -273 to 1000 K")
-
-
-def _between(text: str, low: float, high: float, what: str) -> float:
+def between(text: str, low: float, high: float, what: str) -> float:
     """A number; what : it is, in words"""
     try:
         value = float(text)
     except ValueError:
         value = float("nan")
     if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"{text}: expected {what}")
+        raise refusal(text, what)
     return value
+
+
+number = partial(count, least=0)
+length = partial(between, low=TINY, high=1e3, what="a length > 0 in m")
+tension = partial(between, low=0.0, high=1e12, what="a tension >= 0 in N")
+warming = partial(between, low=-273.0, high=1e3, what="a change of temperature from -273 to 1000 K")
+factor = partial(between, low=TINY, high=1e3, what="a number > 0")
 
 
 def time(text: str) -> float:
     """Seconds; inf for "end"."""
-    try:
-        seconds = float("inf") if text == "end" else float(text)
-    except ValueError:
-        seconds = -1.0
-    if not seconds >= 0.0:
-        raise argparse.ArgumentTypeError(f"{text}: expected a time >= 0 in s, or end")
-    return seconds
+    return between("inf" if text == "end" else text, 0.0, float("inf"), "a time >= 0 in s, or end")
 
 
 def view(text: str) -> tuple[float, float] | str:
@@ -79,42 +70,35 @@ def view(text: str) -> tuple[float, float] | str:
         return text
     try:
         elevation, azimuth = map(float, text.split(","))
-        return elevation, azimuth
     except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text}: expected space, plan, front, side, or elevation and azimuth in degrees: 28,-60"
-        ) from None
+        names = "space, plan, front, side"
+        raise refusal(text, f"{names}, or elevation and azimuth in degrees: 28,-60") from None
+    return elevation, azimuth
 
 
 def size(text: str) -> tuple[int, int]:
     """Width and height [pixels], even."""
-    parts = text.split("x")
-    if len(parts) != 2 or not all(part.isdigit() and 300 <= int(part) <= 8000 for part in parts):
-        raise argparse.ArgumentTypeError(f"{text}: expected WIDTHxHEIGHT, 300 to 8000 pixels each: 1280x720")
-    return int(parts[0]) // 2 * 2, int(parts[1]) // 2 * 2
-
-
-def factor(text: str) -> float:
-    """A number > 0."""
-    return _between(text, TINY, 1e3, "a number > 0")
+    pixels = [int(part) for part in found.groups()] if (found := SIZE.fullmatch(text)) else []
+    if not pixels or not all(LEAST_PIXELS <= each <= MOST_PIXELS for each in pixels):
+        raise refusal(text, f"WIDTHxHEIGHT, {LEAST_PIXELS} to {MOST_PIXELS} pixels each: 1280x720")
+    return pixels[0] // 2 * 2, pixels[1] // 2 * 2
 
 
 def duration(text: str) -> float:
     """Seconds of HH:MM:SS."""
-    parts = text.split(":")
-    if len(parts) != 3 or not all(part.isdigit() for part in parts):
-        raise argparse.ArgumentTypeError(f"{text}: expected HH:MM:SS")
-    hours, minutes, seconds = map(int, parts)
+    found = DURATION.fullmatch(text)
+    if not found:
+        raise refusal(text, "HH:MM:SS")
+    hours, minutes, seconds = map(int, found.groups())
     return 3600.0 * hours + 60.0 * minutes + seconds
 
 
 def shard(text: str) -> tuple[int, int]:
     """I/N."""
-    parts = text.split("/")
-    whole = len(parts) == 2 and all(part.isdigit() for part in parts)
-    if not whole or not 1 <= int(parts[0]) <= int(parts[1]):
-        raise argparse.ArgumentTypeError(f"{text}: expected I/N, the I-th of N parts, for example 2/8")
-    return int(parts[0]), int(parts[1])
+    part, parts = map(int, found.groups()) if (found := SHARD.fullmatch(text)) else (0, 0)
+    if not 1 <= part <= parts:
+        raise refusal(text, "I/N, the I-th of N parts, for example 2/8")
+    return part, parts
 
 
 def springs(text: str) -> tuple[str, tuple[float, ...]]:
@@ -126,7 +110,5 @@ def springs(text: str) -> tuple[str, tuple[float, ...]]:
         stiffness = ()
     good = len(stiffness) in (1, 3) and all(0.0 <= k < 1e15 for k in stiffness) and any(stiffness)
     if not layer or not good:
-        raise argparse.ArgumentTypeError(
-            f"{text}: expected LAYER=K or LAYER=KX,KY,KZ, with a stiffness > 0 in N/m"
-        )
+        raise refusal(text, "LAYER=K or LAYER=KX,KY,KZ, with a stiffness > 0 in N/m")
     return layer.strip(), stiffness * (3 // len(stiffness))

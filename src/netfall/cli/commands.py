@@ -89,19 +89,18 @@ def _check_same_options(given: list[dict]) -> None:
     given : by rank, what each has read
     """
     names = {"job": "JOB", "output": "-o", "overrides": "--set"}
-    for rank, own in enumerate(given):
+    as_typed = [
+        {name: " ".join(map(str, one)) if isinstance(one, list) else str(one) for name, one in own.items()}
+        for own in given
+    ]
+    for rank, own in enumerate(as_typed):
         for name, value in own.items():
-            if value != given[0][name]:
-                option = names.get(name, f"--{name}")
+            if value != as_typed[0][name]:
+                option, first = names.get(name, f"--{name}"), as_typed[0][name]
                 raise InputError(
-                    f"netfall run: {option}: rank 0 has {_words(given[0][name])}, rank {rank} has "
-                    f"{_words(value)}; start all ranks of a run with the same options"
+                    f"netfall run: {option}: rank 0 has {first}, rank {rank} has {value}; "
+                    "start all ranks of a run with the same options"
                 )
-
-
-def _words(value) -> str:
-    """Return the value of an option as it is typed."""
-    return " ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def compile(arguments) -> None:
@@ -128,22 +127,22 @@ def info(arguments) -> None:
 
 def plot(arguments) -> None:
     """netfall plot RESULT"""
-    if any(getattr(arguments, name) is not None for name in OF_FILMS) or arguments.animate:
-        _animate(arguments)
+    from netfall.study.answers.read import is_study
+
+    a = arguments
+    if a.animate or any(getattr(a, name) is not None for name in OF_FILMS):
+        _animate(a)
         return
     from netfall.plots.run import plot_all, plot_state
     from netfall.plots.study.study import plot_study
-    from netfall.study.answers.read import is_study
 
-    if arguments.case is not None:
-        if is_study(arguments.result):
-            raise InputError(f"--case {arguments.case}: {arguments.result} is a study file")
-        folder = _folder(arguments.folder or arguments.result.parent)
-        tell(plot_state(arguments.result, folder, arguments.case))
-        return
-    draw = plot_study if is_study(arguments.result) else plot_all
-    for picture in draw(arguments.result, _folder(arguments.folder or arguments.result.parent)):
-        tell(picture)
+    folder = _folder(a.folder or a.result.parent)
+    if a.case is None:
+        tell(*(plot_study if is_study(a.result) else plot_all)(a.result, folder))
+    elif is_study(a.result):
+        raise InputError(f"--case {a.case}: {a.result} is a study file")
+    else:
+        tell(plot_state(a.result, folder, a.case))
 
 
 def _animate(arguments) -> None:
@@ -191,39 +190,29 @@ def report(arguments) -> None:
 
     a, beside = arguments, arguments.result.with_name(f"{arguments.result.stem}-report")
     inputs = Inputs(a.codes, Cutting(a.temperature, a.load), a.deductions)
-    for path in write_report(a.result, _folder(a.folder or beside), inputs):
-        tell(path)
+    tell(*write_report(a.result, _folder(a.folder or beside), inputs))
 
 
 def scale(arguments) -> None:
     """netfall scale JOB --ranks 1,2, netfall scale STUDY --workers 1,2"""
-    if (arguments.ranks is None) == (arguments.workers is None):
+    a = arguments
+    if (a.ranks is None) == (a.workers is None):
         raise InputError(
             "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
         )
-    if arguments.workers:
+    if a.workers:
         from netfall.measure.throughput import throughput
 
-        a, say = arguments, _say()
         if a.overrides:
             raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
-        for path in throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), say):
-            tell(path)
-        return
-    from netfall.ground.launch import default_launcher
-    from netfall.measure.scale import scale as run_scale
+        paths = throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), _say())
+    else:
+        from netfall.ground.launch import default_launcher
+        from netfall.measure.scale import scale as run_scale
 
-    launcher = arguments.launcher or default_launcher()
-    of_runs = arguments.job, arguments.overrides, arguments.ranks, launcher, arguments.repeats
-    for path in run_scale(*of_runs, _folder(arguments.folder), _say()):
-        tell(path)
-
-
-def _say():
-    """What tells lines of a command that takes long, and goes on where nobody reads them any more."""
-    from netfall.ground.progress import Progress
-
-    return Progress(True).say
+        of_runs = a.job, a.overrides, a.ranks, a.launcher or default_launcher(), a.repeats
+        paths = run_scale(*of_runs, _folder(a.folder), _say())
+    tell(*paths)
 
 
 def trade(arguments) -> None:
@@ -234,8 +223,14 @@ def trade(arguments) -> None:
 
     a, launcher = arguments, arguments.launcher or default_launcher()
     asked = a.job, a.overrides, a.vary, a.reference, a.ranks, launcher, a.repeats, a.tolerance
-    for path in run_trade(*asked, _folder(a.folder), _say(), StopRequest()):
-        tell(path)
+    tell(*run_trade(*asked, _folder(a.folder), _say(), StopRequest()))
+
+
+def _say():
+    """What tells lines of a command that takes long, and goes on where nobody reads them any more."""
+    from netfall.ground.progress import Progress
+
+    return Progress(True).say
 
 
 def study(arguments) -> None:

@@ -27,13 +27,9 @@ def columns(count: int, rows: int, dtype, place: int = 0) -> np.ndarray:
     return np.ndarray((count, length), dtype, room.data, begin)
 
 
-def vectors(rows: int, dtype=float, place: int = 0, width: int = 3) -> np.ndarray:
-    """Zeros (rows, width), whose columns are placed so; never contiguous, so that kernels get one type."""
-    return columns(width, rows + 1, dtype, place)[:, :rows].T
-
-
 def placed(array: np.ndarray) -> np.ndarray:
-    """A copy of an array (rows, width), placed so."""
-    copy = vectors(len(array), array.dtype, width=array.shape[1])
+    """A copy of an array (rows, width), placed so; never contiguous, so that kernels get one type."""
+    rows, width = array.shape
+    copy = columns(width, rows + 1, array.dtype)[:, :rows].T
     copy[:] = array
     return copy

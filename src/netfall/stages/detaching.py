@@ -125,15 +125,10 @@ class Detaching:
         if not self.rows:
             return {}
         rows = np.array(self.rows)
-        time, lowest = rows[:, 0], rows[:, 1].astype(np.int64)
+        time, mass, velocity = rows[:, 0], rows[:, 2], rows[:, 3:]
+        node_id = self.model.net.node_id[rows[:, 1].astype(np.int64)]
         gust = np.float64(largest_gust(self.model, wind, time[-1]) if wind else np.nan)
-        return {
-            "time": time,
-            "node_id": self.model.net.node_id[lowest],
-            "mass": rows[:, 2],
-            "velocity": rows[:, 3:],
-            "largest_gust": gust,
-        }
+        return {"time": time, "node_id": node_id, "mass": mass, "velocity": velocity, "largest_gust": gust}
 
 
 def largest_gust(model: Model, wind, time: float) -> float:

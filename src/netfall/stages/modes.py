@@ -40,8 +40,6 @@ DENSE = 300  # free axes up to which all modes are found at once
 SPARE = 4  # modes looked for beyond those asked: equal periods come in pairs, of which none must be missed
 LOOSE = 1e-9  # of the stiffness of a strand: so much holds a closed cable that could run round
 GOLDEN = 0.6180339887498949
-
-
 MODES = 6  # that `check` prints
 LARGEST = 50_000  # elements up to which it does
 MOVING = 0.5  # of the largest displacement: nodes that a mode without stiffness is named by
@@ -114,14 +112,17 @@ def modes_at(
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
+    still = STILL * scaled.diagonal().max()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        periods = 2.0 * np.pi / np.sqrt(np.where(np.abs(values) <= still, 0.0, values))
+    unit_motion = (1.0 / root)[:, None] * unit[moves]  # vectors are M^1/2 u, of length 1
+    share = (vectors.T @ unit_motion) ** 2 / np.maximum((unit_motion**2).sum(0), np.finfo(float).tiny)
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T
-    periods = _periods(values, scaled.diagonal().max())
-    share = _effective_mass(vectors, 1.0 / root, unit[moves])
-    shape = np.array([from_own(each, net.angle) for each in shape.reshape(-1, net.n, 3)])
-    shape, direction = _scaled(shape), along / L[:, None]
-    longer = np.sum((shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]) * direction, axis=2)
-    stiff = np.maximum(values, STILL * scaled.diagonal().max()) * (np.sum(shape**2, axis=2) @ mass)
+    shape = _scaled(np.array([from_own(each, net.angle) for each in shape.reshape(-1, net.n, 3)]))
+    step = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
+    longer = np.sum(step * (along / L[:, None]), axis=2)
+    stiff = np.maximum(values, still) * (np.sum(shape**2, axis=2) @ mass)
     stretch = np.divide(longer**2 @ axial, stiff, out=np.zeros(len(values)), where=stiff > 0.0)
     return Modes(periods, shape, share, stretch, unstable)
 
@@ -167,15 +168,6 @@ def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
     return K - coo_array((less.data, (moved[less.row], moved[less.col])), K.shape)
 
 
-def _effective_mass(vectors: np.ndarray, root: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """Shares (k, 3) as in `Modes`.
-
-    vectors : (d, k) M^1/2 u, of length 1; root : (d,) M^1/2; unit : (d, 3) unit motions along the axes
-    """
-    along = root[:, None] * unit
-    return (vectors.T @ along) ** 2 / np.maximum((along**2).sum(0), np.finfo(float).tiny)
-
-
 def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     """The `count` lowest values and vectors of a symmetric matrix, and how many values are below zero.
 
@@ -207,13 +199,6 @@ def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     return values[order], vectors[:, order], unstable
 
 
-def _periods(values: np.ndarray, top: float) -> np.ndarray:
-    """Periods (k,) [s] of omega^2 (k,) [1/s2], as in `Modes`."""
-    squares = np.where(np.abs(values) <= STILL * top, 0.0, values)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return 2.0 * np.pi / np.sqrt(squares)
-
-
 def _scaled(shape: np.ndarray) -> np.ndarray:
     """Shapes (k, n, 3) with the largest displacement 1, and their largest component positive."""
     flat = shape.reshape(len(shape), -1)
@@ -241,16 +226,15 @@ def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
 
 def modes_now(scene: Scene, count: int) -> Modes | None:
     """The lowest modes of the net as it stands, on rank 0, None elsewhere. Collective."""
-    distribution, state, model = scene.distribution, scene.state, scene.model
-    x = distribution.gather_particles(state.x)
-    own = state.elements_now().N, state.L0, state.EA
-    N, L0, EA = (distribution.gather_elements(each) for each in own)
+    gather, state, model = scene.distribution.gather_elements, scene.state, scene.model
+    x = scene.distribution.gather_particles(state.x)
+    N, L0, EA = gather(state.elements_now().N), gather(state.L0), gather(state.EA)
     slip = scene.finder.slips and scene.finder.slips.tangent_at_rest()
     if model is None:
         return None
     carries = (EA > 0.0) & (-N < REACHED * model.euler)  # else taken out in a stage of erection, or buckled
-    more = state.features.strain, model.joints, slip, carries
-    return modes_at(x, model.net, N, L0, model.mass, count, *more)
+    of_net = x, model.net, N, L0, model.mass
+    return modes_at(*of_net, count, state.features.strain, model.joints, slip, carries)
 
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
@@ -296,28 +280,23 @@ def go_to_rest(job: Job, scene: Scene) -> str:
 def _notes(model: Model, modes: Modes) -> list[str]:
     """What has no stiffness, or less than none."""
     notes = []
-    for which, words in (
-        (np.isinf(modes.period), "have no stiffness (mechanisms)"),
-        (np.isnan(modes.period), "are not stable"),
-    ):
+    of_net = f"are not stable ({modes.unstable} of the net)"
+    kinds = (np.isinf(modes.period), "have no stiffness (mechanisms)"), (np.isnan(modes.period), of_net)
+    for which, words in kinds:
         if which.any():
             moved = (np.linalg.norm(modes.shape[which], axis=2) > MOVING).any(0)
-            more = f" ({modes.unstable} of the net)" if np.isnan(modes.period[which]).any() else ""
-            notes.append(
-                f"modes: {int(which.sum())} of these {words}{more}: "
-                f"nodes {listed(model.net.node_id[moved])} move most"
-            )
+            nodes = listed(model.net.node_id[moved])
+            notes.append(f"modes: {int(which.sum())} of these {words}: nodes {nodes} move most")
     return notes
 
 
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     """What each damping amounts to in the modes, and what that of the mass means for what falls."""
-    zeta, lines = job.dynamics.damping, []
-    lines.append(
-        f"damping: damping = {zeta:g} 1/s is {_row(100.0 * mass_damping(job, model, modes))} % of the "
-        "critical in them (damping x period / 4 pi"
-        + (", without the air that moves along)" * air_moves(job) or ")")
-    )
+    zeta, air = job.dynamics.damping, ", without the air that moves along" * air_moves(job)
+    lines = [
+        f"damping: damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the critical in "
+        f"them (damping x period / 4 pi{air})"
+    ]
     if zeta:
         lines.append(
             f"falling: damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
@@ -325,19 +304,18 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
         )
     if job.dynamics.damping_ratio:
         lines.append(
-            f"damping: damping_ratio is {_row(100.0 * band_damping(job, modes))} % in them: it acts on the "
-            f"stretch of elements, {_row(100.0 * modes.stretch)} % of their stiffness; the rest is prestress"
+            f"damping: damping_ratio is {_percent(band_damping(job, modes))} in them: it acts on the stretch "
+            f"of elements, {_percent(modes.stretch)} of their stiffness; the rest is prestress"
         )
     if job.wind is None or not np.isfinite(modes.period).any():
         return lines
     if model.air is not None:
-        lines.append(
-            f"damping: that of the air is {_row(100.0 * air_damping(job, model, modes))} % at the mean wind"
-        )
+        percent = _percent(air_damping(job, model, modes))
+        lines.append(f"damping: that of the air is {percent} at the mean wind")
     elif not job.wind.pressures:
-        air = 100.0 * air_damping(job, model, modes, kappa=1.0)
+        percent = _percent(air_damping(job, model, modes, kappa=1.0))
         lines.append(
-            f"damping: the air's own is left out; it would be of the order of {_row(air)} % "
+            f"damping: the air's own is left out; it would be of the order of {percent} "
             "([wind] air_damping = 1)"
         )
     return lines
@@ -377,3 +355,8 @@ def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None
 def _row(values: np.ndarray) -> str:
     """Numbers of a line."""
     return ", ".join(f"{value:.4g}" for value in values)
+
+
+def _percent(shares: np.ndarray) -> str:
+    """Shares as numbers of a line in per cent."""
+    return f"{_row(100.0 * shares)} %"

@@ -33,21 +33,15 @@ class Removal:
     def __init__(self, scene: Scene, losses: list[Loss], after: RestsAfter | None, log: EventLog):
         """after : of the stage `rests`, None: of a run that is taken up"""
         self.distribution, self.losses, self.job = scene.distribution, losses, scene.job
-        self.model, self.step_at = scene.model, scene.schedule.step_at
-        self.dt, self.done = scene.schedule.dt, 0
+        self.model, self.log, self.dt, self.done = scene.model, log, scene.schedule.dt, 0
         self.rests = after.rests if after else []
-        gid, self.log = self.distribution.subdomain.particle_gid, log
         self.area = self.model and self.model.roof.area.copy()  # m2, (n,) on rank 0, of who has it by now
-        there = {k for loss in losses for k in loss.entry.tolist()}
-        self.fades = {
-            k: FadingLoad(gid, scene.job.removes[k].duration)
-            for k in sorted(there)
-            if scene.job.removes[k].duration
-        }
+        gid, lasts = self.distribution.subdomain.particle_gid, [each.duration for each in self.job.removes]
+        there = sorted({k for loss in losses for k in loss.entry.tolist()})
+        self.fades = {k: FadingLoad(gid, lasts[k]) for k in there if lasts[k]}
         self.tensions = None
         if self.model:
-            shape = (len(losses), self.model.net.m)
-            self.tensions = {name: np.full(shape, np.nan) for name in TENSIONS}
+            self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSIONS}
             if after is not None:
                 self.tensions["rest"][:], self.tensions["after"][:] = after.tension[:-1], after.tension[1:]
 
@@ -64,20 +58,17 @@ class Removal:
         self.close(state, now.N)
         simulation.envelope.take_in(simulation.time, state)
         self._keep("before", self.done, state, now.N)
-        subdomain = self.distribution.subdomain
-        rows = rows_of(subdomain.element_gid, loss.elements)
-        here = rows >= 0
-        rows = rows[here]
-        force = self._forces(state, loss, rows, now)
+        gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
+        force = self._forces(state, loss, rows[rows >= 0], now)
         simulation.share_events()
         particles, handed = self._leaving(self.done)
         times = simulation.time, simulation.before_dt, simulation.dt
         since, missing = missing_times([self.job.removes[k] for k in loss.entry.tolist()], *times)
-        lose_elements(state, rows, since[here])
-        push(state, *ends_in(subdomain.particle_gid, loss.ends, missing[:, :1] * force), INTERNAL)
-        push(state, *ends_in(subdomain.particle_gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
+        lose_elements(state, rows[rows >= 0], since[rows >= 0])
+        push(state, *ends_in(gid, loss.ends, missing[:, :1] * force), INTERNAL)
+        push(state, *ends_in(gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
         self._join(state, handed)
-        leave(state, np.flatnonzero(np.isin(subdomain.particle_gid, particles)))
+        leave(state, np.flatnonzero(np.isin(gid, particles)))
         simulation.plan.attach(state)
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
         self._hand_over(simulation, handed)
@@ -85,6 +76,10 @@ class Removal:
         state.begin_extremes(now.N)
         self.done += 1
         simulation.result.losses = self.done
+
+    def _rows(self, elements: np.ndarray) -> np.ndarray:
+        """Return the local rows of elements; -1: not here."""
+        return rows_of(self.distribution.subdomain.element_gid, elements)
 
     def _forces(self, state, loss: Loss, rows: np.ndarray, now) -> np.ndarray:
         """Forces (k, 3) [N] of the elements that are lost on their starts, the same on every rank.
@@ -102,8 +97,7 @@ class Removal:
     def _leaving(self, k: int) -> tuple[np.ndarray, Redistribution]:
         """The particles that leave at loss k, and what they hand over, as the log has it. Collective."""
         loss = self.losses[k]
-        torn = set(self.log.element[self.log.step < loss.step].tolist())
-        torn &= set(loss.elements.tolist())
+        torn = set(self.log.element[self.log.step < loss.step].tolist()) & set(loss.elements.tolist())
         if not torn:
             return loss.particles, loss.handed
         then = leaving_then(self.model, self.losses, k, torn) if self.model else None
@@ -121,8 +115,8 @@ class Removal:
         """The tensions that fade from a loss on; force : (k, 3) [N] of the elements of each entry."""
         for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
             mine = loss.entry == entry
-            rows = rows_of(self.distribution.subdomain.element_gid, loss.elements[mine])
-            self.fades[entry].begin(self.job.removes[entry].time, loss.ends[mine], force[entry], rows)
+            begin = self.job.removes[entry].time
+            self.fades[entry].begin(begin, loss.ends[mine], force[entry], self._rows(loss.elements[mine]))
 
     def _hand_over(self, simulation, handed: Redistribution) -> None:
         """All that particles have to hand over and that is not in the state. Collective."""
@@ -151,10 +145,8 @@ class Removal:
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
         """How far it has come, for `restore`; the tensions and what fades on rank 0."""
         forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
-        return {
-            "done": self.done,
-            "rests": self.rests,
-        }, {} if self.tensions is None else self.tensions | forces
+        small = {"done": self.done, "rests": self.rests}
+        return small, {} if self.tensions is None else self.tensions | forces
 
     def restore(self, small: dict, arrays: dict[str, np.ndarray] | None, simulation) -> None:
         """Take up the record of an earlier run. arrays : on rank 0. Collective."""
@@ -173,11 +165,9 @@ class Removal:
     def columns(self) -> dict[str, np.ndarray]:
         """The datasets of /removal, a row for each entry of the job. Rank 0."""
         m, entries = self.model.net.m, self.job.removes
-        names = ("tension_before", "tension_highest", "tension_lowest", "tension_peak", "tension_after")
-        names = (*names, "dynamic_factor")
-        found = {"time": np.array([entry.time for entry in entries])}
+        names = *(f"tension_{k}" for k in ("before", "highest", "lowest", "peak", "after")), "dynamic_factor"
+        found = {"time": np.array([entry.time for entry in entries]), "state": texts([""] * len(entries))}
         found |= {name: np.full((len(entries), m), np.nan) for name in names}
-        found["state"] = texts([""] * len(entries))
         gone, breaks = np.zeros(m, bool), []
         for k, loss in enumerate(self.losses):
             gone[loss.elements] = True
@@ -191,9 +181,9 @@ class Removal:
                 breaks += [(e, entry) for e in self.rests[k].elements]
                 for name, row in zip(names, (before, highest, lowest, peak, after, factor)):
                     found[name][entry] = row
-        named = [loss.elements for loss in self.losses] or [np.zeros(0, np.int64)]
-        entry = [loss.entry for loss in self.losses] or [np.zeros(0, np.int64)]
-        found |= {"element": np.concatenate(named), "entry": np.concatenate(entry)}
+        nothing = np.zeros(0, np.int64)
+        found["element"] = np.concatenate([nothing, *(loss.elements for loss in self.losses)])
+        found["entry"] = np.concatenate([nothing, *(loss.entry for loss in self.losses)])
         pairs = np.array(breaks, np.int64).reshape(-1, 2)
         return found | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
 

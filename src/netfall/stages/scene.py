@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,22 +121,3 @@ class Outcome(NamedTuple):
     attributes: Mapping[str, Any] = {}
     labels: Mapping[str, dict[str, Any]] = {}
     failure: DivergedError | None = None
-
-
-class Stage(Protocol):
-    """A stage of a run: a module with these names. `program.run` goes through them in order.
-
-    NAME : in checkpoints
-    """
-
-    NAME: str
-
-    def required(self, job: Job) -> bool:
-        """Whether the job asks for it."""
-
-    def run(self, scene: Scene, desk: Desk, outcomes: dict[str, Outcome]) -> Outcome:
-        """Compute it, from where an earlier run was interrupted in it. Collective.
-
-        outcomes : of the stages before, by name. A stage that an earlier run has finished computes and says
-        nothing: what is needed of its outcome comes from the checkpoint.
-        """
