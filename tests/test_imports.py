@@ -68,7 +68,7 @@ PACKAGES = {
     ],
     "llvmlite": ["core", "parallel.mpi_calls", "program.compile"],
     "scipy": [
-        *("stages.modes", "multigrid.rows", "study.draws", "study.rare", "study.answers"),
+        *("net.parts", "stages.modes", "multigrid.rows", "study.draws", "study.rare", "study.answers"),
         *("exchange.drawings", "plots.study"),
     ],
     "shapely": ["roof", "exchange.drawings"],

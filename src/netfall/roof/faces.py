@@ -9,7 +9,6 @@ from netfall.net.net import Net, pair_key
 from netfall.numerics.functions import lengths
 from netfall.numerics.sets import among, distinct
 from netfall.roof.plan import Plan, draw_plan
-from netfall.roof.rings import traced_rings
 
 FLAT = 1e-12  # of a face's area: a triangle about its centroid that is turned by less is rounding
 COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
@@ -95,16 +94,11 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     plan = plan or draw_plan(net)
     if not len(plan.segment):
         return no_faces()
-    used = distinct(plan.segment)
-    rings = None if len(openings) else _traced(plan, used)
-    if rings is not None:
-        polygon, open_rim = np.arange(len(rings)), _open_rim(rings, plan)
-    else:
-        polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
-        rings, polygon = _rings(polygons, plan.points, used)
-        open_rim = _open_rim(rings, plan)
-        kept = ~np.isin(polygon, _open_faces(polygons, openings))
-        rings, polygon = _selected(rings, kept), polygon[kept]
+    polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
+    rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
+    open_rim = _open_rim(rings, plan)
+    kept = ~np.isin(polygon, _open_faces(polygons, openings))
+    rings, polygon = _selected(rings, kept), polygon[kept]
     faces = faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points)
     return replace(faces, open_rim=open_rim)
 
@@ -140,13 +134,6 @@ def _joined(plain: Faces, others: list[Faces]) -> Faces:
     face = np.concatenate([np.arange(len(plain)), len(plain) + number])
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
-
-
-def _traced(plan: Plan, used: np.ndarray) -> Faces | None:
-    """The rings of the faces where each has one and no two points, of those `used`, are in one place."""
-    places = plan.points[used, 0] + 1j * plan.points[used, 1]
-    found = traced_rings(plan.points, plan.segment) if len(distinct(places)) == len(used) else None
-    return found and Faces(*found)
 
 
 def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
