@@ -172,8 +172,8 @@ def bare_zones(zones: Zones, area: np.ndarray) -> list[str]:
     return [
         f"zone {shown(name)}: no effect: its nodes have no area of the roof, on which all of its values act; "
         "[roof] groups and openings say which faces are the roof"
-        for k, name in enumerate(zones.names)
-        if (share := zones.of_zone(k)).any() and not (share * area).any()
+        for name, share in zip(zones.names, zones.share.T)
+        if share.any() and not (share * area).any()
     ]
 
 

@@ -217,7 +217,7 @@ def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
         given.plan,
         zones.names,
         zones.of_node,
-        np.array([(given.plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]),
+        np.array([(given.plan * share).sum() for share in zones.share.T]),
         [zone.polygon for zone in job.zones if zone.polygon is not None],
         normals(net, given.vector) if along_normals(job) else None,
         rows(layout.lost),
