@@ -8,10 +8,10 @@ import numpy as np
 from netfall.erection.lengths import Jack, Wanted, jack_of, jacks_of, rows_named, unknown_name
 from netfall.ground.errors import InputError
 from netfall.job.asks import settings_of
-from netfall.job.cases import factor_of
+from netfall.job.cases import factor_of, with_set
 from netfall.job.job import Job
 from netfall.job.values import counted, listed, nearest, shown
-from netfall.model.loads import live_load, of_case
+from netfall.model.loads import live_load
 from netfall.model.model import Model
 from netfall.net.net import Net, ends_of_inner, with_inner
 from netfall.net.parts import part_has, parts_of
@@ -87,7 +87,7 @@ def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
             jacks += own
         else:
             L0 = _lengthened(net, name, what, L0)
-    load, clamps = of_case(before.load, stage), stage.clamps or before.clamps
+    load, clamps = with_set(before.load, "load", stage), stage.clamps or before.clamps
     moved = with_inner(net, moved, fixed)
     return Setting(L0, fixed, active, moved, load, tuple(pulls), tuple(jacks), clamps)
 

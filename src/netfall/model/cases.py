@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.job.cases import blows, factor_of, in_zone, static_wind
+from netfall.job.cases import blows, factor_of, split, static_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.table import Table
@@ -91,7 +91,7 @@ def _of_load(job: Job, name: str):
     """The value of [load] that a case sets anew, by its name as in `set`; None: it has none."""
     if job.load is None or not name.startswith("load."):
         return None
-    _, zone, key = in_zone(name) or ("", "", name.rpartition(".")[2])
+    _, zone, key = split(name)
     return job.load.zone.get(zone, {}).get(key, getattr(job.load, key))
 
 
@@ -146,13 +146,11 @@ def _table_of(job: Job, case: SimpleNamespace) -> tuple[np.ndarray | None, np.nd
         table.wrong("expected a column pressure [N/m2], or a column coefficient, and not both")
         table.finish()
     values = table.numbers(given[0], unit="N/m2" if given[0] == "pressure" else "")
-    points = np.column_stack([table.numbers(axis, unit="m") for axis in axes])
-    if np.isnan(values).any() or np.isnan(points).any():
-        table.wrong("empty cells; expected a number in each")
+    points = table.stacked(axes, unit="m")
     if given[0] == "coefficient" and case.factor is None:
         what = "factor: missing; expected the pressure in N/m2 by which coefficients are multiplied"
         table.errors.append(f"{job.path}: [[case]] {case.name}: {what}")
-    table.finish()
+    table.no_gaps(values, points)
     return points, values * (1.0 if case.factor is None else case.factor), table.notes
 
 

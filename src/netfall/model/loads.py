@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.job.asks import grows
-from netfall.job.cases import in_zone
 from netfall.job.job import Job
 from netfall.net.net import GRAVITY, Net
 from netfall.numerics.rotation import from_own, to_own
@@ -55,19 +54,6 @@ def carried_mass(load: SimpleNamespace, roof: Roof) -> np.ndarray:
 def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
     """What [load] puts on top of what is permanent, (n, 3) [N]; nodes : as in `loading_of`."""
     return nodes + snow_load(load, roof) + pressure_load(load, roof)
-
-
-def of_case(load: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
-    """[load] with what a case sets, as in "load.snow" or "load.zone.NAME.snow"."""
-    changed = SimpleNamespace(**vars(load))
-    changed.zone = {name: dict(values) for name, values in load.zone.items()}
-    for name, value in case.set.items():
-        section, zone, key = in_zone(name) or (name.partition(".")[0], "", name.partition(".")[2])
-        if section == "load" and zone:
-            changed.zone.setdefault(zone, {})[key] = value
-        elif section == "load":
-            setattr(changed, key, value)
-    return changed
 
 
 def dead_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
