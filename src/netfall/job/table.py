@@ -78,8 +78,8 @@ class Table:
         return f"line {self.lines[row]}"
 
     def words(self, name: str) -> list[str]:
-        """A column as it stands."""
-        return self.columns[name]
+        """A column as it stands; empty cells if the table does not have it."""
+        return self.columns.get(name, [""] * len(self))
 
     def numbers(self, name: str, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
         """A column of numbers from low to LARGEST; an empty cell gives `default`, which may be an array."""
@@ -100,6 +100,21 @@ class Table:
             self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
         return np.where(empty, default, values)
 
+    def stacked(self, names, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
+        """Columns of numbers beside one another, as `numbers` reads each."""
+        return np.column_stack([self.numbers(name, default, low, unit) for name in names])
+
+    def full(self, name: str, most: int | None = None) -> None:
+        """Note the first empty cells of a column, all of them by default."""
+        for row in [row for row, word in enumerate(self.words(name)) if word == ""][:most]:
+            self.wrong(f"{self.at(row)}: {name} is empty; expected a number")
+
+    def no_gaps(self, *columns: np.ndarray) -> None:
+        """Raise what was noted, and that there are empty cells in columns that were read."""
+        if any(np.isnan(values).any() for values in columns):
+            self.wrong("empty cells; expected a number in each")
+        self.finish()
+
     def integers(self, name: str) -> np.ndarray:
         """A column of integers, as 64-bit numbers."""
         values = np.zeros(len(self), np.int64)
@@ -118,12 +133,14 @@ class Table:
                 f"({values[row]:g}); expected ascending {name}s"
             )
 
-    def finish(self) -> None:
-        """Raise what was noted."""
-        if self.errors:
-            more = len(self.errors) - MOST_ERRORS
-            rest = [f"{self.path}: and {more} more errors"] if more > 0 else []
-            raise InputError(self.errors[:MOST_ERRORS] + rest)
+    def finish(self, *others: "Table") -> None:
+        """Raise what was noted, in other tables too."""
+        lines = []
+        for table in (self, *others):
+            more = len(table.errors) - MOST_ERRORS
+            lines += table.errors[:MOST_ERRORS] + [f"{table.path}: and {more} more errors"] * (more > 0)
+        if lines:
+            raise InputError(lines)
 
 
 def number_in(word: str) -> float:

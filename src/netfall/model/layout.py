@@ -20,11 +20,9 @@ from netfall.model.start import (
     far_notes,
     level_notes,
     load_notes,
-    massless_notes,
     table_notes,
     unit_notes,
-    unlike_notes,
-    weightless_notes,
+    weight_notes,
 )
 from netfall.net.build import build_net
 from netfall.net.chains import Chains, chain_notes, chains_of
@@ -88,8 +86,7 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
     notes += sectors.notes if sectors else []
     notes += idle_zones(job, zones, [sectors, *(c.sectors for c in cases.values())])
-    notes += [*of_cases, *unit_notes(net), *load_notes(job)]
-    notes += [*massless_notes(job, net), *weightless_notes(job, net), *unlike_notes(job, net)]
+    notes += [*of_cases, *unit_notes(net), *load_notes(job), *weight_notes(job, net)]
     chains = chains_of(net)
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)

@@ -198,9 +198,7 @@ def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
         table.wrong("no column of values; expected x, y, z (or some of them)")
     table.finish()
     table.ascending("time", time)
-    if np.isnan(time).any() or any(np.isnan(column).any() for column in columns.values()):
-        table.wrong("empty cells; expected a number in each")
-    table.finish()
+    table.no_gaps(time, *columns.values())
     if entry.direction is not None:
         return table, time, columns["acceleration"][:, None] * _unit(entry.direction)
     still = np.zeros(len(time))

@@ -150,45 +150,33 @@ def table_name(job: Job) -> str:
     return job.wind.pressures or job.wind.file
 
 
-def massless_notes(job: Job, net: Net) -> list[str]:
-    """A note on nodes that are pulled down by a load of their own and have no mass of their own."""
-    hung = (net.load[:, 2] < 0.0) & (net.mass == 0.0) & ~net.fixed[:, 2]
-    if job.dynamics is None or not hung.any():
+def weight_notes(job: Job, net: Net) -> list[str]:
+    """Notes on weights and masses of nodes: one without the other, or one that may be in another unit."""
+    down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
+    if job.dynamics is None:
         return []
-    weight = -float(net.load[hung, 2].sum())
-    return [
-        f"column load_z of {counted('node', net.node_id[hung])}: {weight:.4g} N downward without mass: loads "
-        f"of nodes have no inertia; of weights, column mass has to have theirs, {weight / GRAVITY:.4g} "
-        "kg in all, or periods come out too short"
-    ]
-
-
-def weightless_notes(job: Job, net: Net) -> list[str]:
-    """A note on masses of nodes without a weight, where all else has one."""
-    light = (net.mass > 0.0) & (net.load[:, 2] >= 0.0) & ~net.fixed[:, 2]
-    if job.dynamics is None or job.load is None or not light.any():
-        return []
-    if not (job.load.self_weight or job.load.dead):
-        return []
-    mass = float(net.mass[light].sum())
-    return [
-        f"column mass of {counted('node', net.node_id[light])}: {mass:.4g} kg without weight: self_weight is "
-        f"that of elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
-    ]
-
-
-def unlike_notes(job: Job, net: Net) -> list[str]:
-    """A note on nodes whose weight is far from that of their mass: one of them may be in another unit."""
-    hung = (net.load[:, 2] < 0.0) & (net.mass > 0.0) & ~net.fixed[:, 2]
-    weight, mass = -float(net.load[hung, 2].sum()), float(net.mass[hung].sum())
-    if job.dynamics is None or not hung.any():
-        return []
-    if mass * GRAVITY / HEAVIEST <= weight <= mass * GRAVITY * HEAVIEST:
-        return []
-    return [
-        f"columns load_z and mass of {counted('node', net.node_id[hung])}: {weight:.4g} N downward with "
-        f"{mass:.4g} kg, which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
-    ]
+    named = lambda rows: counted("node", net.node_id[rows])
+    weight = lambda rows: -float(net.load[rows, 2].sum())
+    notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free
+    if massless.any():
+        notes.append(
+            f"column load_z of {named(massless)}: {weight(massless):.4g} N downward without mass: loads of "
+            "nodes have no inertia; of weights, column mass has to have theirs, "
+            f"{weight(massless) / GRAVITY:.4g} kg in all, or periods come out too short"
+        )
+    if weightless.any() and job.load and (job.load.self_weight or job.load.dead):
+        mass = float(net.mass[weightless].sum())
+        notes.append(
+            f"column mass of {named(weightless)}: {mass:.4g} kg without weight: self_weight is that of "
+            f"elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
+        )
+    mass = float(net.mass[both].sum())
+    if both.any() and not mass * GRAVITY / HEAVIEST <= weight(both) <= mass * GRAVITY * HEAVIEST:
+        notes.append(
+            f"columns load_z and mass of {named(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
+            f"which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
+        )
+    return notes
 
 
 def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
@@ -304,40 +292,28 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
     yield_force, EA = net.yield_force, net.EA
     euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling
-    at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
+    pushed = (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar
     checks = (
+        (pushed, N, ': a cable carries no compression; give its group kind = "bar"'),
         (
-            (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar,
-            lambda e: f'{at_start(e)}: a cable carries no compression; give its group kind = "bar"',
+            *(np.abs(N) > yield_force, yield_force),
+            ", above the yield force {:.4g} N; lower the prestress or choose a larger area",
         ),
+        (N < -euler, euler, ", beyond Euler's load {:.4g} N; choose a stiffer section"),
         (
-            np.abs(N) > yield_force,
-            lambda e: (
-                f"{at_start(e)}, above the yield force {yield_force[e]:.4g} N; "
-                "lower the prestress or choose a larger area"
-            ),
-        ),
-        (
-            N < -euler,
-            lambda e: f"{at_start(e)}, beyond Euler's load {euler[e]:.4g} N; choose a stiffer section",
-        ),
-        (
-            N > net.breaking_load,
-            lambda e: (
-                f"{at_start(e)}, above the breaking load {net.breaking_load[e]:.4g} N; "
-                "lower the prestress or choose a stronger cable"
-            ),
-        ),
-        (
-            exceeds_stiffness(N, EA, job.cable.strain),
-            lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
+            *(N > net.breaking_load, net.breaking_load),
+            ", above the breaking load {:.4g} N; lower the prestress or choose a stronger cable",
         ),
     )
-    errors = []
-    for wrong, words in checks:
-        if wrong.any():
-            e = int(np.argmax(wrong))
-            errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
+    errors = [
+        f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state"
+        + words.format(limit[e])
+        for wrong, limit, words in checks
+        for e in np.flatnonzero(wrong)[:1]
+    ]
+    for e in np.flatnonzero(exceeds_stiffness(N, EA, job.cable.strain))[:1]:
+        what = f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
+        errors.append(f"{job.path}: element {net.element_id[e]}: {what}")
     share = L / net.lengths()
     if not share.min() > COLLAPSED:
         e = int(np.argmin(share))

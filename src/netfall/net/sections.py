@@ -171,11 +171,11 @@ def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
     least, units = 1e-12, ("kg/m", "N", "N", "m2")
     columns = [table.numbers(name, low=least, unit=unit) for name, unit in zip(OF_TYPE, units)]
     types: dict[str, tuple[float, ...]] = {}
+    for name in OF_TYPE[:2]:
+        table.full(name)
     for k, name in enumerate(table.words("name")):
         if name == "" or name in types:
             table.wrong(f"{table.at(k)}: name = {name!r}: expected a name that stands once")
-        for empty in (n for n in OF_TYPE[:2] if table.words(n)[k] == ""):
-            table.wrong(f"{table.at(k)}: {empty} is empty; expected a number")
         types[name] = tuple(float(column[k]) for column in columns)
     table.finish()
     return types

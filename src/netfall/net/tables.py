@@ -37,7 +37,7 @@ def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
     cables = Table(job.path.parent / job.net.elements, ELEMENT_COLUMNS, ("start", "end"))
     of_nodes = _node_columns(job, nodes)
     of_elements, names, columns = _element_columns(cables, nodes, of_nodes["node_id"])
-    raise_all(nodes, cables)
+    nodes.finish(cables)
     _lengths_in_metres(job, of_nodes["x"], of_elements)
     net = Net(**of_nodes, **of_elements, group_names=names, notes=nodes.notes + cables.notes)
     net.notes += _parallel_elements(net) + _unjoined_nodes(net)
@@ -69,10 +69,10 @@ def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
 def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
     unit = job.net.unit
     times, by = TO_METRES[unit]
-    x = np.column_stack([nodes.numbers(k, unit=unit) for k in AXES]) * times / by
+    x = nodes.stacked(AXES, unit=unit) * times / by
     node_id = nodes.integers("id")
     for k in AXES:
-        _no_empty_cells(nodes, k)
+        nodes.full(k)
     first: dict[int, int] = {}
     for row, number in enumerate(node_id.tolist()):
         if number in first:
@@ -81,17 +81,17 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
             )
         first.setdefault(number, row)
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
-    rest = np.column_stack([nodes.numbers(f"spring_rest_{k}", 0.0, unit="m") for k in AXES])
+    each = lambda name: [f"{name}_{k}" for k in AXES]
     return dict(
         x=x,
         fixed=_fixed(nodes),
         node_id=node_id,
-        load=np.column_stack([nodes.numbers(f"load_{k}", 0.0, unit="N") for k in AXES]),
+        load=nodes.stacked(each("load"), 0.0, unit="N"),
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
-        spring=np.column_stack([nodes.numbers(f"spring_{k}", 0.0, low=0.0, unit="N/m") for k in AXES]),
-        spring_rest=from_own(rest, angle),
+        spring=nodes.stacked(each("spring"), 0.0, low=0.0, unit="N/m"),
+        spring_rest=from_own(nodes.stacked(each("spring_rest"), 0.0, unit="m"), angle),
         angle=angle,
         **_zone_column(nodes),
     )
@@ -109,7 +109,7 @@ def _zone_column(nodes: Table) -> dict:
 
 def _shared_zones(nodes: Table) -> dict:
     """The same where nodes lie in several zones with a share each: "edge/drift" beside "0.25/0.5"."""
-    words = nodes.words("zone") if "zone" in nodes else [""] * len(nodes)
+    words = nodes.words("zone")
     cells = [
         (word.split(SEVERAL), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
         for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
@@ -145,8 +145,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
     if len(np.unique(element_id)) < len(element_id):
         values, counts = np.unique(element_id, return_counts=True)
         cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
-    words = cables.words("group") if "group" in cables else [""] * len(cables)
-    names, group = np.unique(words, return_inverse=True)
+    names, group = np.unique(cables.words("group"), return_inverse=True)
     columns = dict(
         prestress=cables.numbers("prestress", unit="N"),
         area=cables.numbers("area", low=1e-12, unit="m2"),
@@ -172,7 +171,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
 
 def _kinds(cables: Table) -> np.ndarray:
     """1 for a bar, 0 for a cable (m,), nan where the column says nothing."""
-    words = cables.words("kind") if "kind" in cables else [""] * len(cables)
+    words = cables.words("kind")
     for row, word in enumerate(words):
         if word not in ("", "cable", "bar"):
             cables.wrong(f'{cables.at(row)}: kind = {word[:40]!r}: expected "cable" or "bar"')
@@ -194,24 +193,6 @@ def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
         )
 
 
-def raise_all(*tables: Table) -> None:
-    """Raise the errors of all the tables at once."""
-    lines = []
-    for table in tables:
-        try:
-            table.finish()
-        except InputError as error:
-            lines += error.lines
-    if lines:
-        raise InputError(lines)
-
-
-def _no_empty_cells(table: Table, name: str) -> None:
-    for row, word in enumerate(table.words(name)):
-        if word == "":
-            table.wrong(f"{table.at(row)}: {name} is empty; expected a number")
-
-
 def _fixed(nodes: Table) -> np.ndarray:
     if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
         nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
@@ -231,7 +212,7 @@ def _normals(nodes: Table) -> np.ndarray:
     there = [f"normal_{k}" in nodes for k in AXES]
     if any(there) and not all(there):
         nodes.wrong("columns normal_x, normal_y, normal_z come together; one is missing")
-    normal = np.column_stack([nodes.numbers(f"normal_{k}") for k in AXES])
+    normal = nodes.stacked([f"normal_{k}" for k in AXES])
     given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
     for row in np.flatnonzero(given.any(1) & ~given.all(1)):
         if all(there):

@@ -39,7 +39,7 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
     """The point (c,) of each row, from n on those without a node, and the places (k, 3) [m] of these."""
     of_table = net.node_id[: net.n - net.inner_particles().size]  # those of `subdivide` come by themselves
     rows = {str(number): row for row, number in enumerate(of_table.tolist())}
-    place = np.column_stack([table.numbers(k, unit="m") for k in AXES])
+    place = table.stacked(AXES, unit="m")
     corner, others = np.zeros(len(table), np.int64), {}
     for row, word in enumerate(table.words("node")):
         if word:

@@ -121,12 +121,11 @@ def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGE
     """
     table = Table(path, ("time", *names), ("time", *names))
     time = table.numbers("time", unit="s")
-    values = np.column_stack([table.numbers(name, low=low, unit=unit) for name in names])
+    values = table.stacked(names, low=low, unit=unit)
     table.finish()
     table.ascending("time", time)
-    if np.isnan(time).any() or np.isnan(values).any():
-        table.wrong("empty cells; expected a number in each")
-    elif time[0] > 0 or time[-1] < duration:
+    table.no_gaps(time, values)
+    if time[0] > 0 or time[-1] < duration:
         table.wrong(f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {duration:g} s")
     table.finish()
     return table, time, values
@@ -141,15 +140,13 @@ def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.nda
     """
     table = Table(path, ("name", "x", "y", "z"), ("name", *axes))
     names = [name.lower() for name in table.words("name")]
-    places = np.column_stack([table.numbers(axis, unit="m") for axis in axes])
+    places = table.stacked(axes, unit="m")
     for row, name in enumerate(names):
         if not name or name == "time" or name in names[:row]:
             own = "expected a name of its own, that of a column of values"
             table.wrong(f"{table.at(row)}: name = {name[:40]!r}: {own}")
-    if np.isnan(places).any():
-        table.wrong("empty cells; expected a number in each")
     _check_apart(table, names, places, expected)
-    table.finish()
+    table.no_gaps(places)
     return names, places, table.notes
 
 

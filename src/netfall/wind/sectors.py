@@ -52,10 +52,8 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
     direction = table.numbers("direction", unit="degrees")
     _check_direction(table, direction)
     found = {name: table.numbers(name) for name in (ROOF, *columns) if name in table}
-    for name, values in found.items():
-        for row in np.flatnonzero(np.isnan(values))[:3]:
-            if table.words(name)[row] == "":
-                table.wrong(f"{table.at(row)}: {name} is empty; expected a number")
+    for name in found:
+        table.full(name, 3)
         if ROOF in job.wind.zone.get(columns.get(name, ""), {}):
             both = f"[wind.zone.{columns[name]}] {ROOF} exclude each other; keep one of the two"
             table.wrong(f"column {name} and {both}")
