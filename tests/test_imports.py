@@ -62,7 +62,7 @@ MAY_IMPORT = {
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
     "mpi4py": ["parallel.mpi", "program.provenance", "__main__"],
-    "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.taps"],
+    "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.measured"],
     "numba": [  # types of fields; the versions for compiled code and for /provenance
         *("core", "mechanics.fields", "parallel.mpi_calls", "program.compile", "program.provenance"),
     ],

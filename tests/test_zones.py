@@ -635,9 +635,7 @@ def test_of_cut_zones_the_last_has_what_they_share(workshop):
     job = read_job(workshop.job(STEEL + text, *grid()))
     found = zones_of(job, net, roof_of(job, net))
     row = [node(2, y) for y in range(SIDE)]
-    assert found.share[row] == pytest.approx(
-        np.tile([0.25, 0.75, 0.0], (SIDE, 1)), abs=1e-14
-    )
+    assert found.share[row] == pytest.approx(np.tile([0.25, 0.75, 0.0], (SIDE, 1)), abs=1e-14)
     assert (found.of_node[row] == 1).all() and (found.share[:, :2].sum(1) == 1.0).all()
     text = cut("a", 0, 0, 2, 5) + square("whole", 1.9, 0, 2.1, 2) + cut("b", 1.75, 0, 5, 1)
     job = read_job(workshop.job(STEEL + text, *grid()))

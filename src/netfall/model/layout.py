@@ -25,7 +25,7 @@ from netfall.model.start import (
     weight_notes,
 )
 from netfall.net.build import build_net
-from netfall.net.chains import Chains, chain_notes, chains_of
+from netfall.net.cables import Chains, chain_notes, chains_of
 from netfall.net.net import Net
 from netfall.net.slides import Slides, kept_together, slides_of
 from netfall.net.turned import held_along, is_turned

@@ -17,10 +17,21 @@ from netfall.mechanics.bending import Joints, curvatures
 from netfall.mechanics.law.limits import Caps, caps_of
 from netfall.mechanics.law.measures import elastic_forces, unstressed_length
 from netfall.mechanics.stability import scaled_mass
-from netfall.model.air import Drag, damping_air, drag_on, kappa_area, moving_air
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
-from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
+from netfall.model.loads import (
+    Drag,
+    Loading,
+    by_node,
+    carried_mass,
+    damping_air,
+    drag_on,
+    kappa_area,
+    loading_of,
+    moving_air,
+    preload,
+    pressure_load,
+)
 from netfall.model.losses import absent_notes, shaken_notes
 from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes

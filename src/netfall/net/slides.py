@@ -18,7 +18,7 @@ import numpy as np
 from netfall.job.asks import loads_the_roof
 from netfall.job.job import Job
 from netfall.job.values import counted, listed, shown
-from netfall.net.chains import pairs_meeting, pieces_named
+from netfall.net.cables import pairs_meeting, pieces_named
 from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
 

@@ -13,8 +13,7 @@ from netfall.job.values import nearest, shown
 from netfall.net.net import Net, nearest_group
 from netfall.roof.areas import Roofing
 from netfall.roof.faces import Faces, quarters
-from netfall.roof.nearest import nearest_areas
-from netfall.roof.shares import FEW, Shares
+from netfall.roof.shares import FEW, Shares, nearest_areas
 
 MUCH = 0.02  # of a zone's area: so much that lies outside its polygon is reported
 NOBODY = "no node lies in it; the polygon is in metres, in plan"
