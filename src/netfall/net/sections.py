@@ -11,6 +11,7 @@ at the total strain F_u / EA, in either measure, if F_u <= N_y. Above N_y tensio
 breaks it is fracture_strain.
 """
 
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 
@@ -244,42 +245,35 @@ def _drawn_normal(net: Net, seed: int, first: int) -> np.ndarray:
     return quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52)[net.cable]
 
 
-def strength_errors(job: Job, net: Net) -> list[str]:
+def strength_errors(job: Job, net: Net) -> Iterator[str]:
     """Elements that would break at the start, or never by the breaking load that they were given."""
-    lines = []
+    limit, moves, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
-    where = lambda e: (
-        f"{job.path}: element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
-    )
-    limit = net.yield_force
-    over = net.prestress > net.breaking_load
-    never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING))
-    for e in np.flatnonzero(over)[:1]:
-        lines.append(
-            f"{where(e)}: below its prestress {net.prestress[e]:g} N; "
-            "lower the prestress or choose a stronger cable"
+    where = lambda e: f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+    never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
+    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
+    brittle &= True if net.buckling is None else ~net.buckling  # which breaks both ways
+    for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
+        yield (
+            f"{where(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
+            "stronger cable"
         )
-    for e in np.flatnonzero(never & ~np.isfinite(net.fracture_strain))[:1]:
-        lines.append(
+    for e in np.flatnonzero(never)[:1]:
+        yield (
             f"{where(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
             "at most that, or fracture_strain beside it, at which it breaks as it yields"
         )
-    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
-    brittle &= True if net.buckling is None else ~net.buckling  # which breaks both ways
     for e in np.flatnonzero(brittle)[:1]:
-        lines.append(
+        yield (
             f"{where(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
             "that is not computed: leave out yield_stress, give a breaking_load of at least that, or "
             "buckling = true, with which it breaks both ways"
         )
-    moves = job.dynamics
-    breaks = np.isfinite(net.fracture_strain).any()
-    if moves is not None and moves.mass_scaling and moves.fragments and breaks:
-        lines.append(
-            f"{job.path}: [dynamics] mass_scaling = {moves.mass_scaling:g}: a fragment would take the added "
-            "inertia along as mass; allowed with fragments = false, or where nothing can break"
+    if moves is not None and moves.mass_scaling and moves.fragments and breaks.any():
+        yield (
+            f"[dynamics] mass_scaling = {moves.mass_scaling:g}: a fragment would take the added inertia "
+            "along as mass; allowed with fragments = false, or where nothing can break"
         )
-    return lines
 
 
 def strength_notes(job: Job, net: Net) -> list[str]:
