@@ -16,14 +16,7 @@ from netfall.model.idle import idle_zones, without_effect
 from netfall.model.loads import shape_coefficients
 from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
-from netfall.model.start import (
-    far_notes,
-    level_notes,
-    load_notes,
-    table_notes,
-    unit_notes,
-    weight_notes,
-)
+from netfall.model.start import load_notes, place_notes, table_notes, unit_notes, weight_notes
 from netfall.net.build import build_net
 from netfall.net.cables import Chains, chain_notes, chains_of
 from netfall.net.net import Net
@@ -93,12 +86,12 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     if measured:
         what = "taps" if job.wind.taps else "points"
         of_what = f"[wind] {what}", what, net, measured.places
-        notes += measured.notes + far_notes(*of_what) + level_notes(*of_what)
+        notes += [*measured.notes, *place_notes(*of_what)]
     notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():
         of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
         axes = 2 if case.points is None else case.points.shape[1]
-        notes += far_notes(*of_what) + level_notes(*of_what, axes)
+        notes += place_notes(*of_what, axes)
     return Layout(*kept, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
 
 

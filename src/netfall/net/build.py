@@ -46,7 +46,7 @@ def build_net(job: Job) -> Net:
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
     if errors:
         raise InputError(errors)
-    net.notes += strength_notes(job, net) + bar_notes(job, net)
+    net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
     return net
 
 

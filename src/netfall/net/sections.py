@@ -60,11 +60,7 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
     errors = _missing(job, net, found)
     if errors:
         raise InputError(errors)
-    _set_stiffness_and_mass(net, found)
     net.breaking_load = np.where(np.isnan(found["breaking_load"]), np.inf, found["breaking_load"])
-
-
-def _set_stiffness_and_mass(net: Net, found: dict[str, np.ndarray]) -> None:
     area, stiffness, mass = found["area"], found["axial_stiffness"], found["mass_per_length"]
     net.nominal = np.isnan(area)
     net.section = np.where(net.nominal, mass / STEEL, area)
@@ -190,18 +186,13 @@ def _missing(job: Job, net: Net, found: dict[str, np.ndarray]) -> list[str]:
         (no["area"] & (~no["modulus"] | (no["mass_per_length"] & ~no["density"])), "area"),
         (no["density"] & no["mass_per_length"], "density"),
     )
-    lines = []
-    for rows, name in lacks:
-        for group in np.unique(net.group[rows]):
-            e = np.flatnonzero(rows & (net.group == group))[0]
-            lines.append(f"{_place(job, net, e)} {wanted(name)}, for element {net.element_id[e]}")
-    return lines
-
-
-def _place(job: Job, net: Net, e: int) -> str:
-    """The section of the job that an element has its values from."""
-    name = net.group_names[net.group[e]]
-    return f"{job.path}: [cable.{name}]" if name in job.groups else f"{job.path}: [cable]"
+    place = lambda group: f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+    return [
+        f"{place(net.group_names[group])} {wanted(name)}, for element "
+        f"{net.element_id[np.argmax(rows & (net.group == group))]}"
+        for rows, name in lacks
+        for group in np.unique(net.group[rows])
+    ]
 
 
 # --- strength
@@ -276,52 +267,42 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
         )
 
 
-def strength_notes(job: Job, net: Net) -> list[str]:
+def strength_notes(job: Job, net: Net) -> Iterator[str]:
     """Keys of the strength that change nothing, and bars whose strength may not be what was meant."""
-    given, notes = job.given(), _bars_by_inheritance(job, net) + _bars_without(net)
+    yield from _bars_by_inheritance(job, net)
+    if np.isfinite(net.fracture_strain).any():
+        endless = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
+        for g in np.unique(net.group[endless]):
+            name, bars = net.group_names[g], net.element_id[endless & (net.group == g)]
+            yield (
+                f"{counted('bar', bars)}{f' of group {shown(name)}' if name else ''} without a strength, "
+                "while others can break: nothing yields or breaks there, whatever is carried; give "
+                "yield_stress, breaking_load or fracture_strain"
+            )
     scatters = bool(net.strength_deviation.any())
-    if "cable.strength_seed" in given and not scatters:
-        notes.append("[cable] strength_seed: no effect: strength_deviation = 0")
+    if "cable.strength_seed" in job.given() and not scatters:
+        yield "[cable] strength_seed: no effect: strength_deviation = 0"
     limits = (net.yield_stress, net.fracture_strain, net.breaking_load)
     if scatters and not any(np.isfinite(limit).any() for limit in limits):
-        notes.append("strength_deviation: no effect: no cable has a strength")
+        yield "strength_deviation: no effect: no cable has a strength"
     for e in np.flatnonzero(net.nominal & np.isfinite(net.yield_stress))[:1]:
-        notes.append(
+        yield (
             f"yield_stress of element {net.element_id[e]} and others without area: acts on that of steel of "
             f"the same mass, {net.section[e]:.4g} m2; give the metallic area, in [cable] or in the catalogue"
         )
     if job.cable.catalogue and not (net.type >= 0).any():
-        notes.append("[cable] catalogue: no effect: no cable has a type")
-    return notes
+        yield "[cable] catalogue: no effect: no cable has a type"
 
 
-def _bars_by_inheritance(job: Job, net: Net) -> list[str]:
-    """Return a note for each group of bars that takes the yield stress of [cable], which describes cables."""
-    value, notes = job.cable.yield_stress, []
-    for g, name in enumerate(net.group_names):
+def _bars_by_inheritance(job: Job, net: Net) -> Iterator[str]:
+    """A note for each group of bars that takes the yield stress of [cable], which describes cables."""
+    value = job.cable.yield_stress
+    for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):
         own = job.groups.get(name, {})
-        if job.cable.kind == "bar" or own.get("kind") != "bar" or own.get("yield_stress") or value is None:
-            continue
         given = net.yield_stress / net.strength  # by the group's type or in rows: others
         bare = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
-        if bare.any():
-            notes.append(
+        if own.get("kind") == "bar" and not own.get("yield_stress") and bare.any():
+            yield (
                 f"[cable.{name}]: {counted('bar', net.element_id[bare])} with yield_stress = {value:g} Pa "
                 f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
             )
-    return notes
-
-
-def _bars_without(net: Net) -> list[str]:
-    """Bars that neither yield nor break, beside elements that can break."""
-    notes, endless = [], net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
-    if not np.isfinite(net.fracture_strain).any():
-        return notes
-    for g in np.unique(net.group[endless]):
-        name, rows = net.group_names[g], endless & (net.group == g)
-        of = f" of group {shown(name)}" if name else ""
-        notes.append(
-            f"{counted('bar', net.element_id[rows])}{of} without a strength, while others can break: nothing "
-            "yields or breaks there, whatever is carried; give yield_stress, breaking_load or fracture_strain"
-        )
-    return notes
