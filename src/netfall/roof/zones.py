@@ -1,5 +1,6 @@
 """Zones of the roof: which node belongs to which, and the values that hold there."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
@@ -94,9 +95,11 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     Those of the column `zone` that have no entry in the job stand after the entries.
     roofing : whose faces polygons with `cut` cut, and of which others take more than lies inside
     """
-    entries = [*job.zones, *(_of_column(name) for name in net.zone_names if name not in _names(job.zones))]
-    names = _names(entries)
-    errors = [f"{job.path}: {line}" for line in _wrong_entries(entries, net) + _unknown_names(job, names)]
+    of_column = lambda name: SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+    names = [zone.name for zone in job.zones]
+    names += [name for name in net.zone_names if name not in names]
+    entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
+    errors = [f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names))]
     if errors:
         raise InputError(errors)
     inside = [_members(zone, net) for zone in entries]
@@ -169,14 +172,6 @@ def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan
     ]
 
 
-def _names(zones: list) -> list[str]:
-    return [zone.name for zone in zones]
-
-
-def _of_column(name: str) -> SimpleNamespace:
-    return SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
-
-
 def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
     """(n,) bool, the nodes of a zone: in or on its polygon, at elements of its groups, or by the column."""
     if zone.polygon is not None:
@@ -192,51 +187,39 @@ def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
     return net.zone == row if net.zone_share is None else net.zone_share[:, row] > 0
 
 
-def _wrong_entries(entries: list, net: Net) -> list[str]:
+def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
     """A line for each entry whose nodes are not known."""
-    lines = []
     for zone in entries:
         place, in_column = f"[[zone]] {zone.name}:", zone.name in net.zone_names
-        if zone.polygon is not None:
-            lines += [f"{place} polygon: {why}" for why in _not_simple(zone.polygon)]
+        polygon = shapely.Polygon(zone.polygon or ())
+        if zone.polygon is not None and not (polygon.is_valid and polygon.area > 0):
+            why = "no area" if polygon.is_valid else shapely.is_valid_reason(polygon)
+            expected = "expected corners in order around an area, without sides that cross"
+            yield f"{place} polygon: {why}; {expected}"
         for name in zone.groups or ():
             if name not in net.group_names:
-                lines.append(
-                    f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
-                )
+                yield f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
         if in_column and (zone.polygon is not None or zone.groups is not None):
-            lines.append(f"{place} the column zone of nodes.csv has nodes of it already; give the name alone")
+            yield f"{place} the column zone of nodes.csv has nodes of it already; give the name alone"
         elif is_cut(zone) and net.zone_share is not None:
-            lines.append(
+            yield (
                 f"{place} cut = true (the default) and the column zone_share of nodes.csv exclude each "
                 "other; set cut = false, with which the polygon takes whole nodes, or remove the column"
             )
         elif not in_column and zone.polygon is None and zone.groups is None:
-            advice = f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else ""
-            lines.append(
+            yield (
                 f"{place} polygon or groups: missing; a name alone is for a zone of the column zone of "
-                f"nodes.csv, which does not have it{advice}"
+                "nodes.csv, which does not have it"
+                + (f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else "")
             )
-    return lines
 
 
-def _not_simple(corners: list) -> list[str]:
-    """Why corners bound no area, if they do not."""
-    polygon = shapely.Polygon(corners)
-    if polygon.is_valid and polygon.area > 0:
-        return []
-    why = shapely.is_valid_reason(polygon) if not polygon.is_valid else "no area"
-    return [f"{why}; expected corners in order around an area, without sides that cross"]
-
-
-def _unknown_names(job: Job, names: list[str]) -> list[str]:
+def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
     """A line for each place that names a zone that there is not."""
-    advice = "the job has none: give a [[zone]], or the column zone in nodes.csv"
-    return [
-        f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else advice}"
-        for name, place in named_zones(job)
-        if name not in names
-    ]
+    none = "the job has none: give a [[zone]], or the column zone in nodes.csv"
+    for name, place in named_zones(job):
+        if name not in names:
+            yield f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else none}"
 
 
 def named_zones(job: Job) -> list[tuple[str, str]]:
