@@ -113,17 +113,11 @@ def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Fac
     kept = _selected(rings, plain)
     if plain.all():
         return kept
-    cut = [
-        [rings.corner[rings.start[r] : rings.start[r + 1]] for r in np.flatnonzero(polygon == number)]
-        for number in np.unique(polygon[~plain])
-    ]
-    whole = _joined(kept, [_as_rings(shapes) for shapes in cut])
+    corners = np.split(rings.corner, rings.start[1:-1])
+    cut = [[corners[r] for r in np.flatnonzero(polygon == f)] for f in np.unique(polygon[~plain])]
+    as_rings = lambda shapes: Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+    whole = _joined(kept, [as_rings(shapes) for shapes in cut])
     return replace(_joined(kept, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
-
-
-def _as_rings(shapes: list[np.ndarray]) -> Faces:
-    """Rings of corner numbers."""
-    return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
 
 
 def _joined(plain: Faces, others: list[Faces]) -> Faces:
@@ -199,12 +193,11 @@ def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
 
 def _seen_whole(rings: Faces, points) -> np.ndarray:
     """Whether the triangles from its centroid to its sides fill each ring without overlap; holes do not."""
-    seen = np.zeros(len(rings), bool)
-    if len(rings):
-        double = turned_triangles(points, rings, double_area)
-        total = np.bincount(rings.of_corner(), double, len(rings))
-        seen = (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
-    return seen
+    if not len(rings):
+        return np.zeros(0, bool)
+    double = turned_triangles(points, rings, double_area)
+    total = np.bincount(rings.of_corner(), double, len(rings))
+    return (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
 
 
 def double_area(u, v) -> np.ndarray:

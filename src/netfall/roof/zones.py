@@ -260,31 +260,20 @@ class Cutter:
         share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
         crossed = np.zeros(self.faces.count, bool)
         crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
+        few, many = crossed & self.few, crossed & ~self.few  # in the order of shares
+        parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[few[self.faces.face_of_corner()]])
+        within, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
+        if many.any():
+            of_many = self.faces.rings.of_faces(many), self.shares.vector[many]
+            size = np.append(size, nearest_areas(self.points, *of_many))
+            windows = (nearest_areas(self.points, *of_many, window) for window in _windows(region))
+            within = np.append(within, sum(windows))
         here = crossed[self.shares.face]
-        share[here] = np.concatenate([self._of_few(region, crossed), self._of_many(region, crossed)])
+        share[here] = np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
         total, within = (np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans))
         alone = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
         found = np.where(total > 0, within / np.where(total > 0, total, 1.0), alone)
         return np.where(found > 1.0 - ROUNDING, 1.0, np.where(found < ROUNDING, 0.0, found))
-
-    def _of_few(self, region, crossed) -> np.ndarray:
-        """What lies in a region of the corners of crossed faces of three or four, in the order of shares."""
-        rows = (crossed & self.few)[self.faces.face_of_corner()]
-        parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[rows])
-        size, within = shapely.area(parts), shapely.area(shapely.intersection(parts, region))
-        return np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
-
-    def _of_many(self, region, crossed) -> np.ndarray:
-        """The same for faces of more corners."""
-        chosen = crossed & ~self.few
-        if not chosen.any():
-            return np.zeros(0)
-        rings = self.faces.rings.of_faces(chosen)
-        vector = self.shares.vector[chosen]
-        size, within = nearest_areas(self.points, rings, vector), 0.0
-        for window in _windows(region):
-            within = within + nearest_areas(self.points, rings, vector, window)
-        return np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
 
 
 def _windows(region) -> np.ndarray:
