@@ -81,22 +81,15 @@ def tension_to(
     for count in range(1, MOST_EQUILIBRIA + 1):
         set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
         outcome = settle.settle(scene, each, reference, stop)
-        if not outcome.carries:
-            size = np.inf
-        else:
-            now = _measure(scene, wanted)
-            size = comm.bcast(now and now.size)
+        now = _measure(scene, wanted) if outcome.carries else None
+        size = comm.bcast(now.size if now else np.inf)
         if size <= REACHED:
             return Tensioned(L0, influence, outcome, count)
+        if (size > WORSE * best or size == np.inf) and before is None:
+            reason = outcome.reason or "the forces are no numbers"
+            state = NONE if outcome.carries else outcome.state
+            return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
         if size > WORSE * best or size == np.inf:
-            if before is None:
-                reason = outcome.reason or "the forces are no numbers"
-                return Tensioned(
-                    L0,
-                    None,
-                    outcome._replace(state=NONE if outcome.carries else outcome.state, reason=reason),
-                    count,
-                )
             settle.put_back(scene.state, before[0])
             tried = 0.5 * tried
             L0 = scene.model and _changed(jacks, before[1], tried)
@@ -127,10 +120,9 @@ def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
 
 
 class _Now(NamedTuple):
-    """Where the net is: x (n, 3), N (m,); of what is wanted values, misses, scale (t,), the largest miss."""
+    """Where the net is: x (n, 3); of what is wanted values, misses, scale (t,), the largest miss."""
 
     x: np.ndarray
-    N: np.ndarray
     values: np.ndarray
     misses: np.ndarray
     scale: np.ndarray
@@ -148,7 +140,7 @@ def _measure(scene: Scene, wanted: list[Wanted]) -> _Now | None:
     largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
     scale = np.array([extent if each.node >= 0 else abs(each.value) or largest for each in wanted])
     misses = values - [each.value for each in wanted]
-    return _Now(x, N, values, misses, scale, float(np.abs(misses / scale).max()))
+    return _Now(x, values, misses, scale, float(np.abs(misses / scale).max()))
 
 
 def influences(
