@@ -56,12 +56,10 @@ class Table:
             named = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]]
             left = f"columns not known and left alone: {', '.join(named)}; known: {', '.join(known)}"
             self.notes.append(f"{self.path}: {left}")
-        for name in dict.fromkeys(header):
-            if name in known and header.count(name) > 1:
-                self.wrong(f"column {name} stands twice")
-        for name in required:
-            if name not in header:
-                self.wrong(f"column {name} is missing; expected {', '.join(required)}")
+        for name in [name for name in dict.fromkeys(header) if name in known and header.count(name) > 1]:
+            self.wrong(f"column {name} stands twice")
+        for name in [name for name in required if name not in header]:
+            self.wrong(f"column {name} is missing; expected {', '.join(required)}")
 
     def __len__(self):
         return len(self.lines)
@@ -96,7 +94,8 @@ class Table:
         for row in np.flatnonzero(bad)[:MOST_ERRORS]:
             limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
             of = f" of {unit}" if unit else ""
-            comma = "; a decimal comma is not read, write a point" if _has_decimal_comma(words[row]) else ""
+            comma = words[row].count(",") == 1 and np.isfinite(number_in(words[row].replace(",", ".")))
+            comma = "; a decimal comma is not read, write a point" if comma else ""
             self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
         return np.where(empty, default, values)
 
@@ -154,10 +153,6 @@ def number_in(word: str) -> float:
 def _plain(word: str) -> str:
     """A word that Python reads as a number only if others do: to Python 1_0 is ten, in a table a slip."""
     return word.replace("_", "?")
-
-
-def _has_decimal_comma(word: str) -> bool:
-    return word.count(",") == 1 and np.isfinite(number_in(word.replace(",", ".")))
 
 
 def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:

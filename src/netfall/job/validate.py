@@ -119,17 +119,14 @@ class Validation:
         rows = {key.name: key for key in keys}
         for name, value in table.items():
             if name in REMOVED.get(place, {}):
-                self._removed(place, name, value)
+                accepted, why = REMOVED[place][name]
+                if value != accepted:
+                    removed = f"removed in version {SINCE}, {why}; remove the key"
+                    self.wrong(place, f"{name} = {shown(value)}: {removed}")
             elif name not in rows:
                 self.wrong(place, f"{shown(name)[1:-1]}: unknown key; {nearest(name, rows)}")
             else:
                 self._value(place, name, rows[name], value, values)
-
-    def _removed(self, place: str, name: str, value) -> None:
-        """Note an error for a removed key unless it has the value that changes nothing."""
-        accepted, why = REMOVED[place][name]
-        if value != accepted:
-            self.wrong(place, f"{name} = {shown(value)}: removed in version {SINCE}, {why}; remove the key")
 
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
         if not key.fits(value):
