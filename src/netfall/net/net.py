@@ -153,6 +153,11 @@ class Net:
         return len(self.x)
 
     @property
+    def given(self) -> int:
+        """Number of nodes that were given; the particles of subdivision follow."""
+        return self.n - self.inner_particles().size
+
+    @property
     def m(self) -> int:
         """Number of elements."""
         return len(self.elements)
@@ -253,7 +258,7 @@ def joined(net: Net) -> Net:
     """The net before `subdivide`, from its result; places in the middle of elements are forgotten."""
     if net.parts == 1:
         return net
-    n = net.n - net.inner_particles().size
+    n = net.given
     columns = {}
     for column in fields(net):
         values, row = getattr(net, column.name), column.metadata
@@ -303,7 +308,7 @@ def with_inner(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """
     if net.parts == 1:
         return moved
-    between = spaced(net, moved[: net.n - net.inner_particles().size])
+    between = spaced(net, moved[: net.given])
     inner = (ends_of_inner(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
     return np.where((inner & ~moved.any(1))[:, None], between, moved)
 

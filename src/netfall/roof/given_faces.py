@@ -37,7 +37,7 @@ def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
 
 def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
     """The point (c,) of each row, from n on those without a node, and the places (k, 3) [m] of these."""
-    of_table = net.node_id[: net.n - net.inner_particles().size]  # those of `subdivide` come by themselves
+    of_table = net.node_id[: net.given]  # those of `subdivide` come by themselves
     rows = {str(number): row for row, number in enumerate(of_table.tolist())}
     place = table.stacked(AXES, unit="m")
     corner, others = np.zeros(len(table), np.int64), {}
