@@ -113,9 +113,16 @@ def read_measured(job) -> TableHistory:
     """
     names, places, notes, duration = ["speed"], None, [], job.dynamics.duration
     if job.wind.points:
-        one = "one height at each place, the profile does the rest"
-        names, places, notes = read_places(job.path.parent / job.wind.points, "xyz", one)
-        _check_heights(job, names, places)
+        one, path = "one height at each place, the profile does the rest", job.path.parent / job.wind.points
+        names, places, notes = read_places(path, "xyz", one)
+        height = places[:, 2] + job.wind.base_height
+        if (height < LOWEST_HEIGHT).any():
+            raise InputError(
+                f"{path}: name = {name!r}: {z:g} m above ground (z + base_height = "
+                f"{job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
+                for name, z in zip(names, height)
+                if z < LOWEST_HEIGHT
+            )
     table, time, speed = read_rows(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
     within = np.unique(np.clip(time, 0.0, duration))
     course = (np.interp(within, time, column) for column in speed.T)
@@ -143,7 +150,7 @@ def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGE
 def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.ndarray, list[str]]:
     """Names (as headers are read: in small letters), places (c, 2 or 3) [m] and notes of a table of places.
 
-    axes : that it must have; expected : as in `_check_apart`
+    axes : that it must have; expected : in place of two places above one another
 
     Raises InputError for places without a name of their own, or above one another.
     """
@@ -151,45 +158,14 @@ def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.nda
     names = [name.lower() for name in table.words("name")]
     places = table.stacked(axes, unit="m")
     for row, name in enumerate(names):
+        place = f"{table.at(row)}: name = {name[:40]!r}"
         if not name or name == "time" or name in names[:row]:
-            own = "expected a name of its own, that of a column of values"
-            table.wrong(f"{table.at(row)}: name = {name[:40]!r}: {own}")
-    _check_apart(table, names, places, expected)
+            table.wrong(f"{place}: expected a name of its own, that of a column of values")
+        near = lengths(places[:row, :2] - places[row, :2]) < TOGETHER  # a particle would take the mean
+        if near.any():
+            table.wrong(f"{place}: at the same x, y as {names[int(near.argmax())]!r}; expected {expected}")
     table.no_gaps(places)
     return names, places, table.notes
-
-
-def _check_apart(table: Table, names: list[str], places: np.ndarray, expected: str) -> None:
-    """Places (c, 2 or 3) [m] must differ in plan: of two at one place a particle would take the mean."""
-    for row in range(len(places)):
-        near = lengths(places[:row, :2] - places[row, :2]) < TOGETHER
-        if near.any():
-            table.wrong(
-                f"{table.at(row)}: name = {names[row]!r}: at the same x, y as {names[int(near.argmax())]!r}; "
-                f"expected {expected}"
-            )
-
-
-def _check_heights(job, names: list[str], places: np.ndarray) -> None:
-    height = places[:, 2] + job.wind.base_height
-    low = np.flatnonzero(height < LOWEST_HEIGHT)
-    errors = [
-        f"{job.path.parent / job.wind.points}: name = {names[k]!r}: {height[k]:g} m above ground "
-        f"(z + base_height = {job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
-        for k in low
-    ]
-    if errors:
-        raise InputError(errors)
-
-
-def _shares(time: np.ndarray, duration: float) -> np.ndarray:
-    """Weights (t,) of the rows in the mean from 0 to a duration [s], linear between them."""
-    begin, end = np.clip(time[:-1], 0.0, duration), np.clip(time[1:], 0.0, duration)
-    second = (end - begin) * (0.5 * (begin + end) - time[:-1]) / np.diff(time)
-    share = np.zeros(len(time))
-    share[:-1] += end - begin - second
-    share[1:] += second
-    return share / duration
 
 
 def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
@@ -206,9 +182,13 @@ def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
 
 
 def _mean(time: np.ndarray, rows, duration: float) -> np.ndarray:
-    """Mean values (c,) over the duration [s]; time, rows : as in `TableHistory`."""
-    share = _shares(time, duration)
-    blocks = range(0, len(time), ROWS)
+    """Mean values (c,), linear between rows, over the duration [s]; time, rows : as in `TableHistory`."""
+    begin, end = np.clip(time[:-1], 0.0, duration), np.clip(time[1:], 0.0, duration)
+    second = (end - begin) * (0.5 * (begin + end) - time[:-1]) / np.diff(time)
+    share = np.zeros(len(time))
+    share[:-1] += end - begin - second
+    share[1:] += second
+    share, blocks = share / duration, range(0, len(time), ROWS)
     return sum(np.add.reduce(share[i : i + ROWS, None] * rows(i, i + ROWS), axis=0) for i in blocks)
 
 
@@ -236,14 +216,9 @@ def _long_file(path: Path, count: int):
 
 
 def _check_times(path: Path, time: np.ndarray, duration: float) -> None:
-    back = np.flatnonzero(~(np.diff(time) > 0))
-    if len(back):
-        k = int(back[0])
-        raise InputError(
-            f"{path}: time = {time[k + 1]:g} is not after the row before ({time[k]:g}); "
-            "expected ascending times"
-        )
+    for k in np.flatnonzero(~(np.diff(time) > 0))[:1]:
+        what = f"time = {time[k + 1]:g} is not after the row before ({time[k]:g})"
+        raise InputError(f"{path}: {what}; expected ascending times")
     if not (time[0] <= 0 and time[-1] >= duration):
-        raise InputError(
-            f"{path}: covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {duration:g} s"
-        )
+        covered = f"covers {time[0]:g} to {time[-1]:g} s"
+        raise InputError(f"{path}: {covered}; expected 0 to duration = {duration:g} s")
