@@ -85,10 +85,7 @@ class Table:
         if name not in self.columns:
             return default
         words = self.columns[name]
-        try:
-            values = np.array([_plain(word) for word in words], float)
-        except ValueError:
-            values = np.array([number_in(word) for word in words])
+        values = np.array([number_in(word) for word in words])
         empty = np.array([word == "" for word in words])
         bad = ~empty & ~((values >= low) & (values <= LARGEST))
         for row in np.flatnonzero(bad)[:MOST_ERRORS]:
