@@ -74,21 +74,15 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
 def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     """What each element has of OF_SECTION, (m,) nan: nothing, by [cable], its group and its row, in turn."""
     types, names = catalogue_of(job), net.group_names
-    found = {name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")}
-    place = lambda section: lambda k: f"{job.path}: [{section(k)}]"
-    errors = _put(found, *_level([vars(job.cable)] * len(names)), types, place(lambda k: "cable"))
-    bars = {name: values.copy() for name, values in found.items()}
-    bars["breaking_load"][:] = np.nan  # that of [cable] is the strength of cables
-    groups = (
-        *_level([job.groups.get(name, {}) for name in names]),
-        types,
-        place(lambda k: f"cable.{names[k]}"),
-    )
-    errors += _put(found, *groups)
-    _put(bars, *groups)
-    found = {name: values[net.group] for name, values in found.items()}
-    strength = np.where(are_other_bars(job, net), bars["breaking_load"][net.group], found["breaking_load"])
-    found["breaking_load"] = strength
+    of_groups = *_level([job.groups.get(name, {}) for name in names]), types
+    found, own = ({name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")} for _ in range(2))
+    in_group = lambda k: f"{job.path}: [cable.{names[k]}]"
+    errors = _put(found, *_level([vars(job.cable)] * len(names)), types, lambda k: f"{job.path}: [cable]")
+    errors += _put(found, *of_groups, in_group)
+    _put(own, *of_groups, in_group)
+    found, own = ({name: values[net.group] for name, values in each.items()} for each in (found, own))
+    bars = are_other_bars(job, net)  # the breaking load of [cable] is the strength of cables
+    found["breaking_load"] = np.where(bars, own["breaking_load"], found["breaking_load"])
     if rows:
         of_rows = {name: rows[name] for name in OF_SECTION if name in rows}
         place = lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
