@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.asks import settings_of
 from netfall.job.cases import factor_of, with_set
 from netfall.job.job import Job
@@ -226,8 +226,7 @@ def check_stages(job: Job, model: Model) -> None:
         if len(loose):
             why = "released in a [[stage]], and so free"
             errors.append(f"[[case]] {name}: settlement: {counted('node', loose)}: {why}")
-    if errors:
-        raise InputError([f"{job.path}: {line}" for line in errors])
+    refuse(f"{job.path}: {line}" for line in errors)
 
 
 def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:

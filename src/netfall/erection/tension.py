@@ -21,7 +21,7 @@ from netfall.erection.settings import (
     unknown_name,
     until_taut,
 )
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import carries_permanent
 from netfall.job.job import Job
@@ -271,8 +271,7 @@ def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
         if not wrong:
             wanted.append(_wanted(net, target))
             jacks.append(jack_of(net, target.by))
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     return wanted, jacks
 
 

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.job import Job, apply_overrides
 from netfall.job.validate import Validation
 from netfall.wind.spectra import gust_of
@@ -33,8 +33,7 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     sections = Validation(str(path), errors).sections(data)
     job = Job(path, text, tuple(overrides), **sections)
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     return job
 
 

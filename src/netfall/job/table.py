@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.values import nearest
 
 MOST_ERRORS = 20  # lines reported for one table
@@ -135,8 +135,7 @@ class Table:
         for table in (self, *others):
             more = len(table.errors) - MOST_ERRORS
             lines += table.errors[:MOST_ERRORS] + [f"{table.path}: and {more} more errors"] * (more > 0)
-        if lines:
-            raise InputError(lines)
+        refuse(lines)
 
 
 def number_in(word: str) -> float:

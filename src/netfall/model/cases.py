@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.cases import blows, factor_of, split, static_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
@@ -49,8 +49,7 @@ def read_cases(job: Job, net: Net, zones: Zones) -> tuple[dict[str, Inputs], lis
             except InputError as error:
                 errors += error.lines
         found[case.name] = Inputs(**inputs)
-    if errors:
-        raise InputError(list(dict.fromkeys(errors)))
+    refuse(dict.fromkeys(errors))
     return found, list(dict.fromkeys(notes + _differences(job) + _left_out(job, net)))
 
 
@@ -164,6 +163,5 @@ def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[dict, lis
             why = "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
         if axes:
             errors.append(f"{place}: node {int(name)}: {', '.join(axes)}: {why}")
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     return {"settlement": with_inner(net, found, net.fixed)}, []

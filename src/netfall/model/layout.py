@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.asks import air_damps, air_moves, drags, moves_supports, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
@@ -72,8 +72,7 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
         wrong.append(
             f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"
         )
-    if wrong:
-        raise InputError(wrong)
+    refuse(wrong)
     coefficient, sectors = shape_coefficients(job, zones)
     cases, of_cases = read_cases(job, net, zones)
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]

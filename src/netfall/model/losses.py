@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.asks import moves_supports
 from netfall.job.entries import LOST
 from netfall.job.job import Job
@@ -49,8 +49,7 @@ def named_elements(job: Job, net: Net) -> list[np.ndarray]:
             place = f"[[remove]] {number}: {key} = {shown(getattr(entry, key))}"
             errors.append(f"{job.path}: {place}: {'; '.join(wrong[:MOST_NAMED])}")
         found.append(rows)
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     return found
 
 

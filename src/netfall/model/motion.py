@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.job import Job
 from netfall.job.table import Table
 from netfall.job.validate import is_record
@@ -57,8 +57,7 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
         errors += [f"{job.path}: {place} {what}" for what in _wrong_nodes(net, entry, nodes)]
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
             moved.setdefault(p, []).append((number - 1, delay))
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     courses = sorted(set(map(tuple, moved.values())))
     row = {course: k for k, course in enumerate(courses)}
     course = np.full(net.n, -1, np.int32)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.net.net import Net
@@ -35,8 +35,7 @@ def find_probes(job: Job, net: Net) -> Probes:
         if unknown := sorted(set(asked) - set(ids.tolist())):
             there = f"ids are {ids.min()} to {ids.max()}"
             errors.append(f"{job.path}: [output] {key}: no {what} {listed(unknown)}; {there}")
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     particles = np.array([_particle(net, each) for each in probes], np.int64)
     rows = [np.flatnonzero(net.element_id == one) for one in dict.fromkeys(wanted)]
     named = np.concatenate([np.zeros(0, np.int64), *rows])

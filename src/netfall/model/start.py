@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.job import Job
 from netfall.job.values import counted, shown
 from netfall.mechanics.law.limits import caps_of
@@ -195,8 +195,7 @@ def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray
                 f"{what}: {value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, "
                 f"allowed {limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS}"
             )
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     return [*strain_notes(net, eps), *_buckling(net, N)]
 
 
@@ -296,5 +295,4 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
             f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
             "prestresses or force densities that hold the free ones apart"
         )
-    if errors:
-        raise InputError(errors)
+    refuse(errors)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.asks import air_damps, carries_permanent, load_steps, roof_groups
 from netfall.job.job import Job
 from netfall.job.values import counted, shown
@@ -44,8 +44,7 @@ def build_net(job: Job) -> Net:
     sections.set_length_errors(job, net)
     errors = [f"{job.path}: {line}" for line in _whole_net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
     return net
 
@@ -76,8 +75,7 @@ def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
         sections.set_sections(job, net, columns)
     except InputError as error:
         raise InputError(wrong + error.lines) from None
-    if wrong:
-        raise InputError(wrong)
+    refuse(wrong)
     set_bars(job, net)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.job import Job
 from netfall.job.schema import EITHER
 from netfall.job.table import Table
@@ -58,8 +58,7 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     found = _found(job, net, rows)
     errors = _missing(job, net, found)
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     net.breaking_load = np.where(np.isnan(found["breaking_load"]), np.inf, found["breaking_load"])
     area, stiffness, mass = found["area"], found["axial_stiffness"], found["mass_per_length"]
     net.nominal = np.isnan(area)
@@ -87,8 +86,7 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
         of_rows = {name: rows[name] for name in OF_SECTION if name in rows}
         place = lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
         errors += _put(found, of_rows, np.array(rows.get("type") or [""] * net.m), types, place)
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     if types:
         number = found["type"]
         net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)

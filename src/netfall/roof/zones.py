@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import shapely
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.cases import split
 from netfall.job.job import Job
 from netfall.job.values import nearest, shown
@@ -99,9 +99,7 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     names = [zone.name for zone in job.zones]
     names += [name for name in net.zone_names if name not in names]
     entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
-    errors = [f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names))]
-    if errors:
-        raise InputError(errors)
+    refuse(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names)))
     inside = [_members(zone, net) for zone in entries]
     drawn = any(zone.polygon is not None for zone in entries)
     cutter = Cutter(net, roofing.faces, roofing.given.shares) if drawn and len(roofing.faces) else None
