@@ -154,7 +154,7 @@ def test_a_column_gives_shares_of_zones(workshop):
     found = zones_at(job, net)
     assert found.names == ["drift", "edge"]
     assert found.spread(job.load, "snow").tolist() == [350, 300, 300, 100, 300, 100, 100]
-    assert found.shares()[:4].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
+    assert found.share[:4, :2].tolist() == [[0.5, 0.25], [0.5, 0], [0, 1], [0, 0]]
     names = '[[zone]]\nname = "drift"\n[[zone]]\nname = "edge"\n'
     rest = "[load.zone.rest]\nsnow = 0.0\n"
     job = read_job(
