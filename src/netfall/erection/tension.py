@@ -257,22 +257,17 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
 
 def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
     """What is wanted and by which lengths. Raises InputError for names that the net does not have."""
-    wanted, jacks, errors = [], [], []
+    errors = []
     for number, target in enumerate(job.targets, 1):
         wrong = [line for name in (target.group, target.by) if name and (line := unknown_name(net, name))]
         if target.node is not None and target.node not in net.node_id:
             wrong.append(f"node = {target.node}: no such node")
-        twice = [other for other in job.targets[: number - 1] if other.by == target.by]
-        if twice:
-            wrong.append(
-                f"by = {shown(target.by)}: stands in an earlier target; each needs lengths of its own"
-            )
+        if target.by in [other.by for other in job.targets[: number - 1]]:
+            own = "stands in an earlier target; each needs lengths of its own"
+            wrong.append(f"by = {shown(target.by)}: {own}")
         errors += [f"{job.path}: [[target]] {number}: {line}" for line in wrong]
-        if not wrong:
-            wanted.append(_wanted(net, target))
-            jacks.append(jack_of(net, target.by))
     refuse(errors)
-    return wanted, jacks
+    return [_wanted(net, target) for target in job.targets], [jack_of(net, each.by) for each in job.targets]
 
 
 def _wanted(net: Net, target) -> Wanted:

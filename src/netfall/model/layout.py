@@ -63,11 +63,9 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     Raises InputError.
     """
     key = ranks, key_of(job, without=OF_SPEED)
-    kept = memory.once("net", key, lambda: _partitioned(job, ranks))
-    net, roofing, zones = kept[:3]
+    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
-    kept = (*kept[:3], kept_together(kept[3], slides, net), kept[4])
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
         wrong.append(
             f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"
@@ -91,7 +89,8 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
         of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
         axes = 2 if case.points is None else case.points.shape[1]
         notes += place_notes(*of_what, axes)
-    return Layout(*kept, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
+    owned = net, roofing, zones, kept_together(part, slides, net), source
+    return Layout(*owned, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
 
 
 def _partitioned(job: Job, ranks: int) -> tuple:

@@ -259,15 +259,13 @@ def joined(net: Net) -> Net:
     if net.parts == 1:
         return net
     n = net.given
-    columns = {}
+    columns, whole = {}, {"split": np.multiply, "multiplied": np.divide}
     for column in fields(net):
         values, row = getattr(net, column.name), column.metadata
         if row and values is not None:
             columns[column.name] = values[:n] if row["entity"] == "node" else values[:: net.parts]
-            if row.get("divided") == "split":
-                columns[column.name] = columns[column.name] * net.parts
-            elif row.get("divided") == "multiplied":
-                columns[column.name] = columns[column.name] / net.parts
+            if row.get("divided") in whole:
+                columns[column.name] = whole[row["divided"]](columns[column.name], net.parts)
     return replace(
         net,
         x=net.x[:n],
