@@ -10,7 +10,7 @@ The values are pressures [N/m2] or coefficients, as the caller takes them; posit
 taps stand in a table name, x, y, in the axes of the net; the values in a table with the columns time and one
 for each tap by name, or in an HDF5 file with `time` (t,) and `value` (t, c), columns in the order of the
 taps, of which 64 rows are held at a time. Times are those of the roof, in s. A node takes the values of the
-four nearest taps in plan, weighted by distance (`measured.place_weights`); between times values are linear.
+four nearest taps in plan, weighted by distance (`place_weights`); between times values are linear.
 """
 
 from collections.abc import Callable
