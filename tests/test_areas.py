@@ -23,7 +23,6 @@ from netfall.roof.areas import normals, roof_of, tributary_areas
 from netfall.roof.faces import find_faces
 from netfall.roof.panels import panels_of
 from netfall.roof.plan import draw_plan
-from netfall.roof.rings import traced_rings
 from netfall.roof.shares import shares_of
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
@@ -675,32 +674,6 @@ def test_random_faces_are_shared_out_whole_in_any_order(seed, points, kept, part
     turned = np.roll(elements[order], 1, axis=1)
     other = shares(subdivide(net_of(xy[np.argsort(number)], number[turned]), parts))
     assert np.allclose(other[number], area[: len(xy)], rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("kept", [0.5, 0.8, 1.0])
-def test_traced_rings_are_those_of_polygonize(kept):
-    """The same corners from the same first one, in the same order; none where a face may have two rings."""
-    rng, traced = np.random.default_rng(1), 0
-    for _ in range(60):
-        xy = (
-            rng.random((30, 2))
-            if rng.random() < 0.5
-            else rng.permutation(np.indices((6, 5)).reshape(2, -1).T)
-        )
-        sides = Delaunay(xy).simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        sides = rng.permutation(np.unique(np.sort(sides, axis=1), axis=0))
-        sides = rng.permuted(sides[rng.random(len(sides)) < kept], axis=1)
-        polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(xy[sides])))
-        rings = [
-            xy.tolist().index(list(c)) for c in shapely.get_coordinates(shapely.orient_polygons(polygons))
-        ]
-        found = traced_rings(xy.astype(float), sides)
-        if found is None:
-            continue
-        ours = [[*r, r[0]] for r in np.split(found[1], found[0][1:-1])]
-        assert rings == [int(c) for ring in ours for c in ring]
-        traced += 1
-    assert traced == 60 if kept == 1.0 else 0 < traced < 60
 
 
 @settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))

@@ -22,7 +22,7 @@ from netfall.mechanics.bending import (
 )
 from netfall.mechanics.elements import add_stiffness
 from netfall.net.build import build_net
-from netfall.net.chains import CHAIN_END, NO_BENDING, chains_of
+from netfall.net.cables import CHAIN_END, NO_BENDING, chains_of
 from netfall.report.report import Inputs, write_report
 
 # Critical pressure of rings of 12, 24, 36 bars, times r^3 / EI, r of the nodes: pressure that

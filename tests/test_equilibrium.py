@@ -16,7 +16,7 @@ from netfall.equilibrium import find, goals, mixed, newton
 from netfall.equilibrium import increments as path
 from netfall.equilibrium.increments import _Increments
 from netfall.equilibrium.relaxation import Paused
-from netfall.erection.lengths import jack_of
+from netfall.erection.settings import jack_of
 from netfall.ground.stop import NEVER
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job

@@ -62,13 +62,13 @@ MAY_IMPORT = {
 # Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
 PACKAGES = {
     "mpi4py": ["parallel.mpi", "program.provenance", "__main__"],
-    "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.taps"],
+    "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.measured"],
     "numba": [  # types of fields; the versions for compiled code and for /provenance
         *("core", "mechanics.fields", "parallel.mpi_calls", "program.compile", "program.provenance"),
     ],
     "llvmlite": ["core", "parallel.mpi_calls", "program.compile"],
     "scipy": [
-        *("stages.modes", "parallel.subdomain", "multigrid.rows", "study.draws", "study.rare"),
+        *("net.parts", "stages.modes", "parallel.subdomain", "multigrid.rows", "study.draws", "study.rare"),
         *("study.answers", "exchange.drawings", "plots.study"),
     ],
     "shapely": ["roof", "exchange.drawings"],

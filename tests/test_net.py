@@ -8,7 +8,6 @@ from netfall.job.read import read_job
 from netfall.net.build import build_net
 from netfall.net.generators import generate as generators
 from netfall.net.net import subdivide
-from netfall.net.parts import label_parts
 from netfall.roof.areas import normals, roof_of, tributary_areas
 from netfall.roof.faces import find_faces
 from netfall.roof.shares import shares_of
@@ -116,23 +115,3 @@ def test_areas_of_tables_need_a_closed_outline(workshop):
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(generators.saddle(80.0, 4.0, 2), closed=False)))
     with pytest.raises(Exception, match="no closed face"):
         roof_of(job, build_net(job))
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_parts_of_a_net_are_scipys(seed):
-    """Random nets of many parts, loops and double elements included:
-    the same particles together, named by the lowest of them.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, 300))
-    elements = rng.integers(0, n, (int(rng.integers(0, 2 * n)), 2))
-    label = np.empty(n, np.int64)
-    label_parts(elements, label)
-    parts, expected = connected_components(
-        coo_array((np.ones(len(elements)), tuple(elements.T)), shape=(n, n)), directed=False
-    )
-    lowest = np.array([np.flatnonzero(expected == part)[0] for part in range(parts)])
-    assert np.array_equal(label, lowest[expected])

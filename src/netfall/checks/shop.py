@@ -82,7 +82,7 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
         raise InputError(f"--deductions {path}: no such file")
     table = Table(path, COLUMNS, ())
     pin, socket = (table.numbers(name, 0.0, low=0.0, unit="mm") / MM for name in COLUMNS[2:])
-    words = {name: table.words(name) if name in table else [""] * len(table) for name in COLUMNS[:2]}
+    words = {name: table.words(name) for name in COLUMNS[:2]}
     for name, known in (("group", groups), ("type", types)):
         for row, word in enumerate(words[name]):
             if word and word not in known:

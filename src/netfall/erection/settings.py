@@ -1,21 +1,123 @@
-"""What stages of erection set, stage after stage: lengths, supports, places, what is there, loads. Rank 0."""
+"""What [[target]] and [[stage]] set: lengths, supports, places, what is there, loads. Rank 0, global order.
 
+A change by a [m] makes each cable longer by a, each of its elements in proportion to its unstressed length.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 
-from netfall.erection.lengths import Jack, Wanted, jack_of, jacks_of, rows_named, unknown_name
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.asks import settings_of
-from netfall.job.cases import factor_of
+from netfall.job.cases import factor_of, with_set
 from netfall.job.job import Job
 from netfall.job.values import counted, listed, nearest, shown
-from netfall.model.loads import live_load, of_case
+from netfall.model.loads import dead_load, live_load
 from netfall.model.model import Model
-from netfall.net.net import Net, ends_of_inner, with_inner
+from netfall.net.net import Net, elements_of_cables, elements_of_group, ends_of_inner, with_inner
 from netfall.net.parts import part_has, parts_of
 from netfall.net.turned import held_along, settles_along
+from netfall.numerics.least_squares import least_squares
+
+WEAK = 1e-9  # of the largest influence of a target: less is none
+SLIGHTEST = 1e-6  # of EA: the force with which a slack cable becomes taut
+
+
+class Jack(NamedTuple):
+    """An amount [m] by which unstressed lengths are changed.
+
+    name : of the group or cable; rows : (r,) elements; cable : (r,) number of the cable of each, from 0
+    """
+
+    name: str
+    rows: np.ndarray
+    cable: np.ndarray
+
+    def shares(self, L0: np.ndarray) -> np.ndarray:
+        """What each of its elements (r,) has of the amount, at unstressed lengths L0 (m,) [m]."""
+        return L0[self.rows] / np.bincount(self.cable, L0[self.rows])[self.cable]
+
+    def changed(self, L0: np.ndarray, amount: float) -> np.ndarray:
+        """Unstressed lengths (m,) [m] after a change by an amount [m]."""
+        L0 = L0.copy()
+        L0[self.rows] += amount * self.shares(L0)
+        return L0
+
+
+class Wanted(NamedTuple):
+    """A quantity that is wanted: the mean force [N] of elements `rows`, or the height [m] of a node.
+
+    words : for messages; node : its row, -1: a force; own : number of the jack at which it is measured, -1
+    """
+
+    words: str
+    value: float
+    rows: np.ndarray
+    node: int = -1
+    own: int = -1
+
+    def now(self, x: np.ndarray, N: np.ndarray) -> float:
+        """Its value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
+        if self.node >= 0:
+            return float(x[self.node, 2])
+        return float(np.bincount(np.zeros(len(self.rows), int), N[self.rows])[0] / len(self.rows))
+
+
+def rows_named(net: Net, name: str) -> np.ndarray:
+    """The elements of a group, or of a piece of cable; none where nothing is called so."""
+    rows, wrong = elements_of_group(net, name)
+    return elements_of_cables(net, [name])[0] if wrong else rows
+
+
+def jack_of(net: Net, name: str) -> Jack:
+    """All cables of what is called so, by one amount each."""
+    rows = rows_named(net, name)
+    return Jack(name, rows, np.unique(net.cable[rows], return_inverse=True)[1])
+
+
+def jacks_of(net: Net, name: str) -> list[Jack]:
+    """Each cable of what is called so, by an amount of its own."""
+    rows = rows_named(net, name)
+    cables = [rows[net.cable[rows] == cable] for cable in dict.fromkeys(net.cable[rows].tolist())]
+    return [Jack(net.cable_names[net.cable[own[0]]], own, np.zeros(len(own), int)) for own in cables]
+
+
+def unknown_name(net: Net, name: str) -> str:
+    """What is wrong with the name of a group or a cable, in words; "": nothing."""
+    if len(rows_named(net, name)):
+        return ""
+    known = [*(group for group in net.group_names if group), *net.cable_names]
+    return f"{shown(name)}: neither a group nor a cable; {nearest(name, known)}"
+
+
+def amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Amounts (k,) [m] by Newton's method that take away what is missing (t,), the smallest that do.
+
+    influence : (t, k) of the amounts on what is wanted; scale : (t,) sizes of these
+    """
+    return least_squares(influence / scale[:, None], -misses / scale, WEAK).x
+
+
+def until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force: float) -> float:
+    """The amount [m] after which a slack cable would carry a force [N] where its nodes are now.
+
+    L, L0 : (m,) [m] lengths, unstressed lengths; EA : (m,) [N]
+    """
+    rows = jack.rows
+    least = max(force, SLIGHTEST * float(EA[rows].min()))
+    return float((L[rows] / (1.0 + least / EA[rows]) - L0[rows]).sum()) / (1 + int(jack.cable.max()))
+
+
+def missed(wanted: list[Wanted], values: np.ndarray) -> list[str]:
+    """What is wanted and what it came to, in words."""
+    unit = lambda each: "m" if each.node >= 0 else "N"
+    return [
+        f"{each.words} = {each.value:.6g} {unit(each)}: came to {value:.6g} {unit(each)}"
+        for each, value in zip(wanted, values)
+    ]
 
 
 @dataclass(frozen=True)
@@ -47,9 +149,8 @@ class Setting:
     def forces(self, model: Model) -> np.ndarray:
         """The loads (n, 3) [N]: self weight of the elements that are there, all else at their nodes."""
         net, roof = model.net, model.roof
-        there = self.there(net)[:, None]
-        load = np.where(there, live_load(self.load, roof, net.load), 0.0)
-        load[:, 2] -= np.where(there[:, 0], roof.zones.spread(self.load, "dead") * roof.area, 0.0)
+        whole = live_load(self.load, roof, net.load) + dead_load(self.load, roof)
+        load = np.where(self.there(net)[:, None], whole, 0.0)
         if self.load.self_weight:
             half = np.where(self.active, 0.5 * net.own_weight * self.L0, 0.0)
             for end in range(2):
@@ -60,9 +161,8 @@ class Setting:
 def first_setting(job: Job, model: Model) -> Setting:
     """Before any stage: the net as it is, all of it there, under [load]."""
     net = model.net
-    load = settings_of(job)
-    everything = np.ones(net.m, bool)
-    return Setting(model.cut_length, net.fixed, everything, np.zeros_like(net.x), load)
+    everything, still = np.ones(net.m, bool), np.zeros_like(net.x)
+    return Setting(model.cut_length, net.fixed, everything, still, settings_of(job))
 
 
 def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
@@ -78,27 +178,22 @@ def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
         moved[_rows(net, [int(name)])] = by
     L0, pulls, jacks = before.L0, [], []
     for name, what in (stage.lengths or {}).items():
-        if "force" in what:
-            own = jacks_of(net, name)
+        own = jacks_of(net, name)
+        if "change" in what:
+            L0 = jack_of(net, name).changed(L0, what["change"])
+        elif "length" in what:
+            for jack in own:
+                L0 = jack.changed(L0, what["length"] - float(L0[jack.rows].sum()))
+        else:
+            first = len(jacks)
             pulls += [
-                Wanted(f"force of {jack.name}", what["force"], jack.rows, own=len(jacks) + k)
+                Wanted(f"force of {jack.name}", what["force"], jack.rows, own=first + k)
                 for k, jack in enumerate(own)
             ]
             jacks += own
-        else:
-            L0 = _lengthened(net, name, what, L0)
-    load, clamps = of_case(before.load, stage), stage.clamps or before.clamps
+    load, clamps = with_set(before.load, "load", stage), stage.clamps or before.clamps
     moved = with_inner(net, moved, fixed)
     return Setting(L0, fixed, active, moved, load, tuple(pulls), tuple(jacks), clamps)
-
-
-def _lengthened(net: Net, name: str, what: dict, L0: np.ndarray) -> np.ndarray:
-    """Unstressed lengths (m,) [m] with cables changed by, or set to, a length."""
-    if "change" in what:
-        return jack_of(net, name).changed(L0, what["change"])
-    for jack in jacks_of(net, name):
-        L0 = jack.changed(L0, what["length"] - float(L0[jack.rows].sum()))
-    return L0
 
 
 def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
@@ -109,67 +204,56 @@ def check_stages(job: Job, model: Model) -> None:
     """Raises InputError for what is wrong in the stages of a job: names, ids, supports, lengths."""
     net, errors, setting = model.net, [], first_setting(job, model)
     for stage in job.stages:
-        wrong = _wrong_names(stage, net)
+        wrong = [*_wrong_names(stage, net)]
         if not wrong:
             setting = after(setting, stage, net)
             wrong = _wrong_state(stage, setting, net)
-        errors += [f"{job.path}: [[stage]] {stage.name}: {line}" for line in wrong]
+        errors += [f"[[stage]] {stage.name}: {line}" for line in wrong]
         if errors:
             break  # what follows stands on it
     warm = setting.load.temperature
-    stressed = [each for each in job.combinations if warm and factor_of(each, "prestress") != 1.0]
-    errors += [
-        f"{job.path}: [[combination]] {each.name}: prestress {factor_of(each, 'prestress'):g} is of forces "
-        f"at the temperature of form finding, and the last [[stage]] ends at {warm:g} K; expected "
-        '"load.temperature" = 0.0 in its set, or a factor of 1'
-        for each in stressed
-    ]
-    free = ~settles_along(net, setting.fixed)
-    for name, inputs in model.layout.cases.items():
-        if inputs.settlement is None:
-            continue
-        settles = (inputs.settlement != 0.0) & free
-        loose = np.flatnonzero(settles.any(1) & (ends_of_inner(net)[:, 0] == np.arange(net.n)))
-        if len(loose):
-            nodes = counted("node", net.node_id[loose])
+    for each in job.combinations:
+        if warm and (prestress := factor_of(each, "prestress")) != 1.0:
             errors.append(
-                f"{job.path}: [[case]] {name}: settlement: {nodes}: released in a [[stage]], and so free"
+                f"[[combination]] {each.name}: prestress {prestress:g} is of forces at the temperature of "
+                f'form finding, and the last [[stage]] ends at {warm:g} K; expected "load.temperature" = 0.0 '
+                "in its set, or a factor of 1"
             )
-    if errors:
-        raise InputError(errors)
+    free, given = ~settles_along(net, setting.fixed), ends_of_inner(net)[:, 0] == np.arange(net.n)
+    for name, inputs in model.layout.cases.items():
+        settles = np.zeros((net.n, 3)) if inputs.settlement is None else inputs.settlement
+        loose = net.node_id[((settles != 0.0) & free).any(1) & given]
+        if len(loose):
+            why = "released in a [[stage]], and so free"
+            errors.append(f"[[case]] {name}: settlement: {counted('node', loose)}: {why}")
+    refuse(f"{job.path}: {line}" for line in errors)
 
 
-def _wrong_names(stage: SimpleNamespace, net: Net) -> list[str]:
+def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
     """Names and ids that the net does not have."""
-    wrong = [f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name))]
+    yield from (f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name)))
     known = [name for name in net.group_names if name]
     for name in stage.active or []:
         if name not in net.group_names:
-            wrong.append(f"active: no group {shown(name)}; {nearest(name, known) if known else 'none'}")
+            yield f"active: no group {shown(name)}; {nearest(name, known) if known else 'none'}"
     ids = {"hold": stage.hold, "release": stage.release, "move": map(int, stage.move or {})}
     for key, named in ids.items():
-        unknown = sorted(set(named or []) - set(net.node_id.tolist()))
-        if unknown:
-            wrong.append(f"{key}: no node {listed(unknown)}")
-    return wrong
+        if unknown := sorted(set(named or []) - set(net.node_id.tolist())):
+            yield f"{key}: no node {listed(unknown)}"
 
 
-def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> list[str]:
+def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> Iterator[str]:
     """Moves of nodes that are free, cables without length, parts that hang on nothing."""
-    free = np.flatnonzero(((setting.moved != 0.0) & ~held_along(net, setting.fixed)).any(1))
-    wrong = []
-    if len(free):
-        wrong.append(f"move: {counted('node', net.node_id[free])}: an axis that moves must be held")
-    short = np.flatnonzero(~(setting.L0 > 0.0))
-    if len(short):
-        wrong.append(f"lengths: {counted('element', net.element_id[short])}: no length is left")
+    free = ((setting.moved != 0.0) & ~held_along(net, setting.fixed)).any(1)
+    if free.any():
+        yield f"move: {counted('node', net.node_id[free])}: an axis that moves must be held"
+    short = ~(setting.L0 > 0.0)
+    if short.any():
+        yield f"lengths: {counted('element', net.element_id[short])}: no length is left"
     for name in stage.lengths or {}:
-        away = rows_named(net, name)[~setting.active[rows_named(net, name)]]
-        if len(away):
-            wrong.append(f"lengths: {shown(name)}: not there in this stage; active says what is")
-    label = parts_of(net.elements[setting.active], net.n)
-    held = part_has(label, (setting.fixed | (net.spring > 0)).any(1))
-    loose = np.flatnonzero(setting.there(net) & ~held)
-    if len(loose):
-        wrong.append(f"{counted('node', net.node_id[loose])}: no support holds the part that they are in")
-    return wrong
+        if not setting.active[rows_named(net, name)].all():
+            yield f"lengths: {shown(name)}: not there in this stage; active says what is"
+    held = part_has(parts_of(net.elements[setting.active], net.n), (setting.fixed | (net.spring > 0)).any(1))
+    loose = setting.there(net) & ~held
+    if loose.any():
+        yield f"{counted('node', net.node_id[loose])}: no support holds the part that they are in"

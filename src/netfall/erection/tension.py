@@ -11,13 +11,26 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.equilibrium.newton import NoConvergence
-from netfall.erection.lengths import Jack, Wanted, amounts, missed, until_taut
+from netfall.erection.settings import (
+    Jack,
+    Wanted,
+    amounts,
+    jack_of,
+    missed,
+    rows_named,
+    unknown_name,
+    until_taut,
+)
+from netfall.ground.errors import refuse
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.job.asks import carries_permanent
-from netfall.job.values import counted
+from netfall.job.job import Job
+from netfall.job.values import counted, shown
 from netfall.mechanics.slip.law import set_strands
 from netfall.model.actions import StaticLoad
+from netfall.net.net import Net
 from netfall.numerics.functions import lengths
+from netfall.parallel.agree import on_root
 from netfall.stages import settle
 from netfall.stages.scene import Scene
 from netfall.stages.static_outcome import MOST_NAMED, NONE, StaticOutcome
@@ -68,22 +81,15 @@ def tension_to(
     for count in range(1, MOST_EQUILIBRIA + 1):
         set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
         outcome = settle.settle(scene, each, reference, stop)
-        if not outcome.carries:
-            size = np.inf
-        else:
-            now = _measure(scene, wanted)
-            size = comm.bcast(now and now.size)
+        now = _measure(scene, wanted) if outcome.carries else None
+        size = comm.bcast(now.size if now else np.inf)
         if size <= REACHED:
             return Tensioned(L0, influence, outcome, count)
+        if (size > WORSE * best or size == np.inf) and before is None:
+            reason = outcome.reason or "the forces are no numbers"
+            state = NONE if outcome.carries else outcome.state
+            return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
         if size > WORSE * best or size == np.inf:
-            if before is None:
-                reason = outcome.reason or "the forces are no numbers"
-                return Tensioned(
-                    L0,
-                    None,
-                    outcome._replace(state=NONE if outcome.carries else outcome.state, reason=reason),
-                    count,
-                )
             settle.put_back(scene.state, before[0])
             tried = 0.5 * tried
             L0 = scene.model and _changed(jacks, before[1], tried)
@@ -114,10 +120,9 @@ def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
 
 
 class _Now(NamedTuple):
-    """Where the net is: x (n, 3), N (m,); of what is wanted values, misses, scale (t,), the largest miss."""
+    """Where the net is: x (n, 3); of what is wanted values, misses, scale (t,), the largest miss."""
 
     x: np.ndarray
-    N: np.ndarray
     values: np.ndarray
     misses: np.ndarray
     scale: np.ndarray
@@ -135,7 +140,7 @@ def _measure(scene: Scene, wanted: list[Wanted]) -> _Now | None:
     largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
     scale = np.array([extent if each.node >= 0 else abs(each.value) or largest for each in wanted])
     misses = values - [each.value for each in wanted]
-    return _Now(x, N, values, misses, scale, float(np.abs(misses / scale).max()))
+    return _Now(x, values, misses, scale, float(np.abs(misses / scale).max()))
 
 
 def influences(
@@ -191,3 +196,82 @@ def _changed(jacks: list[Jack], L0: np.ndarray, tried: np.ndarray) -> np.ndarray
     for jack, amount in zip(jacks, tried):
         L0 = jack.changed(L0, amount)
     return L0
+
+
+# --- targets of the form: forces of groups, or heights of nodes
+
+
+class Reached(NamedTuple):
+    """Targets that were reached, on rank 0: x (n, 3) [m], unstressed lengths L0 (m,) [m].
+
+    change : (k,) [m] of each cable; influence : (k, k) of these amounts where the targets are
+    equilibria : how many were looked for; lines : to say
+    failed : why not all of them are reached, "": they are; x and L0 are then how far it came
+    """
+
+    x: np.ndarray
+    L0: np.ndarray
+    change: np.ndarray
+    influence: np.ndarray
+    equilibria: int
+    lines: list[str]
+    failed: str = ""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The arrays, by name."""
+        return {name: getattr(self, name) for name in ("x", "L0", "change", "influence")}
+
+
+def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | None) -> Reached | None:
+    """Change lengths until all targets are there, under the loads that the form carries. Collective.
+
+    planned : (m,) [m] from which changes count, on rank 0; before : the turn before it, None: it is the first
+
+    On rank 0 what came of it, None elsewhere; the state is left in that equilibrium. Raises InputError for
+    names that are wrong.
+    """
+    job, model, comm = scene.job, scene.model, scene.comm
+    wanted, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
+    each = of_form(scene, "target", "the targets")
+    found = tension_to(scene, each, wanted, jacks, model and model.cut_length, lambda L0: L0)
+    found = found._replace(outcome=elastic(scene, found.outcome))
+    influence = influences(scene, each.load, wanted, jacks, found.L0)
+    x = scene.distribution.gather_particles(scene.state.x)
+    if model is None:
+        return None
+    change_of = lambda jack: float((found.L0 - planned)[jack.rows].sum()) / (1 + int(jack.cable.max()))
+    change = np.array([change_of(jack) for jack in jacks])  # [m] of each cable
+    equilibria = found.equilibria + (before.equilibria if before else 0)
+    if not found.outcome.carries:
+        more = "what `by` names may not bear on it, or not so far"
+        failed = f"{each.words}: {found.outcome.reason}; {more}"
+        return Reached(x, found.L0, change, influence, equilibria, [], failed)
+    lines = [
+        f"target: {want.words} = {want.value:.6g} {'m' if want.node >= 0 else 'N'}: each cable of "
+        f"{jack.name} {amount:+.6g} m"
+        for want, jack, amount in zip(wanted, jacks, change)
+    ]
+    lines.append(f"targets: reached in {equilibria} equilibria")
+    return Reached(x, found.L0, change, influence, equilibria, lines)
+
+
+def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
+    """What is wanted and by which lengths. Raises InputError for names that the net does not have."""
+    errors = []
+    for number, target in enumerate(job.targets, 1):
+        wrong = [line for name in (target.group, target.by) if name and (line := unknown_name(net, name))]
+        if target.node is not None and target.node not in net.node_id:
+            wrong.append(f"node = {target.node}: no such node")
+        if target.by in [other.by for other in job.targets[: number - 1]]:
+            own = "stands in an earlier target; each needs lengths of its own"
+            wrong.append(f"by = {shown(target.by)}: {own}")
+        errors += [f"{job.path}: [[target]] {number}: {line}" for line in wrong]
+    refuse(errors)
+    return [_wanted(net, target) for target in job.targets], [jack_of(net, each.by) for each in job.targets]
+
+
+def _wanted(net: Net, target) -> Wanted:
+    if target.group:
+        return Wanted(f"force of {target.group}", target.force, rows_named(net, target.group))
+    node = int(np.flatnonzero(net.node_id == target.node)[0])
+    return Wanted(f"height of node {target.node}", target.height, np.zeros(0, int), node)

@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.exchange.state import MARK, State
 from netfall.ground.progress import one_line
-from netfall.job.cases import in_zone
+from netfall.job.cases import split
 from netfall.job.entries import LISTS
 from netfall.job.schema import SECTIONS
 from netfall.job.toml_text import toml_text
@@ -86,7 +86,7 @@ def _zones(job: dict, used: set[str]) -> None:
         for name in idle:
             job.get(section, {}).get("zone", {}).pop(name, None)
     for case in job.get("case", []):
-        of_idle = lambda key: (in_zone(key) or ("", "", ""))[1] in idle
+        of_idle = lambda key: split(key)[1] in idle
         case["set"] = {key: value for key, value in case.get("set", {}).items() if not of_idle(key)}
 
 

@@ -1,5 +1,6 @@
 """The ways in which a run ends early, each with its exit code."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 BUSY = "another run is writing it at this moment"  # why a name is refused for the time being
@@ -13,6 +14,12 @@ class InputError(Exception):
     def __init__(self, lines: list[str] | str):
         self.lines = [lines] if isinstance(lines, str) else list(lines)
         super().__init__("\n".join(self.lines))
+
+
+def refuse(lines: Iterable[str]) -> None:
+    """Raise InputError with all lines, if there are any."""
+    if lines := list(lines):
+        raise InputError(lines)
 
 
 class DivergedError(Exception):

@@ -30,11 +30,26 @@ def rows_of_set(sections: dict, overrides: dict) -> dict[str, Key]:
     return rows
 
 
-def in_zone(name: str) -> tuple[str, str, str] | None:
-    """Section, zone and key of "wind.zone.edge.shape_coefficient"; None: it is of no zone."""
+def split(name: str) -> tuple[str, str, str]:
+    """Section, zone ("": none) and key of "load.snow" or "wind.zone.edge.shape_coefficient"."""
     section, _, rest = name.partition(".zone.")
     zone, _, key = rest.rpartition(".")
-    return (section, zone, key) if zone else None
+    if not zone:
+        section, _, key = name.partition(".")
+    return section, zone, key
+
+
+def with_set(section: SimpleNamespace, name: str, case: SimpleNamespace) -> SimpleNamespace:
+    """A section, [load] or [wind] by its name, with what a case or a stage sets of it."""
+    found = SimpleNamespace(**vars(section))
+    found.zone = {zone: dict(values) for zone, values in section.zone.items()}
+    for setting, value in case.set.items():
+        of, zone, key = split(setting)
+        if of == name and zone:
+            found.zone.setdefault(zone, {})[key] = value
+        elif of == name:
+            setattr(found, key, value)
+    return found
 
 
 def values_of_set(
@@ -46,8 +61,8 @@ def values_of_set(
     """
     place, values = f"[[{kind}]] {case.name}: set:", {}
     for name, value in _flat(case.set).items():
-        zone = in_zone(name)
-        row = rows.get(f"{zone[0]}.zone.NAME.{zone[2]}" if zone else name)
+        section, zone, key = split(name)
+        row = rows.get(f"{section}.zone.NAME.{key}" if zone else name)
         if row is None:
             wrong(place, f"{shown(name)[1:-1]}: not what a {kind} can set; {nearest(name, rows)}")
         else:
@@ -72,15 +87,8 @@ def blows(case: SimpleNamespace) -> bool:
 
 def static_wind(wind: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
     """[wind] with what a case sets, for a mean wind; wind : the section, or its defaults."""
-    found = SimpleNamespace(**(vars(wind) | {"pressure_factor": 1.0}))
+    found = with_set(SimpleNamespace(**(vars(wind) | {"pressure_factor": 1.0})), "wind", case)
     found.file = found.points = found.pressures = found.taps = None
-    found.zone = {name: dict(values) for name, values in wind.zone.items()}
-    for name, value in case.set.items():
-        if zone := in_zone(name):
-            if zone[0] == "wind":
-                found.zone.setdefault(zone[1], {})[zone[2]] = value
-        elif name.startswith("wind."):
-            setattr(found, name.removeprefix("wind."), value)
     if "wind.shape_coefficient" in case.set:
         found.sectors = None
     if "wind.sectors" in case.set:

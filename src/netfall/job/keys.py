@@ -46,9 +46,11 @@ class Key:
 
     def expected(self) -> str:
         """What is allowed, in words: "a number of m/s > 0"."""
+        low = [] if self.low is None else [f"{'>' if self.low_open else '>='} {self.low:g}"]
+        bounds = low + ([] if self.high is None else [f"<= {self.high:g}"])
         return KINDS[self.kind].expected.format(
             of=f" of {self.unit}" if self.unit else "",
-            within=self._range(),
+            within=" " * bool(bounds) + " and ".join(bounds),
             also="".join(f' or "{word}"' for word in self.also),
             choices="one of " * (len(self.choices) > 1) + ", ".join(f'"{word}"' for word in self.choices),
             meaning=self.meaning,
@@ -57,14 +59,6 @@ class Key:
     def fits(self, value) -> bool:
         """Whether a value is what the key allows."""
         return KINDS[self.kind].fits(self, value)
-
-    def _range(self) -> str:
-        parts = []
-        if self.low is not None:
-            parts.append(f"{'>' if self.low_open else '>='} {self.low:g}")
-        if self.high is not None:
-            parts.append(f"<= {self.high:g}")
-        return (" " if parts else "") + " and ".join(parts)
 
     def number(self, value) -> bool:
         """Whether a value is a finite number in the range."""
@@ -120,20 +114,17 @@ def _factors(key: Key, value) -> bool:
 
 def _shifts(_, value) -> bool:
     """Three numbers for each id."""
+    shift = Key("", "vector", ABSENT, "", "", low=-MOST_SHIFT, high=MOST_SHIFT)
     whole = lambda name: name.removeprefix("-").isdecimal() and name.isascii()
-    within = lambda v: isinstance(v, int | float) and not isinstance(v, bool) and abs(v) <= MOST_SHIFT
-    rows = value.items() if isinstance(value, dict) else [("", None)]
-    return all(whole(k) and isinstance(v, list) and len(v) == 3 and all(map(within, v)) for k, v in rows)
+    return isinstance(value, dict) and all(whole(k) and shift.numbers(v, 3) for k, v in value.items())
 
 
 def _lengths(_, value) -> bool:
     """A table of tables, of one number each."""
-    rows = {name: Key(name, "number", ABSENT, "", "", low=-1e12, high=1e12) for name in LENGTHS}
+    length = Key("", "number", ABSENT, "", "", low=-1e12, high=1e12)
+    one = lambda what: isinstance(what, dict) and len(what) == 1 and {*what} <= {*LENGTHS}
     return isinstance(value, dict) and all(
-        isinstance(what, dict)
-        and len(what) == 1
-        and all(k in rows and rows[k].number(v) for k, v in what.items())
-        for what in value.values()
+        one(what) and all(map(length.number, what.values())) for what in value.values()
     )
 
 
@@ -196,10 +187,12 @@ def _key(name: str, kind: str, within: str, default: str, meaning: str) -> Key:
     kind, *words = kind.split()
     low, _, high = within.lstrip(">= ").partition(" to ")
     number = int if kind == "integer" else float
+    value = toml_or_word(default) if default else ABSENT
+    value = tuple(value) if isinstance(value, list) else value
     return Key(
         name,
         kind,
-        REQUIRED if default == "required" else _default(default),
+        REQUIRED if default == "required" else value,
         unit,
         meaning,
         low=number(low) if low else None,
@@ -208,11 +201,6 @@ def _key(name: str, kind: str, within: str, default: str, meaning: str) -> Key:
         choices=tuple(words) if kind == "choice" else (),
         also=() if kind == "choice" else tuple(words),
     )
-
-
-def _default(text: str):
-    value = toml_or_word(text) if text else ABSENT
-    return tuple(value) if isinstance(value, list) else value
 
 
 def toml_or_word(text: str):

@@ -70,20 +70,15 @@ def key_of(job: Job, without: tuple[str, ...] = ()) -> str:
 
     The files that the job reads count by what stands in them. Raises InputError for one that cannot be read.
     """
-    asked = {name: value for name, value in _values(job).items() if name not in BESIDE.keys() | {*without}}
+    asked = {}
+    for each in fields(job):
+        value = getattr(job, each.name)
+        if isinstance(value, SimpleNamespace):  # a section: its keys, as wind.speed
+            asked |= {f"{each.name}.{key}": one for key, one in vars(value).items()}
+        else:
+            asked[each.name] = value
+    asked = {name: value for name, value in asked.items() if name not in BESIDE.keys() | {*without}}
     asked["removes"] = bool(job.removes)  # what is lost, and when, comes after the equilibria
     asked["contents"] = [content.hex() for content in job.contents]
     asked["changes_net"] = job.changes_net()  # whether a partition made for its own net applies
     return json.dumps(asked, default=lambda value: str(value) if isinstance(value, Path) else vars(value))
-
-
-def _values(job: Job) -> dict[str, Any]:
-    """The fields of a job by name; those of sections by theirs, as wind.speed."""
-    found = {}
-    for each in fields(job):
-        value = getattr(job, each.name)
-        if isinstance(value, SimpleNamespace):
-            found |= {f"{each.name}.{key}": one for key, one in vars(value).items()}
-        else:
-            found[each.name] = value
-    return found

@@ -1,9 +1,10 @@
 """Reading a job file: TOML in, a validated `Job` out, or every error at once."""
 
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.job import Job, apply_overrides
 from netfall.job.validate import Validation
 from netfall.wind.spectra import gust_of
@@ -31,9 +32,8 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
         data["remove"] = [*own, *removes] if isinstance(own, list) else own
     sections = Validation(str(path), errors).sections(data)
     job = Job(path, text, tuple(overrides), **sections)
-    errors = errors or _absurd_counts(job) + _slow_gusts(job)
-    if errors:
-        raise InputError(errors)
+    errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
+    refuse(errors)
     return job
 
 
@@ -54,38 +54,35 @@ def read_toml(path: Path, kind: str) -> tuple[dict, str]:
         raise InputError(f"{path}: not valid TOML: nested too deeply") from None
 
 
-def _absurd_counts(job: Job) -> list[str]:
+def _absurd_counts(job: Job) -> Iterator[str]:
     """Numbers of rows and samples that no machine holds."""
+    wind, output = job.wind, job.output
     if job.dynamics is None:
-        return []
-    duration, wind = job.dynamics.duration, job.wind
-    asked = [("output", "history", duration / job.output.history, "rows", MOST_ROWS)]
-    if job.output.checkpoint:
-        asked.append(("output", "checkpoint", duration / job.output.checkpoint, "checkpoints", MOST_ROWS))
+        return
+    duration = job.dynamics.duration
+    asked = [("output", "history", duration / output.history, "rows", MOST_ROWS)]
+    if output.checkpoint:
+        asked.append(("output", "checkpoint", duration / output.checkpoint, "checkpoints", MOST_ROWS))
     if wind and wind.speed and not wind.pressures:
         speeds = duration / wind.time_step * wind.control_points
         asked.append(("wind", "time_step", speeds, "wind speeds", MOST_SAMPLES))
-    return [
-        f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: "
-        f"asks for {number:.3g} {what} over the duration; at most {most:.0e} are possible"
-        for section, key, number, what, most in asked
-        if number > most
-    ]
+    for section, key, number, what, most in asked:
+        if number > most:
+            yield (
+                f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: asks for "
+                f"{number:.3g} {what} over the duration; at most {most:.0e} are possible"
+            )
 
 
-def _slow_gusts(job: Job) -> list[str]:
+def _slow_gusts(job: Job) -> Iterator[str]:
     """A wind so slow, or a step so short, that the model of its gusts takes minutes to make."""
-    wind = job.wind
-    gust = gust_of(wind) if wind else None
-    if gust is None:
-        return []
-    samples = gust.length / (wind.speed * wind.time_step)
-    if samples <= LONGEST_GUST:
-        return []
-    least = gust.length / LONGEST_GUST / wind.speed
-    none = "roughness" if wind.turbulence is None else "turbulence"
-    return [
-        f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {gust.length:g} m lasts {samples:.3g} samples "
-        f"of time_step = {wind.time_step:g} s; at most {LONGEST_GUST} are possible; "
-        f"expected [wind] time_step >= {least:.3g}, or {none} = 0 for a wind without gusts"
-    ]
+    wind, gust = job.wind, job.wind and gust_of(job.wind)
+    samples = gust.length / (wind.speed * wind.time_step) if gust else 0.0
+    if samples > LONGEST_GUST:
+        least = gust.length / LONGEST_GUST / wind.speed
+        none = "roughness" if wind.turbulence is None else "turbulence"
+        yield (
+            f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {gust.length:g} m lasts {samples:.3g} "
+            f"samples of time_step = {wind.time_step:g} s; at most {LONGEST_GUST} are possible; expected "
+            f"[wind] time_step >= {least:.3g}, or {none} = 0 for a wind without gusts"
+        )

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.values import nearest
 
 MOST_ERRORS = 20  # lines reported for one table
@@ -56,12 +56,10 @@ class Table:
             named = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]]
             left = f"columns not known and left alone: {', '.join(named)}; known: {', '.join(known)}"
             self.notes.append(f"{self.path}: {left}")
-        for name in dict.fromkeys(header):
-            if name in known and header.count(name) > 1:
-                self.wrong(f"column {name} stands twice")
-        for name in required:
-            if name not in header:
-                self.wrong(f"column {name} is missing; expected {', '.join(required)}")
+        for name in [name for name in dict.fromkeys(header) if name in known and header.count(name) > 1]:
+            self.wrong(f"column {name} stands twice")
+        for name in [name for name in required if name not in header]:
+            self.wrong(f"column {name} is missing; expected {', '.join(required)}")
 
     def __len__(self):
         return len(self.lines)
@@ -78,8 +76,8 @@ class Table:
         return f"line {self.lines[row]}"
 
     def words(self, name: str) -> list[str]:
-        """A column as it stands."""
-        return self.columns[name]
+        """A column as it stands; empty cells if the table does not have it."""
+        return self.columns.get(name, [""] * len(self))
 
     def numbers(self, name: str, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
         """A column of numbers from low to LARGEST; an empty cell gives `default`, which may be an array."""
@@ -87,18 +85,31 @@ class Table:
         if name not in self.columns:
             return default
         words = self.columns[name]
-        try:
-            values = np.array([_plain(word) for word in words], float)
-        except ValueError:
-            values = np.array([number_in(word) for word in words])
+        values = np.array([number_in(word) for word in words])
         empty = np.array([word == "" for word in words])
         bad = ~empty & ~((values >= low) & (values <= LARGEST))
         for row in np.flatnonzero(bad)[:MOST_ERRORS]:
             limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
             of = f" of {unit}" if unit else ""
-            comma = "; a decimal comma is not read, write a point" if _has_decimal_comma(words[row]) else ""
+            comma = words[row].count(",") == 1 and np.isfinite(number_in(words[row].replace(",", ".")))
+            comma = "; a decimal comma is not read, write a point" if comma else ""
             self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
         return np.where(empty, default, values)
+
+    def stacked(self, names, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
+        """Columns of numbers beside one another, as `numbers` reads each."""
+        return np.column_stack([self.numbers(name, default, low, unit) for name in names])
+
+    def full(self, name: str, most: int | None = None) -> None:
+        """Note the first empty cells of a column, all of them by default."""
+        for row in [row for row, word in enumerate(self.words(name)) if word == ""][:most]:
+            self.wrong(f"{self.at(row)}: {name} is empty; expected a number")
+
+    def no_gaps(self, *columns: np.ndarray) -> None:
+        """Raise what was noted, and that there are empty cells in columns that were read."""
+        if any(np.isnan(values).any() for values in columns):
+            self.wrong("empty cells; expected a number in each")
+        self.finish()
 
     def integers(self, name: str) -> np.ndarray:
         """A column of integers, as 64-bit numbers."""
@@ -118,12 +129,13 @@ class Table:
                 f"({values[row]:g}); expected ascending {name}s"
             )
 
-    def finish(self) -> None:
-        """Raise what was noted."""
-        if self.errors:
-            more = len(self.errors) - MOST_ERRORS
-            rest = [f"{self.path}: and {more} more errors"] if more > 0 else []
-            raise InputError(self.errors[:MOST_ERRORS] + rest)
+    def finish(self, *others: "Table") -> None:
+        """Raise what was noted, in other tables too."""
+        lines = []
+        for table in (self, *others):
+            more = len(table.errors) - MOST_ERRORS
+            lines += table.errors[:MOST_ERRORS] + [f"{table.path}: and {more} more errors"] * (more > 0)
+        refuse(lines)
 
 
 def number_in(word: str) -> float:
@@ -137,10 +149,6 @@ def number_in(word: str) -> float:
 def _plain(word: str) -> str:
     """A word that Python reads as a number only if others do: to Python 1_0 is ten, in a table a slip."""
     return word.replace("_", "?")
-
-
-def _has_decimal_comma(word: str) -> bool:
-    return word.count(",") == 1 and np.isfinite(number_in(word.replace(",", ".")))
 
 
 def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:

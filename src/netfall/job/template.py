@@ -43,18 +43,12 @@ def new_template(path: Path) -> str:
 def template(name: str) -> str:
     """The text of the job, for the name of its file."""
     lines = [HEAD.format(name=name)]
-    for section, keys in SECTIONS.items():
-        lines += _section(f"[{section}]" if section else "", keys, SET.get(section))
-    for section, keys in LISTS.items():
-        lines += _section(f"[[{section}]]", keys, None)
+    heads = {name: f"[{name}]" if name else "" for name in SECTIONS} | {name: f"[[{name}]]" for name in LISTS}
+    for section, keys in (SECTIONS | LISTS).items():
+        mark = "" if section in SET else "# "  # all of a section is a comment unless something is set in it
+        lines += [mark + heads[section]] if section else []
+        lines += [*(_line(key, SET.get(section, {})) for key in keys), ""]
     return "\n".join(lines) + "\n"
-
-
-def _section(head: str, keys: tuple[Key, ...], given: dict | None) -> list[str]:
-    """A section; given : what is set in it, None: all of it is a comment."""
-    mark = "# " if given is None else ""
-    rows = [_line(key, given or {}) for key in keys]
-    return [*([mark + head] if head else []), *rows, ""]
 
 
 def _line(key: Key, given: dict) -> str:

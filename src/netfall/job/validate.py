@@ -1,6 +1,6 @@
 """Checking the tables of a job file against the schema, and against one another."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
 
 from netfall.job import cases
@@ -59,7 +59,11 @@ class Validation:
                 found[name].zone = within
         found["output"] = found["output"] or self.table("output", SECTIONS["output"], {})
         lists = {f"{name}s": self.entries(name, keys, data.get(name, [])) for name, keys in LISTS.items()}
-        self._combinations(given, found, lists)
+        for kind, rows in (("case", IN_CASES), ("stage", IN_STAGES)):
+            for entry in lists[f"{kind}s"]:
+                entry.set = cases.values_of_set(entry, rows, self._value, self.wrong, kind)
+        for place, what in _wrong_together(given, found, lists):
+            self.wrong(place, what)
         return found | lists | {"title": title, "groups": groups}
 
     def _names(self, data: dict, given: dict) -> None:
@@ -115,17 +119,14 @@ class Validation:
         rows = {key.name: key for key in keys}
         for name, value in table.items():
             if name in REMOVED.get(place, {}):
-                self._removed(place, name, value)
+                accepted, why = REMOVED[place][name]
+                if value != accepted:
+                    removed = f"removed in version {SINCE}, {why}; remove the key"
+                    self.wrong(place, f"{name} = {shown(value)}: {removed}")
             elif name not in rows:
                 self.wrong(place, f"{shown(name)[1:-1]}: unknown key; {nearest(name, rows)}")
             else:
                 self._value(place, name, rows[name], value, values)
-
-    def _removed(self, place: str, name: str, value) -> None:
-        """Note an error for a removed key unless it has the value that changes nothing."""
-        accepted, why = REMOVED[place][name]
-        if value != accepted:
-            self.wrong(place, f"{name} = {shown(value)}: removed in version {SINCE}, {why}; remove the key")
 
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
         if not key.fits(value):
@@ -134,193 +135,169 @@ class Validation:
             number = key.kind == "number" and not isinstance(value, str)
             values[name] = float(value) if number else value
 
-    # --- what depends on more than one key; `given` : tables as they stand, `found` : checked sections
 
-    def _combinations(self, given: dict, found: dict, lists: dict) -> None:
-        if "net" in given:
-            self._source_of_the_net(given["net"])
-            self._dimensions(given["net"])
-        if "wind" in given:
-            self._source_of_the_wind(given["wind"], _may_detach(given, lists))
-            self._coefficients_of_the_wind(given["wind"])
-            self._gusts_of_the_wind(given["wind"])
-        if "cable" in given:
-            for place, what in wrong_combinations(given["cable"], "elements" in given.get("net", {})):
-                self.wrong(place, what)
-        if "wind" in given and "dynamics" not in given:
-            self.wrong("wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]")
-        form, net = found["form_finding"], found["net"]
-        if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
-            what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
-            self.wrong("net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"')
-        self._zones(lists)
-        self._cases(found, lists)
-        self._height_of_the_wind(given.get("wind", {}), found["wind"], lists["cases"])
-        self._losses(given, found, lists)
-        self._motions(given, lists["motions"])
-        moves = given.get("dynamics", {})
-        if ("damping_ratio" in moves) != ("damping_band" in moves):
-            missing = "damping_band" if "damping_ratio" in moves else "damping_ratio"
-            self.wrong("dynamics", f"{missing}: missing; a ratio and the band in which it holds go together")
+# --- what depends on more than one key: places and what is wrong there
 
-    def _zones(self, lists: dict) -> None:
-        for zone in lists["zones"]:
-            if zone.polygon is not None and zone.groups is not None:
-                place = f"[[zone]] {zone.name}:"
-                self.wrong(place, "polygon and groups exclude each other; keep one of the two")
-            if zone.cut and zone.polygon is None:
-                self.wrong(f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it")
-        for stage in lists["stages"]:
-            stage.set = cases.values_of_set(stage, IN_STAGES, self._value, self.wrong, "stage")
-            if stage.clamps and not lists["slides"]:
-                self.wrong(f"[[stage]] {stage.name}:", "clamps: nothing slips; add [[slide]], or remove it")
-        for number, entry in enumerate(lists["slides"], 1):
-            if (entry.group is None) == (entry.cables is None):
-                what = "missing; say what slips" if entry.group is None else "exclude each other"
-                self.wrong(f"[[slide]] {number}:", f"group or cables: {what}; expected one of the two")
-        for number, target in enumerate(lists["targets"], 1):
-            given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
-            if given not in (["group", "force"], ["node", "height"]):
-                what = "expected group and force, or node and height; give one of these pairs"
-                self.wrong(f"[[target]] {number}:", what)
 
-    def _losses(self, given: dict, found: dict, lists: dict) -> None:
-        for number, entry in enumerate(lists["removes"], 1):
-            place, there = f"[[remove]] {number}:", [key for key in LOST if getattr(entry, key) is not None]
-            if len(there) != 1:
-                two = f"{' and '.join(there)} exclude each other; keep one of them"
-                self.wrong(place, two if there else f"{' or '.join(LOST)}: missing; say what is lost")
-        if lists["removes"] and "dynamics" not in given:
-            self.wrong("[[remove]]", "there is no [dynamics] in which something could be lost; add it")
-        if lists["removes"] and "wind" not in given and found["load"] and found["load"].ramp:
-            self.wrong(
-                "load", "ramp: a job with [[remove]] starts at rest under all loads; remove one of them"
-            )
+def _wrong_together(given: dict, found: dict, lists: dict) -> Iterator[tuple[str, str]]:
+    """given : sections as they stand; found, lists : checked sections and entries."""
+    wind, moves, net = given.get("wind", {}), given.get("dynamics", {}), found["net"]
+    if "net" in given:
+        yield from (("net", what) for what in _wrong_net(given["net"]))
+    if "wind" in given:
+        yield from (("wind", what) for what in _wrong_wind(given["wind"], _may_detach(given, lists)))
+    if "cable" in given:
+        yield from _wrong_cables(given["cable"], "elements" in given.get("net", {}))
+    if "wind" in given and "dynamics" not in given:
+        yield "wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]"
+    form = found["form_finding"]
+    if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
+        what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
+        yield "net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"'
+    yield from _wrong_entries(lists)
+    yield from cases.wrong_cases(lists["cases"], found["wind"] or defaults("wind"))
+    yield from cases.wrong_combinations(lists["combinations"], lists["cases"])
+    yield from _wrong_height(wind, found["wind"], lists["cases"])
+    yield from _wrong_removals(given, found["load"], lists["removes"])
+    for number, entry in enumerate(lists["motions"], 1):
+        yield from ((f"[[motion]] {number}:", what) for what in _wrong_motion(entry, "dynamics" in given))
+    for missing in _alone(moves, "damping_ratio", "damping_band"):
+        yield "dynamics", f"{missing}: missing; a ratio and the band in which it holds go together"
 
-    def _cases(self, found: dict, lists: dict) -> None:
-        wind = found["wind"] or defaults("wind")
-        for case in lists["cases"]:
-            case.set = cases.values_of_set(case, IN_CASES, self._value, self.wrong)
-        for place, what in cases.wrong_cases(lists["cases"], wind):
-            self.wrong(place, what)
-        for place, what in cases.wrong_combinations(lists["combinations"], lists["cases"]):
-            self.wrong(place, what)
 
-    def _motions(self, given: dict, motions: list) -> None:
-        for number, entry in enumerate(motions, 1):
-            place, key = f"[[motion]] {number}:", "displacement" if entry.displacement else "acceleration"
-            if (entry.displacement is None) == (entry.acceleration is None):
-                what = "missing" if entry.displacement is None else "exclude each other"
-                self.wrong(place, f"displacement or acceleration: {what}; expected one of the two")
-            if entry.direction is not None and entry.displacement is not None:
-                self.wrong(place, "direction: a displacement has x, y and z in its table; remove it")
-            if is_record(entry) and entry.direction is None:
-                self.wrong(place, "direction: missing; a record has one component: [x, y, z] of it")
-            if entry.baseline is not None and not is_record(entry):
-                self.wrong(place, "baseline: is of records (.AT2); a table is taken as it stands: remove it")
-            if (entry.speed is None) != (entry.travel is None):
-                missing = "travel" if entry.travel is None else "speed"
-                self.wrong(place, f"{missing}: missing; a wave has a speed and a travel = [x, y, z]")
-            for name in ("direction", "travel"):
-                if getattr(entry, name) is not None and not any(getattr(entry, name)):
-                    self.wrong(place, f"{name} = [0, 0, 0]: has no direction; expected another")
-            if "dynamics" not in given:
-                self.wrong(place, f"{key}: there is no [dynamics] in which supports could move; add it")
+def _alone(table: dict, *pair: str) -> list[str]:
+    """The key that is missing if only the other one of a pair is given."""
+    missing = [name for name in pair if table.get(name) is None]
+    return missing if len(missing) == 1 else []
 
-    def _source_of_the_net(self, net: dict) -> None:
-        tables = "nodes" in net or "elements" in net
-        if "generator" in net and tables:
-            self.wrong(
-                "net", "generator and tables (nodes, elements) exclude each other; keep one of the two"
-            )
-        elif tables and not ("nodes" in net and "elements" in net):
-            missing = "elements" if "nodes" in net else "nodes"
-            self.wrong("net", f"{missing}: missing; tables come as a pair, nodes and elements")
-        elif "generator" not in net and not tables:
-            names = ", ".join(map(shown, GENERATOR_KEYS))
-            self.wrong("net", f"generator: missing; expected one of {names}, or nodes and elements")
-        if net.get("unit", "m") != "m" and not tables:
-            self.wrong("net", f"unit = {shown(net['unit'])}: only for tables; dimensions are in m")
 
-    def _dimensions(self, net: dict) -> None:
-        """Dimensions of a generator that is not the net's."""
-        tables = "nodes" in net or "elements" in net
-        generator = net.get("generator")
-        if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
-            return
-        own = () if tables else GENERATOR_KEYS[generator]
-        for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
-            if name in net and name not in own:
-                others = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
-                self.wrong("net", f"{name} = {shown(net[name])}: only for generator = {others}; remove it")
+def _wrong_entries(lists: dict) -> Iterator[tuple[str, str]]:
+    """Zones, stages, slip points and targets."""
+    for zone in lists["zones"]:
+        if zone.polygon is not None and zone.groups is not None:
+            yield f"[[zone]] {zone.name}:", "polygon and groups exclude each other; keep one of the two"
+        if zone.cut and zone.polygon is None:
+            yield f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it"
+    for stage in lists["stages"]:
+        if stage.clamps and not lists["slides"]:
+            yield f"[[stage]] {stage.name}:", "clamps: nothing slips; add [[slide]], or remove it"
+    for number, entry in enumerate(lists["slides"], 1):
+        if (entry.group is None) == (entry.cables is None):
+            what = "missing; say what slips" if entry.group is None else "exclude each other"
+            yield f"[[slide]] {number}:", f"group or cables: {what}; expected one of the two"
+    for number, target in enumerate(lists["targets"], 1):
+        given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
+        if given not in (["group", "force"], ["node", "height"]):
+            what = "expected group and force, or node and height; give one of these pairs"
+            yield f"[[target]] {number}:", what
 
-    def _source_of_the_wind(self, wind: dict, detaches: bool) -> None:
-        """detaches : whether parts may be cut free that the wind drags along"""
-        sources = [key for key in ("speed", "file", "pressures") if key in wind]
-        if sources == ["speed", "pressures"] and (_air_damping(wind) or detaches):
-            pass  # damping and drag are for that mean speed
-        elif sources == ["pressures"] and _air_damping(wind):
-            self.wrong(
-                "wind", "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
-            )
-        elif len(sources) > 1:
-            self.wrong("wind", f"{' and '.join(sources)} exclude each other; keep one of them")
-        elif not sources:
-            expected = "a number of m/s > 0, or file = a table of time, speed"
-            self.wrong("wind", f"speed: missing; expected {expected}, or pressures = one of time and taps")
-        if ("pressures" in wind) != ("taps" in wind):
-            missing = "taps" if "pressures" in wind else "pressures"
-            self.wrong(
-                "wind", f"{missing}: missing; pressures in time and the places of their taps go together"
-            )
-        if "points" in wind and "file" not in wind:
-            self.wrong("wind", "points: only with file, whose speeds were measured there; add it")
 
-    def _gusts_of_the_wind(self, wind: dict) -> None:
-        """Check that a generated wind says how strong its gusts are, in one way."""
-        given = [key for key in ("roughness", "turbulence") if key in wind]
-        if len(given) == 2:
-            self.wrong(
-                "wind", "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two"
-            )
-        elif not given and _is_generated(wind):
-            self.wrong(
-                "wind",
-                "turbulence: missing; expected the intensity of the gusts at 10 m (codes give 0.15 to 0.2 in "
-                "open terrain; 0: no gusts), or roughness, k of Davenport's spectrum",
-            )
+def _wrong_removals(given: dict, load: SimpleNamespace | None, removes: list) -> Iterator[tuple[str, str]]:
+    for number, entry in enumerate(removes, 1):
+        there = [key for key in LOST if getattr(entry, key) is not None]
+        if len(there) != 1:
+            two = f"{' and '.join(there)} exclude each other; keep one of them"
+            yield f"[[remove]] {number}:", two if there else f"{' or '.join(LOST)}: missing; say what is lost"
+    if removes and "dynamics" not in given:
+        yield "[[remove]]", "there is no [dynamics] in which something could be lost; add it"
+    if removes and "wind" not in given and load and load.ramp:
+        yield "load", "ramp: a job with [[remove]] starts at rest under all loads; remove one of them"
 
-    def _height_of_the_wind(self, wind: dict, found: SimpleNamespace | None, each: list) -> None:
-        """Check that a generated or static wind on a profile says how high above ground z = 0 is.
 
-        wind, found : [wind] as it stands, and with its defaults; each : case
-        """
-        if "base_height" in wind:
-            return
-        missing = (
-            "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
-            "ground), or profile_exponent = 0 for the same speed at every height"
+def _wrong_motion(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
+    if (entry.displacement is None) == (entry.acceleration is None):
+        what = "missing" if entry.displacement is None else "exclude each other"
+        yield f"displacement or acceleration: {what}; expected one of the two"
+    if entry.direction is not None and entry.displacement is not None:
+        yield "direction: a displacement has x, y and z in its table; remove it"
+    if is_record(entry) and entry.direction is None:
+        yield "direction: missing; a record has one component: [x, y, z] of it"
+    if entry.baseline is not None and not is_record(entry):
+        yield "baseline: is of records (.AT2); a table is taken as it stands: remove it"
+    for missing in _alone(vars(entry), "speed", "travel"):
+        yield f"{missing}: missing; a wave has a speed and a travel = [x, y, z]"
+    for name in ("direction", "travel"):
+        if getattr(entry, name) is not None and not any(getattr(entry, name)):
+            yield f"{name} = [0, 0, 0]: has no direction; expected another"
+    if not moves:
+        key = "displacement" if entry.displacement else "acceleration"
+        yield f"{key}: there is no [dynamics] in which supports could move; add it"
+
+
+def _wrong_net(net: dict) -> Iterator[str]:
+    """Sources of the net, and dimensions of a generator that is not the net's."""
+    tables, generator = "nodes" in net or "elements" in net, net.get("generator")
+    if "generator" in net and tables:
+        yield "generator and tables (nodes, elements) exclude each other; keep one of the two"
+    elif tables:
+        yield from (
+            f"{missing}: missing; tables come as a pair, nodes and elements"
+            for missing in _alone(net, "nodes", "elements")
         )
-        if _is_generated(wind) and found.profile_exponent > 0.0:
-            self.wrong("wind", missing)
-            return
-        for case in filter(cases.blows, each):
-            acting = cases.static_wind(found or defaults("wind"), case)
-            if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
-                self.wrong(f"[[case]] {case.name}:", f"set: wind.{missing}")
+    elif "generator" not in net:
+        names = ", ".join(map(shown, GENERATOR_KEYS))
+        yield f"generator: missing; expected one of {names}, or nodes and elements"
+    if net.get("unit", "m") != "m" and not tables:
+        yield f"unit = {shown(net['unit'])}: only for tables; dimensions are in m"
+    if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
+        return
+    own = () if tables else GENERATOR_KEYS[generator]
+    for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
+        if name in net and name not in own:
+            others = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
+            yield f"{name} = {shown(net[name])}: only for generator = {others}; remove it"
 
-    def _coefficients_of_the_wind(self, wind: dict) -> None:
-        if "pressures" in wind:
-            own = [key for key in ("shape_coefficient", "sectors") if key in wind]
-            if any("shape_coefficient" in zone for zone in _zones(wind)):
-                own.append("zone")
-            if own:
-                self.wrong("wind", f"{', '.join(own)}: pressures at taps need no coefficients; remove it")
-        elif "shape_coefficient" in wind and "sectors" in wind:
-            self.wrong("wind", "shape_coefficient and sectors exclude each other; keep one of the two")
-        elif "shape_coefficient" not in wind and "sectors" not in wind:
-            expected = "a number, or sectors = a table of them by the wind's direction"
-            self.wrong("wind", f"shape_coefficient: missing; expected {expected}")
+
+def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
+    """Sources, coefficients and gusts; detaches : whether parts may be cut free that the wind drags along."""
+    sources = [key for key in ("speed", "file", "pressures") if key in wind]
+    if sources == ["pressures"] and _air_damping(wind):
+        yield "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
+    elif sources == ["speed", "pressures"] and (_air_damping(wind) or detaches):
+        pass  # damping and drag are for that mean speed
+    elif len(sources) > 1:
+        yield f"{' and '.join(sources)} exclude each other; keep one of them"
+    elif not sources:
+        expected = "a number of m/s > 0, or file = a table of time, speed"
+        yield f"speed: missing; expected {expected}, or pressures = one of time and taps"
+    for missing in _alone(wind, "pressures", "taps"):
+        yield f"{missing}: missing; pressures in time and the places of their taps go together"
+    if "points" in wind and "file" not in wind:
+        yield "points: only with file, whose speeds were measured there; add it"
+    given = [key for key in ("shape_coefficient", "sectors") if key in wind]
+    if "pressures" in wind:
+        given += ["zone"] * any("shape_coefficient" in zone for zone in _zones(wind))
+        if given:
+            yield f"{', '.join(given)}: pressures at taps need no coefficients; remove it"
+    elif len(given) == 2:
+        yield "shape_coefficient and sectors exclude each other; keep one of the two"
+    elif not given:
+        expected = "a number, or sectors = a table of them by the wind's direction"
+        yield f"shape_coefficient: missing; expected {expected}"
+    if "roughness" in wind and "turbulence" in wind:
+        yield "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two"
+    elif not {"roughness", "turbulence"} & set(wind) and _is_generated(wind):
+        yield (
+            "turbulence: missing; expected the intensity of the gusts at 10 m (codes give 0.15 to 0.2 in "
+            "open terrain; 0: no gusts), or roughness, k of Davenport's spectrum"
+        )
+
+
+def _wrong_height(wind: dict, found: SimpleNamespace | None, each: list) -> Iterator[tuple[str, str]]:
+    """A generated or static wind on a profile without the height of z = 0 above ground; each : case."""
+    missing = (
+        "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
+        "ground), or profile_exponent = 0 for the same speed at every height"
+    )
+    if "base_height" in wind:
+        return
+    if _is_generated(wind) and found.profile_exponent > 0.0:
+        yield "wind", missing
+        return
+    for case in filter(cases.blows, each):
+        acting = cases.static_wind(found or defaults("wind"), case)
+        if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
+            yield f"[[case]] {case.name}:", f"set: wind.{missing}"
 
 
 def is_record(motion: SimpleNamespace) -> bool:
@@ -357,8 +334,8 @@ def wanted(name: str) -> str:
     return f"{name}: missing; expected {key.expected()}, or {instead}, or a type of the catalogue"
 
 
-def wrong_combinations(cable: dict, tables: bool):
-    """Sections and what is wrong in them, of [cable] as it stands; tables : rows of a table may say more."""
+def _wrong_cables(cable: dict, tables: bool) -> Iterator[tuple[str, str]]:
+    """What is wrong in [cable] as it stands and in its groups; tables : rows of a table may say more."""
     groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
     everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
     for place, table in everywhere.items():

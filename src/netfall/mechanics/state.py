@@ -37,7 +37,7 @@ class State:
                 self._hold(field, self._zeros(field, rows), rows)
             else:
                 setattr(self, field.name, None)
-        # of chains that bend; (m, 2) rows of these at the ends of elements, see `net.chains`
+        # of chains that bend; (m, 2) rows of these at the ends of elements, see `net.cables`
         self.joints: Joints | None = None
         self.joint_at: np.ndarray | None = None
         self.places = None  # where cables slip in the step, `slip.motion.Places`; None: nowhere

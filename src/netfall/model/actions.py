@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.job.asks import settings_of
-from netfall.job.cases import factor_of
+from netfall.job.cases import factor_of, with_set
 from netfall.job.job import Job
 from netfall.mechanics.law.measures import unstressed_length, warm_length
-from netfall.model.loads import dead_load, live_load, of_case
+from netfall.model.loads import dead_load, live_load
 from netfall.model.model import Model
 from netfall.numerics.functions import lengths
 from netfall.wind.field import still_force
@@ -71,7 +71,7 @@ class StaticLoad(NamedTuple):
 def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
     """What acts in a case: the permanent loads and [load], with what it sets. Rank 0."""
     load, roof = settings_of(job), model.roof
-    changed = of_case(load, case)
+    changed = with_set(load, "load", case)
     force = model.loading.permanent + live_load(changed, roof, model.net.load)
     if _sets(case, "dead"):
         force = force + dead_load(changed, roof) - dead_load(load, roof)
@@ -111,7 +111,7 @@ def _sets(case: SimpleNamespace, key: str) -> bool:
 
 def _added(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.ndarray:
     """The forces (n, 3) [N] with which a case enters a combination: what it names, less [load]'s of these."""
-    changed, none = of_case(load, case), np.zeros_like(model.net.load)
+    changed, none = with_set(load, "load", case), np.zeros_like(model.net.load)
     force = live_load(changed, model.roof, none) - live_load(load, model.roof, none)
     force += dead_load(changed, model.roof) - dead_load(load, model.roof)
     pressed = _pressed(model, case)

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from netfall.ground.errors import InputError
-from netfall.job.cases import blows, factor_of, in_zone, static_wind
+from netfall.ground.errors import InputError, refuse
+from netfall.job.cases import blows, factor_of, split, static_wind
 from netfall.job.job import Job
 from netfall.job.schema import defaults
 from netfall.job.table import Table
@@ -40,20 +40,16 @@ class Inputs:
 def read_cases(job: Job, net: Net, zones: Zones) -> tuple[dict[str, Inputs], list[str]]:
     """What each case reads, by name, and notes. Raises InputError with all that is wrong."""
     found, notes, errors = {}, [], []
-
-    def read(part, *arguments):
-        try:
-            return part(job, case, *arguments)
-        except InputError as error:
-            errors.extend(error.lines)
-            return None, None, []
-
     for case in job.cases:
-        (wind, sectors, about), (points, pressure, more) = read(_wind_of, zones), read(_table_of)
-        found[case.name] = Inputs(wind, sectors, points, pressure, read(_settlement_of, net)[0])
-        notes += about + more
-    if errors:
-        raise InputError(list(dict.fromkeys(errors)))
+        inputs = {}
+        for read, of in ((_wind_of, zones), (_table_of, None), (_settlement_of, net)):
+            try:
+                part, told = read(job, case, of)
+                inputs, notes = inputs | part, notes + told
+            except InputError as error:
+                errors += error.lines
+        found[case.name] = Inputs(**inputs)
+    refuse(dict.fromkeys(errors))
     return found, list(dict.fromkeys(notes + _differences(job) + _left_out(job, net)))
 
 
@@ -63,18 +59,20 @@ def _differences(job: Job) -> list[str]:
     Such a combination has factor x (value of the case - value of [load]) + factor of [load] x its value.
     """
     notes = []
-    for case in job.cases:
+    for case in job.cases if job.load else []:
         for name, value in case.set.items():
-            has = _of_load(job, name)
+            section, zone, key = split(name)
+            has = job.load.zone.get(zone, {}).get(key, getattr(job.load, key)) if section == "load" else None
             if has is None or not np.any(has):
                 continue
-            action = ACTION[name.rpartition(".")[2]]
-            pairs = [(each, factor_of(each, case.name), factor_of(each, action)) for each in job.combinations]
+            pairs = [
+                (each, factor_of(each, case.name), factor_of(each, ACTION[key])) for each in job.combinations
+            ]
             sums = [f"{shown(each.name)}: {_sum(f, value, g, has)}" for each, f, g in pairs if f and f != g]
             if sums:
                 notes.append(
                     f"[[case]] {case.name}: {name} = {_number(value)}, where [load] has {_number(has)}: in a "
-                    f"combination the case's factor is that of the difference, on top of {action} "
+                    f"combination the case's factor is that of the difference, on top of {ACTION[key]} "
                     f"({listed(sums)}); with one factor for both, or nothing in [load], the case counts whole"
                 )
     return notes
@@ -87,14 +85,6 @@ def _sum(f: float, value, g: float, has) -> str:
     return text + (f" = {_number(f * np.subtract(value, has) + g * np.array(has))}" if alike else "")
 
 
-def _of_load(job: Job, name: str):
-    """The value of [load] that a case sets anew, by its name as in `set`; None: it has none."""
-    if job.load is None or not name.startswith("load."):
-        return None
-    _, zone, key = in_zone(name) or ("", "", name.rpartition(".")[2])
-    return job.load.zone.get(zone, {}).get(key, getattr(job.load, key))
-
-
 def _number(value) -> str:
     """A load, or its components, in a note."""
     return "[" + ", ".join(f"{each:g}" for each in value) + "]" if np.ndim(value) else f"{value:g}"
@@ -102,27 +92,26 @@ def _number(value) -> str:
 
 def _left_out(job: Job, net: Net) -> list[str]:
     """A note for each action of [load] that combinations do not name, which then does not act in them."""
-    load, there = job.load, {}
-    if load is not None:
-        on_roof = [load.snow, load.pressure, *(zone.get(key) for zone in load.zone.values() for key in LIVE)]
-        there["load"] = any(value is not None and np.any(value) for value in on_roof) or net.load.any()
-        there["temperature"] = load.temperature != 0.0
-    what = {
-        "load": "snow and pressure of [load], and loads of nodes,",
-        "temperature": "changes of temperature of [load]",
-    }
+    load = job.load
+    if load is None:
+        return []
+    on_roof = [load.snow, load.pressure, *(zone.get(key) for zone in load.zone.values() for key in LIVE)]
+    live = any(value is not None and np.any(value) for value in on_roof) or net.load.any()
     return [
         f"[[combination]] {listed([shown(each) for each in without])}: {name} is not among the factors, so "
-        f"{what[name]} are left out; {name} = 0.0 says that this is meant"
-        for name, acts in there.items()
+        f"{what} are left out; {name} = 0.0 says that this is meant"
+        for name, acts, what in (
+            ("load", live, "snow and pressure of [load], and loads of nodes,"),
+            ("temperature", load.temperature != 0.0, "changes of temperature of [load]"),
+        )
         if acts and (without := [each.name for each in job.combinations if name not in each.factors])
     ]
 
 
-def _wind_of(job: Job, case: SimpleNamespace, zones: Zones) -> tuple:
-    """The static wind of a case and its sectors, None: none; notes."""
+def _wind_of(job: Job, case: SimpleNamespace, zones: Zones) -> tuple[dict, list[str]]:
+    """The static wind of a case and its sectors; notes."""
     if not blows(case):
-        return None, None, []
+        return {}, []
     wind = static_wind(job.wind or defaults("wind"), case)
     coefficient, sectors = shape_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
@@ -131,35 +120,34 @@ def _wind_of(job: Job, case: SimpleNamespace, zones: Zones) -> tuple:
             f"[[case]] {case.name}: set: wind.direction = {wind.direction:g} ({origin(wind.direction)}): the "
             "shape coefficients do not follow it; wind.sectors = a table gives them by direction"
         )
-    return SimpleNamespace(**(vars(wind) | {"shape_coefficient": coefficient})), sectors, notes
+    wind = SimpleNamespace(**(vars(wind) | {"shape_coefficient": coefficient}))
+    return {"wind": wind, "sectors": sectors}, notes
 
 
-def _table_of(job: Job, case: SimpleNamespace) -> tuple[np.ndarray | None, np.ndarray | None, list[str]]:
-    """Points (c, 2 or 3) [m] and pressures (c,) [N/m2] of the table of a case; notes."""
+def _table_of(job: Job, case: SimpleNamespace, _) -> tuple[dict, list[str]]:
+    """The points and pressures of the table of a case; notes."""
     if case.pressure_table is None:
-        return None, None, []
+        return {}, []
     path = job.path.parent / case.pressure_table
     table = Table(path, ("x", "y", "z", "pressure", "coefficient"), ("x", "y"))
-    axes = [axis for axis in "xyz" if axis in table]
     given = [name for name in ("pressure", "coefficient") if name in table]
     if len(given) != 1:
         table.wrong("expected a column pressure [N/m2], or a column coefficient, and not both")
         table.finish()
     values = table.numbers(given[0], unit="N/m2" if given[0] == "pressure" else "")
-    points = np.column_stack([table.numbers(axis, unit="m") for axis in axes])
-    if np.isnan(values).any() or np.isnan(points).any():
-        table.wrong("empty cells; expected a number in each")
+    points = table.stacked([axis for axis in "xyz" if axis in table], unit="m")
     if given[0] == "coefficient" and case.factor is None:
         what = "factor: missing; expected the pressure in N/m2 by which coefficients are multiplied"
         table.errors.append(f"{job.path}: [[case]] {case.name}: {what}")
-    table.finish()
-    return points, values * (1.0 if case.factor is None else case.factor), table.notes
+    table.no_gaps(values, points)
+    pressure = values * (1.0 if case.factor is None else case.factor)
+    return {"points": points, "pressure": pressure}, table.notes
 
 
-def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[np.ndarray | None]:
-    """Settlements (n, 3) [m], None: nothing settles. Raises InputError for nodes or axes that are free."""
+def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[dict, list[str]]:
+    """The settlements of a case. Raises InputError for nodes or axes that are free."""
     if not case.settlement:
-        return (None,)
+        return {}, []
     place = f"{job.path}: [[case]] {case.name}: settlement"
     row = {number: p for p, number in enumerate(net.node_id.tolist())}
     found, errors, can_settle = np.zeros((net.n, 3)), [], settles_along(net, net.fixed)
@@ -169,15 +157,11 @@ def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[np.ndarra
             errors.append(f"{place}: there is no node {int(name)}; expected ids of nodes.csv")
             continue
         found[p] = shift
-        loose = ~can_settle[p] & (found[p] != 0.0)
-        if loose.any():
-            axes = ", ".join(axis for axis, free in zip("xyz", loose) if free)
-            why = "neither held nor on a spring; expected 0.0 there, or a support"
-            if is_turned(net)[p]:
-                why = (
-                    "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
-                )
-            errors.append(f"{place}: node {int(name)}: {axes}: {why}")
-    if errors:
-        raise InputError(errors)
-    return (with_inner(net, found, net.fixed),)
+        axes = [axis for axis, held in zip("xyz", can_settle[p] | (found[p] == 0.0)) if not held]
+        why = "neither held nor on a spring; expected 0.0 there, or a support"
+        if is_turned(net)[p]:
+            why = "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
+        if axes:
+            errors.append(f"{place}: node {int(name)}: {', '.join(axes)}: {why}")
+    refuse(errors)
+    return {"settlement": with_inner(net, found, net.fixed)}, []

@@ -1,6 +1,7 @@
 """Keys and columns that are given but change nothing in this job."""
 
 import difflib
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -35,8 +36,7 @@ def without_effect(job: Job, net: Net) -> list[str]:
         there = [key for key in keys if f"{section}.{key}" in given]
         if idle and there:
             notes.append(f"[{section}] {', '.join(there)}: no effect: {why}")
-    notes += _idle_sections(job, net, given) + _idle_columns(job, net)
-    return notes + _groups_without_section(job, net)
+    return [*notes, *_idle_sections(job, net, given), *_idle_columns(job, net), *_unlike_groups(job, net)]
 
 
 def _idle_keys(job: Job, net: Net) -> list[tuple]:
@@ -109,52 +109,43 @@ def _idle_of_wind(job: Job, breaks: bool) -> list[tuple]:
     ]
 
 
-def _idle_sections(job: Job, net: Net, given: set[str]) -> list[str]:
+def _idle_sections(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     """Notes on whole sections."""
-    load, notes = job.load, []
+    load, wind, on_roof = job.load, job.wind, loads_the_roof(job)
     for number, entry in enumerate(job.removes, 1):
         if entry.time >= job.dynamics.duration:
-            notes.append(f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end")
+            yield f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end"
     if load and not has_statics(job) and not job.dynamics and not job.stages and not carries_permanent(job):
-        notes.append("[load]: no effect: steps = 0 and there is no [dynamics]")
-    on_roof = loads_the_roof(job)
+        yield "[load]: no effect: steps = 0 and there is no [dynamics]"
     loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
     breaks = bool(np.isfinite(net.fracture_strain).any())
     if job.dynamics and breaks and not loaded:
-        notes.append("elements can break, but no wind, load, temperature or loss acts on the net")
-    if (
-        job.wind
-        and job.wind.shape_coefficient == 0
-        and not air_damps(job)
-        and not (drags(job) and (breaks or job.removes))
-        and not any(map(any, map(dict.values, job.wind.zone.values())))
-    ):
-        notes.append("[wind]: no effect: shape_coefficient = 0")
-    if job.wind and job.wind.shape_coefficient is not None and "wind.direction" in given:
-        notes.append(
-            f"[wind] direction = {job.wind.direction:g} ({origin(job.wind.direction)}): the shape "
-            "coefficients do not follow it; sectors = a table gives them by direction"
+        yield "elements can break, but no wind, load, temperature or loss acts on the net"
+    moves_air = wind and (air_damps(job) or (drags(job) and (breaks or job.removes)))
+    of_zones = wind and any(map(any, map(dict.values, wind.zone.values())))
+    if wind and wind.shape_coefficient == 0 and not moves_air and not of_zones:
+        yield "[wind]: no effect: shape_coefficient = 0"
+    if wind and wind.shape_coefficient is not None and "wind.direction" in given:
+        yield (
+            f"[wind] direction = {wind.direction:g} ({origin(wind.direction)}): the shape coefficients do "
+            "not follow it; sectors = a table gives them by direction"
         )
     idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
     if idle:
-        notes.append(
-            f"[roof] {', '.join(idle)}: no effect: neither wind nor dead load nor pressure acts on the roof"
-        )
-    return notes
+        why = "neither wind nor dead load nor pressure acts on the roof"
+        yield f"[roof] {', '.join(idle)}: no effect: {why}"
 
 
-def _groups_without_section(job: Job, net: Net) -> list[str]:
+def _unlike_groups(job: Job, net: Net) -> Iterator[str]:
     """Notes on groups of the table that take [cable] while a section has nearly their name."""
-    notes = []
+    sections = {name.lower(): name for name in reversed(job.groups)}
     for name in net.group_names:
-        close = difflib.get_close_matches(name.lower(), [other.lower() for other in job.groups], 1, ALIKE)
+        close = difflib.get_close_matches(name.lower(), sections, 1, ALIKE)
         if name and name not in job.groups and close:
-            meant = next(other for other in job.groups if other.lower() == close[0])
-            notes.append(
-                f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; '
-                f'was "{meant}" meant?'
+            yield (
+                f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; was '
+                f'"{sections[close[0]]}" meant?'
             )
-    return notes
 
 
 def idle_zones(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:
@@ -172,38 +163,32 @@ def bare_zones(zones: Zones, area: np.ndarray) -> list[str]:
     return [
         f"zone {shown(name)}: no effect: its nodes have no area of the roof, on which all of its values act; "
         "[roof] groups and openings say which faces are the roof"
-        for k, name in enumerate(zones.names)
-        if (share := zones.of_zone(k)).any() and not (share * area).any()
+        for name, share in zip(zones.names, zones.share.T)
+        if share.any() and not (share * area).any()
     ]
 
 
-def _idle_columns(job: Job, net: Net) -> list[str]:
+def _idle_columns(job: Job, net: Net) -> Iterator[str]:
     """Notes on columns of the tables, and on prestress, which a column may stand for."""
-    form, notes = job.form_finding, []
-    dense = np.isfinite(net.force_density)
-    by_density = form is not None and "force_density" in (form.method, form.start)
-    if dense.any() and not by_density:
-        notes.append("column force_density: no effect: there is no form finding by force density")
-    if net.prestress.any() and form is not None and form.method == "force_density" and dense.all():
-        notes.append("prestress: no effect: every element has a force_density")
-    if net.prestress.any() and np.isfinite(net.unstressed_length).all():
-        notes.append("prestress: no effect: every element has an unstressed_length")
+    form, dense, prestressed = job.form_finding, np.isfinite(net.force_density), net.prestress.any()
+    if dense.any() and not (form and "force_density" in (form.method, form.start)):
+        yield "column force_density: no effect: there is no form finding by force density"
+    if prestressed and form and form.method == "force_density" and dense.all():
+        yield "prestress: no effect: every element has a force_density"
+    if prestressed and np.isfinite(net.unstressed_length).all():
+        yield "prestress: no effect: every element has an unstressed_length"
     if net.load.any() and not job.dynamics and not has_statics(job) and not job.stages:
-        notes.append(
-            "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
-        )
+        yield "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
     if net.mass.any() and not job.dynamics:
-        notes.append("column mass: no effect: it is inertia without weight, and there is no [dynamics]")
+        yield "column mass: no effect: it is inertia without weight, and there is no [dynamics]"
     alike = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_turned(net))
     if alike:
-        notes.append(f"column angle of {alike} nodes: no effect: they are held alike along all axes in plan")
+        yield f"column angle of {alike} nodes: no effect: they are held alike along all axes in plan"
     first_breaks = net.yield_stress >= net.fracture_strain * net.modulus
     brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks
-    if brittle.any():
-        e = int(np.argmax(brittle))
-        notes.append(
+    for e in np.flatnonzero(brittle)[:1]:
+        yield (
             f"yield_stress of {int(brittle.sum())} elements: no effect: element {net.element_id[e]} breaks "
             f"at a strain of {net.fracture_strain[e]:g}, before it yields at "
             f"{net.yield_stress[e] / net.modulus[e]:.3g}"
         )
-    return notes

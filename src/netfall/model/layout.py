@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.asks import air_damps, air_moves, drags, moves_supports, varies
 from netfall.job.job import Job
 from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
@@ -16,18 +16,9 @@ from netfall.model.idle import idle_zones, without_effect
 from netfall.model.loads import shape_coefficients
 from netfall.model.losses import named_elements
 from netfall.model.probes import Probes, find_probes
-from netfall.model.start import (
-    far_notes,
-    level_notes,
-    load_notes,
-    massless_notes,
-    table_notes,
-    unit_notes,
-    unlike_notes,
-    weightless_notes,
-)
+from netfall.model.start import load_notes, place_notes, table_notes, unit_notes, weight_notes
 from netfall.net.build import build_net
-from netfall.net.chains import Chains, chain_notes, chains_of
+from netfall.net.cables import Chains, chain_notes, chains_of
 from netfall.net.net import Net
 from netfall.net.slides import Slides, kept_together, slides_of
 from netfall.net.turned import held_along, is_turned
@@ -72,37 +63,34 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     Raises InputError.
     """
     key = ranks, key_of(job, without=OF_SPEED)
-    kept = memory.once("net", key, lambda: _partitioned(job, ranks))
-    net, roofing, zones = kept[:3]
+    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     lost, probes = named_elements(job, net), find_probes(job, net)
     slides, wrong = slides_of(job, net)
-    kept = (*kept[:3], kept_together(kept[3], slides, net), kept[4])
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
         wrong.append(
             f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"
         )
-    if wrong:
-        raise InputError(wrong)
+    refuse(wrong)
     coefficient, sectors = shape_coefficients(job, zones)
     cases, of_cases = read_cases(job, net, zones)
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
     notes += sectors.notes if sectors else []
     notes += idle_zones(job, zones, [sectors, *(c.sectors for c in cases.values())])
-    notes += [*of_cases, *unit_notes(net), *load_notes(job)]
-    notes += [*massless_notes(job, net), *weightless_notes(job, net), *unlike_notes(job, net)]
+    notes += [*of_cases, *unit_notes(net), *load_notes(job), *weight_notes(job, net)]
     chains = chains_of(net)
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)
     if measured:
         what = "taps" if job.wind.taps else "points"
         of_what = f"[wind] {what}", what, net, measured.places
-        notes += measured.notes + far_notes(*of_what) + level_notes(*of_what)
+        notes += [*measured.notes, *place_notes(*of_what)]
     notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():
         of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
         axes = 2 if case.points is None else case.points.shape[1]
-        notes += far_notes(*of_what) + level_notes(*of_what, axes)
-    return Layout(*kept, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
+        notes += place_notes(*of_what, axes)
+    owned = net, roofing, zones, kept_together(part, slides, net), source
+    return Layout(*owned, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
 
 
 def _partitioned(job: Job, ranks: int) -> tuple:

@@ -1,10 +1,11 @@
 """What [[remove]] asks for: which elements are lost at which step, and which particles go with them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.asks import moves_supports
 from netfall.job.entries import LOST
 from netfall.job.job import Job
@@ -37,58 +38,51 @@ class Loss:
 def named_elements(job: Job, net: Net) -> list[np.ndarray]:
     """The rows of the elements that each entry of [[remove]] names. Raises InputError."""
     errors, found = [], []
+    by_name = {"elements": _of_ids, "group": elements_of_group, "cables": elements_of_cables}
     for number, entry in enumerate(job.removes, 1):
         key = next(key for key in LOST if getattr(entry, key) is not None)
-        named = getattr(entry, key)
-        of = {"elements": _of_ids, "group": elements_of_group, "cables": elements_of_cables}[key]
-        rows, wrong = of(net, named)
+        rows, wrong = by_name[key](net, getattr(entry, key))
         if not wrong and net.bending is not None and net.bending[rows].any():
             what = "bars of a chain that bends, whose loss is not computed; remove others, or bending = true"
             wrong = [what]
         if wrong:
-            what = "; ".join(wrong[:MOST_NAMED])
-            errors.append(f"{job.path}: [[remove]] {number}: {key} = {shown(named)}: {what}")
+            place = f"[[remove]] {number}: {key} = {shown(getattr(entry, key))}"
+            errors.append(f"{job.path}: {place}: {'; '.join(wrong[:MOST_NAMED])}")
         found.append(rows)
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     return found
 
 
 def _of_ids(net: Net, asked: list[int]) -> tuple[np.ndarray, list[str]]:
     """Rows of elements by their ids, and what is wrong with these."""
-    ids = net.element_id
-    rows = np.flatnonzero(np.isin(ids, asked))
-    unknown = sorted(set(asked) - set(ids[rows].tolist()))
+    ids, unknown = net.element_id, sorted(set(asked) - set(net.element_id.tolist()))
     wrong = [f"no element {listed(unknown)}; ids are {ids.min()} to {ids.max()}"] if unknown else []
-    return rows, wrong
+    return np.flatnonzero(np.isin(ids, asked)), wrong
 
 
-def absent_notes(job: Job, net: Net) -> list[str]:
+def absent_notes(job: Job, net: Net) -> Iterator[str]:
     """Losses of what a stage of erection took out before. net : as the last stage left it"""
-    gone = [net.element_id[rows[~net.is_there[rows]]] for rows in named_elements(job, net)]
-    return [
-        f"[[remove]] {number}: {counted('element', ids)} that a stage of erection took out: nothing is lost"
-        for number, ids in enumerate(gone, 1)
-        if len(ids)
-    ]
+    for number, rows in enumerate(named_elements(job, net), 1):
+        if len(ids := net.element_id[rows[~net.is_there[rows]]]):
+            gone = f"{counted('element', ids)} that a stage of erection took out"
+            yield f"[[remove]] {number}: {gone}: nothing is lost"
 
 
-def shaken_notes(job: Job, varies: bool) -> list[str]:
+def shaken_notes(job: Job, varies: bool) -> Iterator[str]:
     """What dynamic factors hold besides the loss. varies : whether the wind has gusts"""
-    notes, both = [], "so largest tensions and dynamic factors are of both"
+    both = "so largest tensions and dynamic factors are of both"
     if job.removes and varies:
-        notes.append(
+        yield (
             f"[[remove]]: gusts blow on after a loss, {both}; those of the loss alone come in the mean wind "
             "([wind] turbulence = 0, or a table that stays at its mean)"
         )
     if job.removes and job.wind and job.wind.onset == "sudden":
-        notes.append(f'[[remove]]: the wind came at once, {both} (onset = "static": it does not)')
+        yield f'[[remove]]: the wind came at once, {both} (onset = "static": it does not)'
     if job.removes and moves_supports(job):
-        notes.append(
+        yield (
             f"[[remove]]: supports move, {both}, and the rest after a loss is that of supports where they "
             "were at the start; those of the loss alone come without [[motion]]"
         )
-    return notes
 
 
 def losses_of(job: Job, model, schedule) -> list[Loss]:

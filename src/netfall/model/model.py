@@ -17,10 +17,21 @@ from netfall.mechanics.bending import Joints, curvatures
 from netfall.mechanics.law.limits import Caps, caps_of
 from netfall.mechanics.law.measures import elastic_forces, unstressed_length
 from netfall.mechanics.stability import scaled_mass
-from netfall.model.air import Drag, damping_air, drag_on, kappa_area, moving_air
 from netfall.model.idle import bare_zones
 from netfall.model.layout import Layout
-from netfall.model.loads import Loading, by_node, carried_mass, loading_of, preload, pressure_load
+from netfall.model.loads import (
+    Drag,
+    Loading,
+    by_node,
+    carried_mass,
+    damping_air,
+    drag_on,
+    kappa_area,
+    loading_of,
+    moving_air,
+    preload,
+    pressure_load,
+)
 from netfall.model.losses import absent_notes, shaken_notes
 from netfall.model.motion import Motion, motion_of
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
@@ -151,7 +162,7 @@ def make_model(
     N : None: the prestress of the tables. Raises InputError.
     """
     net = layout.net
-    L = np.sqrt(np.sum((x[net.elements[:, 1]] - x[net.elements[:, 0]]) ** 2, axis=1))
+    L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     N, L0 = _unstressed(job, net, L, net.prestress if N is None else N)
     notes = check_start(job, net, N, L, L0)
     here = (key_of(job), x.tobytes()) if memory.most else None  # a key holds the tables
@@ -170,7 +181,7 @@ def make_model(
     notes += motion.notes if motion else []
     if field:
         notes += low_notes(job, net, x, field.force)
-    notes += absent_notes(job, net) + shaken_notes(job, bool(field and field.varies))
+    notes += [*absent_notes(job, net), *shaken_notes(job, bool(field and field.varies))]
     tears = field and job.wind.after_fracture == "panels"
     return Model(
         layout,
@@ -263,23 +274,21 @@ def _wind(job: Job, layout: Layout, find: Callable) -> tuple:
     if job.wind is None:
         return None, None
     measured, settings = layout.measured, by_node(job, layout.shape_coefficient)
-    places = measured.places if measured else None
-    field = find(settings, places)
+    field = find(settings, measured.places if measured else None)
     return field, measured or GeneratedHistory(field, job.wind)
 
 
 def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panels:
     """The panels that can tear off. Raises InputError where there are none, or loads grow on them."""
     net, faces = layout.net, layout.roofing.faces
+    wrong = "not together with [load] ramp; remove one of them" if loading.growing is not None else ""
     if not len(faces) or np.isfinite(net.area).any():
-        raise InputError(
-            f'{job.path}: [wind] after_fracture = "panels": panels are the closed faces of the net, and '
-            "their areas those of the nodes; expected a net with faces and without a column area"
+        wrong = (
+            "panels are the closed faces of the net, and their areas those of the nodes; expected a net with "
+            "faces and without a column area"
         )
-    if loading.growing is not None:
-        raise InputError(
-            f'{job.path}: [wind] after_fracture = "panels": not together with [load] ramp; remove one of them'
-        )
+    if wrong:
+        raise InputError(f'{job.path}: [wind] after_fracture = "panels": {wrong}')
     panels = panels_of(net, faces, shares)
     zones = layout.zones.at(panels.node)
     load, roof = job.load, Roof(panels.area, panels.plan_area, panels.vector, zones)

@@ -6,12 +6,13 @@ first: of its velocity the least-squares parabola through zero, c1 t + c2 t^2, i
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import InputError, refuse
 from netfall.job.job import Job
 from netfall.job.table import Table
 from netfall.job.validate import is_record
@@ -45,20 +46,18 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
     """The motion of the supports of a net at x (n, 3) [m]. Rank 0. Raises InputError, all at once."""
     errors, notes, records, moved = [], [], [], {}
     for number, entry in enumerate(job.motions, 1):
-        place = f"{job.path}: [[motion]] {number}:"
+        place, told = f"[[motion]] {number}:", []
         try:
             time, rows, told = _record(job, entry)
             records.append((time, rows))
-            notes += [f"[[motion]] {number}: {line}" for line in told]
         except InputError as error:
             errors += error.lines
-        nodes, wrong = _nodes(net, entry)
-        notes += [f"[[motion]] {number}: {line}" for line in _half_moved(net, nodes)]
-        errors += [f"{place} {what}" for what in wrong]
+        nodes = _nodes(net, entry)
+        notes += [f"{place} {line}" for line in (*told, *_half_moved(net, nodes))]
+        errors += [f"{job.path}: {place} {what}" for what in _wrong_nodes(net, entry, nodes)]
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
             moved.setdefault(p, []).append((number - 1, delay))
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     courses = sorted(set(map(tuple, moved.values())))
     row = {course: k for k, course in enumerate(courses)}
     course = np.full(net.n, -1, np.int32)
@@ -85,41 +84,42 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
 # --- which supports
 
 
-def _nodes(net: Net, entry) -> tuple[np.ndarray, list[str]]:
-    """Rows of the supports that an entry moves, and what is wrong with its nodes."""
-    held, wrong = net.fixed.any(1), []
+def _nodes(net: Net, entry) -> np.ndarray:
+    """Rows of the supports that an entry moves."""
+    held = net.fixed.any(1)
     named = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
-    rows = np.flatnonzero(named | (named[ends_of_inner(net)].all(1) & held))
-    unknown = sorted(set(entry.nodes or ()) - set(net.node_id.tolist()))
-    if unknown:
-        wrong.append(f"nodes: no node {listed(unknown)} in the net")
-    free = net.node_id[rows[~held[rows]]]
-    if len(free):
-        wrong.append(f"nodes: {listed(free)}: held on no axis; supports alone can be moved: hold it (fixed)")
-    sprung = net.node_id[net.spring.any(1) if entry.nodes is None else rows[net.spring[rows].any(1)]]
-    if len(sprung):
-        wrong.append(
-            f"nodes: {listed(sprung)}: on springs, whose feet cannot be moved; put an element with the "
+    return np.flatnonzero(named | (named[ends_of_inner(net)].all(1) & held))
+
+
+def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
+    """What is wrong with the nodes of an entry, which are in these rows."""
+    held, ids = net.fixed.any(1), lambda chosen: net.node_id[rows[chosen[rows]]]
+    if unknown := sorted(set(entry.nodes or ()) - set(net.node_id.tolist())):
+        yield f"nodes: no node {listed(unknown)} in the net"
+    if len(free := ids(~held)):
+        yield f"nodes: {listed(free)}: held on no axis; supports alone can be moved: hold it (fixed)"
+    sprung = net.spring.any(1)
+    if len(named := net.node_id[sprung] if entry.nodes is None else ids(sprung)):
+        yield (
+            f"nodes: {listed(named)}: on springs, whose feet cannot be moved; put an element with the "
             "stiffness of the spring between the node and a support, and move that"
         )
-    turned = net.node_id[rows[is_turned(net)[rows]]]
-    if len(turned):
-        wrong.append(f"nodes: {listed(turned)}: with an angle, whose supports cannot be moved; expected 0")
+    if len(turned := ids(is_turned(net))):
+        yield f"nodes: {listed(turned)}: with an angle, whose supports cannot be moved; expected 0"
     if not held.any():
-        wrong.append("the net has no supports that could be moved")
-    return rows, wrong
+        yield "the net has no supports that could be moved"
 
 
-def _half_moved(net: Net, rows: np.ndarray) -> list[str]:
+def _half_moved(net: Net, rows: np.ndarray) -> Iterator[str]:
     """A note on elements between a support that moves, one of `rows`, and one that does not, cut in parts."""
     moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
     half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
-    if not half.any():
-        return []
-    return [
-        f"{counted('element', net.element_id[:: net.parts][half])} between a fixed node that moves and one "
-        "that does not: the new nodes of [net] subdivide stay, so the part at the end has all of the stretch"
-    ]
+    if half.any():
+        yield (
+            f"{counted('element', net.element_id[:: net.parts][half])} between a fixed node that moves and "
+            "one that does not: the new nodes of [net] subdivide stay, so the part at the end has all of the "
+            "stretch"
+        )
 
 
 def _delays(x: np.ndarray, entry) -> np.ndarray:
@@ -156,12 +156,12 @@ def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.nda
 
 def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Times (r,) [s] from 0 on, coefficients (r, 4, 3) from each on, and notes. Raises InputError."""
+    path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
-        table, time, x = _table(job.path.parent / entry.displacement, entry)
+        table, time, x = _table(path, entry)
         rows, most = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
         odd = [f"{entry.displacement}: displacements of up to {most:.4g} m: were mm meant?"]
-        return *rows, table.notes + (odd if most > FARTHEST else [])
-    path = job.path.parent / entry.acceleration
+        return *rows, table.notes + odd * bool(most > FARTHEST)
     if not is_record(entry):
         table, time, a = _table(path, entry)
         if time[0] > 0.0:
@@ -173,38 +173,32 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
     a = entry.scale * UNITS[unit] * a[:, None] * _unit(entry.direction)
     notes = [] if unit == "g" else [f"{entry.acceleration}: read in {unit}, as its head says"]
     if entry.baseline is not False:
-        time, rows = _integrated(time, a)
-        slope = _parabola(time, rows[:, 1])
-        a = a - (slope[0] + 2.0 * time[:, None] * slope[1])
-        most = np.abs(slope[0] + 2.0 * time[:, None] * slope[1]).max()
+        slope = _parabola(time, _integrated(time, a)[1][:, 1])
+        change = slope[0] + 2.0 * time[:, None] * slope[1]
+        a = a - change
+        most = np.abs(change).max()
         notes.append(f"baseline correction: accelerations changed by at most {most:.3g} m/s2")
     rows = _integrated(time, a)
     return *rows, notes + _drift(*rows)
 
 
 def _unit(vector) -> np.ndarray:
-    vector = np.array(vector, float)
-    return vector / np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    return np.array(vector, float) / lengths(np.array(vector, float))
 
 
 def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
     """A table, times (r,) [s] and values (r, 3). Raises InputError."""
     known = ("time", *AXES) if entry.direction is None else ("time", "acceleration")
     table = Table(path, known, known[:1] if entry.direction is None else known)
-    names = [name for name in known[1:] if name in table]
     time = table.numbers("time", unit="s")
-    columns = {name: table.numbers(name) for name in names}
-    if not names:
+    values = table.stacked(known[1:], 0.0 if entry.direction is None else np.nan)
+    there = [name for name in known[1:] if name in table]
+    if not there:
         table.wrong("no column of values; expected x, y, z (or some of them)")
     table.finish()
     table.ascending("time", time)
-    if np.isnan(time).any() or any(np.isnan(column).any() for column in columns.values()):
-        table.wrong("empty cells; expected a number in each")
-    table.finish()
-    if entry.direction is not None:
-        return table, time, columns["acceleration"][:, None] * _unit(entry.direction)
-    still = np.zeros(len(time))
-    return table, time, np.column_stack([columns.get(name, still) for name in AXES])
+    table.no_gaps(time, *(table.numbers(name) for name in there))
+    return table, time, values if entry.direction is None else values * _unit(entry.direction)
 
 
 def _from_zero(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.job import Job
 from netfall.job.values import listed
 from netfall.net.net import Net
@@ -26,17 +26,21 @@ class Probes:
 
 def find_probes(job: Job, net: Net) -> Probes:
     """The nodes and elements that [output] names. Raises InputError where there is none of an id."""
-    nodes, wanted = job.output.probes, job.output.elements or ()
-    node_id, element_id = net.node_id, net.element_id
-    errors = _unknown(job, "probes", "node", [v for v in nodes if isinstance(v, int)], node_id)
-    errors += _unknown(job, "elements", "element", wanted, element_id)
-    if errors:
-        raise InputError(errors)
-    particles = np.array([_particle(net, each) for each in nodes], np.int64)
-    rows = [np.flatnonzero(element_id == one) for one in dict.fromkeys(wanted)]
+    probes, wanted = job.output.probes, job.output.elements or []
+    errors = []
+    for key, what, asked, ids in (
+        ("probes", "node", [each for each in probes if isinstance(each, int)], net.node_id),
+        ("elements", "element", wanted, net.element_id),
+    ):
+        if unknown := sorted(set(asked) - set(ids.tolist())):
+            there = f"ids are {ids.min()} to {ids.max()}"
+            errors.append(f"{job.path}: [output] {key}: no {what} {listed(unknown)}; {there}")
+    refuse(errors)
+    particles = np.array([_particle(net, each) for each in probes], np.int64)
+    rows = [np.flatnonzero(net.element_id == one) for one in dict.fromkeys(wanted)]
     named = np.concatenate([np.zeros(0, np.int64), *rows])
     met = np.flatnonzero(np.isin(net.elements, particles).any(1))
-    return Probes(particles, met, named, element_id[named])
+    return Probes(particles, met, named, net.element_id[named])
 
 
 def _particle(net: Net, probe) -> int:
@@ -44,10 +48,3 @@ def _particle(net: Net, probe) -> int:
     if isinstance(probe, int):
         return int(np.flatnonzero(net.node_id == probe)[0])
     return int(np.argmin(np.sum((net.x[:, : len(probe)] - np.array(probe)) ** 2, axis=1)))
-
-
-def _unknown(job: Job, key: str, what: str, wanted, ids: np.ndarray) -> list[str]:
-    """A line on the ids that there are not."""
-    unknown = sorted(set(wanted) - set(ids.tolist()))
-    line = f"{job.path}: [output] {key}: no {what} {listed(unknown)}; ids are {ids.min()} to {ids.max()}"
-    return [line] if unknown else []

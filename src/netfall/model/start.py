@@ -1,8 +1,10 @@
 """The start of a job looked at: what is broken from the beginning, and values that look like another unit."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.job import Job
 from netfall.job.values import counted, shown
 from netfall.mechanics.law.limits import caps_of
@@ -55,6 +57,7 @@ UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstresse
 
 def unit_notes(net: Net) -> list[str]:
     """A note for each section value that no material of a cable has."""
+    named = lambda rows: counted("element", net.element_id[rows])
     notes = []
     for column, key, unit, *of_cables in PLAUSIBLE:
         given = ~net.nominal if column in OF_MATERIAL else np.ones(net.m, bool)
@@ -63,24 +66,21 @@ def unit_notes(net: Net) -> list[str]:
             values = getattr(net, column)
             odd = np.flatnonzero(given & mine & np.isfinite(values) & ((values < low) | (values > high)))
             if len(odd):
-                these = counted("element", net.element_id[odd])
+                value = f"{key} = {values[odd[0]]:g} {unit}".strip()
                 notes.append(
-                    f"{key} = {values[odd[0]]:g} {unit} of {these} is far from what {kind} have, "
-                    f"{low:g} to {high:g}: {example}".replace("  ", " ")
+                    f"{value} of {named(odd)} is far from what {kind} have, {low:g} to {high:g}: {example}"
                 )
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < SLOWEST) | (speed > FASTEST))
     if len(odd) and not notes:
         notes.append(
-            f"stiffness and mass of {counted('element', net.element_id[odd])}: waves run along them at "
-            f"{speed[odd[0]]:.4g} m/s, in steel at 5000 m/s; stiffness is in N, mass_per_length in kg/m: "
-            "were kN, or g/m, meant?"
+            f"stiffness and mass of {named(odd)}: waves run along them at {speed[odd[0]]:.4g} m/s, in steel "
+            "at 5000 m/s; stiffness is in N, mass_per_length in kg/m: were kN, or g/m, meant?"
         )
     weak = np.flatnonzero(net.breaking_load < WEAKEST * net.EA)
-    if len(weak):
-        e, these = weak[0], counted("element", net.element_id[weak])
+    for e in weak[:1]:
         notes.append(
-            f"breaking_load = {net.breaking_load[e]:g} N of {these} is a strain of "
+            f"breaking_load = {net.breaking_load[e]:g} N of {named(weak)} is a strain of "
             f"{net.breaking_load[e] / net.EA[e]:.2g}, at which no cable breaks; was kN meant?"
         )
     size = float(np.ptp(net.x, axis=0).max())
@@ -93,118 +93,88 @@ def unit_notes(net: Net) -> list[str]:
     return notes
 
 
-def load_notes(job: Job) -> list[str]:
+def load_notes(job: Job) -> Iterator[str]:
     """A note for each kind of load, wind, factor and damping of a size that no roof has."""
-    notes = []
     for section, key, unit, low, high, example in LOADS:
         given = [value for value in job.values(section, key) if value is not None and np.any(value)]
-        odd = [value for value in given if not low <= np.abs(value).max() <= high]
-        if odd:
-            value = f"{shown(odd[0])} {unit}".strip()
-            notes.append(f"{key} = {value} is far from what roofs have: {example}")
+        for value in [value for value in given if not low <= np.abs(value).max() <= high][:1]:
+            yield f"{f'{key} = {shown(value)} {unit}'.strip()} is far from what roofs have: {example}"
     for each in job.combinations:
         for name, factor in each.factors.items():
             if abs(factor) > MOST_FACTOR:
-                notes.append(
-                    f'[[combination]] "{each.name}": factors: {name} = {factor:g} is far from what codes '
-                    "have, 0 to 2"
-                )
+                what = f"factors: {name} = {factor:g} is far from what codes have, 0 to 2"
+                yield f'[[combination]] "{each.name}": {what}'
     if job.dynamics and job.dynamics.damping > MOST_DAMPING:
-        notes.append(
+        yield (
             f"[dynamics] damping = {job.dynamics.damping:g} 1/s is far from what roofs have: it is damping x "
             "period / 4 pi of the critical damping; netfall check has it in each mode"
         )
-    return notes
 
 
-def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict) -> list[str]:
+def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict) -> Iterator[str]:
     """Notes on tables of wind and pressure, of a size that no roof has; arguments as of `layout.Layout`."""
-    of = {row[1]: row for row in LOADS}
-    largest = lambda values: float(np.abs(values).max())
-    found = []
-    if job.wind and job.wind.sectors:
-        found.append(("shape_coefficient", job.wind.sectors, largest(coefficient)))
+    wind, found = job.wind, []
+    if wind and wind.sectors:
+        found.append(("shape_coefficient", wind.sectors, coefficient))
     if measured:
-        key = "pressure" if job.wind.taps else "speed"
         end = min(job.dynamics.duration, measured.time[min(MANY_ROWS, len(measured.time) - 1)])
-        found.append((key, table_name(job), largest(measured.until(end)[1])))
+        values = measured.until(end)[1]
+        found.append(("pressure" if wind.taps else "speed", wind.pressures or wind.file, values))
     for name, case in cases.items():
         if case.pressure is not None:
-            found.append(("pressure", f"[[case]] {name}: pressure_table", largest(case.pressure)))
-    notes = []
-    for key, table, value in found:
-        _, _, unit, low, high, example = of[key]
+            found.append(("pressure", f"[[case]] {name}: pressure_table", case.pressure))
+    for key, table, values in found:
+        _, _, unit, low, high, example = next(row for row in LOADS if row[1] == key)
+        value = float(np.abs(values).max())
         if value and not low <= value <= high:
             told = f"{key} of up to {value:.4g} {unit}".strip()
-            notes.append(f"{table}: {told} is far from what roofs have: {example}")
+            yield f"{table}: {told} is far from what roofs have: {example}"
     if measured and len(measured.time) > 1 and measured.time[1] >= job.dynamics.duration:
+        none = f"no row between 0 and the duration, {job.dynamics.duration:g} s"
+        yield f"{wind.pressures or wind.file}: {none}: time is in seconds"
+
+
+def weight_notes(job: Job, net: Net) -> list[str]:
+    """Notes on weights and masses of nodes: one without the other, or one that may be in another unit."""
+    down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
+    if job.dynamics is None:
+        return []
+    named = lambda rows: counted("node", net.node_id[rows])
+    weight = lambda rows: -float(net.load[rows, 2].sum())
+    notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free
+    if massless.any():
         notes.append(
-            f"{table_name(job)}: no row between 0 and the duration, {job.dynamics.duration:g} s: time is in "
-            "seconds"
+            f"column load_z of {named(massless)}: {weight(massless):.4g} N downward without mass: loads of "
+            "nodes have no inertia; of weights, column mass has to have theirs, "
+            f"{weight(massless) / GRAVITY:.4g} kg in all, or periods come out too short"
+        )
+    if weightless.any() and job.load and (job.load.self_weight or job.load.dead):
+        mass = float(net.mass[weightless].sum())
+        notes.append(
+            f"column mass of {named(weightless)}: {mass:.4g} kg without weight: self_weight is that of "
+            f"elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
+        )
+    mass = float(net.mass[both].sum())
+    if both.any() and not mass * GRAVITY / HEAVIEST <= weight(both) <= mass * GRAVITY * HEAVIEST:
+        notes.append(
+            f"columns load_z and mass of {named(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
+            f"which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
         )
     return notes
 
 
-def table_name(job: Job) -> str:
-    """The table that the wind comes from."""
-    return job.wind.pressures or job.wind.file
-
-
-def massless_notes(job: Job, net: Net) -> list[str]:
-    """A note on nodes that are pulled down by a load of their own and have no mass of their own."""
-    hung = (net.load[:, 2] < 0.0) & (net.mass == 0.0) & ~net.fixed[:, 2]
-    if job.dynamics is None or not hung.any():
-        return []
-    weight = -float(net.load[hung, 2].sum())
-    return [
-        f"column load_z of {counted('node', net.node_id[hung])}: {weight:.4g} N downward without mass: loads "
-        f"of nodes have no inertia; of weights, column mass has to have theirs, {weight / GRAVITY:.4g} "
-        "kg in all, or periods come out too short"
-    ]
-
-
-def weightless_notes(job: Job, net: Net) -> list[str]:
-    """A note on masses of nodes without a weight, where all else has one."""
-    light = (net.mass > 0.0) & (net.load[:, 2] >= 0.0) & ~net.fixed[:, 2]
-    if job.dynamics is None or job.load is None or not light.any():
-        return []
-    if not (job.load.self_weight or job.load.dead):
-        return []
-    mass = float(net.mass[light].sum())
-    return [
-        f"column mass of {counted('node', net.node_id[light])}: {mass:.4g} kg without weight: self_weight is "
-        f"that of elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
-    ]
-
-
-def unlike_notes(job: Job, net: Net) -> list[str]:
-    """A note on nodes whose weight is far from that of their mass: one of them may be in another unit."""
-    hung = (net.load[:, 2] < 0.0) & (net.mass > 0.0) & ~net.fixed[:, 2]
-    weight, mass = -float(net.load[hung, 2].sum()), float(net.mass[hung].sum())
-    if job.dynamics is None or not hung.any():
-        return []
-    if mass * GRAVITY / HEAVIEST <= weight <= mass * GRAVITY * HEAVIEST:
-        return []
-    return [
-        f"columns load_z and mass of {counted('node', net.node_id[hung])}: {weight:.4g} N downward with "
-        f"{mass:.4g} kg, which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
-    ]
-
-
-def strain_notes(net: Net, eps: np.ndarray) -> list[str]:
+def strain_notes(net: Net, eps: np.ndarray) -> Iterator[str]:
     """Notes on strains eps (m,) at the start that no net is built with."""
-    notes = []
     for odd, word, share in (
         (eps > TIGHTEST, "stretched", TIGHTEST),
         (eps < SLACKEST, "compressed or slack", -SLACKEST),
     ):
         if odd.any():
             e = int(np.argmax(np.where(odd, np.abs(eps), 0.0)))
-            notes.append(
+            yield (
                 f"{int(odd.sum())} elements start {word} by more than {share:.0%} of their unstressed "
                 f"length, the most is element {net.element_id[e]} with a strain of {eps[e]:.3g}; {UNITS}"
             )
-    return notes
 
 
 def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
@@ -218,17 +188,15 @@ def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray
         (eps > net.fracture_strain, "fracture_strain", eps, net.fracture_strain),
         (np.abs(N) > net.yield_force, "yield force [N]", N, net.yield_force),
     ):
-        rows = np.flatnonzero(over)
-        if len(rows):
-            e, one = rows[0], len(np.unique(net.element_id[rows])) == 1
+        ids = net.element_id[over]
+        for e in np.flatnonzero(over)[:1]:
             errors.append(
-                f"{job.path}: {counted('element', net.element_id[rows])} start{'s' * one} beyond {what}: "
-                f"{value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, allowed "
-                f"{limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS}"
+                f"{job.path}: {counted('element', ids)} start{'s' * (len(np.unique(ids)) == 1)} beyond "
+                f"{what}: {value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, "
+                f"allowed {limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS}"
             )
-    if errors:
-        raise InputError(errors)
-    return strain_notes(net, eps) + _buckling(net, N)
+    refuse(errors)
+    return [*strain_notes(net, eps), *_buckling(net, N)]
 
 
 def element_words(net: Net, e: int, L0: np.ndarray) -> str:
@@ -237,115 +205,94 @@ def element_words(net: Net, e: int, L0: np.ndarray) -> str:
     return f"{net.element_id[e]} (nodes {ids}, {L0[e]:.4g} m)"
 
 
-def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> list[str]:
+def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[str]:
     """A note on nodes so near the ground, or below it, that the profile of the wind does not reach them.
 
     x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
     """
-    if job.wind.pressures:
-        return []
     height = x[:, 2] + job.wind.base_height
     low = np.flatnonzero((height < LOWEST_HEIGHT) & wind.any(1) & ~net.fixed.all(1))
-    if not len(low):
-        return []
-    p = low[np.argmin(height[low])]
-    return [
-        f"[wind] base_height = {job.wind.base_height:g}: {len(low)} nodes in the wind are less than "
-        f"{LOWEST_HEIGHT:g} m above ground, the lowest is node {net.node_id[p]} at {height[p]:.4g} m; they "
-        f"get the speed at {LOWEST_HEIGHT:g} m (base_height is the height of z = 0 above ground)"
-    ]
+    if not job.wind.pressures and len(low):
+        p = low[np.argmin(height[low])]
+        yield (
+            f"[wind] base_height = {job.wind.base_height:g}: {len(low)} nodes in the wind are less than "
+            f"{LOWEST_HEIGHT:g} m above ground, the lowest is node {net.node_id[p]} at {height[p]:.4g} m; "
+            f"they get the speed at {LOWEST_HEIGHT:g} m (base_height is the height of z = 0 above ground)"
+        )
 
 
-def far_notes(key: str, what: str, net: Net, places: np.ndarray | None) -> list[str]:
-    """A note on places (c, 2 or 3) [m], None: none, far outside the roof as given; what : of key."""
+def place_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
+    """Notes on places (c, 2 or 3) [m] far outside the roof as given, and on nodes amid more than count.
+
+    places : None: none; what : of key; axes : as of `place_weights`
+    """
     if places is None:
-        return []
-    x, y = net.x[:, :2], places[:, :2]
+        return
+    x, y, free = net.x[:, :2], places[:, :2], np.flatnonzero(~net.fixed.all(1))
     low, high = x.min(0), x.max(0)
     outside, size = lengths(np.maximum(0.0, np.maximum(low - y, y - high))), lengths(high - low)
     far = np.flatnonzero(outside > FAR * size)
-    if not len(far):
-        return []
-    k = far[np.argmax(outside[far])]
-    return [
-        f"{key}: {len(far)} of {len(places)} {what} lie far outside the roof, the farthest at x, y = "
-        f"{y[k, 0]:g}, {y[k, 1]:g} m by {outside[k]:.4g} m, the net from {low[0]:g}, {low[1]:g} to "
-        f"{high[0]:g}, {high[1]:g} m: x and y are in metres, in the axes of the net, whatever [net] unit is"
-    ]
+    if len(far):
+        k = far[np.argmax(outside[far])]
+        yield (
+            f"{key}: {len(far)} of {len(places)} {what} lie far outside the roof, the farthest at x, y = "
+            f"{y[k, 0]:g}, {y[k, 1]:g} m by {outside[k]:.4g} m, the net from {low[0]:g}, {low[1]:g} to "
+            f"{high[0]:g}, {high[1]:g} m: x and y are in metres, in the axes of the net, whatever [net] unit "
+            "is"
+        )
+    rows = free[between_places(net.x[free], places, axes)] if len(free) else free
+    if len(rows):
+        yield (
+            f"{key}: {counted('node', net.node_id[rows])}: five or more {what} are as near, of which four "
+            "count, by their order in the table; another one there says what holds"
+        )
 
 
-def level_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> list[str]:
-    """A note on free nodes in the middle of more places than count; arguments as of `far_notes`."""
-    free = np.flatnonzero(~net.fixed.all(1))
-    if places is None or not len(free):
-        return []
-    rows = free[between_places(net.x[free], places, axes)]
-    if not len(rows):
-        return []
-    return [
-        f"{key}: {counted('node', net.node_id[rows])}: five or more {what} are as near, of which four count, "
-        "by their order in the table; another one there says what holds"
-    ]
-
-
-def _buckling(net: Net, N: np.ndarray) -> list[str]:
+def _buckling(net: Net, N: np.ndarray) -> Iterator[str]:
     """A note for bars in parts that are compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
     hinged = np.ones(net.m, bool) if net.bending is None else ~net.bending
     rows = np.flatnonzero((N < 0.0) & hinged & (net.parts > 1))[:: net.parts]
-    if not len(rows):
-        return []
-    return [
-        f"[net] subdivide cuts {counted('element', net.element_id[rows])} in parts, compressed bars without "
-        "bending stiffness, which buckle at the nodes between them; subdivide = 1 leaves them whole"
-    ]
+    if len(rows):
+        yield (
+            f"[net] subdivide cuts {counted('element', net.element_id[rows])} in parts, compressed bars "
+            "without bending stiffness, which buckle at the nodes between them; subdivide = 1 leaves them "
+            "whole"
+        )
 
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
     yield_force, EA = net.yield_force, net.EA
     euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling
-    at_start = lambda e: f"its axial force is {N[e]:.4g} N in the initial state"
+    pushed = (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar
     checks = (
+        (pushed, N, ': a cable carries no compression; give its group kind = "bar"'),
         (
-            (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar,
-            lambda e: f'{at_start(e)}: a cable carries no compression; give its group kind = "bar"',
+            *(np.abs(N) > yield_force, yield_force),
+            ", above the yield force {:.4g} N; lower the prestress or choose a larger area",
         ),
+        (N < -euler, euler, ", beyond Euler's load {:.4g} N; choose a stiffer section"),
         (
-            np.abs(N) > yield_force,
-            lambda e: (
-                f"{at_start(e)}, above the yield force {yield_force[e]:.4g} N; "
-                "lower the prestress or choose a larger area"
-            ),
-        ),
-        (
-            N < -euler,
-            lambda e: f"{at_start(e)}, beyond Euler's load {euler[e]:.4g} N; choose a stiffer section",
-        ),
-        (
-            N > net.breaking_load,
-            lambda e: (
-                f"{at_start(e)}, above the breaking load {net.breaking_load[e]:.4g} N; "
-                "lower the prestress or choose a stronger cable"
-            ),
-        ),
-        (
-            exceeds_stiffness(N, EA, job.cable.strain),
-            lambda e: f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area",
+            *(N > net.breaking_load, net.breaking_load),
+            ", above the breaking load {:.4g} N; lower the prestress or choose a stronger cable",
         ),
     )
-    errors = []
-    for wrong, words in checks:
-        if wrong.any():
-            e = int(np.argmax(wrong))
-            errors.append(f"{job.path}: element {net.element_id[e]}: {words(e)}")
+    errors = [
+        f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state"
+        + words.format(limit[e])
+        for wrong, limit, words in checks
+        for e in np.flatnonzero(wrong)[:1]
+    ]
+    for e in np.flatnonzero(exceeds_stiffness(N, EA, job.cable.strain))[:1]:
+        what = f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
+        errors.append(f"{job.path}: element {net.element_id[e]}: {what}")
     share = L / net.lengths()
     if not share.min() > COLLAPSED:
         e = int(np.argmin(share))
-        ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
+        ids = "-".join(map(str, net.node_id[net.elements[e]]))
         errors.append(
             f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "
             f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
             "prestresses or force densities that hold the free ones apart"
         )
-    if errors:
-        raise InputError(errors)
+    refuse(errors)

@@ -3,6 +3,8 @@
 N_cr = pi^2 E I / L_k^2. As given in [cable] for all bars, in [cable.GROUP] for those of a group.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from netfall.job.job import Job
@@ -47,58 +49,49 @@ def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
         return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
 
 
-def bar_errors(job: Job, net: Net) -> list[str]:
+def bar_errors(job: Job, net: Net) -> Iterator[str]:
     """Keys of bars that groups of cables have; second moments of bars whose modulus is not known."""
-    lines = []
+    absent, element = np.zeros(net.m, bool), lambda rows: net.element_id[np.flatnonzero(rows)[:1]]
     for g, name in enumerate(net.group_names):
-        mine = net.group == g
-        for key in (key for key in KEYS if job.groups.get(name, {}).get(key) is not None):
-            if not net.bar[mine].any():
-                lines.append(
-                    f"{job.path}: [cable.{name}] {key} = {job.groups[name][key]}: of bars alone, for a cable "
-                    'carries no compression; give the group kind = "bar", or remove the key'
+        if not net.bar[net.group == g].any():
+            for key in (key for key in KEYS if job.groups.get(name, {}).get(key) is not None):
+                yield (
+                    f"[cable.{name}] {key} = {job.groups[name][key]}: of bars alone, for a cable carries no "
+                    'compression; give the group kind = "bar", or remove the key'
                 )
-    if net.second_moment is not None:
-        for e in np.flatnonzero(np.isfinite(net.second_moment) & net.nominal)[:1]:
-            lines.append(
-                f"{job.path}: element {net.element_id[e]}: second_moment = {net.second_moment[e]:g}: needs "
-                "the modulus, which axial_stiffness alone does not tell; give modulus, or area beside it"
-            )
-    for name in (name for name in FLAGS if getattr(net, name) is not None):
-        without = getattr(net, name) & (True if net.second_moment is None else np.isnan(net.second_moment))
-        for e in np.flatnonzero(without)[:1]:
-            lines.append(
-                f"{job.path}: element {net.element_id[e]}: {name} = true: needs the second moment of its "
-                f"section; give second_moment [m4], or leave {name} out"
-            )
-    return lines + (bending_errors(job, net) if net.bending is not None else [])
-
-
-def bending_errors(job: Job, net: Net) -> list[str]:
-    """What a job with bars that bend may not have, one line each."""
-    lines = []
-    for e in np.flatnonzero(net.bending & (False if net.buckling is None else net.buckling))[:1]:
-        lines.append(
-            f"{job.path}: element {net.element_id[e]}: bending and buckling exclude each other: a chain of "
-            "bars that bend buckles by itself; keep one of them"
+    moment = np.full(net.m, np.nan) if net.second_moment is None else net.second_moment
+    for e in np.flatnonzero(np.isfinite(moment) & net.nominal)[:1]:
+        yield (
+            f"element {net.element_id[e]}: second_moment = {moment[e]:g}: needs the modulus, which "
+            "axial_stiffness alone does not tell; give modulus, or area beside it"
         )
-    bent = {net.group_names[g] for g in np.unique(net.group[net.bending])}
+    bending, buckling = (absent if flags is None else flags for flags in (net.bending, net.buckling))
+    for name, flags in (("bending", bending), ("buckling", buckling)):
+        for e in element(flags & np.isnan(moment)):
+            yield (
+                f"element {e}: {name} = true: needs the second moment of its section; give second_moment "
+                f"[m4], or leave {name} out"
+            )
+    for e in element(bending & buckling):
+        yield (
+            f"element {e}: bending and buckling exclude each other: a chain of bars that bend buckles by "
+            "itself; keep one of them"
+        )
+    bent = {net.group_names[g] for g in np.unique(net.group[bending])}
     missing = [stage.name for stage in job.stages if stage.active is not None and bent - set(stage.active)]
     for there, what in (
-        (bool(missing), f"[[stage]] {', '.join(missing)}: bars that bend are not there; name them in active"),
-        (bool(job.targets), "[[target]]: lengths are not changed where bars bend; remove the targets"),
-        (bool(net.length_error.any()), "[cable] length_deviation: not where bars bend; remove it"),
+        (missing, f"[[stage]] {', '.join(missing)}: bars that bend are not there; name them in active"),
+        (job.targets, "[[target]]: lengths are not changed where bars bend; remove the targets"),
+        (net.length_error.any(), "[cable] length_deviation: not where bars bend; remove it"),
     ):
-        if there:
-            lines.append(f"{job.path}: {what}, or bending = true")
-    breaks = net.bending & np.isfinite(net.fracture_strain)
-    for e in np.flatnonzero(breaks if job.dynamics else [])[:1]:
-        lines.append(
-            f"{job.path}: element {net.element_id[e]}: bending = true, and it can break: a chain that breaks "
-            "is not computed in the dynamic stage; give fracture_strain and breaking_load in the groups of "
-            "cables alone, and yield_stress here"
+        if bent and there:
+            yield f"{what}, or bending = true"
+    for e in element(bending & np.isfinite(net.fracture_strain) & (job.dynamics is not None)):
+        yield (
+            f"element {e}: bending = true, and it can break: a chain that breaks is not computed in the "
+            "dynamic stage; give fracture_strain and breaking_load in the groups of cables alone, and "
+            "yield_stress here"
         )
-    return lines
 
 
 def bar_notes(job: Job, net: Net) -> list[str]:

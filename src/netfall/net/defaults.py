@@ -3,8 +3,7 @@
 A default that changes is a row of CHANGED. Everything that begins a run or describes a job says the warnings.
 """
 
-from collections.abc import Callable
-from types import SimpleNamespace
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -35,10 +34,14 @@ def _breaks_in_wind(job: Job, net: Net) -> bool:
     return bool(job.wind and job.dynamics and (np.isfinite(net.fracture_strain).any() or job.removes))
 
 
+def _cuts_by_default(job: Job, net: Net) -> bool:
+    return any(zone.polygon is not None and zone.cut is None for zone in job.zones)
+
+
 CHANGED: tuple[ChangedDefault, ...] = (
     ChangedDefault("load", "self_weight", True, False, lambda job, net: job.load is not None),
     ChangedDefault("load", "steps", 1, 0, lambda job, net: load_steps(job) == 1),
-    ChangedDefault("zone", "cut", True, False, lambda job, net: any(map(_cuts_by_default, job.zones))),
+    ChangedDefault("zone", "cut", True, False, _cuts_by_default),
     ChangedDefault("wind", "gusts", "means", "points", lambda job, net: has_gusts(job)),
     ChangedDefault("wind", "after_fracture", "detached", "particle", _breaks_in_wind),
 )
@@ -46,52 +49,25 @@ CHANGED: tuple[ChangedDefault, ...] = (
 
 def default_warnings(job: Job, net: Net) -> list[str]:
     """Return a warning for each key that a job does not set, whose default changed, and that affects it."""
-    return (
-        [
-            f"warning: {_place(row.section)} {row.key} is not set: {shown(row.new)} since version {SINCE} "
-            f"({shown(row.old)} before)"
-            for row in CHANGED
-            if _is_left_out(job, row.section, row.key) and row.affects(job, net)
-        ]
-        + _strengths_not_inherited(job, net)
-        + _removed_keys(job)
-    )
+    return [f"warning: {line}" for line in _warnings(job, net)]
 
 
-def _removed_keys(job: Job) -> list[str]:
-    """Return a warning for each removed key that a job still sets to the value that is accepted."""
-    return [
-        f"warning: [{section}] {key}: removed in version {SINCE}, {why}. Remove the key."
-        for section, keys in REMOVED.items()
-        for key, (_, why) in keys.items()
-        if f"{section}.{key}" in job.given()
-    ]
-
-
-def _strengths_not_inherited(job: Job, net: Net) -> list[str]:
-    """Return a warning for each group of bars that took the breaking load of [cable] before."""
+def _warnings(job: Job, net: Net) -> Iterator[str]:
+    given = tables_of(job.text, job.overrides)
+    for section, key, new, old, affects in CHANGED:
+        entries = given.get(section, []) if section in LISTS else [given.get(section, {})]
+        place = f"[[{section}]]" if section in LISTS else f"[{section}]"
+        if any(key not in table for table in entries) and affects(job, net):
+            yield f"{place} {key} is not set: {shown(new)} since version {SINCE} ({shown(old)} before)"
     inherited = strength_of_cable(job)
-    bars = are_other_bars(job, net) & np.isinf(net.breaking_load)
-    if inherited is None or not bars.any():
-        return []
-    return [
-        f"warning: {f'[cable.{name}]' if name else 'elements.csv:'} breaking_load of "
-        f"{counted('bar', net.element_id[bars & (net.group == g)])} is not set: none since version {SINCE} "
-        f"({inherited:g} N of [cable] before)"
-        for g, name in enumerate(net.group_names)
-        if (bars & (net.group == g)).any()
-    ]
-
-
-def _cuts_by_default(zone: SimpleNamespace) -> bool:
-    return zone.polygon is not None and zone.cut is None
-
-
-def _place(section: str) -> str:
-    return f"[[{section}]]" if section in LISTS else f"[{section}]"
-
-
-def _is_left_out(job: Job, section: str, key: str) -> bool:
-    """Whether the job file and its overrides leave a key to its default, in any entry of a list."""
-    tables = tables_of(job.text, job.overrides).get(section, {})
-    return any(key not in table for table in (tables if section in LISTS else [tables]))
+    bars = are_other_bars(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
+    for g in np.unique(net.group[bars]):  # groups of bars that took the breaking load of [cable] before
+        name, ids = net.group_names[g], net.element_id[bars & (net.group == g)]
+        yield (
+            f"{f'[cable.{name}]' if name else 'elements.csv:'} breaking_load of {counted('bar', ids)} is not "
+            f"set: none since version {SINCE} ({inherited:g} N of [cable] before)"
+        )
+    for section, keys in REMOVED.items():
+        for key, (_, why) in keys.items():
+            if f"{section}.{key}" in job.given():
+                yield f"[{section}] {key}: removed in version {SINCE}, {why}. Remove the key."

@@ -153,6 +153,11 @@ class Net:
         return len(self.x)
 
     @property
+    def given(self) -> int:
+        """Number of nodes that were given; the particles of subdivision follow."""
+        return self.n - self.inner_particles().size
+
+    @property
     def m(self) -> int:
         """Number of elements."""
         return len(self.elements)
@@ -253,16 +258,14 @@ def joined(net: Net) -> Net:
     """The net before `subdivide`, from its result; places in the middle of elements are forgotten."""
     if net.parts == 1:
         return net
-    n = net.n - net.inner_particles().size
-    columns = {}
+    n = net.given
+    columns, whole = {}, {"split": np.multiply, "multiplied": np.divide}
     for column in fields(net):
         values, row = getattr(net, column.name), column.metadata
         if row and values is not None:
             columns[column.name] = values[:n] if row["entity"] == "node" else values[:: net.parts]
-            if row.get("divided") == "split":
-                columns[column.name] = columns[column.name] * net.parts
-            elif row.get("divided") == "multiplied":
-                columns[column.name] = columns[column.name] / net.parts
+            if row.get("divided") in whole:
+                columns[column.name] = whole[row["divided"]](columns[column.name], net.parts)
     return replace(
         net,
         x=net.x[:n],
@@ -303,7 +306,7 @@ def with_inner(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """
     if net.parts == 1:
         return moved
-    between = spaced(net, moved[: net.n - net.inner_particles().size])
+    between = spaced(net, moved[: net.given])
     inner = (ends_of_inner(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
     return np.where((inner & ~moved.any(1))[:, None], between, moved)
 

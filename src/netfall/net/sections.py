@@ -11,12 +11,13 @@ at the total strain F_u / EA, in either measure, if F_u <= N_y. Above N_y tensio
 breaks it is fracture_strain.
 """
 
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.ground.errors import refuse
 from netfall.job.job import Job
 from netfall.job.schema import EITHER
 from netfall.job.table import Table
@@ -57,13 +58,8 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     found = _found(job, net, rows)
     errors = _missing(job, net, found)
-    if errors:
-        raise InputError(errors)
-    _set_stiffness_and_mass(net, found)
+    refuse(errors)
     net.breaking_load = np.where(np.isnan(found["breaking_load"]), np.inf, found["breaking_load"])
-
-
-def _set_stiffness_and_mass(net: Net, found: dict[str, np.ndarray]) -> None:
     area, stiffness, mass = found["area"], found["axial_stiffness"], found["mass_per_length"]
     net.nominal = np.isnan(area)
     net.section = np.where(net.nominal, mass / STEEL, area)
@@ -77,27 +73,20 @@ def _set_stiffness_and_mass(net: Net, found: dict[str, np.ndarray]) -> None:
 def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     """What each element has of OF_SECTION, (m,) nan: nothing, by [cable], its group and its row, in turn."""
     types, names = catalogue_of(job), net.group_names
-    found = {name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")}
-    place = lambda section: lambda k: f"{job.path}: [{section(k)}]"
-    errors = _put(found, *_level([vars(job.cable)] * len(names)), types, place(lambda k: "cable"))
-    bars = {name: values.copy() for name, values in found.items()}
-    bars["breaking_load"][:] = np.nan  # that of [cable] is the strength of cables
-    groups = (
-        *_level([job.groups.get(name, {}) for name in names]),
-        types,
-        place(lambda k: f"cable.{names[k]}"),
-    )
-    errors += _put(found, *groups)
-    _put(bars, *groups)
-    found = {name: values[net.group] for name, values in found.items()}
-    strength = np.where(are_other_bars(job, net), bars["breaking_load"][net.group], found["breaking_load"])
-    found["breaking_load"] = strength
+    of_groups = *_level([job.groups.get(name, {}) for name in names]), types
+    found, own = ({name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")} for _ in range(2))
+    in_group = lambda k: f"{job.path}: [cable.{names[k]}]"
+    errors = _put(found, *_level([vars(job.cable)] * len(names)), types, lambda k: f"{job.path}: [cable]")
+    errors += _put(found, *of_groups, in_group)
+    _put(own, *of_groups, in_group)
+    found, own = ({name: values[net.group] for name, values in each.items()} for each in (found, own))
+    bars = are_other_bars(job, net)  # the breaking load of [cable] is the strength of cables
+    found["breaking_load"] = np.where(bars, own["breaking_load"], found["breaking_load"])
     if rows:
         of_rows = {name: rows[name] for name in OF_SECTION if name in rows}
         place = lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
         errors += _put(found, of_rows, np.array(rows.get("type") or [""] * net.m), types, place)
-    if errors:
-        raise InputError(errors)
+    refuse(errors)
     if types:
         number = found["type"]
         net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
@@ -171,11 +160,11 @@ def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
     least, units = 1e-12, ("kg/m", "N", "N", "m2")
     columns = [table.numbers(name, low=least, unit=unit) for name, unit in zip(OF_TYPE, units)]
     types: dict[str, tuple[float, ...]] = {}
+    for name in OF_TYPE[:2]:
+        table.full(name)
     for k, name in enumerate(table.words("name")):
         if name == "" or name in types:
             table.wrong(f"{table.at(k)}: name = {name!r}: expected a name that stands once")
-        for empty in (n for n in OF_TYPE[:2] if table.words(n)[k] == ""):
-            table.wrong(f"{table.at(k)}: {empty} is empty; expected a number")
         types[name] = tuple(float(column[k]) for column in columns)
     table.finish()
     return types
@@ -189,18 +178,13 @@ def _missing(job: Job, net: Net, found: dict[str, np.ndarray]) -> list[str]:
         (no["area"] & (~no["modulus"] | (no["mass_per_length"] & ~no["density"])), "area"),
         (no["density"] & no["mass_per_length"], "density"),
     )
-    lines = []
-    for rows, name in lacks:
-        for group in np.unique(net.group[rows]):
-            e = np.flatnonzero(rows & (net.group == group))[0]
-            lines.append(f"{_place(job, net, e)} {wanted(name)}, for element {net.element_id[e]}")
-    return lines
-
-
-def _place(job: Job, net: Net, e: int) -> str:
-    """The section of the job that an element has its values from."""
-    name = net.group_names[net.group[e]]
-    return f"{job.path}: [cable.{name}]" if name in job.groups else f"{job.path}: [cable]"
+    place = lambda group: f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+    return [
+        f"{place(net.group_names[group])} {wanted(name)}, for element "
+        f"{net.element_id[np.argmax(rows & (net.group == group))]}"
+        for rows, name in lacks
+        for group in np.unique(net.group[rows])
+    ]
 
 
 # --- strength
@@ -244,90 +228,73 @@ def _drawn_normal(net: Net, seed: int, first: int) -> np.ndarray:
     return quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52)[net.cable]
 
 
-def strength_errors(job: Job, net: Net) -> list[str]:
+def strength_errors(job: Job, net: Net) -> Iterator[str]:
     """Elements that would break at the start, or never by the breaking load that they were given."""
-    lines = []
+    limit, moves, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
-    where = lambda e: (
-        f"{job.path}: element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
-    )
-    limit = net.yield_force
-    over = net.prestress > net.breaking_load
-    never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING))
-    for e in np.flatnonzero(over)[:1]:
-        lines.append(
-            f"{where(e)}: below its prestress {net.prestress[e]:g} N; "
-            "lower the prestress or choose a stronger cable"
+    where = lambda e: f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+    never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
+    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
+    brittle &= True if net.buckling is None else ~net.buckling  # which breaks both ways
+    for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
+        yield (
+            f"{where(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
+            "stronger cable"
         )
-    for e in np.flatnonzero(never & ~np.isfinite(net.fracture_strain))[:1]:
-        lines.append(
+    for e in np.flatnonzero(never)[:1]:
+        yield (
             f"{where(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
             "at most that, or fracture_strain beside it, at which it breaks as it yields"
         )
-    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
-    brittle &= True if net.buckling is None else ~net.buckling  # which breaks both ways
     for e in np.flatnonzero(brittle)[:1]:
-        lines.append(
+        yield (
             f"{where(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
             "that is not computed: leave out yield_stress, give a breaking_load of at least that, or "
             "buckling = true, with which it breaks both ways"
         )
-    moves = job.dynamics
-    breaks = np.isfinite(net.fracture_strain).any()
-    if moves is not None and moves.mass_scaling and moves.fragments and breaks:
-        lines.append(
-            f"{job.path}: [dynamics] mass_scaling = {moves.mass_scaling:g}: a fragment would take the added "
-            "inertia along as mass; allowed with fragments = false, or where nothing can break"
+    if moves is not None and moves.mass_scaling and moves.fragments and breaks.any():
+        yield (
+            f"[dynamics] mass_scaling = {moves.mass_scaling:g}: a fragment would take the added inertia "
+            "along as mass; allowed with fragments = false, or where nothing can break"
         )
-    return lines
 
 
-def strength_notes(job: Job, net: Net) -> list[str]:
+def strength_notes(job: Job, net: Net) -> Iterator[str]:
     """Keys of the strength that change nothing, and bars whose strength may not be what was meant."""
-    given, notes = job.given(), _bars_by_inheritance(job, net) + _bars_without(net)
+    yield from _bars_by_inheritance(job, net)
+    if np.isfinite(net.fracture_strain).any():
+        endless = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
+        for g in np.unique(net.group[endless]):
+            name, bars = net.group_names[g], net.element_id[endless & (net.group == g)]
+            yield (
+                f"{counted('bar', bars)}{f' of group {shown(name)}' if name else ''} without a strength, "
+                "while others can break: nothing yields or breaks there, whatever is carried; give "
+                "yield_stress, breaking_load or fracture_strain"
+            )
     scatters = bool(net.strength_deviation.any())
-    if "cable.strength_seed" in given and not scatters:
-        notes.append("[cable] strength_seed: no effect: strength_deviation = 0")
+    if "cable.strength_seed" in job.given() and not scatters:
+        yield "[cable] strength_seed: no effect: strength_deviation = 0"
     limits = (net.yield_stress, net.fracture_strain, net.breaking_load)
     if scatters and not any(np.isfinite(limit).any() for limit in limits):
-        notes.append("strength_deviation: no effect: no cable has a strength")
+        yield "strength_deviation: no effect: no cable has a strength"
     for e in np.flatnonzero(net.nominal & np.isfinite(net.yield_stress))[:1]:
-        notes.append(
+        yield (
             f"yield_stress of element {net.element_id[e]} and others without area: acts on that of steel of "
             f"the same mass, {net.section[e]:.4g} m2; give the metallic area, in [cable] or in the catalogue"
         )
     if job.cable.catalogue and not (net.type >= 0).any():
-        notes.append("[cable] catalogue: no effect: no cable has a type")
-    return notes
+        yield "[cable] catalogue: no effect: no cable has a type"
 
 
-def _bars_by_inheritance(job: Job, net: Net) -> list[str]:
-    """Return a note for each group of bars that takes the yield stress of [cable], which describes cables."""
-    value, notes = job.cable.yield_stress, []
-    for g, name in enumerate(net.group_names):
+def _bars_by_inheritance(job: Job, net: Net) -> Iterator[str]:
+    """A note for each group of bars that takes the yield stress of [cable], which describes cables."""
+    value = job.cable.yield_stress
+    for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):
         own = job.groups.get(name, {})
-        if job.cable.kind == "bar" or own.get("kind") != "bar" or own.get("yield_stress") or value is None:
-            continue
         given = net.yield_stress / net.strength  # by the group's type or in rows: others
         bare = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
-        if bare.any():
-            notes.append(
+        if own.get("kind") == "bar" and not own.get("yield_stress") and bare.any():
+            yield (
                 f"[cable.{name}]: {counted('bar', net.element_id[bare])} with yield_stress = {value:g} Pa "
                 f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
             )
-    return notes
-
-
-def _bars_without(net: Net) -> list[str]:
-    """Bars that neither yield nor break, beside elements that can break."""
-    notes, endless = [], net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
-    if not np.isfinite(net.fracture_strain).any():
-        return notes
-    for g in np.unique(net.group[endless]):
-        name, rows = net.group_names[g], endless & (net.group == g)
-        of = f" of group {shown(name)}" if name else ""
-        notes.append(
-            f"{counted('bar', net.element_id[rows])}{of} without a strength, while others can break: nothing "
-            "yields or breaks there, whatever is carried; give yield_stress, breaking_load or fracture_strain"
-        )
-    return notes

@@ -10,6 +10,7 @@ unstressed length, that of the given geometry: so results depend on the subdivis
 """
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ import numpy as np
 from netfall.job.asks import loads_the_roof
 from netfall.job.job import Job
 from netfall.job.values import counted, listed, shown
-from netfall.net.chains import pairs_meeting, pieces_named
+from netfall.net.cables import pairs_meeting, pieces_named
 from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
 
@@ -89,89 +90,80 @@ def slides_of(job: Job, net: Net) -> tuple[Slides | None, list[str]]:
         return None, []
     errors, pairs, slips = [], {}, {}
     for number, entry in enumerate(job.slides, 1):
-        where = f"{job.path}: [[slide]] {number}:"
         rows, wrong = _rows(net, entry)
-        wrong = wrong or _unfit(net, entry, rows)
         through = [] if wrong else _through_all(net, entry, rows)
-        wanted, loose = ([], []) if wrong else _wanted(net, entry, through)
+        wanted = [] if wrong else _wanted(net, entry, through, wrong)
         pairs |= dict.fromkeys(through)
         for pair in wanted:
             if pair in slips:
-                loose.append(
+                wrong.append(
                     f"node {net.node_id[pair.node]}: entry {slips[pair][1]} says already how this cable "
                     "slips there; keep one of the two"
                 )
             slips.setdefault(pair, (entry, number))
-        errors += [f"{where} {line}" for line in wrong + loose]
+        errors += [f"{job.path}: [[slide]] {number}: {line}" for line in wrong]
     errors += [f"{job.path}: [[slide]]: {line}" for line in _crowded(net, pairs, slips)]
     return (None if errors else _along_cables(net, pairs, slips, _bare_nodes(job, net))), errors
 
 
 def _bare_nodes(job: Job, net: Net) -> np.ndarray:
     """Return whether nothing but the cable is at a node, (n,): material then passes through it."""
-    given = _given_nodes(net)
     bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
     lean = np.zeros((net.n, 3))  # of the elements at a node towards each axis
     for end in range(2):
         np.maximum.at(lean, net.elements[:, end], np.abs(np.diff(net.x[net.elements], axis=1)[:, 0]))
     bare &= ~(net.held & (lean > net.tolerance)).any(1)  # a plane net is held across its plane
     bare &= (net.mass == 0.0) & ~net.load.any(1)
-    bare[:given] &= not loads_the_roof(job)  # areas are not known yet
-    named = [
-        int(p) for stage in job.stages for ids in (stage.hold, stage.release, stage.move) for p in ids or ()
-    ]
-    bare &= ~np.isin(net.node_id, named)
-    bare[given:] = True  # those of `subdivide`, held or not
+    bare[: net.given] &= not loads_the_roof(job)  # areas are not known yet
+    named = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
+    bare &= ~np.isin(net.node_id, [int(p) for ids in named for p in ids])
+    bare[net.given :] = True  # those of `subdivide`, held or not
     return bare
 
 
-def _wanted(net: Net, entry, through: list[_Pair]) -> tuple[list[_Pair], list[str]]:
-    """Those of the pairs at which an entry lets a cable slip, and what is wrong with its nodes."""
-    given = _given_nodes(net)
-    inside = [pair for pair in through if pair.node < given]
+def _wanted(net: Net, entry, through: list[_Pair], wrong: list[str]) -> list[_Pair]:
+    """Those of the pairs at which an entry lets a cable slip; wrong : takes what is wrong with its nodes."""
+    inside = [pair for pair in through if pair.node < net.given]
     if not inside:
-        return [], ["nothing slips: nowhere do exactly two of these elements meet"]
-    if entry.nodes is None:
-        return inside, []
-    asked, there = set(_numbers(net, entry.nodes)), {pair.node for pair in inside}
-    missing, wrong = sorted(asked - there), []
+        wrong.append("nothing slips: nowhere do exactly two of these elements meet")
+    if entry.nodes is None or not inside:
+        return inside
+    asked = set(np.flatnonzero(np.isin(net.node_id, entry.nodes)).tolist())
+    missing = sorted(asked - {pair.node for pair in inside})
     if missing:
         wrong.append(
             f"nodes: {counted('node', net.node_id[missing])}: no cable of these runs through there, for "
             "which exactly two of its elements have to meet; where more do, the column cable of the elements "
             "says which go on"
         )
-    return [pair for pair in inside if pair.node in asked], wrong
+    return [pair for pair in inside if pair.node in asked]
 
 
-def _crowded(net: Net, pairs: dict, slips: dict) -> list[str]:
+def _crowded(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
     """Elements that would go on in two ways; nodes over which too many cables slip."""
     ways = Counter((pair.node, e) for pair in pairs for e in pair[1:])
-    twice = sorted({net.element_id[e] for (_, e), count in ways.items() if count > 1})
-    way = "two entries let it go on differently; name cables in both"
-    lines = [f"element {listed(twice)}: {way}"] if twice else []
+    if twice := sorted({net.element_id[e] for (_, e), count in ways.items() if count > 1}):
+        yield f"element {listed(twice)}: two entries let it go on differently; name cables in both"
     many = [p for p, count in Counter(pair.node for pair in slips).items() if count > PLACES]
     if many:
         ids = counted("node", net.node_id[many])
-        lines.append(f"{ids}: more than {PLACES} cables slip there; name fewer in nodes or cables")
-    return lines
+        yield f"{ids}: more than {PLACES} cables slip there; name fewer in nodes or cables"
 
 
 def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
-    """The elements that an entry names, and what is wrong with the names."""
-    if entry.group is not None:
+    """The elements that an entry names, and what is wrong: names, bars, what yields, unknown nodes."""
+    if entry.group is None:
+        what, named, (rows, wrong) = "cables", "cables", elements_of_cables(net, entry.cables)
+    else:
+        what, named = f"group {shown(entry.group)}", f"group = {shown(entry.group)}"
         rows, wrong = elements_of_group(net, entry.group)
-        return rows, [f"group = {shown(entry.group)}: {line}" for line in wrong]
-    rows, wrong = elements_of_cables(net, entry.cables)
-    return rows, [f"cables: {line}" for line in wrong]
-
-
-def _unfit(net: Net, entry, rows: np.ndarray) -> list[str]:
-    """Elements that cannot slip: bars, and what yields; nodes that there are not."""
-    ids, what = net.element_id, f"group {shown(entry.group)}" if entry.group is not None else "cables"
+    if wrong:
+        return rows, [f"{named}: {line}" for line in wrong]
+    ids = net.element_id
     bars, soft = rows[net.bar[rows]], rows[np.isfinite(net.yield_stress[rows])]
-    unknown = sorted(set(entry.nodes or []) - set(net.node_id[: _given_nodes(net)].tolist()))
-    wrong = [f"nodes: no node {listed(unknown)}"] if unknown else []
+    unknown = sorted(set(entry.nodes or []) - set(net.node_id[: net.given].tolist()))
+    if unknown:
+        wrong.append(f"nodes: no node {listed(unknown)}")
     if len(bars):
         wrong.append(f'{what}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
     if len(soft):
@@ -179,16 +171,7 @@ def _unfit(net: Net, entry, rows: np.ndarray) -> list[str]:
             f"{what}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
             "group (its strength may stand as fracture_strain or breaking_load)"
         )
-    return wrong
-
-
-def _given_nodes(net: Net) -> int:
-    """Particles that are nodes of the tables; those of subdivision follow."""
-    return net.n - (net.inner_particles().size if net.parts > 1 else 0)
-
-
-def _numbers(net: Net, ids) -> list[int]:
-    return np.flatnonzero(np.isin(net.node_id, ids)).tolist()
+    return rows, wrong
 
 
 def _through_all(net: Net, entry, rows: np.ndarray) -> list[_Pair]:

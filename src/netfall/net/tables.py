@@ -4,7 +4,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.job.job import Job
-from netfall.job.table import SEVERAL, Table, number_in
+from netfall.job.table import LARGEST, SEVERAL, Table, number_in
 from netfall.job.values import MOST_NAMED, more_of
 from netfall.net.net import Net, pair_key
 from netfall.net.parts import unjoined_pairs
@@ -12,6 +12,7 @@ from netfall.numerics.functions import log
 from netfall.numerics.rotation import from_own
 
 AXES = ("x", "y", "z")
+LEAST = 1e-12  # of what is to be positive
 NODE_COLUMNS = (
     *("id", *AXES, "fixed", *(f"fixed_{k}" for k in AXES), *(f"load_{k}" for k in AXES), "mass", "area"),
     *(f"{name}_{k}" for name in ("normal", "spring", "spring_rest") for k in AXES),
@@ -21,8 +22,17 @@ ELEMENT_COLUMNS = (
     *("start", "end", "id", "group", "prestress", "force_density", "unstressed_length", "area", "modulus"),
     *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
 )
+OF_SECTIONS = {  # columns of the elements that override sections: least value and unit
+    "prestress": (-LARGEST, "N"),
+    "area": (1e-12, "m2"),
+    "modulus": (1.0, "Pa"),
+    "breaking_load": (LEAST, "N"),
+    "yield_stress": (LEAST, "Pa"),
+    "fracture_strain": (LEAST, ""),
+    "density": (LEAST, "kg/m3"),
+    "expansion": (-LARGEST, "1/K"),
+}
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
-LEAST = 1e-12  # of what is to be positive
 UNIT = 4e-16  # rounding of the length of a unit normal
 WHOLE = 1e-9  # rounding of the sum of shares
 AS_LONG = 0.2  # of the logarithm of an unstressed length over the distance of its nodes: one may be the other
@@ -37,7 +47,7 @@ def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
     cables = Table(job.path.parent / job.net.elements, ELEMENT_COLUMNS, ("start", "end"))
     of_nodes = _node_columns(job, nodes)
     of_elements, names, columns = _element_columns(cables, nodes, of_nodes["node_id"])
-    raise_all(nodes, cables)
+    nodes.finish(cables)
     _lengths_in_metres(job, of_nodes["x"], of_elements)
     net = Net(**of_nodes, **of_elements, group_names=names, notes=nodes.notes + cables.notes)
     net.notes += _parallel_elements(net) + _unjoined_nodes(net)
@@ -58,21 +68,27 @@ def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
     """The columns start and end (m, 2) as numbers of two nodes; nodes : where these stand."""
     rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
     ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
-    for row in np.flatnonzero(ends[:, 0] == ends[:, 1]):
-        if ends[row, 0] >= 0:
-            table.wrong(
-                f"{table.at(row)}: start and end are both node {node_id[ends[row, 0]]}; expected two nodes"
-            )
+    for row in np.flatnonzero((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)):
+        both = f"start and end are both node {node_id[ends[row, 0]]}"
+        table.wrong(f"{table.at(row)}: {both}; expected two nodes")
     return ends
+
+
+def _ends(table: Table, name: str, rows: dict[int, int], nodes: str) -> list[int]:
+    numbers = table.integers(name).tolist()
+    for row, number in enumerate(numbers):
+        if number not in rows:
+            table.wrong(f"{table.at(row)}: {name} = {number}: no such node in {nodes}")
+    return [rows.get(number, -1) for number in numbers]
 
 
 def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
     unit = job.net.unit
     times, by = TO_METRES[unit]
-    x = np.column_stack([nodes.numbers(k, unit=unit) for k in AXES]) * times / by
+    x = nodes.stacked(AXES, unit=unit) * times / by
     node_id = nodes.integers("id")
     for k in AXES:
-        _no_empty_cells(nodes, k)
+        nodes.full(k)
     first: dict[int, int] = {}
     for row, number in enumerate(node_id.tolist()):
         if number in first:
@@ -81,17 +97,17 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
             )
         first.setdefault(number, row)
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
-    rest = np.column_stack([nodes.numbers(f"spring_rest_{k}", 0.0, unit="m") for k in AXES])
+    along = lambda name, low, unit: nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
     return dict(
         x=x,
         fixed=_fixed(nodes),
         node_id=node_id,
-        load=np.column_stack([nodes.numbers(f"load_{k}", 0.0, unit="N") for k in AXES]),
+        load=along("load", -LARGEST, "N"),
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
-        spring=np.column_stack([nodes.numbers(f"spring_{k}", 0.0, low=0.0, unit="N/m") for k in AXES]),
-        spring_rest=from_own(rest, angle),
+        spring=along("spring", 0.0, "N/m"),
+        spring_rest=from_own(along("spring_rest", -LARGEST, "m"), angle),
         angle=angle,
         **_zone_column(nodes),
     )
@@ -109,7 +125,7 @@ def _zone_column(nodes: Table) -> dict:
 
 def _shared_zones(nodes: Table) -> dict:
     """The same where nodes lie in several zones with a share each: "edge/drift" beside "0.25/0.5"."""
-    words = nodes.words("zone") if "zone" in nodes else [""] * len(nodes)
+    words = nodes.words("zone")
     cells = [
         (word.split(SEVERAL), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
         for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
@@ -145,20 +161,9 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
     if len(np.unique(element_id)) < len(element_id):
         values, counts = np.unique(element_id, return_counts=True)
         cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
-    words = cables.words("group") if "group" in cables else [""] * len(cables)
-    names, group = np.unique(words, return_inverse=True)
-    columns = dict(
-        prestress=cables.numbers("prestress", unit="N"),
-        area=cables.numbers("area", low=1e-12, unit="m2"),
-        modulus=cables.numbers("modulus", low=1.0, unit="Pa"),
-        breaking_load=cables.numbers("breaking_load", low=LEAST, unit="N"),
-        yield_stress=cables.numbers("yield_stress", low=LEAST, unit="Pa"),
-        fracture_strain=cables.numbers("fracture_strain", low=LEAST),
-        density=cables.numbers("density", low=LEAST, unit="kg/m3"),
-        expansion=cables.numbers("expansion", unit="1/K"),
-        type=cables.words("type") if "type" in cables else [],
-        kind=_kinds(cables),
-    )
+    names, group = np.unique(cables.words("group"), return_inverse=True)
+    columns = {name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in OF_SECTIONS.items()}
+    columns |= {"type": cables.words("type") if "type" in cables else [], "kind": _kinds(cables)}
     of_elements = dict(
         elements=ends,
         group=group,
@@ -172,7 +177,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
 
 def _kinds(cables: Table) -> np.ndarray:
     """1 for a bar, 0 for a cable (m,), nan where the column says nothing."""
-    words = cables.words("kind") if "kind" in cables else [""] * len(cables)
+    words = cables.words("kind")
     for row, word in enumerate(words):
         if word not in ("", "cable", "bar"):
             cables.wrong(f'{cables.at(row)}: kind = {word[:40]!r}: expected "cable" or "bar"')
@@ -194,24 +199,6 @@ def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
         )
 
 
-def raise_all(*tables: Table) -> None:
-    """Raise the errors of all the tables at once."""
-    lines = []
-    for table in tables:
-        try:
-            table.finish()
-        except InputError as error:
-            lines += error.lines
-    if lines:
-        raise InputError(lines)
-
-
-def _no_empty_cells(table: Table, name: str) -> None:
-    for row, word in enumerate(table.words(name)):
-        if word == "":
-            table.wrong(f"{table.at(row)}: {name} is empty; expected a number")
-
-
 def _fixed(nodes: Table) -> np.ndarray:
     if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
         nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
@@ -231,30 +218,16 @@ def _normals(nodes: Table) -> np.ndarray:
     there = [f"normal_{k}" in nodes for k in AXES]
     if any(there) and not all(there):
         nodes.wrong("columns normal_x, normal_y, normal_z come together; one is missing")
-    normal = np.column_stack([nodes.numbers(f"normal_{k}") for k in AXES])
+    normal = nodes.stacked([f"normal_{k}" for k in AXES])
     given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
-    for row in np.flatnonzero(given.any(1) & ~given.all(1)):
-        if all(there):
-            nodes.wrong(
-                f"{nodes.at(row)}: normal_x, normal_y, normal_z: expected three numbers, or all empty"
-            )
+    for row in np.flatnonzero(given.any(1) & ~given.all(1) & all(there)):
+        nodes.wrong(f"{nodes.at(row)}: normal_x, normal_y, normal_z: expected three numbers, or all empty")
     for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
         shown = ", ".join(f"{value:g}" for value in normal[row])
-        nodes.wrong(
-            f"{nodes.at(row)}: normal = ({shown}): expected the upward normal, normal_z >= 0, not all 0"
-        )
+        expected = "expected the upward normal, normal_z >= 0, not all 0"
+        nodes.wrong(f"{nodes.at(row)}: normal = ({shown}): {expected}")
     length[np.abs(length - 1.0) <= UNIT] = 1.0  # so that a normal which was written comes back as it is
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
-
-
-def _ends(cables: Table, name: str, rows: dict[int, int], nodes: str) -> np.ndarray:
-    numbers = cables.integers(name)
-    ends = np.full(len(cables), -1)
-    for row, number in enumerate(numbers.tolist()):
-        ends[row] = rows.get(number, -1)
-        if ends[row] < 0:
-            cables.wrong(f"{cables.at(row)}: {name} = {number}: no such node in {nodes}")
-    return ends
 
 
 def _parallel_elements(net: Net) -> list[str]:

@@ -10,8 +10,7 @@ from netfall.equilibrium.relaxation import Paused, state_residual
 from netfall.erection.deviation import Deviated, deviate
 from netfall.erection.erect import Erection, erect, restored
 from netfall.erection.settings import Setting, check_stages
-from netfall.erection.targets import Reached, reach_targets
-from netfall.erection.tension import of_form
+from netfall.erection.tension import Reached, of_form, reach_targets
 from netfall.form.find import Form
 from netfall.form.initial import INITIAL, initial_record, write_before_stages
 from netfall.ground.errors import DivergedError, Undecided, interrupted

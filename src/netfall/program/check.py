@@ -195,7 +195,7 @@ def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
     from netfall.plots.job import JobNet, draw_job
 
     net, zones, given, probes = layout.net, layout.zones, layout.roofing.given, layout.probes
-    areas = [(given.plan * zones.of_zone(k)).sum() for k in (*range(len(zones.names)), -1)]
+    areas = [(given.plan * share).sum() for share in zones.share.T]
     polygons = [zone.polygon for zone in job.zones if zone.polygon is not None]
     normal = normals(net, given.vector) if along_normals(job) else None
     lost = np.unique(np.concatenate([np.zeros(0, np.int64), *layout.lost]))

@@ -21,7 +21,7 @@ def largest_torsion(distribution: Distribution, state: State, chains) -> tuple[f
 
     It is the sum of the moments that hold the sections of the chain, the same at any refinement, as a share
     of the largest bending moment. With it comes the number of a particle.
-    chains : `net.chains.Chains` on rank 0, None elsewhere
+    chains : `net.cables.Chains` on rank 0, None elsewhere
     """
     joints = state.joints
     moment, hold = np.empty((2, len(joints.stiffness)))

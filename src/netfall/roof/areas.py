@@ -62,15 +62,13 @@ def roof_of(job: Job, net: Net) -> Roofing:
         return _roofing(job, net, *given_faces(job, net), carries)
     lines = bool(job.roof and job.roof.lines)
     plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
+    if plan.errors and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
     if plan.errors:
-        if _needs_faces(job, net):
-            raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
-        none = no_faces()
+        notes = [f"the net has no faces: {error}" for error in plan.errors]
         if areas_are_given(net):
-            notes = [GIVEN_AREAS] if loads_the_roof(job) else []
-        else:
-            notes = [f"the net has no faces: {error}" for error in plan.errors]
-        return Roofing(none, tributary_areas(net.x, net, none), notes=notes)
+            notes = [GIVEN_AREAS] * loads_the_roof(job)
+        return Roofing(no_faces(), tributary_areas(net.x, net, no_faces()), notes=notes)
     faces = _faces_but_openings(job, net, plan)
     loose = _unconnected(net, plan, faces)
     if loose and _needs_faces(job, net):
@@ -80,8 +78,7 @@ def roof_of(job: Job, net: Net) -> Roofing:
 
 def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> Roofing:
     """The roof of faces that are known; carries : (m / parts,) bool; loose : notes that stand last."""
-    given, covered = tributary_areas(net.x, net, faces), _covered(plan, faces)
-    roofing = Roofing(faces, given, covered)
+    roofing = Roofing(faces, tributary_areas(net.x, net, faces), _covered(plan, faces))
     notes = _notes(job, net, plan, roofing, carries) if loads_the_roof(job) else []
     return replace(roofing, notes=[*notes, *loose])
 
@@ -160,13 +157,15 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray
     free = ~net.fixed.all(1)
     in_roof = np.zeros(net.n, bool)
     in_roof[net.elements[np.repeat(carries, net.parts)]] = True
-    bare = np.flatnonzero((area == 0) & free & in_roof & ~np.isfinite(net.area))
+    bare = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
     if len(bare):
-        notes.append(
-            f"{len(bare)} free nodes carry no roof area: {listed(net.node_id[bare])}; "
-            "`area` in nodes.csv would give it"
-        )
-    notes += _idle_lines(net, plan, faces)
+        what = f"{len(bare)} free nodes carry no roof area: {listed(bare)}"
+        notes.append(f"{what}; `area` in nodes.csv would give it")
+    lines, points = plan.segment[plan.element < 0], len(plan.points)
+    loose = lines[~among(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
+    loose = [f"{a} to {b}" for a, b in net.node_id[loose[(loose < net.n).all(1)]]]
+    if loose:
+        notes.append(f"{len(loose)} edges of the roof without an element bound no face: {listed(loose)}")
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
@@ -176,18 +175,6 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray
             "in plan; if the roof goes on to the supports, close it with elements between these"
         )
     return notes
-
-
-def _idle_lines(net: Net, plan: Plan, faces: Faces) -> list[str]:
-    """A note on edges without an element that bound no face."""
-    rings, points = faces.rings, len(plan.points)
-    lines = plan.segment[plan.element < 0]
-    loose = lines[~among(pair_key(lines, points), pair_key(rings.sides(), points))]
-    loose = loose[(loose < net.n).all(1)]
-    if not len(loose):
-        return []
-    named = listed([f"{a} to {b}" for a, b in net.node_id[loose]])
-    return [f"{len(loose)} edges of the roof without an element bound no face: {named}"]
 
 
 def _covered(plan: Plan, faces: Faces) -> float:

@@ -9,7 +9,6 @@ from netfall.net.net import Net, pair_key
 from netfall.numerics.functions import lengths
 from netfall.numerics.sets import among, distinct
 from netfall.roof.plan import Plan, draw_plan
-from netfall.roof.rings import traced_rings
 
 FLAT = 1e-12  # of a face's area: a triangle about its centroid that is turned by less is rounding
 COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
@@ -95,16 +94,11 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     plan = plan or draw_plan(net)
     if not len(plan.segment):
         return no_faces()
-    used = distinct(plan.segment)
-    rings = None if len(openings) else _traced(plan, used)
-    if rings is not None:
-        polygon, open_rim = np.arange(len(rings)), _open_rim(rings, plan)
-    else:
-        polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
-        rings, polygon = _rings(polygons, plan.points, used)
-        open_rim = _open_rim(rings, plan)
-        kept = ~np.isin(polygon, _open_faces(polygons, openings))
-        rings, polygon = _selected(rings, kept), polygon[kept]
+    polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
+    rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
+    open_rim = _open_rim(rings, plan)
+    kept = ~np.isin(polygon, _open_faces(polygons, openings))
+    rings, polygon = _selected(rings, kept), polygon[kept]
     faces = faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points)
     return replace(faces, open_rim=open_rim)
 
@@ -119,17 +113,11 @@ def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Fac
     kept = _selected(rings, plain)
     if plain.all():
         return kept
-    cut = [
-        [rings.corner[rings.start[r] : rings.start[r + 1]] for r in np.flatnonzero(polygon == number)]
-        for number in np.unique(polygon[~plain])
-    ]
-    whole = _joined(kept, [_as_rings(shapes) for shapes in cut])
+    corners = np.split(rings.corner, rings.start[1:-1])
+    cut = [[corners[r] for r in np.flatnonzero(polygon == f)] for f in np.unique(polygon[~plain])]
+    as_rings = lambda shapes: Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+    whole = _joined(kept, [as_rings(shapes) for shapes in cut])
     return replace(_joined(kept, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
-
-
-def _as_rings(shapes: list[np.ndarray]) -> Faces:
-    """Rings of corner numbers."""
-    return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
 
 
 def _joined(plain: Faces, others: list[Faces]) -> Faces:
@@ -140,13 +128,6 @@ def _joined(plain: Faces, others: list[Faces]) -> Faces:
     face = np.concatenate([np.arange(len(plain)), len(plain) + number])
     start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
-
-
-def _traced(plan: Plan, used: np.ndarray) -> Faces | None:
-    """The rings of the faces where each has one and no two points, of those `used`, are in one place."""
-    places = plan.points[used, 0] + 1j * plan.points[used, 1]
-    found = traced_rings(plan.points, plan.segment) if len(distinct(places)) == len(used) else None
-    return found and Faces(*found)
 
 
 def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
@@ -212,12 +193,11 @@ def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
 
 def _seen_whole(rings: Faces, points) -> np.ndarray:
     """Whether the triangles from its centroid to its sides fill each ring without overlap; holes do not."""
-    seen = np.zeros(len(rings), bool)
-    if len(rings):
-        double = turned_triangles(points, rings, double_area)
-        total = np.bincount(rings.of_corner(), double, len(rings))
-        seen = (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
-    return seen
+    if not len(rings):
+        return np.zeros(0, bool)
+    double = turned_triangles(points, rings, double_area)
+    total = np.bincount(rings.of_corner(), double, len(rings))
+    return (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
 
 
 def double_area(u, v) -> np.ndarray:

@@ -37,9 +37,9 @@ def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
 
 def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
     """The point (c,) of each row, from n on those without a node, and the places (k, 3) [m] of these."""
-    of_table = net.node_id[: net.n - net.inner_particles().size]  # those of `subdivide` come by themselves
+    of_table = net.node_id[: net.given]  # those of `subdivide` come by themselves
     rows = {str(number): row for row, number in enumerate(of_table.tolist())}
-    place = np.column_stack([table.numbers(k, unit="m") for k in AXES])
+    place = table.stacked(AXES, unit="m")
     corner, others = np.zeros(len(table), np.int64), {}
     for row, word in enumerate(table.words("node")):
         if word:
@@ -67,21 +67,19 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
         table.wrong(f"face = {number[f]}: ring = {ring[f]}; expected 0 around it, then its holes from 1")
     vector = vector_areas(points, faces)
     area, upright = vector[:, 2], np.abs(vector[:, 2]) < UPRIGHT * lengths(vector)
-    if upright.any():
-        f = np.flatnonzero(upright)[0]
+    for f in np.flatnonzero(upright)[:1]:
         table.wrong(
             f"{upright.sum()} upright faces, the first is face = {number[f]}: {area[f]:.4g} m2 in plan, "
             f"{lengths(vector[f]):.4g} m2 of surface; faces of the roof have an area in plan. Leave upright "
             "faces out of the table, and give their nodes area, normal_x, normal_y and normal_z in nodes.csv"
         )
     for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
+        way = "clockwise around a hole" if ring[f] else "anticlockwise"
         if len(np.unique(corners)) < max(3, len(corners)):
             table.wrong(f"face = {number[f]}: expected three corners or more, each once")
         elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
-            way = "clockwise around a hole" if ring[f] else "anticlockwise"
-            table.wrong(
-                f"face = {number[f]}: {area[f]:.4g} m2 in plan; expected its corners {way}, seen from above"
-            )
+            what = f"{area[f]:.4g} m2 in plan; expected its corners {way}, seen from above"
+            table.wrong(f"face = {number[f]}: {what}")
 
 
 def _sides(net: Net, faces: Faces, points: np.ndarray) -> Plan:

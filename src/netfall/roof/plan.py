@@ -71,18 +71,12 @@ def _stacked(net, points, segment, element) -> list[str]:
     places = shapely.points(points[used])
     pairs = used[_near(places, places, net.tolerance)]
     pairs = pairs[:, pairs[0] < pairs[1]].T
-    if not len(pairs):
-        return []
-    names = []
-    for pair in pairs[:MOST_NAMED]:
-        own = [_at_node(net, segment, element, p) for p in pair]
-        names.append(" and ".join(f"{_node_name(net, p)} ({words})" for p, words in zip(pair, own)))
+    name = lambda p: f"{_node_name(net, p)} ({_at_node(net, segment, element, p)})"
+    named = "; ".join(f"{name(a)} and {name(b)}" for a, b in pairs[:MOST_NAMED])
     return [
-        f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, "
-        "so it is not known which carry the roof: "
-        + "; ".join(names)
-        + ("; ..." if len(pairs) > MOST_NAMED else "")
-    ]
+        f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, so it is not "
+        f"known which carry the roof: {named}{'; ...' * (len(pairs) > MOST_NAMED)}"
+    ] * (len(pairs) > 0)
 
 
 def _cut_at_nodes(net, points, segment, element, span):
@@ -134,12 +128,12 @@ def _crossings(net, points, segment, element) -> list[str]:
     first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
     own = np.where(element >= 0, element, len(net.elements) + np.arange(len(element)))
     pairs, at = np.unique(np.sort(own[np.column_stack([first, second])], axis=1), axis=0, return_index=True)
-    if not len(pairs):
-        return []
     name = lambda s: _member(net, segment[s], element[s]).removeprefix("element ")
     both = (sorted(ends, key=own.__getitem__) for ends in zip(first[at], second[at]))
     named = [" and ".join(map(name, ends)) for ends in both]
-    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(named)}"]
+    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(named)}"] * (
+        len(pairs) > 0
+    )
 
 
 def _node_name(net, p: int) -> str:

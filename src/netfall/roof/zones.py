@@ -1,22 +1,25 @@
 """Zones of the roof: which node belongs to which, and the values that hold there."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
 import shapely
 
-from netfall.ground.errors import InputError
-from netfall.job.cases import in_zone
+from netfall.ground.errors import refuse
+from netfall.job.cases import split
 from netfall.job.job import Job
 from netfall.job.values import nearest, shown
 from netfall.net.net import Net, nearest_group
 from netfall.roof.areas import Roofing
-from netfall.roof.cutter import Cutter
+from netfall.roof.faces import Faces, quarters
+from netfall.roof.shares import FEW, Shares, nearest_areas
 
 MUCH = 0.02  # of a zone's area: so much that lies outside its polygon is reported
 NOBODY = "no node lies in it; the polygon is in metres, in plan"
 LAST_BITS = 4e-16  # what the sum of shares of a whole node may lack
+ROUNDING = 1e-9  # of a node's area
 
 
 @dataclass(frozen=True)
@@ -24,46 +27,35 @@ class Zones:
     """Each node in one zone or none, or in several with a share of its area each.
 
     names : in order, of which the last that a node lies in has it
-    of_node : (n,) row of names, -1: none; of a node in several the one with the largest share
-    mixed : (k,) nodes in several; share : (k, z + 1), of each zone, then of none
+    share : (n, z + 1) of each node's area in each zone, then in none
     """
 
     names: list[str]
-    of_node: np.ndarray
+    share: np.ndarray
     notes: list[str] = field(default_factory=list)
-    mixed: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    share: np.ndarray | None = None
+
+    @property
+    def mixed(self) -> np.ndarray:
+        """(k,) nodes that lie in several zones."""
+        return np.flatnonzero(((self.share > 0.0) & (self.share < 1.0)).any(1))
+
+    @property
+    def of_node(self) -> np.ndarray:
+        """(n,) row of names, -1: none; of a node in several the one with the largest share."""
+        last_first = np.append(np.arange(len(self.names))[::-1], -1)  # of equal shares the last zone's
+        return last_first[np.argmax(self.share[:, last_first], axis=1)]
 
     def at(self, rows: np.ndarray) -> "Zones":
         """The zones of the nodes in some rows."""
-        place = np.full(len(self.of_node), -1)
-        place[self.mixed] = np.arange(len(self.mixed))
-        mixed = np.flatnonzero(place[rows] >= 0)
-        share = None if self.share is None else self.share[place[rows[mixed]]]
-        return Zones(self.names, self.of_node[rows], mixed=mixed, share=share)
-
-    def of_zone(self, number: int) -> np.ndarray:
-        """Share (n,) of each node's area that lies in a zone, by its row of names; -1: in none."""
-        share = (self.of_node == number).astype(float)
-        if self.share is not None:
-            share[self.mixed] = self.share[:, number]
-        return share
-
-    def shares(self) -> np.ndarray:
-        """(n, z) share of each node's area that lies in each zone."""
-        return np.column_stack([self.of_zone(k) for k in range(len(self.names))])
+        return Zones(self.names, self.share[rows])
 
     def by_node(self, base: float | None, own: dict[str, float]) -> np.ndarray:
         """The number (n,) of each node: of its zone, where that has its own, else the base; None: 0.
 
         Of a node in several zones the mean by their shares.
         """
-        each = [own.get(name, base) for name in self.names] + [base]  # the last for row -1
-        each = np.array([0.0 if value is None else value for value in each], float)
-        found = each[self.of_node]
-        if self.share is not None:
-            found[self.mixed] = sum(share * value for share, value in zip(self.share.T, each))
-        return found
+        each = [own.get(name, base) for name in self.names] + [base]
+        return sum(share * (0.0 if value is None else value) for share, value in zip(self.share.T, each))
 
     def parts(self, section: SimpleNamespace, key: str) -> list[tuple[object, np.ndarray]]:
         """Each distinct value of a key, with the share (n,) of nodes that have it; the section's own first.
@@ -71,14 +63,10 @@ class Zones:
         section : with `zone`, what the zones override
         """
         base, own = getattr(section, key), _own(section, key)
-        found: list[tuple[object, np.ndarray]] = []
-        for number, value in enumerate([base, *(own.get(name, base) for name in self.names)], -1):
-            mine = self.of_zone(number)
-            same = [share for other, share in found if other == value]
-            if same:
-                same[0][:] += mine
-            else:
-                found.append((value, mine))
+        values = [base, *(own.get(name, base) for name in self.names)]
+        shares = [self.share[:, k] for k in range(-1, len(self.names))]
+        distinct = [value for k, value in enumerate(values) if value not in values[:k]]
+        found = [(v, sum(share for share, each in zip(shares, values) if each == v)) for v in distinct]
         return [(value, share) for value, share in found if share.any()]
 
     def spread(self, section: SimpleNamespace, key: str) -> np.ndarray:
@@ -107,33 +95,20 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     Those of the column `zone` that have no entry in the job stand after the entries.
     roofing : whose faces polygons with `cut` cut, and of which others take more than lies inside
     """
-    entries = [*job.zones, *(_of_column(name) for name in net.zone_names if name not in _names(job.zones))]
-    names = _names(entries)
-    errors = [f"{job.path}: {line}" for line in _wrong_entries(entries, net) + _unknown_names(job, names)]
-    if errors:
-        raise InputError(errors)
+    of_column = lambda name: SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+    names = [zone.name for zone in job.zones]
+    names += [name for name in net.zone_names if name not in names]
+    entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
+    refuse(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names)))
     inside = [_members(zone, net) for zone in entries]
     drawn = any(zone.polygon is not None for zone in entries)
     cutter = Cutter(net, roofing.faces, roofing.given.shares) if drawn and len(roofing.faces) else None
-    cut = [k for k, zone in enumerate(entries) if is_cut(zone) and cutter]
-    given = [] if net.zone_share is None else [k for k, name in enumerate(names) if name in net.zone_names]
-    of_node = np.full(net.n, -1)
-    for number, members in enumerate(inside):
-        if number not in (*cut, *given):
-            of_node[members] = number
-    found = Zones(names, of_node)
-    if given:
-        found = _cut(found, given, [net.zone_share[:, net.zone_names.index(names[k])] for k in given])
-    elif cut:
-        polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
-        later = [shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))]  # which take precedence
-        regions = map(shapely.difference, polygons, later)
-        found = _cut(found, cut, [cutter.inside(region) for region in regions])
+    found = Zones(names, _shares(net, entries, inside, cutter))
     notes = [
-        f"zone {shown(names[k])}: "
-        + ("all of its nodes lie in zones after it too, and belong to these" if inside[k].any() else NOBODY)
-        for k in range(len(names))
-        if not found.of_zone(k).any()
+        f"zone {shown(name)}: "
+        + ("all of its nodes lie in zones after it too, and belong to these" if members.any() else NOBODY)
+        for name, members, share in zip(names, inside, found.share.T)
+        if not share.any()
     ]
     for zone, members in zip(entries, inside):
         if cutter and zone.polygon is not None and not is_cut(zone):
@@ -148,26 +123,34 @@ def is_cut(zone: SimpleNamespace) -> bool:
     return zone.polygon is not None and zone.cut is not False
 
 
-def _cut(whole: Zones, cut: list[int], inside: list[np.ndarray]) -> Zones:
-    """The zones `cut` with the shares (n,) of nodes `inside`, but where a later zone has the node whole.
+def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter | None") -> np.ndarray:
+    """Share (n, z + 1) of each node's area in each zone, then in none; inside : nodes (n,) bool of each.
 
-    What these leave of a node is of the zone that has it whole otherwise, or of none.
+    What zones with a part of a node leave is of the zone that has it whole otherwise, or of none.
     """
-    of_node = whole.of_node.copy()
-    inside = [np.where(whole.of_node > k, 0.0, share) for k, share in zip(cut, inside)]
-    for k, share in zip(cut, inside):
-        of_node[share == 1.0] = k
-    mixed = np.flatnonzero(np.any([(share > 0.0) & (share < 1.0) for share in inside], axis=0))
-    if not len(mixed):
-        return Zones(whole.names, of_node)
-    share = np.zeros((len(mixed), len(whole.names) + 1))
-    for k, part in zip(cut, inside):
-        share[:, k] = part[mixed]
-    rest = 1.0 - share.sum(1)
-    share[np.arange(len(mixed)), whole.of_node[mixed]] += np.where(rest > LAST_BITS, rest, 0.0)
-    last_first = np.append(np.arange(len(whole.names))[::-1], -1)  # of equal shares the last zone's
-    of_node[mixed] = last_first[np.argmax(share[:, last_first], axis=1)]
-    return Zones(whole.names, of_node, mixed=mixed, share=share)
+    parts = {}  # share (n,) of the nodes, by zones that take a part of each
+    if net.zone_share is not None:
+        of_name = dict(zip(net.zone_names, net.zone_share.T))
+        parts = {k: of_name[zone.name] for k, zone in enumerate(entries) if zone.name in of_name}
+    cut = [k for k, zone in enumerate(entries) if is_cut(zone) and cutter]
+    of_node = np.full(net.n, -1)
+    for k, members in enumerate(inside):
+        if k not in (*cut, *parts):
+            of_node[members] = k
+    if cut and not parts:
+        polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
+        later = [shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))]  # which take precedence
+        parts = dict(zip(cut, map(cutter.inside, map(shapely.difference, polygons, later))))
+    part = np.column_stack([np.zeros((net.n, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
+    whole = of_node.copy()
+    for k, share in zip(parts, part.T):
+        whole[share == 1.0] = k
+    shares, mixed = np.eye(len(entries) + 1)[whole], np.flatnonzero(((part > 0.0) & (part < 1.0)).any(1))
+    shares[mixed] = 0.0
+    shares[np.ix_(mixed, list(parts))] = part[mixed]
+    rest = 1.0 - shares[mixed].sum(1)
+    shares[mixed, of_node[mixed]] += np.where(rest > LAST_BITS, rest, 0.0)
+    return shares
 
 
 def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
@@ -187,14 +170,6 @@ def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan
     ]
 
 
-def _names(zones: list) -> list[str]:
-    return [zone.name for zone in zones]
-
-
-def _of_column(name: str) -> SimpleNamespace:
-    return SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
-
-
 def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
     """(n,) bool, the nodes of a zone: in or on its polygon, at elements of its groups, or by the column."""
     if zone.polygon is not None:
@@ -210,51 +185,39 @@ def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
     return net.zone == row if net.zone_share is None else net.zone_share[:, row] > 0
 
 
-def _wrong_entries(entries: list, net: Net) -> list[str]:
+def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
     """A line for each entry whose nodes are not known."""
-    lines = []
     for zone in entries:
         place, in_column = f"[[zone]] {zone.name}:", zone.name in net.zone_names
-        if zone.polygon is not None:
-            lines += [f"{place} polygon: {why}" for why in _not_simple(zone.polygon)]
+        polygon = shapely.Polygon(zone.polygon or ())
+        if zone.polygon is not None and not (polygon.is_valid and polygon.area > 0):
+            why = "no area" if polygon.is_valid else shapely.is_valid_reason(polygon)
+            expected = "expected corners in order around an area, without sides that cross"
+            yield f"{place} polygon: {why}; {expected}"
         for name in zone.groups or ():
             if name not in net.group_names:
-                lines.append(
-                    f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
-                )
+                yield f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
         if in_column and (zone.polygon is not None or zone.groups is not None):
-            lines.append(f"{place} the column zone of nodes.csv has nodes of it already; give the name alone")
+            yield f"{place} the column zone of nodes.csv has nodes of it already; give the name alone"
         elif is_cut(zone) and net.zone_share is not None:
-            lines.append(
+            yield (
                 f"{place} cut = true (the default) and the column zone_share of nodes.csv exclude each "
                 "other; set cut = false, with which the polygon takes whole nodes, or remove the column"
             )
         elif not in_column and zone.polygon is None and zone.groups is None:
-            advice = f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else ""
-            lines.append(
+            yield (
                 f"{place} polygon or groups: missing; a name alone is for a zone of the column zone of "
-                f"nodes.csv, which does not have it{advice}"
+                "nodes.csv, which does not have it"
+                + (f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else "")
             )
-    return lines
 
 
-def _not_simple(corners: list) -> list[str]:
-    """Why corners bound no area, if they do not."""
-    polygon = shapely.Polygon(corners)
-    if polygon.is_valid and polygon.area > 0:
-        return []
-    why = shapely.is_valid_reason(polygon) if not polygon.is_valid else "no area"
-    return [f"{why}; expected corners in order around an area, without sides that cross"]
-
-
-def _unknown_names(job: Job, names: list[str]) -> list[str]:
+def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
     """A line for each place that names a zone that there is not."""
-    advice = "the job has none: give a [[zone]], or the column zone in nodes.csv"
-    return [
-        f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else advice}"
-        for name, place in named_zones(job)
-        if name not in names
-    ]
+    none = "the job has none: give a [[zone]], or the column zone in nodes.csv"
+    for name, place in named_zones(job):
+        if name not in names:
+            yield f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else none}"
 
 
 def named_zones(job: Job) -> list[tuple[str, str]]:
@@ -264,6 +227,57 @@ def named_zones(job: Job) -> list[tuple[str, str]]:
         table = getattr(job, section)
         found += [(name, f"[{section}.zone.{name}]") for name in (table.zone if table else ())]
     for kind, case in [("case", case) for case in job.cases] + [("stage", stage) for stage in job.stages]:
-        of_zones = [(in_zone(key), key) for key in case.set]
-        found += [(zone[1], f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
+        of_zones = [(split(key)[1], key) for key in case.set]
+        found += [(zone, f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
     return found
+
+
+# --- what polygons cut out of the areas of nodes, exactly as the faces are shared out
+
+
+class Cutter:
+    """Cuts what the nodes of a net have of its faces."""
+
+    def __init__(self, net: Net, faces: Faces, shares: Shares):
+        """shares : of the faces in the geometry that is given"""
+        self.net, self.faces, self.shares = net, faces, shares
+        self.points = np.concatenate([net.x, net.corners])
+        self.few = np.bincount(self.faces.rings.face_of_corner()) <= FEW
+        rings, xy = faces.rings, self.points[:, :2]
+        first = rings.start[rings.first_rings()]
+        low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
+        self.boxes = shapely.STRtree(shapely.box(*low.T, *high.T))  # around each face in plan
+
+    def inside(self, region) -> np.ndarray:
+        """(n,) the share of each node's area in plan that lies in a polygon, or in several.
+
+        Of a node without a face all of it or nothing, by its place.
+        """
+        shapely.prepare(region)
+        net, corner, plans = self.net, self.shares.node, self.shares.plans()
+        share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
+        crossed = np.zeros(self.faces.count, bool)
+        crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
+        few, many = crossed & self.few, crossed & ~self.few  # in the order of shares
+        parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[few[self.faces.face_of_corner()]])
+        within, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
+        if many.any():
+            of_many = self.faces.rings.of_faces(many), self.shares.vector[many]
+            size = np.append(size, nearest_areas(self.points, *of_many))
+            windows = (nearest_areas(self.points, *of_many, window) for window in _windows(region))
+            within = np.append(within, sum(windows))
+        here = crossed[self.shares.face]
+        share[here] = np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
+        total, within = (np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans))
+        alone = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
+        found = np.where(total > 0, within / np.where(total > 0, total, 1.0), alone)
+        return np.where(found > 1.0 - ROUNDING, 1.0, np.where(found < ROUNDING, 0.0, found))
+
+
+def _windows(region) -> np.ndarray:
+    """Triangles that fill a region, each as three half-planes a x + b y <= c: (t, 3, 3)."""
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
+    corner = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)
+    start, along = corner[:, :3], np.diff(corner, axis=1)
+    outward = np.stack([along[:, :, 1], -along[:, :, 0]], -1)
+    return np.concatenate([outward, np.sum(outward * start, axis=2, keepdims=True)], 2)

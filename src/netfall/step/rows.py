@@ -17,7 +17,7 @@ from netfall.mechanics.bending import joint_moment
 from netfall.step.audit import Room, Subject, observe
 
 MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
-NO_BENDING = -2  # in place of a joint, as `net.chains` has it
+NO_BENDING = -2  # in place of a joint, as `net.cables` has it
 INFINITE = np.int64(0x7FF) << 52  # the bits of infinity; those of nan are more
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits but the sign
 

@@ -18,10 +18,9 @@ from netfall.wind.clusters import cluster_points, cluster_weights
 from netfall.wind.coherence import along_wind, mean_speed
 from netfall.wind.grid import is_resolved, plan_points
 from netfall.wind.means import means_over
-from netfall.wind.measured import TableHistory, place_weights, read_measured
+from netfall.wind.measured import TableHistory, place_weights, read_measured, read_taps
 from netfall.wind.spectra import gust_of
 from netfall.wind.surface import surface_of
-from netfall.wind.taps import read_taps
 
 
 @dataclass(frozen=True)

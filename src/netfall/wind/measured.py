@@ -3,11 +3,20 @@
 One column, `speed`, is the speed at 10 m above ground everywhere. Several columns belong to the points of a
 second table, each the speed at that place and height; a particle takes those of the four nearest points in
 plan, weighted by distance, and the power-law profile carries each from its own height to the particle's.
+
+Pressures of a wind tunnel: values in time at taps, and what of them reaches a node.
+
+The values are pressures [N/m2] or coefficients, as the caller takes them; positive presses on the roof. The
+taps stand in a table name, x, y, in the axes of the net; the values in a table with the columns time and one
+for each tap by name, or in an HDF5 file with `time` (t,) and `value` (t, c), columns in the order of the
+taps, of which 64 rows are held at a time. Times are those of the roof, in s. A node takes the values of the
+four nearest taps in plan, weighted by distance (`place_weights`); between times values are linear.
 """
 
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
@@ -104,9 +113,16 @@ def read_measured(job) -> TableHistory:
     """
     names, places, notes, duration = ["speed"], None, [], job.dynamics.duration
     if job.wind.points:
-        one = "one height at each place, the profile does the rest"
-        names, places, notes = read_places(job.path.parent / job.wind.points, "xyz", one)
-        _check_heights(job, names, places)
+        one, path = "one height at each place, the profile does the rest", job.path.parent / job.wind.points
+        names, places, notes = read_places(path, "xyz", one)
+        height = places[:, 2] + job.wind.base_height
+        if (height < LOWEST_HEIGHT).any():
+            raise InputError(
+                f"{path}: name = {name!r}: {z:g} m above ground (z + base_height = "
+                f"{job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
+                for name, z in zip(names, height)
+                if z < LOWEST_HEIGHT
+            )
     table, time, speed = read_rows(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
     within = np.unique(np.clip(time, 0.0, duration))
     course = (np.interp(within, time, column) for column in speed.T)
@@ -121,12 +137,11 @@ def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGE
     """
     table = Table(path, ("time", *names), ("time", *names))
     time = table.numbers("time", unit="s")
-    values = np.column_stack([table.numbers(name, low=low, unit=unit) for name in names])
+    values = table.stacked(names, low=low, unit=unit)
     table.finish()
     table.ascending("time", time)
-    if np.isnan(time).any() or np.isnan(values).any():
-        table.wrong("empty cells; expected a number in each")
-    elif time[0] > 0 or time[-1] < duration:
+    table.no_gaps(time, values)
+    if time[0] > 0 or time[-1] < duration:
         table.wrong(f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {duration:g} s")
     table.finish()
     return table, time, values
@@ -135,42 +150,75 @@ def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGE
 def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.ndarray, list[str]]:
     """Names (as headers are read: in small letters), places (c, 2 or 3) [m] and notes of a table of places.
 
-    axes : that it must have; expected : as in `_check_apart`
+    axes : that it must have; expected : in place of two places above one another
 
     Raises InputError for places without a name of their own, or above one another.
     """
     table = Table(path, ("name", "x", "y", "z"), ("name", *axes))
     names = [name.lower() for name in table.words("name")]
-    places = np.column_stack([table.numbers(axis, unit="m") for axis in axes])
+    places = table.stacked(axes, unit="m")
     for row, name in enumerate(names):
+        place = f"{table.at(row)}: name = {name[:40]!r}"
         if not name or name == "time" or name in names[:row]:
-            own = "expected a name of its own, that of a column of values"
-            table.wrong(f"{table.at(row)}: name = {name[:40]!r}: {own}")
-    if np.isnan(places).any():
-        table.wrong("empty cells; expected a number in each")
-    _check_apart(table, names, places, expected)
-    table.finish()
+            table.wrong(f"{place}: expected a name of its own, that of a column of values")
+        near = lengths(places[:row, :2] - places[row, :2]) < TOGETHER  # a particle would take the mean
+        if near.any():
+            table.wrong(f"{place}: at the same x, y as {names[int(near.argmax())]!r}; expected {expected}")
+    table.no_gaps(places)
     return names, places, table.notes
 
 
-def _check_apart(table: Table, names: list[str], places: np.ndarray, expected: str) -> None:
-    """Places (c, 2 or 3) [m] must differ in plan: of two at one place a particle would take the mean."""
-    for row in range(len(places)):
-        near = lengths(places[:row, :2] - places[row, :2]) < TOGETHER
-        if near.any():
-            table.wrong(
-                f"{table.at(row)}: name = {names[row]!r}: at the same x, y as {names[int(near.argmax())]!r}; "
-                f"expected {expected}"
+def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
+    """The history of two files, over at least a duration [s]. Raises InputError."""
+    one = "one tap at each place, with what presses and what lifts there added"
+    names, places, notes = read_places(taps, "xy", one)
+    if values.suffix in (".h5", ".hdf5"):
+        time, rows = _long_file(values, len(names))
+        _check_times(values, time, duration)
+    else:
+        table, time, value = read_rows(values, names, duration)
+        rows, notes = (lambda first, end: value[first:end]), notes + table.notes
+    return TableHistory(time, rows, _mean(time, rows, duration), places, notes)
+
+
+def _mean(time: np.ndarray, rows, duration: float) -> np.ndarray:
+    """Mean values (c,), linear between rows, over the duration [s]; time, rows : as in `TableHistory`."""
+    begin, end = np.clip(time[:-1], 0.0, duration), np.clip(time[1:], 0.0, duration)
+    second = (end - begin) * (0.5 * (begin + end) - time[:-1]) / np.diff(time)
+    share = np.zeros(len(time))
+    share[:-1] += end - begin - second
+    share[1:] += second
+    share, blocks = share / duration, range(0, len(time), ROWS)
+    return sum(np.add.reduce(share[i : i + ROWS, None] * rows(i, i + ROWS), axis=0) for i in blocks)
+
+
+def _long_file(path: Path, count: int):
+    try:
+        file = h5py.File(path)
+        time, value = file["time"][:], file["value"]
+        shape = value.shape
+    except (OSError, KeyError, AttributeError, ValueError) as error:
+        raise InputError(f"{path}: {error}; expected HDF5 with datasets time (t,) and value (t, c)") from None
+    if time.ndim != 1 or not len(time) or shape != (len(time), count):
+        raise InputError(
+            f"{path}: time has the shape {time.shape} and value {shape}; expected (t,) and (t, {count}), "
+            f"a column for each of the {count} taps"
+        )
+    rows = lambda first, end: value[first:end].astype(float)
+    for first in range(0, len(time), ROWS):
+        bad = ~(np.abs(rows(first, first + ROWS)) <= LARGEST).all(1)
+        if bad.any():
+            k = first + int(bad.argmax())
+            raise InputError(
+                f"{path}: value: row {k} has what is no number up to {LARGEST:g}; expected one in each"
             )
+    return time.astype(float), rows
 
 
-def _check_heights(job, names: list[str], places: np.ndarray) -> None:
-    height = places[:, 2] + job.wind.base_height
-    low = np.flatnonzero(height < LOWEST_HEIGHT)
-    errors = [
-        f"{job.path.parent / job.wind.points}: name = {names[k]!r}: {height[k]:g} m above ground "
-        f"(z + base_height = {job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
-        for k in low
-    ]
-    if errors:
-        raise InputError(errors)
+def _check_times(path: Path, time: np.ndarray, duration: float) -> None:
+    for k in np.flatnonzero(~(np.diff(time) > 0))[:1]:
+        what = f"time = {time[k + 1]:g} is not after the row before ({time[k]:g})"
+        raise InputError(f"{path}: {what}; expected ascending times")
+    if not (time[0] <= 0 and time[-1] >= duration):
+        covered = f"covers {time[0]:g} to {time[-1]:g} s"
+        raise InputError(f"{path}: {covered}; expected 0 to duration = {duration:g} s")

@@ -50,25 +50,16 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
         raise InputError(f"{path}: zones whose names differ in capital letters alone have the same column")
     table = Table(path, ("direction", ROOF, *columns), ("direction", ROOF))
     direction = table.numbers("direction", unit="degrees")
-    _check_direction(table, direction)
+    for row in np.flatnonzero(~((direction >= 0) & (direction < 360)))[:3]:
+        words = table.words("direction")[row][:40]
+        table.wrong(f"{table.at(row)}: direction = {words!r}: expected a number of degrees >= 0 and < 360")
+    table.ascending("direction", direction)
     found = {name: table.numbers(name) for name in (ROOF, *columns) if name in table}
-    for name, values in found.items():
-        for row in np.flatnonzero(np.isnan(values))[:3]:
-            if table.words(name)[row] == "":
-                table.wrong(f"{table.at(row)}: {name} is empty; expected a number")
+    for name in found:
+        table.full(name, 3)
         if ROOF in job.wind.zone.get(columns.get(name, ""), {}):
             both = f"[wind.zone.{columns[name]}] {ROOF} exclude each other; keep one of the two"
             table.wrong(f"column {name} and {both}")
     table.finish()
     of_roof = found.pop(ROOF)
     return Sectors(direction, of_roof, {columns[name]: v for name, v in found.items()}, table.notes)
-
-
-def _check_direction(table: Table, direction: np.ndarray) -> None:
-    """Ascending, from 0 to less than 360 degrees."""
-    for row in np.flatnonzero(~((direction >= 0) & (direction < 360)))[:3]:
-        words = table.words("direction")[row]
-        table.wrong(
-            f"{table.at(row)}: direction = {words[:40]!r}: expected a number of degrees >= 0 and < 360"
-        )
-    table.ascending("direction", direction)

@@ -267,7 +267,7 @@ def _write_provenance(group, values, phases):
 def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.ndarray]:
     """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     zones = roof.zones
-    shared = {} if zones.share is None else {"zone_share": zones.shares()}
+    shared = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
     shared |= {} if net.second_moment is None else _bar_section(net, cut_length)
     found = {
         "particles": net.x,
