@@ -48,13 +48,13 @@ def unlike_notes(model: Model) -> list[str]:
     ]
 
 
-def slip_lines(model: Model, time: np.ndarray, slide: dict[str, np.ndarray]) -> list[str]:
+def slip_lines(model: Model, time: np.ndarray, slide) -> list[str]:
     """What has slipped in the dynamic stage, strands that it changed much, where a cable ran out.
 
     time : (t,) [s]; slide : datasets of /slide
     """
     slides, net = model.layout.slides, model.net
-    passed, stopped = slide["slip"] - slide["slip"][0], slide["stopped"]
+    passed, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
     row, place = np.unravel_index(np.argmax(np.abs(passed)), passed.shape)
     if passed[row, place] == 0.0:
         return ["slip in motion: none"]
