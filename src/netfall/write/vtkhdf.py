@@ -93,7 +93,7 @@ class VtkSeries:
 
     def finish(self, file: h5py.File) -> None:
         """Attributes, part sizes and step offsets, written by rank 0 into the reopened file."""
-        group = file["VTKHDF"]
+        group = file.require_group("VTKHDF")
         group.attrs["Version"] = np.array([2, 2], np.int64)
         kind = b"UnstructuredGrid"
         group.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))
