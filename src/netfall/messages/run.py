@@ -59,8 +59,8 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
     strained = _most_strained(scene, outcomes[dynamics.NAME].result.history if moves else None)
     if scene.model is None:
         return
-    with open_result(path) as f:
-        if moves:
+    if moves:
+        with open_result(path) as f:
             desk.progress.say(*_dynamics_lines(scene.model, f), *motion_notes_of(f), *overloads_of(f))
     desk.progress.say(*_strain_notes(scene.model, *strained))
     seconds = desk.phases.seconds.items()
