@@ -153,8 +153,9 @@ def _sentences(lines: list[str]) -> list[str]:
 
 
 def _worst_balance(f) -> str:
-    errors = [f["history"][name][:] for name in ("balance_error", "balance_error_attached")]
-    return balance_words(*errors) if np.isfinite(errors[0]).any() else "not known (no audit)"
+    history = f["history"]
+    known = np.isfinite(history["balance_error"]).any()
+    return balance_words(history) if known else "not known (no audit)"
 
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:
