@@ -3,8 +3,8 @@
     .venv/bin/python tests/pages.py          writes them anew
     .venv/bin/python tests/pages.py --map    prints a map of the code, from the first sentence of each file
 
-The tables of datasets in src/netfall/results/README.md; the tables of keys in jobs/KEYS.md; those of options
-in jobs/RUNNING.md. test_readme.py compares them with the code.
+The tables of keys in jobs/KEYS.md; those of options in jobs/RUNNING.md. test_readme.py compares them with the
+code.
 """
 
 import argparse
@@ -18,7 +18,6 @@ from netfall.cli.parser import parser
 from netfall.job.entries import LISTS
 from netfall.job.keys import ABSENT, REQUIRED, Key
 from netfall.job.schema import GENERATOR_KEYS, OVERRIDES, SECTIONS
-from netfall.results.datasets import tables
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"
@@ -216,11 +215,9 @@ def with_parts(page: Path, parts: dict[str, str]) -> str:
     return text
 
 
-DATASETS = PACKAGE / "results" / "README.md"
 KEYS = ROOT / "jobs" / "KEYS.md"
 RUNNING = ROOT / "jobs" / "RUNNING.md"
 PAGES = {  # page: its text as the code says it
-    DATASETS: lambda: with_parts(DATASETS, {"datasets": tables()}),
     KEYS: lambda: with_parts(
         KEYS,
         {f"keys of {name or 'the job'}": keys_of(name, keys) for name, keys in (SECTIONS | LISTS).items()},

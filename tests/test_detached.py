@@ -5,7 +5,7 @@ import pytest
 from conftest import STEEL, run_on_standing_ranks
 
 from netfall.record.history import energy_in_play
-from netfall.results.notes import balance_notes, detached_notes
+from netfall.results.notes import balance_notes, detached_notes_of
 
 RHO, STEP = 1.25, 1e-3
 BARE = STEEL.replace("prestress = 100e3\n", "")
@@ -132,15 +132,14 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
     lift = 64.0 * 0.5 * RHO * 25.0 * AREA / MASS  # m/s2
     f = workshop.run(workshop.job(flight(wind, 200, after="none"), plates(), CABLES))
     passed = np.ceil(5.0 / lift / 0.01) * 0.01  # the next evaluation
-    (said,) = detached_notes(f["detached"])
+    (said,) = detached_notes_of(f)
     assert said.startswith(
         f"warning: dynamics: from t = {passed:.4g} s the centre of mass of a detached part"
     )
     assert said in run_on_standing_ranks("info", f.filename).stdout
     f = workshop.run(workshop.job(flight(wind, 200), plates(), CABLES), output="other.vtkhdf")
     assert (
-        detached_notes(f["detached"]) == []
-        and "faster than" not in run_on_standing_ranks("info", f.filename).stdout
+        detached_notes_of(f) == [] and "faster than" not in run_on_standing_ranks("info", f.filename).stdout
     )
 
 
@@ -164,9 +163,14 @@ def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
 @pytest.mark.parametrize("took_part, attached", [(2e-3, 1e-4), (1e-4, 2e-3)])
 def test_either_share_of_the_balance_error_is_warned_of(took_part, attached):
     """Above the promise of 1e-3, by the larger one; below it nothing is said."""
-    time, none = np.arange(3.0), np.zeros(3)
-    (said,) = balance_notes(time, np.array([0, took_part, 0]), np.array([0, -attached, 0]), none)
+    history = {"time": np.arange(3.0), "broken": np.zeros(3)}
+    off = {
+        "balance_error": np.array([0, took_part, 0]),
+        "balance_error_attached": np.array([0, -attached, 0]),
+    }
+    (said,) = balance_notes(history | off)
     assert (
         said.startswith("warning: dynamics: the energy balance is off by up to") and "t = 1 s to 1 s" in said
     )
-    assert balance_notes(time, np.full(3, 9e-4), np.full(3, -9e-4), none) == []
+    within = dict.fromkeys(off, np.full(3, -9e-4))
+    assert balance_notes(history | within) == []

@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "equilibrium": ["mechanics", "parallel", "multigrid"],
     "model": ["job", "net", "roof", "wind", "mechanics", "parallel"],
     "record": ["job", "net.turned", "wind", "mechanics", "parallel", "model", "step"],
-    "write": ["net", "roof", "mechanics", "parallel", "record.columns", "results.datasets"],
+    "write": ["net", "roof", "mechanics", "parallel", "results.datasets"],
     "form": ["job", "net", "mechanics", "parallel", "multigrid", "equilibrium", "model", "write"],
     "stages": [
         *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),
@@ -43,7 +43,7 @@ MAY_IMPORT = {
         *("job", "net", "roof", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write"),
         *("form", "step", "stages", "erection", "messages", "results", "plots.job", "__main__"),
     ],
-    "results": ["job", *LAW, "record.columns"],
+    "results": ["job", *LAW],
     "checks": ["job", *LAW, "results"],
     "plots": ["job.table", "net", "roof", "write.locks", "results", "checks", "study.answers"],
     "view": ["write.locks", "results", "checks", "plots", "study.answers", "study.files"],

@@ -701,11 +701,15 @@ def test_an_import_whose_output_is_read_no_more_has_written_its_tables(tmp_path)
 @pytest.mark.parametrize("last, words", [(0.001, "from t = 1 s to 2 s"), (0.02, "from t = 1 s on")])
 def test_a_balance_that_is_off_is_told_with_its_time(last, words):
     """A sudden start is off by a share of little energy; it need not be later on."""
-    balance, attached = np.array([0.0, -0.02, 0.03, last]), np.array([0.0, -0.01, 0.04, 0.5 * last])
-    (warning,) = balance_notes(np.arange(4.0), balance, attached, np.zeros(4))
+    history = {"time": np.arange(4.0), "broken": np.zeros(4)}
+    off = {
+        "balance_error": [0.0, -0.02, 0.03, last],
+        "balance_error_attached": [0.0, -0.01, 0.04, 0.5 * last],
+    }
+    (warning,) = balance_notes(history | off)
     shares = "0.03 of the energy that took part, 0.04 of the largest that attached parts stored (limit 0.001)"
     assert f"off by up to {shares}, {words}. " in warning
-    assert balance_notes(np.arange(4.0), np.full(4, 9e-4), np.full(4, -9e-4), np.zeros(4)) == []
+    assert balance_notes(history | dict.fromkeys(off, np.full(4, 9e-4))) == []
 
 
 @pytest.mark.parametrize("width", [4.6, 5.4, 12.0])

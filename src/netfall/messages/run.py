@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from netfall.ground.progress import Progress
-from netfall.job.asks import has_second_moments, has_statics
+from netfall.job.asks import has_statics
 from netfall.job.job import Job
 from netfall.job.values import listed
-from netfall.mechanics.events import EventLog
 from netfall.mechanics.fields import Features
 from netfall.mechanics.law.branches import stiffening
-from netfall.mechanics.law.limits import REACHED, strength_of
 from netfall.mechanics.stability import Limit
 from netfall.messages.slip import inertia_line, slip_lines, unlike_notes
 from netfall.messages.wind import wind_notes
@@ -19,16 +17,14 @@ from netfall.model.layout import band_of, features_of
 from netfall.model.model import Model
 from netfall.model.schedule import step_at
 from netfall.net.defaults import default_warnings
-from netfall.numerics.functions import lengths
 from netfall.parallel import partition
 from netfall.record.history import MOST_STRAIN, History, most_strained, most_strained_of_all
+from netfall.results.file import open_result, overloads_of
 from netfall.results.form_lines import form_lines, loose_notes, self_stress_lines
 from netfall.results.loss_lines import loss_lines
-from netfall.results.notes import balance_notes, balance_words, detached_notes, motion_notes
-from netfall.results.overload_lines import Carried, overload_lines
+from netfall.results.notes import balance_notes, balance_words, detached_notes_of, motion_notes_of
 from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
-from netfall.stages.settle import yielded
 from netfall.stages.statics import rest_words
 
 MUCH_LONGER = 0.01  # of the duration: a last step that ends later is reported
@@ -58,61 +54,38 @@ def before_run(scene: Scene, progress: Progress) -> None:
 
 
 def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
-    """The last lines of a run, on rank 0. Collective."""
-    simulation = outcomes[dynamics.NAME].result if dynamics.NAME in outcomes else None
-    strained = _most_strained(scene, simulation and simulation.history)
-    told = simulation and (len(desk.log) or has_second_moments(scene.job))
-    envelope = simulation.envelope.record(simulation.state)[1] if told else {}
-    plastic = list(yielded(scene)) if simulation else []
+    """The last lines of a run, of its result file, on rank 0. Collective."""
+    moves = dynamics.NAME in outcomes
+    strained = _most_strained(scene, outcomes[dynamics.NAME].result.history if moves else None)
     if scene.model is None:
         return
-    if simulation:
-        desk.progress.say(*_dynamics_lines(scene.model, outcomes[dynamics.NAME]))
-    model, notes, pressed = scene.model, [], np.full(scene.model.net.m, -np.inf)
-    if envelope:
-        notes = _overloads(model, desk.log, envelope["tension"])
-        pressed = -envelope["tension"][:, 2]
-    ids = model.net.element_id
-    buckled, beyond = pressed >= REACHED * model.caps.buckling, pressed > model.caps.straight
-    notes = motion_notes(ids[buckled], ids[beyond], ids[plastic]) + notes
-    desk.progress.say(*notes, *_strain_notes(scene.model, *strained))
+    if moves:
+        with open_result(path) as f:
+            desk.progress.say(*_dynamics_lines(scene.model, f), *motion_notes_of(f), *overloads_of(f))
+    desk.progress.say(*_strain_notes(scene.model, *strained))
     seconds = desk.phases.seconds.items()
     desk.progress.say("time: " + ", ".join(f"{name} {each:.2f} s" for name, each in seconds))
     desk.progress.say(f"written: {path}")
 
 
-def _dynamics_lines(model: Model, outcome: Outcome) -> list[str]:
-    """What the dynamic stage gave: losses, fractures, energies, slip."""
-    simulation = outcome.result
-    log, history, lines = simulation.log, simulation.history, []
-    if simulation.removal:
-        lines += loss_lines(simulation.removal.columns(), log.columns(), model.net.element_id)
-    if len(log):
+def _dynamics_lines(model: Model, f) -> list[str]:
+    """What the dynamic stage gave: losses, fractures, energies, slip. f : the result file"""
+    history, events, lines = f["history"], f["events"], []
+    if "removal" in f:
+        lines += loss_lines(f["removal"], events, model.net.element_id)
+    if len(events["element"]):
         lines.append(
-            f"fractures: {len(log.broken)} elements, the first at t = {log.time[0]:.4f} s "
-            f"(element {model.id_of(log.element[0])})"
+            f"fractures: {len(np.unique(events['element']))} elements, the first at "
+            f"t = {events['time'][0]:.4f} s (element {events['element_id'][0]})"
         )
-    identity, columns = history.largest("identity_error"), history.columns()
+    identity = np.abs(history["identity_error"]).max()
     if np.isfinite(identity):  # not without the audit
-        errors = [columns[name] for name in ("balance_error", "balance_error_attached")]
-        lines.append(f"energy: work identity to {identity:.1e}, balance to {balance_words(*errors)}")
-        lines += balance_notes(columns["time"], *errors, columns["broken"])
-    if "detached" in outcome.sections:
-        lines += detached_notes(outcome.sections["detached"])
+        lines.append(f"energy: work identity to {identity:.1e}, balance to {balance_words(history)}")
+        lines += balance_notes(history)
+    lines += detached_notes_of(f)
     if model.layout.slides:
-        lines += slip_lines(model, history.columns()["time"], outcome.sections["slide"])
+        lines += slip_lines(model, history["time"][:], f["slide"])
     return lines
-
-
-def _overloads(model: Model, log: EventLog, tension: np.ndarray) -> list[str]:
-    """Notes on tensions that no element bears. tension : (m, 4), as `envelope.TENSION` has them"""
-    ends, broke = model.net.elements, np.full(model.net.m, np.nan)
-    broke[log.element[::-1]] = log.time[::-1]  # of two ends the first
-    along = model.x[ends[:, 1]] - model.x[ends[:, 0]]
-    strength = strength_of(model.net.EA, model.eps_u, model.net.yield_force)
-    carried = Carried(ends, along / lengths(along)[:, None], strength, tension[:, 0], tension[:, 1], broke)
-    name = lambda e: f"{model.id_of(e)} ({'-'.join(str(model.net.node_id[p]) for p in ends[e])})"
-    return overload_lines(carried, name)
 
 
 def _most_strained(scene: Scene, history: History | None) -> tuple[float, float, int]:

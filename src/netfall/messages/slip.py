@@ -6,7 +6,7 @@ from netfall.mechanics.slip.inertia import MOST_ADDED, added_share, slip_inertia
 from netfall.mechanics.slip.law import LEAST
 from netfall.model.model import Model
 from netfall.model.schedule import slip_movers
-from netfall.numerics.functions import expm1, lengths
+from netfall.numerics.functions import lengths
 
 UNLIKE = 0.01  # of a tension: by how much more than holds there it may differ on both sides of a place
 CHANGED = 0.1  # of its length: a strand of which more has slipped is told
@@ -35,7 +35,7 @@ def unlike_notes(model: Model) -> list[str]:
     u, w = (along / lengths(along)[:, None] for along in (u, w))
     turn = 2.0 * np.arctan2(lengths(u + w), lengths(u - w))
     N = model.N[np.stack([slides.before, slides.after])]
-    holds = slides.resistance + np.maximum(N.min(0), 0.0) * expm1(slides.friction * turn)
+    holds = slides.resistance + np.maximum(N.min(0), 0.0) * np.expm1(slides.friction * turn)
     more = np.abs(N[1] - N[0]) - holds
     slips, worst = more > UNLIKE * np.abs(N).max(0), int(np.argmax(more))
     if not slips.any():
@@ -48,13 +48,13 @@ def unlike_notes(model: Model) -> list[str]:
     ]
 
 
-def slip_lines(model: Model, time: np.ndarray, slide: dict[str, np.ndarray]) -> list[str]:
+def slip_lines(model: Model, time: np.ndarray, slide) -> list[str]:
     """What has slipped in the dynamic stage, strands that it changed much, where a cable ran out.
 
     time : (t,) [s]; slide : datasets of /slide
     """
     slides, net = model.layout.slides, model.net
-    passed, stopped = slide["slip"] - slide["slip"][0], slide["stopped"]
+    passed, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
     row, place = np.unravel_index(np.argmax(np.abs(passed)), passed.shape)
     if passed[row, place] == 0.0:
         return ["slip in motion: none"]

@@ -8,7 +8,7 @@ numbers in the same order, so their bits do not depend on the ranks.
 import numpy as np
 
 from netfall.multigrid.tangent import Tangent, block_matrix, incidence_of
-from netfall.numerics.sparse import dissected, factors_of, substitute_one, tree_of
+from netfall.numerics.sparse import dissected, factors_of, substitute, tree_of
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
@@ -48,7 +48,7 @@ class Factors:
         whole = np.zeros((len(self.pattern.order), 3))
         whole[self.pattern.mine] += b
         self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
-        substitute_one(self.lower, self.d, whole.reshape(-1))
+        substitute(self.lower, self.d, whole.reshape(-1))
         return whole[self.pattern.mine]
 
 

@@ -20,12 +20,6 @@ fused = fma
 
 
 @part_of_kernel
-def dot(a, b):
-    """Product of two vectors, three each."""
-    return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
-
-
-@part_of_kernel
 def logarithm(a):
     """Natural logarithm of a finite a > 0, at least 1e-300.
 

@@ -61,15 +61,6 @@ def log1p(x: np.ndarray) -> np.ndarray:
     return np.where(near, x, log(whole) * (x / np.where(near, 1.0, taken)))
 
 
-def expm1(x: np.ndarray) -> np.ndarray:
-    """e to the power of x, less 1, also where x is small (Kahan's quotient)."""
-    whole = exp(np.asarray(x, float))
-    rest = whole - 1.0
-    near, far = rest == 0.0, rest == -1.0
-    ratio = rest * (x / np.where(near | far, 1.0, log(np.where(near | far, 1.0, whole))))
-    return np.where(near, x, np.where(far | (np.abs(x) > 1.0), rest, ratio))
-
-
 def _quarters(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sine and cosine of what is left of angles after whole quarters of a turn, and the number of these."""
     x = np.asarray(x, float)

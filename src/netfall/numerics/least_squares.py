@@ -17,13 +17,12 @@ class Fit(NamedTuple):
     """What equations A x = b leave of x.
 
     x : (c,) the smallest x that leaves the least |A x - b|; null : (c, k) orthonormal, A null = 0
-    least : the smallest pivot that is not zero, over the largest; next : the largest that is taken for zero
+    least : the smallest pivot that is not zero, over the largest
     """
 
     x: np.ndarray
     null: np.ndarray
     least: float
-    next: float
 
 
 @kernel
@@ -114,9 +113,8 @@ def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> Fit:
     x, null = np.zeros(c), np.zeros((c, len(free)))
     x[fixed], null[fixed], null[free] = solved[:, 0], solved[:, 1:], np.eye(len(free))
     orthonormalise(null)
-    largest = pivot[0] if rank else 1.0
-    least = pivot[rank - 1] / largest if rank else 0.0
-    return Fit(x - times(null, times(null.T, x)), null, least, pivot[rank] / largest if rank < c else 0.0)
+    least = pivot[rank - 1] / pivot[0] if rank else 0.0
+    return Fit(x - times(null, times(null.T, x)), null, least)
 
 
 def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:

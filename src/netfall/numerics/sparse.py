@@ -82,24 +82,7 @@ def factorise(matrix, parent, lower, d, work):
 
 @kernel
 def substitute(lower, d, b):
-    """Solve L D L^T x = b in place, b (n, m)."""
-    begin, row, factor = lower
-    n, m = b.shape
-    for k in range(n):
-        for entry in range(begin[k], begin[k + 1]):
-            for c in range(m):
-                b[row[entry], c] -= factor[entry] * b[k, c]
-    for k in range(n - 1, -1, -1):
-        for c in range(m):
-            b[k, c] /= d[k]
-        for entry in range(begin[k], begin[k + 1]):
-            for c in range(m):
-                b[k, c] -= factor[entry] * b[row[entry], c]
-
-
-@kernel
-def substitute_one(lower, d, b):
-    """The same for one right-hand side, b (n,)."""
+    """Solve L D L^T x = b in place, b (n,)."""
     begin, row, factor = lower
     for k in range(b.shape[0]):
         part = b[k]
@@ -142,9 +125,10 @@ def solve_sparse(
         number = np.argsort(order)
         lower, d, last, filled = _factors(number[ends], q, diagonal[order], size[order])
         if last == len(order):
-            x = np.ascontiguousarray(b[order], float)
-            substitute(lower, d, x)
-            return x[number]
+            x = np.array(b[order].T, float, order="C")
+            for column in x:
+                substitute(lower, d, column)
+            return np.ascontiguousarray(x.T)[number]
         v, rows = np.empty(last + 1), order[: last + 1]
         unheld(lower, filled, v)
         whole = np.zeros(len(order))

@@ -1,4 +1,8 @@
-"""The history of a dynamic stage: rows by name, and those of the probes. The same on every rank."""
+"""The history of a dynamic stage: rows by name, and those of the probes. The same on every rank.
+
+A column is added in `COLUMNS` and `columns_at`, and by a row in results/README.md, which has units and
+meanings; the file, Python and checkpoints follow.
+"""
 
 import numpy as np
 
@@ -6,12 +10,52 @@ from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.model.probes import Probes
 from netfall.parallel.mpi import MPI
-from netfall.record.columns import HISTORY, Moment
+from netfall.record.energy import Energies
 from netfall.step.rows import MOST_STRAIN
 
 AT_REST = 1e-4  # of the energy stored at the start: what moves with less is at rest, and rounding counts
 DAMPING = ("damping_work", "air_work", "band_damping_work")
 PROBE_ROWS = "probe_rows"
+COLUMNS = (
+    *("time", "time_step", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work"),
+    *("air_work", "band_damping_work", "slip_dissipation", "support_work", "external_work"),
+    *("attached_energy", "identity_error", "balance_error", "balance_error_attached", "slack", "broken"),
+)
+COUNTS = ("slack", "broken")
+# The feature of `mechanics.fields.Features` without which there is no such column.
+NEEDS = {
+    "air_work": "air",
+    "band_damping_work": "band",
+    "slip_dissipation": "sliding",
+    "support_work": "motion",
+}
+
+
+def columns_at(time: np.ndarray, time_step: np.ndarray, e: Energies, start: tuple[float, float]) -> dict:
+    """What rows (k,) have of energies [J], errors not yet as shares.
+
+    time, time_step : (k,) [s]; start : strain energy and dissipation [J] at the start
+    """
+    strain, plastic = e.strain - start[0], e.plastic - start[1]
+    gone = e.kinetic + strain + plastic + e.damping + e.air + e.band + e.slip
+    balance = gone - e.external - e.support
+    return {
+        "time": time,
+        "time_step": time_step,
+        "kinetic_energy": e.kinetic,
+        "strain_energy": strain,
+        "plastic_dissipation": plastic,
+        "damping_work": e.damping,
+        "air_work": e.air,
+        "band_damping_work": e.band,
+        "slip_dissipation": e.slip,
+        "support_work": e.support,
+        "external_work": e.external,
+        "attached_energy": e.attached,
+        "identity_error": e.kinetic + e.internal + e.damping + e.air + e.slip - e.external - e.support,
+        "balance_error": balance,
+        "balance_error_attached": balance,
+    }
 
 
 def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
@@ -28,6 +72,7 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
 
 # Energies [J] at each row whose largest so far errors are shares of, by the name that columns have for them.
 SCALES = {"in_play": energy_in_play, "attached": lambda rows: np.nan_to_num(rows["attached_energy"])}
+SHARES = {"identity_error": "in_play", "balance_error": "in_play", "balance_error_attached": "attached"}
 NOT_STRAINED = (0.0, 0.0, -1)
 
 
@@ -51,14 +96,14 @@ def most_strained_of_all(comm: MPI.Comm, here: tuple) -> tuple:
 
 
 class History:
-    """Rows so far; each has a value for every column of HISTORY that the scene has.
+    """Rows so far; each has a value for every one of COLUMNS that the scene has.
 
     scales : [J] largest energies so far, by name, which errors are shares of
     """
 
     def __init__(self, probes: Probes, features: Features):
         self.probes, self.scales = probes, dict.fromkeys(SCALES, 0.0)
-        self.table = [column for column in HISTORY if not column.needs or getattr(features, column.needs)]
+        self.names = [name for name in COLUMNS if name not in NEEDS or getattr(features, NEEDS[name])]
         self.blocks: list[dict[str, np.ndarray]] = []  # of rows, with what was kept of the probes
         self.most_strained = NOT_STRAINED  # of this rank, and of all before a checkpoint
 
@@ -69,17 +114,19 @@ class History:
     def __len__(self) -> int:
         return sum(len(block["time"]) for block in self.blocks)
 
-    def add(self, probe_rows: np.ndarray, now: Moment) -> None:
-        """The rows (k,) of some moments. probe_rows : (k, p), as `step.rows.Table` has them"""
-        block = {column.name: np.asarray(column.value(now), column.dtype) for column in self.table}
+    def add(self, probe_rows: np.ndarray, columns: dict[str, np.ndarray]) -> None:
+        """Add rows (k,): columns as of `columns_at`, and COUNTS.
+
+        probe_rows : (k, p), as `step.rows.Table` has them
+        """
+        block = {name: np.asarray(columns[name]) for name in self.names}
         scales = {
             name: np.maximum.accumulate(np.append(self.scales[name], energy(block)))
             for name, energy in SCALES.items()
         }
-        for column in self.table:
-            if column.share:
-                scale = scales[column.share][1:]
-                block[column.name] = block[column.name] / np.where(scale > 0.0, scale, 1.0)
+        for name, share in SHARES.items():
+            scale = scales[share][1:]
+            block[name] = block[name] / np.where(scale > 0.0, scale, 1.0)
         self.scales = {name: float(scale[-1]) for name, scale in scales.items()}
         self.blocks.append(block | {PROBE_ROWS: probe_rows})
 
@@ -89,7 +136,7 @@ class History:
 
     def columns(self) -> dict[str, np.ndarray]:
         """The rows as columns, for the result file and for checkpoints."""
-        return {column.name: self._whole(column.name, column.dtype) for column in self.table}
+        return {name: self._whole(name, np.int64 if name in COUNTS else np.float64) for name in self.names}
 
     def _whole(self, name: str, dtype=np.float64) -> np.ndarray:
         """What was kept under a name, of all rows."""
@@ -126,4 +173,4 @@ class History:
     def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Take up the rows of an earlier run."""
         self.scales = small["scales"]
-        self.blocks = [{name: arrays[name] for name in (*(column.name for column in self.table), PROBE_ROWS)}]
+        self.blocks = [{name: arrays[name] for name in (*self.names, PROBE_ROWS)}]

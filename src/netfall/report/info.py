@@ -145,10 +145,9 @@ def _energies(f):
     if len(known) < len(asked):
         yield "audits: none, the job has [output] energy = false"
         return
-    errors = (h[name][:] for name in ("balance_error", "balance_error_attached"))
     identity = np.abs(h["identity_error"][:]).max()
-    yield f"audits: work identity to {identity:.1e}, balance to {notes.balance_words(*errors)}"
-    yield from notes.balance_notes_of(f)
+    yield f"audits: work identity to {identity:.1e}, balance to {notes.balance_words(h)}"
+    yield from notes.balance_notes(h)
 
 
 def _fractures(f):

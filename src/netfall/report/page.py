@@ -28,7 +28,7 @@ from netfall.results.loss_lines import STATIC_CHANGE, loss_lines, telling_factor
 from netfall.results.losses import worst_after
 from netfall.results.notes import (
     NOT_STABLE,
-    balance_notes_of,
+    balance_notes,
     balance_words,
     detached_notes_of,
     displacement_notes_of,
@@ -135,7 +135,7 @@ def _what_ran(f, result: Path) -> list[str]:
             broken = len(np.unique(f["events/element"][:]))
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
         lines.append(f"Largest energy balance error: {_worst_balance(f)}.")
-        lines += _sentences(balance_notes_of(f) + detached_notes_of(f) + overloads_of(f))
+        lines += _sentences(balance_notes(f["history"]) + detached_notes_of(f) + overloads_of(f))
     notes = [item(line) for line in _sentences(notes_of_run(f))]
     lines += ["", *notes] if notes else []
     lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
@@ -153,8 +153,9 @@ def _sentences(lines: list[str]) -> list[str]:
 
 
 def _worst_balance(f) -> str:
-    errors = [f["history"][name][:] for name in ("balance_error", "balance_error_attached")]
-    return balance_words(*errors) if np.isfinite(errors[0]).any() else "not known (no audit)"
+    history = f["history"]
+    known = np.isfinite(history["balance_error"]).any()
+    return balance_words(history) if known else "not known (no audit)"
 
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:

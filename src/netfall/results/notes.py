@@ -13,45 +13,42 @@ MOST_MARKED = 4096  # elements of an equilibrium by each attribute of it, which 
 FAR = 0.2  # of a net's largest dimension: a node that moves farther under static load is told
 
 
-def balance_notes(
-    time: np.ndarray, balance: np.ndarray, attached: np.ndarray, broken: np.ndarray
-) -> list[str]:
-    """Return a warning if the energy balance error of any row (t,) is above LARGEST_BALANCE.
+BALANCE = ("balance_error", "balance_error_attached")  # columns of /history
 
-    balance, attached : the error as a share of the energy that took part, and of what attached parts stored
+
+def balance_notes(history) -> list[str]:
+    """Return a warning if the energy balance error of any row is above LARGEST_BALANCE.
+
+    history : datasets of /history by name
     """
-    error = np.fmax(np.abs(balance), np.abs(attached))
+    time = history["time"]
+    error = np.fmax(*(np.abs(history[name]) for name in BALANCE))
     off = np.flatnonzero(error > LARGEST_BALANCE)
     if not len(off):
         return []
     until = "on" if off[-1] == len(time) - 1 else f"to {time[off[-1]]:.4g} s"
-    smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if broken[-1] else "")
+    smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if history["broken"][-1] else "")
     return [
-        f"warning: dynamics: the energy balance is off by up to {balance_words(balance, attached)} (limit "
+        f"warning: dynamics: the energy balance is off by up to {balance_words(history)} (limit "
         f"{LARGEST_BALANCE:g}), from t = {time[off[0]]:.4g} s {until}. The step is too long for some of "
         f"what happened. Compare with a run of half the step (a smaller {smaller})"
     ]
 
 
-def balance_words(balance: np.ndarray, attached: np.ndarray) -> str:
-    """Return the largest energy balance errors in words; arguments as of `balance_notes`."""
-    largest = [f"{np.abs(error[np.isfinite(error)]).max(initial=0.0):.2g}" for error in (balance, attached)]
-    return (
-        f"{largest[0]} of the energy that took part, {largest[1]} of the largest that attached parts stored"
-    )
+def balance_words(history) -> str:
+    """Return the largest energy balance errors in words; history : as of `balance_notes`."""
+    took_part, stored = (f"{np.nanmax(np.abs(history[name]), initial=0.0):.2g}" for name in BALANCE)
+    return f"{took_part} of the energy that took part, {stored} of the largest that attached parts stored"
 
 
-def balance_notes_of(f) -> list[str]:
-    """`balance_notes` on a result with a motion."""
-    names = ("time", "balance_error", "balance_error_attached", "broken")
-    return balance_notes(*(f["history"][name][:] for name in names))
-
-
-def detached_notes(parts) -> list[str]:
-    """Return a warning if a detached part is faster than the wind. parts : the datasets of /detached
+def detached_notes_of(f) -> list[str]:
+    """Return a warning if a detached part of a result is faster than the wind.
 
     The fall does not count: of the vertical velocity only what rises does.
     """
+    if "detached" not in f:
+        return []
+    parts = f["detached"]
     velocity, gust = np.array(parts["velocity"]), float(parts["largest_gust"][()])
     velocity[:, 2] = np.maximum(velocity[:, 2], 0.0)
     speed = lengths(velocity)
@@ -66,11 +63,6 @@ def detached_notes(parts) -> list[str]:
         "detached parts do not move as real ones do. Use results of attached parts alone, and [wind] "
         'after_fracture = "detached" if the job has another value'
     ]
-
-
-def detached_notes_of(f) -> list[str]:
-    """`detached_notes` on a result."""
-    return detached_notes(f["detached"]) if "detached" in f else []
 
 
 def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
@@ -222,18 +214,16 @@ def limit_notes_of(f) -> list[str]:
     return notes + (motion_notes_of(f) if "history" in f else [])
 
 
-def motion_notes(buckled: np.ndarray, beyond: np.ndarray, yielded: np.ndarray) -> list[str]:
-    """Notes on elements, by ids, that buckled in motion, bore more than Euler's load, or have yielded."""
-    labels = {"buckled": buckled, "beyond_euler": beyond, "yielded": yielded}
-    return limit_notes(states.MOTION, {name: ids[:MOST_MARKED] for name, ids in labels.items() if len(ids)})
-
-
 def motion_notes_of(f) -> list[str]:
-    """`motion_notes` on a result with a motion."""
-    ids, lowest = f["net/element_id"][:], f["envelope/tension_min"][:]
-    caps = states.caps_of(f)
-    buckled, beyond = -lowest >= REACHED * caps.buckling, -lowest > caps.straight
-    return motion_notes(ids[buckled], ids[beyond], ids[states.yielded_in(f)])
+    """Notes on elements that buckled in the motion of a result, bore more than Euler's load, or yielded."""
+    pressed, caps = -f["envelope/tension_min"][:], states.caps_of(f)
+    at = {"buckled": pressed >= REACHED * caps.buckling, "beyond_euler": pressed > caps.straight}
+    labels = {
+        name: f["net/element_id"][:][rows][:MOST_MARKED]
+        for name, rows in (at | {"yielded": states.yielded_in(f)}).items()
+        if rows.any()
+    }
+    return limit_notes(states.MOTION, labels)
 
 
 def error_words(moved: float, tension: float) -> str:

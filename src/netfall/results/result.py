@@ -7,7 +7,7 @@ import numpy as np
 
 from netfall.ground.errors import InputError
 from netfall.results.columns import Columns, of_arrays, of_group
-from netfall.results.datasets import GROUPS, ORDER, group_of
+from netfall.results.datasets import GROUPS, NONE, ORDER, group_of
 from netfall.results.file import open_result, provenance_text, title_of
 from netfall.results.frames import Frames
 from netfall.results.states import warm_lengths
@@ -44,9 +44,9 @@ class Frame:
 def _table(name: str) -> property:
     """The property of a Result that gives a group of the file; its help is the group's table of datasets."""
     group = group_of(name)
-    shapes = [f"{each.name} ({each.shape}) [{each.unit}] {each.meaning}" for each in group.datasets]
+    shapes = [f"{each.name} ({each.shape}) [{each.unit or NONE}] {each.meaning}" for each in group.datasets]
     read = lambda result: of_group(f"{result.path}: {name}", result._group(name))
-    return property(read, doc="\n".join([f"Columns of {group.meaning}.", "", *shapes]))
+    return property(read, doc="\n".join([group.meaning, "", *shapes]))
 
 
 class Result:

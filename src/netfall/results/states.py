@@ -291,38 +291,30 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
 
     A loss comes before the dynamic stage that it is part of: of equal tensions the loss governs.
     """
-    m = len(f["net/elements"])
-    nan = np.full(m, np.nan)
-    rows, places = [], []
-    for stage in equilibria(f):
-        N = stage.tension()
-        rows.append((stage.name, N, N, nan, absent(f, stage.place)))
-        places.append(stage.place)
-    out = absent(f)
-    rows += [(name, high, low, nan, gone | out) for name, high, low, gone in loss_rows(f)]
-    if moves := "history" in f:
-        high, low, when = (f[f"envelope/tension_{name}"][:] for name in ("max", "min", "max_time"))
+    out, bar = absent(f), f["net/bar"][:].astype(bool)
+    nan, slack_time = np.full(len(out), np.nan), None
+    stages = []  # name, group, largest and least force, time of the largest, what is gone, what has no force
+    for each in equilibria(f):
+        N, away = each.tension(), absent(f, each.place)
+        stages.append((each.name, each.place, N, N, nan, away, away))
+    stages += [(name, "", high, low, nan, gone | out, out) for name, high, low, gone in loss_rows(f)]
+    if "history" in f:
+        high, low, when, slack_time = (
+            f[f"envelope/{name}"][:]
+            for name in ("tension_max", "tension_min", "tension_max_time", "slack_time")
+        )
         gone = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | out
-        rows.append((MOTION, high, np.where(gone & (low == 0.0), np.nan, low), when, gone))
-    most, least, time = nan, nan, nan
-    of_most, of_least = np.zeros(m, int), np.zeros(m, int)
-    for k, (_, high, low, when, gone) in enumerate(rows):
-        away = gone if k < len(places) else out  # it has no force there, not one of zero
-        high, low = np.where(away, np.nan, high), np.where(away, np.nan, low)
-        above = (high > most + ALIKE * np.abs(most)) | (np.isnan(most) & ~np.isnan(high))
-        below = (low < least - ALIKE * np.abs(least)) | (np.isnan(least) & ~np.isnan(low))
-        of_most, time = np.where(above, k, of_most), np.where(above, when, time)
-        of_least = np.where(below, k, of_least)
-        most, least = np.fmax(most, high), np.fmin(least, low)
+        stages.append((MOTION, "", high, np.where(gone & (low == 0.0), np.nan, low), when, gone, out))
+    names, places, *columns = map(list, zip(*stages))
+    high, low, when, gone, away = map(np.array, columns)
+    most, of_most = _largest(np.where(away, np.nan, high))
+    least, (_, of_least) = np.fmin.reduce(np.where(away, np.nan, low)), _largest(np.where(away, np.nan, -low))
+    time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(out))])
     most, least = np.nan_to_num(most), np.nan_to_num(least)  # of what is never there
-    bar = f["net/bar"][:].astype(bool)
-    slack = np.array([(low <= 0.0) & ~bar & ~gone for _, _, low, _, gone in rows])
-    slack_time = f["envelope/slack_time"][:] if moves else None
-    names, gone = [name for name, *_ in rows], np.array([gone for *_, gone in rows])
-    used = [_most_used(high / resistance) for _, high, *_ in rows]
-    high, low = (np.array([row[k] for row in rows]) for k in (1, 2))
-    numbers = most, least, of_most, of_least, time, slack, gone, slack_time, used
-    return Envelope(names, *numbers, high, low, places + [""] * (len(names) - len(places)))
+    slack = (low <= 0.0) & ~bar & ~gone
+    used = [_most_used(row / resistance) for row in high]
+    numbers = most, least, of_most, of_least, time, slack, gone, slack_time, used, high, low
+    return Envelope(names, *numbers, places)
 
 
 def _most_used(share: np.ndarray) -> tuple[float, int]:

@@ -12,10 +12,9 @@ from netfall.mechanics.law.measures import largest_stiffness
 from netfall.mechanics.slip.inertia import slip_inertia
 from netfall.mechanics.slip.motion import beside
 from netfall.model.schedule import steps_line
-from netfall.record.columns import Moment
 from netfall.record.energy import Energies, energies_of, most_extreme, take_snapshot, total_energies
 from netfall.record.envelope import Envelope
-from netfall.record.history import History, most_strained, most_strained_of_all
+from netfall.record.history import History, columns_at, most_strained, most_strained_of_all
 from netfall.record.rows import RowTable
 from netfall.record.wind import wind_section
 from netfall.stages import rests
@@ -314,9 +313,9 @@ class Simulation(Stepper):
         for k in np.flatnonzero(found.who[:, 2] >= 0).tolist():
             strained = float(found.size[k, 2]), float(time[k]), int(found.who[k, 2])
             self.history.most_strained = max(self.history.most_strained, strained)
-        start = self.start_strain, self.start_plastic
-        count = np.searchsorted(self.log.breaking, found.number)  # of elements broken before each
-        self.history.add(found.probes, Moment(time, found.time_step, energies, *start, found.slack, count))
+        columns = columns_at(time, found.time_step, energies, (self.start_strain, self.start_plastic))
+        broken = np.searchsorted(self.log.breaking, found.number)  # elements broken before each row
+        self.history.add(found.probes, columns | {"slack": found.slack, "broken": broken})
 
     def report(self) -> None:
         """Progress on rank 0."""

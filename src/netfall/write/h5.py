@@ -19,14 +19,14 @@ from netfall.ground.errors import InputError, OutputError
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.slabs import Slabs
-from netfall.write.locks import give_back, h5_file, reserve, sync, writing
+from netfall.write.locks import give_back, reserve, size_of, sync, writing
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
 HELD_BYTES = 1 << 20  # of all ranks, that a dataset's blocks may wait for one another to be written together
 DATASET_BYTES = 1 << 13  # of HDF5's own lists, at most: of a dataset without its chunks, ...
 CHUNK_ENTRY_BYTES = 1 << 7  # ... and of each of these
-SPARE_BYTES = 1 << 18  # of the disk, that are reserved ahead
+SPARE_BYTES = 1 << 18  # of the disk, that are reserved ahead, and for labels of datasets
 LEFT_OPEN: list[h5py.File | None] = []  # files that are not to be closed before the process ends
 SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
 
@@ -244,9 +244,10 @@ class SharedFile:
 
         def last():
             with writing(self.path):
-                give_back(self.temporary)
-                with h5_file(self.temporary, "r+") as (file, _):
+                reserve(self.temporary, self.temporary.stat().st_size + size_of(finish) + SPARE_BYTES)
+                with h5py.File(self.temporary, "r+") as file:
                     finish(file)
+                give_back(self.temporary)
                 publish(self.temporary, self.path, seal)
 
         on_root(self.comm, last)

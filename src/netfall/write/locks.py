@@ -180,83 +180,31 @@ def give_back(path: Path) -> None:
     os.truncate(path, path.stat().st_size)
 
 
-class Overflow(io.RawIOBase):
-    """A file for HDF5 that takes everything: what the disk does not take stays in memory; `check` tells."""
-
-    def __init__(self, disk):
-        """disk : open for reading and writing, without a buffer"""
-        self.disk, self.place, self.error = disk, 0, None
-        self.kept: list[tuple[int, bytes]] = []  # place and bytes, as they came
-
-    def check(self) -> None:
-        """Raise the OSError of the first bytes that the disk did not take."""
-        if self.error is not None:
-            raise self.error
-
-    # --- what h5py asks of a file
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place, which is returned."""
-        end = max([os.fstat(self.disk.fileno()).st_size, *(at + len(data) for at, data in self.kept)])
-        self.place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self.place, os.SEEK_END: end}[whence]
-        return self.place
-
-    def readinto(self, buffer) -> int:
-        """Fill a buffer from the disk and from what is kept; zeros where there is nothing."""
-        view, first = memoryview(buffer).cast("B"), self.place
-        found = os.pread(self.disk.fileno(), len(view), first)
-        view[: len(found)] = found
-        view[len(found) :] = bytes(len(view) - len(found))
-        for at, data in self.kept:
-            low, high = max(at, first), min(at + len(data), first + len(view))
-            if low < high:
-                view[low - first : high - first] = data[low - at : high - at]
-        self.place += len(view)
-        return len(view)
-
-    def write(self, data) -> int:
-        """Write all of it, or keep what is left."""
-        rest, size = memoryview(data).cast("B"), memoryview(data).nbytes
-        try:
-            while rest and self.error is None:
-                written = os.pwrite(self.disk.fileno(), rest, self.place)
-                rest, self.place = rest[written:], self.place + written
-        except OSError as error:
-            self.error = error
-        if rest:
-            self.kept.append((self.place, bytes(rest)))
-            self.place += len(rest)
-        return size
-
-    def truncate(self, size: int | None = None) -> int:
-        """Set the end."""
-        size = self.place if size is None else size
-        try:
-            if self.error is None:
-                os.ftruncate(self.disk.fileno(), size)
-        except OSError as error:
-            self.error = error
-        return size
-
-
 @contextmanager
-def h5_file(path: Path, mode: str):
-    """An HDF5 file, new ("w") or to be added to ("r+"), and a function that raises OSError if it has no room.
+def roomy_h5(path: Path, size: int):
+    """A new HDF5 file for which so many bytes are reserved. Raises OSError if there are not as many."""
+    path.touch()
+    reserve(path, size)
+    with h5py.File(path, "w") as file:
+        reserve(path, size)  # opened as a new file, it has lost what it had
+        yield file
+    give_back(path)
 
-    That is called at the end as well. What is written after the room has ended is held in memory: whoever
-    writes much asks now and then.
-    """
-    with open(path, {"w": "w+b", "r+": "r+b"}[mode], buffering=0) as disk:
-        overflow = Overflow(disk)
-        with h5py.File(overflow, mode) as file:
-            yield file, overflow.check
-        overflow.check()
+
+def size_of(finish) -> int:
+    """Bytes of an HDF5 file with what finish(file) writes alone."""
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        finish(file)
+    return memory.getbuffer().nbytes
 
 
 @contextmanager
 def h5_whole(path: Path):
-    """A new HDF5 file: at the end on the disk under its name, or what was there is as before."""
+    """A new HDF5 file, in memory: at the end on the disk under its name, or what was there is as before."""
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        yield file
     with whole(path) as place:
-        with h5_file(place, "w") as (file, _):
-            yield file
+        place.write_bytes(memory.getbuffer())
         sync(place)

@@ -18,7 +18,6 @@ from netfall.net.slides import Slides
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS, Field, Sight
 from netfall.results.datasets import ORDER, unit_of
 from netfall.roof.zones import Roof
 from netfall.write.h5 import SharedFile
@@ -112,9 +111,11 @@ class Result:
         points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
         if self._drawn_events != len(self.log) + self.losses:
             self._write_mesh(state, rows)
-        sight = Sight(state, snapshot, rows)
-        p = self._points(state, rows, {"position": state.x[rows]} | _values(POINT_FIELDS, sight))
-        c = self._cells(state, _values(CELL_FIELDS, sight))
+        x, moved = state.x[rows], state.x[rows] - state.x_start[rows]
+        velocity = snapshot.velocity
+        p = self._points(state, rows, {"position": x, "displacement": moved, "velocity": velocity})
+        c = {"tension": snapshot.N, "strain": snapshot.eps, "plastic_strain": snapshot.eps_p}
+        c = self._cells(state, c | {"broken": state.broken} | _moments(state))
         self.series.write_step(time, p.pop("position"), p, c, points, cells)
 
     def _write_mesh(self, state: State, rows: np.ndarray) -> None:
@@ -122,20 +123,19 @@ class Result:
         in_net = state.EA[:, None] > 0.0  # what is out of the net is drawn as a point
         ends = self.log.row_of(state.gid[np.where(in_net, state.ends, state.ends[:, :1])])
         gid = self.distribution.subdomain.element_gid
-        sight = Sight(state, None, rows, self.ids.node(state, rows), self.ids.element, self.group, gid)
-        c = self._cells(state, {"ends": ends} | _values(CELL_NUMBERS, sight))
-        p = self._points(state, rows, _values(POINT_NUMBERS, sight))
+        c = {"ends": ends, "group": self.group, "element_id": self.ids.element, "GlobalCellId": gid}
+        c = self._cells(state, c)
+        p = {"node_id": self.ids.node(state, rows), "GlobalPointId": state.gid[rows]}
+        p = self._points(state, rows, p)
         self.series.write_mesh(c.pop("ends"), p, c, self.log.points, self.distribution.m)
         self._drawn_events = len(self.log) + self.losses
 
     def _equilibrium(self, state: State, snapshot, place: str, reaction: np.ndarray):
         """Name, this rank's block and rows in all, of what is kept; arguments as of `write_equilibrium`."""
-        rows, bends = snapshot.rows, {}
-        if state.joints is not None:
-            bends = {"bending_moment": state.bending_moments()}
+        rows = snapshot.rows
         columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
         points = self._points(state, rows, columns | {"reaction": reaction})
-        cells = self._cells(state, {"tension": snapshot.N} | bends)
+        cells = self._cells(state, {"tension": snapshot.N} | _moments(state))
         yield from ((name, block, self.distribution.n) for name, block in points.items())
         yield from ((name, block, self.distribution.m) for name, block in cells.items())
 
@@ -177,8 +177,7 @@ class Result:
         gid = self.distribution.subdomain.element_gid
         p = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
         c = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
-        if state.joints is not None:
-            c["bending_moment"] = state.bending_moments()
+        c |= _moments(state)
         blocks = (self._points(state, rows, p), p, points), (self._cells(state, c), c, cells)
         for found, columns, total in blocks:
             for name, block in found.items():
@@ -220,9 +219,9 @@ class Result:
         on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
 
 
-def _values(fields: tuple[Field, ...], sight: Sight) -> dict[str, np.ndarray]:
-    there = (field for field in fields if not field.needs or getattr(sight.state.features, field.needs))
-    return {field.name: field.value(sight) for field in there}
+def _moments(state: State) -> dict[str, np.ndarray]:
+    """Bending moments of the elements, where chains bend."""
+    return {"bending_moment": state.bending_moments()} if state.features.bending else {}
 
 
 def _stacked(columns: dict[str, np.ndarray]):

@@ -7,17 +7,14 @@ import h5py
 import numpy as np
 
 from netfall.ground.errors import InputError
-from netfall.write.h5 import publish
-from netfall.write.locks import h5_file, writing
+from netfall.write.h5 import SPARE_BYTES, publish
+from netfall.write.locks import roomy_h5, size_of, writing
 
 COPY_BYTES = 1 << 26  # held at once while segments are joined
 
 
-def append_rows(source: h5py.File, target: h5py.File, check, limit: dict[str, int] | None = None) -> None:
-    """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given.
-
-    check : of the target, as of `h5_file`
-    """
+def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | None = None) -> None:
+    """Append the rows of every dataset of one file to the other's, up to `limit` rows of it where given."""
 
     def copy(name, item):
         if not isinstance(item, h5py.Dataset) or (limit is not None and name not in limit):
@@ -33,7 +30,6 @@ def append_rows(source: h5py.File, target: h5py.File, check, limit: dict[str, in
         for begin in range(0, rows, slab):
             end = min(begin + slab, rows)
             out[first + begin : first + end] = item[begin:end]
-            check()
 
     source.visititems(copy)
 
@@ -41,10 +37,11 @@ def append_rows(source: h5py.File, target: h5py.File, check, limit: dict[str, in
 def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> None:
     """The result file from its segments and the small datasets; the segments are then removed. Rank 0."""
     with writing(path):
-        with h5_file(temporary, "w") as (file, check):
+        size = sum(segment.stat().st_size for segment in segments) + size_of(finish) + SPARE_BYTES
+        with roomy_h5(temporary, size) as file:
             for segment in segments:
                 with h5py.File(segment, "r") as part:
-                    append_rows(part, file, check)
+                    append_rows(part, file)
             finish(file)
         publish(temporary, path)
     # of this run and of earlier ones that were killed
@@ -79,8 +76,8 @@ def find_segments(
         try:
             with h5py.File(result, "r") as file:
                 if file["provenance"].attrs["job_digest"] == digest:
-                    with h5_file(target, "w") as (part, check):
-                        append_rows(file, part, check, rows)
+                    with roomy_h5(target, result.stat().st_size + SPARE_BYTES) as part:
+                        append_rows(file, part, rows)
                     return [target]
         except (OSError, KeyError):
             continue

@@ -5,14 +5,43 @@ Every step has its own Points; the connectivity is written anew only when elemen
 before. (VTKHDF 2.2; the reader wants one more entry in Offsets than cells, for each part.)
 """
 
+from typing import NamedTuple
+
 import h5py
 import numpy as np
 
-from netfall.record.columns import CELL_FIELDS, CELL_NUMBERS, POINT_FIELDS, POINT_NUMBERS
 from netfall.write.h5 import SharedFile
 
 LINE = 3  # VTK's number for this kind of cell
-FIELDS = {"PointData": POINT_FIELDS + POINT_NUMBERS, "CellData": CELL_FIELDS + CELL_NUMBERS}
+
+
+class Field(NamedTuple):
+    """A column of points or cells, as results/README.md has it. bends : whether it is of chains that bend"""
+
+    name: str
+    dtype: type
+    tail: tuple[int, ...] = ()
+    bends: bool = False
+
+
+FIELDS = {
+    "PointData": (
+        Field("displacement", np.float32, (3,)),
+        Field("velocity", np.float32, (3,)),
+        Field("node_id", np.int64),
+        Field("GlobalPointId", np.int64),
+    ),
+    "CellData": (
+        Field("tension", np.float32),
+        Field("strain", np.float32),
+        Field("plastic_strain", np.float32),
+        Field("broken", np.uint8),
+        Field("bending_moment", np.float32, (2,), True),
+        Field("group", np.int32),
+        Field("element_id", np.int64),
+        Field("GlobalCellId", np.int64),
+    ),
+}
 
 
 class VtkSeries:
@@ -20,7 +49,7 @@ class VtkSeries:
 
     def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
         """points, cells : how many a step has at first, for the size of chunks; bends : whether chains do"""
-        there = lambda fields: [each for each in fields if bends or not each.needs]
+        there = lambda fields: [each for each in fields if bends or not each.bends]
         self.fields = {group: there(fields) for group, fields in FIELDS.items()}
         self.sizes = {"PointData": points, "CellData": cells}
         self.parts: list[tuple[int, int]] = []  # points and cells of each part
@@ -93,7 +122,7 @@ class VtkSeries:
 
     def finish(self, file: h5py.File) -> None:
         """Attributes, part sizes and step offsets, written by rank 0 into the reopened file."""
-        group = file["VTKHDF"]
+        group = file.require_group("VTKHDF")
         group.attrs["Version"] = np.array([2, 2], np.int64)
         kind = b"UnstructuredGrid"
         group.attrs.create("Type", kind, dtype=h5py.string_dtype("ascii", len(kind)))

@@ -12,7 +12,7 @@ P over N years, which are independent, is 1 - (1 - P)^N, and the reliability ind
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.stats import gumbel_r, norm, weibull_min
 
 from netfall.study.answers import probit
 from netfall.study.answers.probit import Fits
@@ -42,15 +42,15 @@ class Hazard(NamedTuple):
 
     def exceedance(self, speed: np.ndarray) -> np.ndarray:
         """Probability that the largest speed of a year exceeds these [m/s]."""
-        speed, p = np.maximum(np.asarray(speed, float), 1e-300), self.parameters
+        p = self.parameters
         if self.distribution == "weibull":
-            return np.exp(-np.power(speed / p["scale"], p["shape"]))
+            return weibull_min.sf(speed, p["shape"], scale=p["scale"])
         if self.distribution == "gumbel":
-            return -np.expm1(-np.exp(-(speed - p["mode"]) / p["scale"]))
+            return gumbel_r.sf(speed, p["mode"], p["scale"])
         # v(p) = v_b [(1 - K ln(-ln(1 - p))) / (1 - K ln(-ln 0.98))]^n, solved for p
         once_in_fifty = 1.0 - p["K"] * float(np.log(-np.log(0.98)))
         grown = np.power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
-        return -np.expm1(-np.exp((1.0 - grown) / p["K"]))
+        return gumbel_r.sf(grown, 1.0, p["K"])
 
 
 def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
@@ -94,8 +94,7 @@ def over_years(probability: np.ndarray, years: int) -> np.ndarray:
 
 def reliability_index(probability: np.ndarray) -> np.ndarray:
     """beta = -Phi^-1(P); infinite where nothing fails, nan where P is."""
-    inside = np.clip(np.where(np.isnan(probability), 0.5, probability), 1e-300, 1.0 - 2.0**-53)
-    return np.where(probability > 0.0, -ndtri(inside), np.where(probability == 0.0, np.inf, np.nan))
+    return norm.isf(np.minimum(probability, 1.0 - 2.0**-53))
 
 
 def hazard_row(hazard: Hazard, speed, failed, fits: Fits, drawn: Fits | None, interval_of) -> dict:

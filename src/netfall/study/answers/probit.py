@@ -101,16 +101,13 @@ def _peaks(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
     scale = max(np.abs(u).max(), 1e-300)
     u = (u / scale)[:, None]
     a, b = np.zeros((2, runs.shape[1]))
-    active, ready = np.arange(len(a)), np.zeros(len(a), bool)
     for _ in range(MOST):
-        da, db = _newton_step(a[active], b[active], u, runs[:, active], failed[:, active])
+        da, db = _newton_step(a, b, u, runs, failed)
         change = np.abs(da) + np.abs(db)
         share = np.minimum(1.0, LONGEST / np.maximum(change, 1e-300))
-        a[active] += share * da
-        b[active] += share * db
-        ready[active] = change < CLOSE * (1.0 + np.abs(a[active]) + np.abs(b[active]))
-        active = active[~ready[active]]
-        if not len(active):
+        a, b = a + share * da, b + share * db
+        ready = change < CLOSE * (1.0 + np.abs(a) + np.abs(b))
+        if ready.all():
             break
     return np.exp(middle - scale * a / b), scale / b, ready & (b > 0)
 
