@@ -4,7 +4,7 @@
 set -euo pipefail
 export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-bash jobs/setup.sh view
+bash jobs/setup.sh
 mkdir -p results
 .venv/bin/mpirun -n 2 .venv/bin/netfall run jobs/stadium.toml -o results/stadium.vtkhdf
 .venv/bin/netfall info results/stadium.vtkhdf

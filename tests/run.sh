@@ -4,7 +4,7 @@
 set -euo pipefail
 export PATH # bash has one of its own where the environment has none, but Open MPI needs to see it
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-bash jobs/setup.sh test view browser
+bash jobs/setup.sh test browser
 .venv/bin/ruff format --check --quiet .
 .venv/bin/ruff check --quiet .
 exec .venv/bin/python -m pytest -n 3 --no-loadscope-reorder "$@"

@@ -734,10 +734,12 @@ def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
 )
 def test_a_grid_whose_cells_are_wrong_is_refused(tmp_path, connectivity, types, words):
     """Points that there are not, lines of one point."""
-    array = lambda name, text, kind="Int64": f'<DataArray type="{kind}" Name="{name}">{text}</DataArray>'
+    array = lambda name, text, kind="Int64", width=1: (
+        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}">{text}</DataArray>'
+    )
     (tmp_path / "a.vtu").write_text(
         '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="2" NumberOfCells="1">'
-        f"<Points>{array('Points', '0 0 0 1 0 0', 'Float64')}</Points>"
+        f"<Points>{array('Points', '0 0 0 1 0 0', 'Float64', 3)}</Points>"
         f"<Cells>{array('connectivity', connectivity)}{array('offsets', len(connectivity.split()))}"
         f"{array('types', types)}</Cells></Piece></UnstructuredGrid></VTKFile>"
     )

@@ -104,7 +104,8 @@ def test_check_draws_what_the_job_says(workshop, monkeypatch):
     read = read_job(job)
     picture = draw_check(read, make_layout(read, 1), workshop.folder / "pictures")
     assert picture.name == "job_net.png" and picture.stat().st_size > 10_000
-    told = [text.get_text() for legend in kept[0].legends for text in legend.get_texts()]
+    legends = [legend for half in kept[0].subfigs for legend in half.legends]
+    told = [text.get_text() for legend in legends for text in legend.get_texts()]
     assert {"edge, 6", "net, 18", "supports, 3", "springs, 2 (z: 2)", "probes, 2"} <= set(told)
     assert {"held in part, 1 (y: 1, z: 1)", "to be removed, 2", "[output] elements, 1"} <= set(told)
     # nodes of "drift": (4, 0), (6, 0) and (4, 2), (6, 2), of which the first two are at the edge too

@@ -1,10 +1,12 @@
 """The package as users install it: a wheel, in an environment of its own, away from the checkout."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import sysconfig
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from conftest import ENVIRONMENT, ROOT
 
 import netfall
+from netfall.ground.extras import BRINGS, EXTRAS
 
 BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "src")
 
@@ -62,6 +65,27 @@ def installed(wheel: Path, folder: Path) -> Path:
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     pip("--python", python, "install", "--no-deps", "--no-index", wheel, cwd=folder)
     return environment / "bin"
+
+
+@pytest.mark.parametrize("package, extra", [("matplotlib", "plot"), ("ezdxf", "cad"), ("vtkmodules", "cad")])
+def test_a_missing_package_is_told_with_the_extra_that_brings_it(tmp_path, package, extra):
+    """By the command that needs it: exit code 2, one line, no traceback; the program itself starts."""
+    (tmp_path / "a.dxf").touch()
+    (tmp_path / "a.vtu").touch()
+    words = {"matplotlib": ["plot", "a.vtkhdf"], "ezdxf": ["import", "a.dxf", "-o", "a"]}
+    words["vtkmodules"] = ["import", "a.vtu", "-o", "a"]
+    script = f"import sys; sys.modules[{package!r}] = None; from netfall.__main__ import main; main()"
+    command = [sys.executable, "-c", script, *words[package]]
+    done = subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True)
+    advice = f"needs {package}, which is not installed; get it with: pip install 'netfall[{extra}]'"
+    assert (done.returncode, done.stderr.strip()) == (2, advice)
+
+
+def test_every_extra_is_one_of_the_package():
+    """What pyproject.toml calls extras, and no compute node needs what they bring."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert {*EXTRAS} <= {*project["optional-dependencies"]}
+    assert [one for one in project["dependencies"] if re.match(r"[\w]+", one)[0] in BRINGS] == []
 
 
 @pytest.mark.long

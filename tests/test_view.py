@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import sys
 import time
 from html.parser import HTMLParser
 from importlib.util import find_spec
@@ -17,6 +18,7 @@ from study_files import columns, write_study
 
 from netfall import Net, run
 from netfall.ground.errors import InputError
+from netfall.ground.extras import naming_extras
 from netfall.results.frames import Frames
 from netfall.results.states import start_position
 from netfall.study.answers.read import read_study
@@ -111,9 +113,9 @@ def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):
 
 
 def test_without_k3d_a_line_says_how_to_get_it(broken, tmp_path, monkeypatch):
-    """Exit code 2 and no page."""
-    monkeypatch.setattr(page, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=re.escape("pip install 'netfall[view]'")):
+    """The extra that brings it is named, and no page is left."""
+    monkeypatch.setitem(sys.modules, "k3d", None)
+    with pytest.raises(InputError, match=re.escape("pip install 'netfall[view]'")), naming_extras():
         page.write_page(broken, tmp_path / "page.html")
     assert [*tmp_path.iterdir()] == []
 

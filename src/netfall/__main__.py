@@ -10,6 +10,7 @@ from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
 from netfall.core.cache import choose_folder
 from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.ground.extras import naming_extras
 from netfall.ground.launch import launched_rank
 from netfall.ground.progress import tell, unread
 
@@ -59,7 +60,8 @@ def main() -> None:
             top.print_help()
             sys.exit(2)
         verb = {"import": "import_"}.get(arguments.verb, arguments.verb)
-        commands.version() if arguments.version else getattr(commands, verb)(arguments)
+        with naming_extras():
+            commands.version() if arguments.version else getattr(commands, verb)(arguments)
         sys.stdout.flush()
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:

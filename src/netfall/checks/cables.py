@@ -1,6 +1,7 @@
 """What a report tells of elements and cables: strengths, utilisation, lengths. Plain columns by name."""
 
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -181,7 +182,8 @@ def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, n
     low = _first_by(-envelope.least, cable)
     each = element_columns(f, envelope, checked)
     strengths = {name: np.where(np.isinf(N), np.nan, N)[at] for name, N in strengths_of(f).items()}
-    slack = _any_of(envelope.slack, cable, count) & ~_any_of(envelope.gone, cable, count)
+    slack = _of_cables(np.logical_or, envelope.slack, cable)
+    slack &= ~_of_cables(np.logical_or, envelope.gone, cable)
     columns = {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
         "group": each["group"][at],
@@ -197,12 +199,12 @@ def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, n
         "tension_min": envelope.least[low],
         "case_min": each["case_min"][low],
         "slack_in": _slack_words(envelope.names, slack),
-        "lost_at": _least_of(each["lost_at"], cable, count),
-        "broken_at": _least_of(each["broken_at"], cable, count),
+        "lost_at": _of_cables(np.fmin, each["lost_at"], cable),
+        "broken_at": _of_cables(np.fmin, each["broken_at"], cable),
     }
     for name in ("tension_ratio", "dynamic_factor"):
         if name in each:
-            columns[name] = -_least_of(-each[name], cable, count)
+            columns[name] = _of_cables(np.fmax, each[name], cable)
     for check in checked.checks:
         governs = _first_by(checked.decisive(check.name), cable)
         for what in ("resistance", "utilisation", "result", check.of, "case"):
@@ -224,8 +226,8 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     load, warm, stretched = measured_lengths(f, cutting)
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
-        "group": _words_of(groups_of(f), cable, count),
-        "type": _words_of(types_of(f), cable, count),
+        "group": _words_of(groups_of(f), cable),
+        "type": _words_of(types_of(f), cable),
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": total(L0),
         "length_in_form": total(L),
@@ -260,33 +262,24 @@ def _first_by(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
     return order[np.unique(cable[order], return_index=True)[1]]
 
 
-def _words_of(words: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
+def _words_of(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
     """The word of each cable, from those (m,) of its elements; all of them if they differ."""
-    found: list[list[str]] = [[] for _ in range(count)]
-    for number, word in dict.fromkeys(zip(cable.tolist(), words.tolist())):
-        found[number].append(word)
-    joined = [" + ".join(word or "none" for word in each) if each[1:] else each[0] for each in found]
-    return np.array(joined, object)
+    found: dict[int, dict[str, None]] = {}
+    for number, word in zip(cable.tolist(), words.tolist()):
+        found.setdefault(number, {})[word] = None
+    each = [[*found[number]] for number in sorted(found)]
+    return np.array(
+        [" + ".join(word or "none" for word in one) if one[1:] else one[0] for one in each], object
+    )
 
 
-def _least_of(values: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
-    """The least of the values (m,) of each cable, nan: none."""
-    least = np.full(count, np.inf)
-    np.minimum.at(least, cable, np.where(np.isnan(values), np.inf, values))
-    return np.where(np.isfinite(least), least, np.nan)
-
-
-def _any_of(which: np.ndarray, cable: np.ndarray, count: int) -> np.ndarray:
-    """In which stages any element of each cable is one of which (stages, m) bool; (stages, cables) bool."""
-    found = np.zeros((len(which), count), bool)
-    for stage, of_elements in zip(found, which):
-        np.logical_or.at(stage, cable, of_elements)
-    return found
+def _of_cables(reduce: np.ufunc, values: np.ndarray, cable: np.ndarray) -> np.ndarray:
+    """Reduce values (..., m) of the elements to those (..., cables) of their cables."""
+    order = np.argsort(cable, kind="stable")
+    starts = np.unique(cable[order], return_index=True)[1]
+    return reduce.reduceat(values[..., order], starts, axis=-1)
 
 
 def _slack_words(names: list[str], slack: np.ndarray) -> np.ndarray:
     """The stages in which each is slack, by name; slack : (stages, k) bool."""
-    words = np.full(slack.shape[1], "", object)
-    for k in np.flatnonzero(slack.any(0)):
-        words[k] = "; ".join(name for name, is_slack in zip(names, slack[:, k]) if is_slack)
-    return words
+    return np.array(["; ".join(compress(names, each)) for each in slack.T], object)

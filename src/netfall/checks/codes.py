@@ -129,9 +129,6 @@ def _check(table: dict, place: str, validation: Validation) -> Check:
         names = " beside ".join(repr(one.of) for one in each)
         what = "a check is of tension or of compression; make two of it"
         validation.wrong(place, f"of = {names}: {what}")
-    found = [(one.of, [_factor(factor, place, validation) for factor in one.factor]) for one in each]
+    known = lambda factor: validation.table(f"{place} factor {factor.get('name')}:", KEYS["factor"], factor)
+    found = [(one.of, [Factor(**vars(known(factor))) for factor in one.factor]) for one in each]
     return Check(own.name, own.title, own.kind, found)
-
-
-def _factor(table: dict, place: str, validation: Validation) -> Factor:
-    return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))

@@ -59,10 +59,10 @@ def members(f, checked: cables.Checked, check: str) -> list[tuple[int, int]]:
     Those of one group, type and resistance whose forces are alike are one row, by the first of them.
     """
     N, R, key = checked.force[check], checked.resistance[check], checked.decisive(check)
-    kind = _numbers(cables.groups_of(f), cables.types_of(f), np.nan_to_num(R, nan=-1.0))
+    kind = list(zip(cables.groups_of(f), cables.types_of(f), np.nan_to_num(R, nan=-1.0).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []
-    last: dict[int, int] = {}  # of each kind the row that it has now
+    last: dict[tuple, int] = {}  # of each kind the row that it has now
     for e in order.tolist():
         row = last.get(kind[e])
         if row is None or abs(N[e] - N[rows[row][0]]) > ALIKE * abs(N[rows[row][0]]):
@@ -78,12 +78,6 @@ def _firsts(group: np.ndarray, rows: list[tuple[int, int]]) -> list[tuple[int, i
     for e, count in rows:
         found.setdefault(group[e], (e, count))
     return list(found.values())
-
-
-def _numbers(*columns: np.ndarray) -> list[int]:
-    """A number for each row, the same for equal rows."""
-    known: dict[tuple, int] = {}
-    return [known.setdefault(row, len(known)) for row in zip(*(column.tolist() for column in columns))]
 
 
 def limits_of(job: dict, cases: list[Case], moved: list[tuple[float, int]], slack: list[int]) -> list[Limit]:

@@ -35,7 +35,7 @@ job | file | JOB | job.toml | default: job.toml
 -o folder | Path | DIR | | folder of the pictures (default: beside the result file)
 --case | str | NAME | | one state at rest on a page of its own: a case, a stage, rest, statics, form
 --animate | flag | | | animations of the dynamic stage and of the erection in place of the pictures
---format | mp4,gif | | | of the animation (default: mp4 where there is ffmpeg, else gif)
+--format | mp4,gif | | | of the animation (default: mp4)
 --fps | count | N | | frames of the animation in a second (default: 15; of stages 1)
 --view | view | VIEW | | from where it is seen: space, plan, front, side, or elevation and azimuth in
     degrees: 28,-60

@@ -1,37 +1,26 @@
-"""VTU, the XML file of VTK's unstructured grids: reading lines of every encoding but LZ4, and writing them.
+"""VTU, the XML file of VTK's unstructured grids: read and written by vtk.
 
 meshio, which reads it too, leaves out polylines without a word (5.3).
-Format: VTK User's Guide, "XML file formats"; a block of data is its size, then its bytes.
 """
 
-import base64
-import lzma
 import re
-import xml.etree.ElementTree as xml
-import zlib
+from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkObject, vtkPoints
+from vtkmodules.vtkCommonDataModel import VTK_LINE, vtkCellArray, vtkUnstructuredGrid
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
-from netfall.exchange.drawings.drawing import Drawing, depth, edges_of, is_among
+from netfall.exchange.drawings.drawing import Drawing, depth, is_among
 from netfall.ground.errors import InputError
 
-# Types of cells (vtkCellType.h).
-EMPTY, LINE, POLY_LINE, POLYGON, PIXEL, QUADRATIC_POLYGON = 0, 3, 4, 7, 8, 36
-CURVES = (21, 35, 68, 75)  # quadratic, cubic, Lagrange, Bezier: points between the ends come last
-CORNERS = dict.fromkeys((LINE, *CURVES), 2) | dict.fromkeys((5, 22, 34, 69, 76), 3)
-CORNERS |= dict.fromkeys((PIXEL, 9, 23, 28, 30, 70, 77), 4)
-OTHERS = {1: "vertex", 2: "poly vertex", 6: "triangle strip", 10: "tetra", 11: "voxel", 12: "hexahedron"}
-OTHERS |= {13: "wedge", 14: "pyramid", 24: "quadratic tetra", 25: "quadratic hexahedron", 42: "polyhedron"}
-TYPES = {"Float32": "f4", "Float64": "f8", "Int8": "i1", "Int16": "i2", "Int32": "i4", "Int64": "i8"}
-TYPES |= {
-    name.replace("Int", "UInt"): kind.replace("i", "u") for name, kind in TYPES.items() if "Int" in name
-}
-INFLATE = {"vtkZLibDataCompressor": zlib.decompress, "vtkLZMADataCompressor": lzma.decompress}
-GHOSTS = ("vtkGhostType",)
+GHOSTS = "vtkGhostType"
 GHOST_CELL, HIDDEN_POINT = 1 | 8 | 32, 2  # bits: duplicate, refined, hidden (vtkDataSetAttributes)
-SUPPORTS, GROUPS, IDS = ("held", "fixed", "is_anchor", "is_fixed"), ("group",), ("node_id",)
-APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_", re.S)
+SUPPORTS = ("held", "fixed", "is_anchor", "is_fixed")
+VARIABLE = re.compile("Poly|Strip|Lagrange|Bezier")  # classes of cells with any number of points
 
 
 def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
@@ -40,31 +29,24 @@ def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
     Raises InputError for another file.
     """
     try:
-        file = _File(path.read_bytes())
-        x = file.array("Points").reshape(-1, 3).astype(float)
-        cells = map(file.array, ("connectivity", "offsets", "types"))
-        connectivity, offsets, types = (values.astype(np.int64) for values in cells)
-        if len(connectivity) and not 0 <= connectivity.min() <= connectivity.max() < len(x):
-            raise ValueError(
-                f"cells name points from {connectivity.min()} to {connectivity.max()} of {len(x)}"
-            )
-        drawn = _drawn(file, connectivity, offsets)
-        types = np.where(drawn, types, EMPTY)
-        ends, cell = _cells(connectivity, offsets, types)
-        left_out = _left_out(x, connectivity, offsets, types)
+        grid = _read_grid(path)
+        x, drawn = vtk_to_numpy(grid.GetPoints().GetData()).astype(float), _drawn_cells(grid)
+        ends, cell, left_out = _lines(grid, x, np.flatnonzero(drawn).tolist())
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; expected a VTU file") from None
-    except (xml.ParseError, KeyError, ValueError, zlib.error, lzma.LZMAError) as error:
+    except ValueError as error:
         raise InputError(f"{path}: not a VTU file that can be read: {error}") from None
-    number = file.first("CellData", GROUPS)
+    number = _array(grid.GetCellData(), "group")
     group = np.zeros(len(ends), np.int64) if number is None else number.astype(np.int64)[cell]
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
     if wanted is not None:
         kept = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*wanted, *supports))])
         ends, layer = ends[kept], layer[kept]
-    held, keys = file.first("PointData", SUPPORTS), file.first("PointData", IDS)
-    axes = np.zeros((len(x), 1), bool) if held is None else held.reshape(len(x), -1) != 0
+    of_points = [_array(grid.GetPointData(), name) for name in (*SUPPORTS, "node_id")]
+    keys, held = of_points.pop(), next((each for each in of_points if each is not None), np.zeros(len(x)))
+    axes = held.reshape(len(x), -1) != 0
+    hidden = [f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else []
     return Drawing(
         lines=x[ends],
         layer=layer,
@@ -73,173 +55,127 @@ def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
         in_part=x[axes.any(1) & ~axes.all(1)],
         keys=None if keys is None else keys.astype(np.int64)[ends],
         read=[f"{len(x)} points, {len(ends)} lines"],
-        left_out=left_out + ([f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else []),
+        left_out=left_out + hidden,
     )
 
 
-def _cells(connectivity, offsets, types) -> tuple[np.ndarray, np.ndarray]:
-    """Return lines (k, 2) as rows of points, and the cell (k,) of each; sides of faces once.
-
-    Cells of higher order count with their ends or corners.
-    """
-    starts, corners = np.append(0, offsets[:-1]), _corners(offsets, types)
-    plain = np.flatnonzero(np.isin(types, (LINE, *CURVES)))
-    ends = [np.column_stack([connectivity[starts[plain]], connectivity[starts[plain] + 1]])]
-    cells, faces = [plain], []
-    for cell in np.flatnonzero(types == POLY_LINE).tolist():
-        points = connectivity[starts[cell] : offsets[cell]]
-        ends.append(np.column_stack([points[:-1], points[1:]]))
-        cells.append(np.full(len(points) - 1, cell))
-    surfaces = np.flatnonzero((corners > 0) & ~np.isin(types, (LINE, POLY_LINE, *CURVES))).tolist()
-    for cell in surfaces:
-        points = connectivity[starts[cell] : starts[cell] + corners[cell]].tolist()
-        faces.append([points[k] for k in (0, 1, 3, 2)] if types[cell] == PIXEL else points)
-    if faces:
-        sides, of = edges_of(faces)
-        ends.append(sides)
-        cells.append(np.array([surfaces[faces[0]] for faces in of]))
-    return np.concatenate(ends), np.concatenate(cells)
-
-
-def _corners(offsets, types) -> np.ndarray:
-    """Return how many points of each cell are ends or corners, 0 if it is no line and no face.
-
-    Raises ValueError for a cell that has fewer.
-    """
-    count = np.diff(offsets, prepend=0)
-    corners = np.array([CORNERS.get(kind, 0) for kind in types.tolist()], np.int64)
-    whole = np.isin(types, (POLY_LINE, POLYGON))
-    corners[whole] = count[whole]
-    corners[types == QUADRATIC_POLYGON] = count[types == QUADRATIC_POLYGON] // 2
-    if (count < corners).any():
-        cell = int(np.argmax(count < corners))
-        raise ValueError(f"cell {cell} has {count[cell]} points; expected {corners[cell]}, by its type")
-    return corners
-
-
-def _left_out(x: np.ndarray, connectivity, offsets, types) -> list[str]:
-    """Say what has no lines: points between ends and corners, and cells that are neither lines nor faces."""
-    corners, told = _corners(offsets, types), []
-    between = np.where(corners > 0, np.diff(offsets, prepend=0) - corners, 0)
-    curves = np.flatnonzero(np.isin(types, CURVES))
-    points = [x[connectivity[offsets[cell] - between[cell] - 2 : offsets[cell]]] for cell in curves.tolist()]
-    if between.any():
-        beside = max((depth(each[2:], *each[:2]) for each in points), default=0.0)
-        told.append(
-            f"{between.sum()} points between the ends or corners of {(between > 0).sum()} cells of higher "
-            f"order, those of curves up to {beside:.4g} beside the straight lines that were read"
+def _read_grid(path: Path):
+    """Return the grid of a file. Raises ValueError for what vtk cannot read, or could not go through."""
+    path.open("rb").close()
+    reader, displays = vtkXMLUnstructuredGridReader(), vtkObject.GetGlobalWarningDisplay()
+    vtkObject.GlobalWarningDisplayOff()  # what is wrong is told here
+    try:
+        if not reader.CanReadFile(str(path)):
+            raise ValueError("it holds no UnstructuredGrid")
+        reader.SetFileName(str(path))
+        reader.Update()
+    finally:
+        vtkObject.SetGlobalWarningDisplay(displays)
+    if reader.GetErrorCode() or not reader.GetOutput().GetNumberOfPoints():
+        raise ValueError("it is cut short, or an array has another size or type than it should")
+    grid = reader.GetOutput()
+    points = vtk_to_numpy(grid.GetCells().GetConnectivityArray())
+    if len(points) and not 0 <= points.min() <= points.max() < grid.GetNumberOfPoints():
+        raise ValueError(
+            f"cells name points from {points.min()} to {points.max()} of {grid.GetNumberOfPoints()}"
         )
-    others, counts = np.unique(
-        types[(corners == 0) & (types != EMPTY) & (types != POLY_LINE)], return_counts=True
-    )
-    names = [OTHERS.get(kind, f"{kind} (vtkCellType.h)") for kind in others.tolist()]
-    return told + [
-        f"{n} cells of type {name}, which is no line and no face" for name, n in zip(names, counts)
-    ]
+    return grid
 
 
-def _drawn(file, connectivity, offsets) -> np.ndarray:
-    """Cells (c,) bool that VTK draws: not those of another piece or hidden, nor those at hidden points."""
-    of_cell, of_point = file.first("CellData", GHOSTS), file.first("PointData", GHOSTS)
-    drawn = np.ones(len(offsets), bool)
+def _array(data, name: str) -> np.ndarray | None:
+    """Return an array of points or cells by its name, None: there is none."""
+    array = data.GetArray(name)
+    return None if array is None else vtk_to_numpy(array)
+
+
+def _drawn_cells(grid) -> np.ndarray:
+    """Return which cells (c,) VTK draws: not those of another piece or hidden, nor those at hidden points."""
+    drawn = np.ones(grid.GetNumberOfCells(), bool)
+    of_cell, of_point = (_array(data, GHOSTS) for data in (grid.GetCellData(), grid.GetPointData()))
     if of_cell is not None:
         drawn &= of_cell.astype(np.int64) & GHOST_CELL == 0
     if of_point is not None:
-        cell = np.repeat(np.arange(len(offsets)), np.diff(offsets, prepend=0))
-        drawn[cell[(of_point.astype(np.int64) & HIDDEN_POINT != 0)[connectivity]]] = False
+        offsets = vtk_to_numpy(grid.GetCells().GetOffsetsArray())
+        cell = np.repeat(np.arange(len(drawn)), np.diff(offsets))
+        hidden = of_point.astype(np.int64) & HIDDEN_POINT != 0
+        drawn[cell[hidden[vtk_to_numpy(grid.GetCells().GetConnectivityArray())]]] = False
     return drawn
 
 
-class _File:
-    """A VTU file: its arrays by name."""
+def _lines(grid, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Return lines (k, 2) as rows of points, the cell (k,) of each, and what some cells have besides.
 
-    def __init__(self, data: bytes):
-        found = APPENDED.search(data)
-        self.bytes = data[found.end() : data.rindex(b"</AppendedData>")] if found else b""
-        text = data[: found.start()] + b"</VTKFile>" if found else data
-        self.raw = bool(found) and b'encoding="raw"' in found.group()
-        self.root = xml.fromstring(text)
-        if self.root.tag != "VTKFile" or self.root.get("type") != "UnstructuredGrid":
-            raise ValueError("it holds no UnstructuredGrid")
-        if len(self.root.findall(".//Piece")) != 1:
-            raise ValueError("it has several pieces; save it as one")
-        self.order = "<" if self.root.get("byte_order", "LittleEndian") == "LittleEndian" else ">"
-        self.size = np.dtype(self.order + TYPES[self.root.get("header_type", "UInt32")])
-        self.compressor = self.root.get("compressor")
-
-    def array(self, name: str) -> np.ndarray:
-        """Points, connectivity, offsets or types."""
-        place = ".//Points/DataArray" if name == "Points" else f".//Cells/DataArray[@Name='{name}']"
-        element = self.root.find(place)
-        if element is None:
-            raise KeyError(f"{name} is missing")
-        return self._values(element)
-
-    def first(self, data: str, names: tuple[str, ...]) -> np.ndarray | None:
-        """The first array there is of these names; None: none."""
-        for name in names:
-            element = self.root.find(f".//{data}/DataArray[@Name='{name}']")
-            if element is not None and element.get("type") in TYPES:
-                return self._values(element)
-        return None
-
-    def _values(self, element) -> np.ndarray:
-        kind = np.dtype(TYPES[element.get("type")])
-        form = element.get("format", "ascii")
-        if form == "ascii":
-            return np.array((element.text or "").split(), dtype=kind)
-        if form == "appended":
-            data, raw = self.bytes[int(element.get("offset")) :], self.raw
-        else:
-            data, raw = (element.text or "").strip().encode(), False
-        return np.frombuffer(self._decoded(data, raw), kind.newbyteorder(self.order)).astype(kind)
-
-    def _decoded(self, data: bytes, raw: bool) -> bytes:
-        """The bytes of a block. Of a compressed one in base64 the sizes at its head are encoded apart."""
-        width = self.size.itemsize
-        if not self.compressor:
-            block = data if raw else _base64(data, width)
-            length = int(np.frombuffer(block, self.size, 1)[0])
-            return (block if raw else _base64(data, width + length))[width : width + length]
-        if self.compressor not in INFLATE:
-            raise ValueError(f"compressed by {self.compressor}; save it with zlib, or without compression")
-        blocks = int(np.frombuffer(data if raw else _base64(data, width), self.size, 1)[0])
-        head = (3 + blocks) * width
-        sizes = np.frombuffer(data if raw else _base64(data, head), self.size, 3 + blocks)[3:].astype(int)
-        start = head if raw else 4 * -(-head // 3)
-        packed = data[start : start + sizes.sum()] if raw else _base64(data[start:], int(sizes.sum()))
-        stops = np.cumsum(sizes)
-        inflate = INFLATE[self.compressor]
-        return b"".join(inflate(packed[a:b]) for a, b in zip(stops - sizes, stops, strict=True))
+    The sides of faces count once. Cells of higher order count with their ends or corners.
+    Raises ValueError for a cell with too few points.
+    """
+    lines, sides, others, beside = [], {}, Counter(), []
+    between = Counter()
+    for number in cells:
+        cell = grid.GetCell(number)
+        _check_points(cell, number)
+        points = [cell.GetPointId(k) for k in range(cell.GetNumberOfPoints())]
+        kind, corners = cell.GetClassName().removeprefix("vtk"), len(points)
+        if kind in ("Line", "PolyLine"):
+            lines += [(a, b, number) for a, b in pairwise(points)]
+        elif cell.GetCellDimension() == 1:
+            lines.append((*points[:2], number))
+            beside.append(depth(x[points[2:]], *x[points[:2]]))
+            corners = 2
+        elif cell.GetCellDimension() == 2 and kind != "TriangleStrip":
+            corners = cell.GetNumberOfEdges()
+            for edge in map(cell.GetEdge, range(corners)):  # the same object, of other points each time
+                sides.setdefault(tuple(sorted((edge.GetPointId(0), edge.GetPointId(1)))), number)
+        elif kind != "EmptyCell":
+            others[cell.GetCellType(), kind] += 1
+        between.update({number: len(points) - corners} if len(points) > corners else {})
+    lines += [(*pair, number) for pair, number in sorted(sides.items())]
+    table = np.array(lines, np.int64).reshape(-1, 3)
+    return table[:, :2], table[:, 2], _left_out(between, beside, others)
 
 
-def _base64(data: bytes, length: int) -> bytes:
-    """The first bytes that are encoded there."""
-    return base64.b64decode(data[: 4 * -(-length // 3)])[:length]
+def _check_points(cell, number: int) -> None:
+    """Raise ValueError for a cell with fewer points than its type has."""
+    count = cell.GetNumberOfPoints()
+    expected = 2 if cell.GetCellDimension() == 1 else 0
+    if not VARIABLE.search(cell.GetClassName()):
+        expected = cell.NewInstance().GetNumberOfPoints()
+    if count < expected:
+        raise ValueError(f"cell {number} has {count} points; expected {expected}, by its type")
+
+
+def _left_out(between: Counter, beside: list[float], others: Counter) -> list[str]:
+    """Say what has no lines: points between ends and corners, and cells that are neither lines nor faces.
+
+    between : such points by cell; beside : how far those of curves are off; others : cells by type and class
+    """
+    told = []
+    if between:
+        told.append(
+            f"{between.total()} points between the ends or corners of {len(between)} cells of higher "
+            f"order, those of curves up to {max(beside, default=0.0):.4g} beside the straight lines that "
+            "were read"
+        )
+    words = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
+    return told + [
+        f"{others[kind]} cells of type {name}, which is no line and no face" for kind, name in words.items()
+    ]
 
 
 def write_vtu(path: Path, x: np.ndarray, ends: np.ndarray, point_data: dict, cell_data: dict, comment: str):
-    """Write lines between points x (p, 3), with arrays of points and cells by name; all digits, as text."""
-    m = len(ends)
-    cells = {"connectivity": ends.astype(np.int64).ravel()}
-    cells |= {"offsets": 2 * np.arange(1, m + 1), "types": np.full(m, LINE, np.uint8)}
-    sections = {"PointData": point_data, "CellData": cell_data, "Points": {"Points": x}, "Cells": cells}
-    lines = [
-        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-        f"<!-- {comment} -->",
-        f'<UnstructuredGrid><Piece NumberOfPoints="{len(x)}" NumberOfCells="{m}">',
-    ]
-    for section, arrays in sections.items():
-        lines += [
-            f"<{section}>",
-            *(_data_array(name, np.asarray(a)) for name, a in arrays.items()),
-            f"</{section}>",
-        ]
-    path.write_text("\n".join([*lines, "</Piece></UnstructuredGrid></VTKFile>", ""]), encoding="ascii")
-
-
-def _data_array(name: str, values: np.ndarray) -> str:
-    kind = next(name for name, code in TYPES.items() if np.dtype(code) == values.dtype)
-    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim > 1 else ""
-    text = " ".join(map(repr, values.ravel().tolist()))
-    return f'<DataArray type="{kind}" Name="{name}"{width} format="ascii">{text}</DataArray>'
+    """Write lines between points x (p, 3), with arrays of points and cells by name, and a comment."""
+    grid, points, cells = vtkUnstructuredGrid(), vtkPoints(), vtkCellArray()
+    points.SetData(numpy_to_vtk(x, deep=True))
+    cells.SetData(2, numpy_to_vtkIdTypeArray(ends.astype(np.int64).ravel(), deep=True))
+    grid.SetPoints(points)
+    grid.SetCells(VTK_LINE, cells)
+    for data, arrays in ((grid.GetPointData(), point_data), (grid.GetCellData(), cell_data)):
+        for name, values in arrays.items():
+            array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+            array.SetName(name)
+            data.AddArray(array)
+    writer = vtkXMLUnstructuredGridWriter()
+    writer.SetInputData(grid)
+    writer.SetDataModeToBinary()
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    path.write_text(f"{writer.GetOutputString()}<!-- {comment} -->\n", encoding="ascii")

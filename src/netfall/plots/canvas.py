@@ -36,20 +36,22 @@ STYLE = {
 plt.rcParams.update(STYLE)
 NOTHING = "#b8b8b8"  # what has no value
 BROKEN = "#d62728"  # what is broken, lost or at fault; no group has this red
+SUPPORT = "#111111"
 GUIDED = "#7a4b00"  # supports that are held along some axes
 SPRING = "#6a0dad"  # supports on springs
 LONGEST_TITLE = 90  # characters
 CHARACTERS = 12.0  # of a title in an inch
+MOST_MARKED = 2_000  # supports of a kind; of more every k-th
 MOST_DRAWN = 60_000  # elements in a picture; of larger nets every k-th is drawn
-ALONE, PANEL, NARROW = (9.0, 4.9), (5.5, 3.4), (4.2, 2.9)  # inches of a panel in space: of one, two, more
+ALONE, PANEL, NARROW = (9.0, 5.0), (5.5, 3.4), (4.2, 3.0)  # inches of a panel in space: of one, two, more
 IN_TWOS, IN_THREES = 6, 12  # panels in space, up to which two or three stand in a row, else four
-PLAN_WIDTH = 6.0  # inches of a panel in plan
-SHORTEST, LONGEST = 1.6, 6.8  # inches of its height
-HEAD, SECOND_LINE = 0.9, 0.2  # inches for the title, and for titles of two lines of panels
+PLAN = 6.0  # inches of a panel in plan, at most, across and up
+HEAD = 1.4  # inches for the title, scales and legends
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
 ROUND = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # numbers of scales
-ZOOM = 1.1, 1.2  # of nets in space, and of those that are flat
-FLAT, THIN = 0.12, 0.04  # of the largest extent, up to which an axis has room for two ticks, and for none
+ZOOM = 1.15  # of nets in space, whose box in the picture has empty corners
+OVER = {"clip_on": False, "in_layout": False}  # of what is drawn in space, where layouts take x for pixels
+THIN = 0.04  # of the largest extent, up to which an axis has no room for ticks
 
 
 def save(figure, path: Path) -> Path:
@@ -62,7 +64,7 @@ def save(figure, path: Path) -> Path:
                 axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
     write_out_controls(figure)
     with whole(path) as place:
-        figure.savefig(place)
+        figure.savefig(place, bbox_inches="tight", pad_inches=0.2)
     plt.close(figure)
     return path
 
@@ -78,7 +80,7 @@ def heading(figure, title: str, words: str) -> None:
     """The title of a job or study, cut to what fits above a picture, and what is shown, in lines that fit."""
     title = one_line(title)
     title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
-    most = int(CHARACTERS * figure.get_figwidth())
+    most = int(CHARACTERS * figure.get_figwidth())  # matplotlib's own wrapping takes dollars for formulas
     figure.suptitle("\n".join(fill(line, most) for line in f"{title}{words}".split("\n")))
 
 
@@ -107,12 +109,18 @@ def legend_below(figure, *axes, ncols: int = 4) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
 
 
-def add_scale(figure, place, norm, palette, label: str, **more):
-    """A horizontal scale of colours; place : left, bottom, width, height as shares of the figure."""
-    colours = plt.cm.ScalarMappable(norm, palette)
-    bar = figure.colorbar(colours, cax=figure.add_axes(place), orientation="horizontal", **more)
-    bar.set_label(label)
-    return bar
+def add_scale(axes, norm, palette, label: str, **more):
+    """A scale of colours below axes, one or several; more : of a colorbar of matplotlib"""
+    figure, colours = np.ravel(axes)[0].figure, plt.cm.ScalarMappable(norm, palette)
+    style = {
+        "location": "bottom",
+        "label": label,
+        "shrink": 0.5,
+        "aspect": 30,
+        "fraction": 0.08,
+        "pad": 0.01,
+    } | more
+    return figure.colorbar(colours, ax=axes, **style)
 
 
 def line_width(elements: int, most: float = 1.4) -> float:
@@ -120,48 +128,33 @@ def line_width(elements: int, most: float = 1.4) -> float:
     return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, most))
 
 
-def in_space(figure, place, points, zoom: float | None = None):
-    """Axes in space with equal scales around the points (n, 3), labelled in metres; zoom : default ZOOM
+def in_space(figure, place, points, zoom: float = 1.0):
+    """Axes in space with equal scales around the points (n, 3), labelled in metres; zoom : beside 1 what fits
 
     A net in an upright plane along x is seen from the front.
     """
     axes = figure.add_subplot(*place, projection="3d")
     low, high = points.min(0), points.max(0)
     extent = np.maximum(high - low, 0.02 * (high - low).max() + 1e-9)
-    middle = 0.5 * (low + high)
-    for k, limits in enumerate((axes.set_xlim, axes.set_ylim, axes.set_zlim)):
-        limits(middle[k] - 0.5 * extent[k], middle[k] + 0.5 * extent[k])
-    axes.set_box_aspect(extent, zoom=zoom or ZOOM[0 if extent[2] > 3 * FLAT * extent.max() else 1])
-    upright = extent[1] <= THIN * extent.max() < extent[2]
-    axes.view_init(*VIEWS["front" if upright else "space"])
-    for k, (axis, ticks, pad) in enumerate(((axes.xaxis, 5, 6), (axes.yaxis, 4, 6), (axes.zaxis, 3, 0))):
-        share = extent[k] / extent.max()
-        ticks = min(ticks, round(8 * share)) if k == 1 else ticks
-        axis.set_major_locator(
-            plt.MaxNLocator(ticks if share > FLAT else 1) if share > THIN else NullLocator()
-        )
-        axis.set_label_text(f"{'xyz'[k]} [m]" if share > THIN else "")
-        axis.labelpad = pad
-    if upright:  # matplotlib measures the distance of names by the height of the axes
-        axes.xaxis.labelpad = 6.0 * extent.max() / extent[2] - 21.0
+    middle, share = 0.5 * (low + high), extent / extent.max()
+    limits = zip(middle - 0.5 * extent, middle + 0.5 * extent)
+    axes.set(**{f"{name}lim": each for name, each in zip("xyz", limits)})
+    axes.set_box_aspect(extent, zoom=ZOOM * zoom)
+    axes.view_init(*VIEWS["front" if share[1] <= THIN < share[2] else "space"])
+    for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
+        ticks = plt.MaxNLocator(max(1, round(5 * share[k])))
+        axis.set_major_locator(ticks if share[k] > THIN else NullLocator())
+        axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN else "")
     axes.tick_params(labelsize=7, pad=1)
     return axes
 
 
-def space_panels(points, count: int, below: float):
-    """A figure with panels in space, at most four in a row, around the same points (n, 3) [m]; the panels.
-
-    below : inches that are left below them, for scales and legends
-    """
+def space_panels(points, count: int):
+    """A figure with panels in space, at most four in a row, around the same points (n, 3) [m]; the panels."""
     columns = min(2, count) if count <= IN_TWOS else 3 if count <= IN_THREES else 4
     rows, (width, height) = -(-count // columns), {1: ALONE, 2: PANEL}.get(columns, NARROW)
-    head = HEAD + SECOND_LINE * (columns > 2)
-    figure = plt.figure(figsize=(columns * width, rows * height + head + below))
-    high = figure.get_figheight()
-    panels = [in_space(figure, (rows, columns, k + 1), points) for k in range(count)]
-    margins = {"top": 1.0 - head / high, "bottom": below / high, "hspace": 0.2, "wspace": 0.02}
-    figure.subplots_adjust(left=0.02, right=0.98 - 0.02 * (columns > 2), **margins)
-    return figure, panels
+    figure = plt.figure(figsize=(columns * width, rows * height + HEAD), layout="constrained")
+    return figure, [in_space(figure, (rows, columns, k + 1), points) for k in range(count)]
 
 
 def set_plan(axes, points: np.ndarray, margin: float = 0.0) -> None:
@@ -180,17 +173,34 @@ def plan_panels(x: np.ndarray, held: np.ndarray, count: int, margin: float = 0.0
     x : (n, 2) [m] nodes; held : (n,) bool, supports, which are dots; margin : as of `set_plan`
     """
     columns, rows = min(2, count), -(-count // 2)
-    extent = np.ptp(x, axis=0)
-    height = float(np.clip(0.76 * PLAN_WIDTH * extent[1] / max(extent[0], 1e-9), SHORTEST, LONGEST))
-    size = (columns * PLAN_WIDTH, rows * (height + 0.9) + 0.4)
-    figure, grid = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
-    panels = list(grid.flat)
-    for unused in panels[count:]:
-        unused.remove()
-    for axes in panels[:count]:
+    figure = plt.figure(figsize=(columns * PLAN, rows * PLAN), layout="compressed")
+    panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+    for axes in panels:
         set_plan(axes, x, margin)
         dot_supports(axes, x, held)
-    return figure, panels[:count]
+    return figure, panels
+
+
+def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) -> None:
+    """Mark supports of each kind, with their numbers.
+
+    x : (n, 2 or 3) [m]; fixed, spring : (n, 3) bool, axes
+    """
+    whole = fixed.all(1)
+    along = lambda kind, rows: ", ".join(
+        f"{axis}: {kind[rows, k].sum()}" for k, axis in enumerate("xyz") if kind[rows, k].any()
+    )
+    for which, kind, marker, colour, word in (
+        (whole, None, "s", SUPPORT, "supports"),
+        (fixed.any(1) & ~whole, fixed, "^", GUIDED, "held in part"),
+        (spring.any(1), spring, "D", SPRING, "springs"),
+    ):
+        rows = np.flatnonzero(which)
+        if len(rows):
+            label = f"{word}, {len(rows)}" + (f" ({along(kind, rows)})" if kind is not None else "")
+            style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **OVER}
+            size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
+            axes.plot(*x[rows[:: max(1, len(rows) // MOST_MARKED)]].T, ms=size, label=label, **style)
 
 
 def dot_supports(axes, x: np.ndarray, held: np.ndarray) -> None:
@@ -203,7 +213,7 @@ def add_lines(axes, lines: np.ndarray, **style):
     in_plan = lines.shape[-1] == 2
     kind = LineCollection if in_plan else Line3DCollection
     add = axes.add_collection if in_plan else axes.add_collection3d
-    return add(kind(lines, **{"clip_on": False} | style)) if len(lines) else None
+    return add(kind(lines, **OVER | style)) if len(lines) else None
 
 
 def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, width: float) -> np.ndarray:

@@ -26,7 +26,7 @@ def collapse(f):
     frames = Frames(f)
     steps = stage_steps(frames.times, *_happenings(f))
     window = view(frames, steps)
-    figure, panels = space_panels(window, len(steps), 0.5)
+    figure, panels = space_panels(window, len(steps))
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
     lost = lost_at(f)
     trace = TRACE * float(np.abs(f["envelope/tension_max"][:]).max())
@@ -37,20 +37,17 @@ def collapse(f):
         add_supports(f, axes, frames.positions(step)[: len(start)])
     handles = [plt.Line2D([], [], color=colour, lw=2, label=name) for name, colour, _ in STYLES]
     handles += axes.get_legend_handles_labels()[0]
-    figure.legend(handles=handles, loc="lower center", ncols=6)
+    figure.legend(handles=handles, loc="outside lower center", ncols=6)
     what = "collapse" if len(f["events/time"]) else "motion"
     heading(figure, title_of(f), f": {'loss of members, ' * bool(np.isfinite(lost).any())}{what}")
     return figure
 
 
-def view(frames: Frames, steps: list[int], farthest: float = FARTHEST) -> np.ndarray:
-    """The box (2, 3) [m] of the pictures: the net at the start, and nearly all of what moves out of it.
-
-    farthest : as FARTHEST
-    """
+def view(frames: Frames, steps: list[int]) -> np.ndarray:
+    """The box (2, 3) [m] of the pictures: the net at the start, and nearly all of what moves out of it."""
     start = frames.lines(0).reshape(-1, 3)
     low, high = start.min(0), start.max(0)
-    reach = farthest * (high - low).max()
+    reach = FARTHEST * (high - low).max()
     there = [np.percentile(frames.lines(step).reshape(-1, 3), IN_VIEW, axis=0) for step in steps]
     lowest, highest = np.min(there, axis=0)[0], np.max(there, axis=0)[1]
     return np.array([np.clip(lowest, low - reach, low), np.clip(highest, high, high + reach)])

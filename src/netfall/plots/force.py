@@ -11,16 +11,23 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.path import Path
 
 from netfall.checks.reactions import held_axes
-from netfall.plots.canvas import GUIDED, MOST_DRAWN, SPRING, add_coloured, add_lines, add_scale, unit_of
+from netfall.plots.canvas import (
+    MOST_DRAWN,
+    OVER,
+    SUPPORT,
+    add_coloured,
+    add_lines,
+    add_scale,
+    mark_supports,
+    unit_of,
+)
 
-MOST_SUPPORTS = 2_000  # marked
 PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
 NEARLY_ALIKE = 0.5  # least over largest from which on a scale begins at the least, not at 0
 LONGEST_GAP = 4.0  # medians of the distance from support to support, up to which they are an edge
 MOST_TURNS = 1.6  # full turns, to either side, along an edge: an L has 1.5; mast feet and anchors zigzag
 TRACE = 1e-6  # of the largest force: a compression that is less is none
 SLACK = "#c9c9c9"
-SUPPORT = "#111111"
 
 
 def part_of(name: str, low: float, high: float):
@@ -79,23 +86,20 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
             add_coloured(axes, lines[rows], sign * N[rows], plt.Normalize(*ends), palette, width)
 
 
-def force_bars(figure, scale: ForceScale, N, bottom: float, height: float, low=0.0, high=1.0) -> None:
-    """The scales below a picture, with the extremes of its forces N (k,) [N].
-
-    bottom, height : shares of the figure; low, high : the part of its width that they are for
-    """
-    told = [("tension", 1, scale.tension, TENSION), ("compression", -1, scale.compression, COMPRESSION)]
-    there = [row for row in told if row[2]]
-    width = 0.4 if len(there) == 1 else 0.34
-    for k, (word, sign, ends, palette) in enumerate(there):
-        left = 0.5 - 0.5 * width if len(there) == 1 else 0.1 + 0.46 * k
-        place = (low + (high - low) * left, bottom, (high - low) * width, height)
+def force_bars(axes, scale: ForceScale, N: np.ndarray) -> None:
+    """The scales below axes, one or several, with the extremes of their forces N (k,) [N]."""
+    for word, sign, ends, palette in (
+        ("tension", 1, scale.tension, TENSION),
+        ("compression", -1, scale.compression, COMPRESSION),
+    ):
+        if ends is None:
+            continue
         factor, unit = unit_of(ends[1], "N")
         values = factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
         least, most = factor * ends[0], factor * ends[1]
         label = f"{word} [{unit}], {values.min():.4g} to {values.max():.4g}"
-        norm, extend = plt.Normalize(least, most), beyond(values, least, most)
-        add_scale(figure, place, norm, palette, label, extend=extend).locator = plt.MaxNLocator(4)
+        extend, ticks = beyond(values, least, most), plt.MaxNLocator(4)
+        add_scale(axes, plt.Normalize(least, most), palette, label, extend=extend, ticks=ticks)
 
 
 def beyond(values: np.ndarray, low: float, high: float) -> str:
@@ -110,19 +114,10 @@ def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
     rows = np.flatnonzero(held.any(1))
     edge = edge_of(x, rows) if not place.startswith("stages/") else ()  # what is held there for a while
     if len(edge):
-        dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), "clip_on": False}
+        dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), **OVER}
         axes.plot(*x[edge].T, label="edge through the supports", **dashed)
-    size = float(np.clip(20.0 / np.sqrt(max(len(rows), 1)), 1.2, 4.0))
-    sprung = springs_at(f)
-    for each, marker, colour, word in (
-        (np.flatnonzero(held.all(1) & ~sprung), "s", SUPPORT, "supports"),
-        (np.flatnonzero(held.any(1) & ~held.all(1) & ~sprung), "^", GUIDED, "held in part"),
-        (np.flatnonzero(sprung), "D", SPRING, "springs"),
-    ):
-        style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "clip_on": False}
-        if len(each):
-            shown = each[:: max(1, len(each) // MOST_SUPPORTS)]
-            axes.plot(*x[shown].T, label=f"{word}, {len(each)}", ms=size, **style)
+    spring = f["net/spring"][:] > 0 if "spring" in f["net"] else np.zeros_like(held)
+    mark_supports(axes, x, held & ~spring, spring)
 
 
 def springs_at(f) -> np.ndarray:

@@ -15,22 +15,22 @@ from matplotlib.lines import Line2D
 from netfall.net.net import Net
 from netfall.plots.canvas import (
     BROKEN,
-    GUIDED,
-    SPRING,
+    MOST_MARKED,
+    OVER,
     add_lines,
     heading,
     in_space,
     line_width,
+    mark_supports,
     save,
     set_plan,
 )
 from netfall.plots.cells import MOST_CELLS
-from netfall.plots.net import group_colours, named_groups, whole_cables
+from netfall.plots.net import add_groups, whole_cables
 from netfall.roof.areas import areas_are_given
 from netfall.roof.faces import Faces, quarters
 
 MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
-MOST_MARKED = 2_000  # nodes of a kind, or members to be removed
 MOST_NORMALS = 150
 MOST_ZONES = 10  # in the legend
 ROOF, OUTSIDE = "#dfe8f0", "0.93"  # without zones; of nodes in none
@@ -67,26 +67,27 @@ def draw_job(job: JobNet, path: Path) -> None:
     """Write the picture: in space by groups, in plan by zones."""
     net = job.net
     rows, every = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
-    figure = plt.figure(figsize=(13, 7.2))
-    space = in_space(figure, (1, 2, 1), job.net.x)
+    figure = plt.figure(figsize=(13, 7.2), layout="constrained")
+    left, right = figure.subfigures(1, 2, wspace=0.14)  # names of axes in space reach out
+    space = in_space(left, (1, 1, 1), net.x)
     space.computed_zorder = False
-    _draw_groups(space, job, rows)
-    _draw_members(space, job, job.net.x)
-    _draw_nodes(space, job, job.net.x)
+    lines = net.x[net.elements[rows]]
+    add_groups(space, lines, net.group[rows], net.group_names, line_width(len(rows)), net.bar[rows])
+    _draw_members(space, job, net.x)
+    _draw_nodes(space, job, net.x)
     _draw_normals(space, job)
-    space.set_position((0.025, 0.24, 0.43, 0.68))
-    plan = figure.add_axes((0.58, 0.3, 0.41, 0.58))
+    plan = right.add_subplot()
     _draw_plan(plan, job, rows)
-    _legend(figure, space, 0.25)
-    _legend(figure, plan, 0.77)
-    heading(figure, job.title, _words(job.net, every))
+    for half, axes in ((left, space), (right, plan)):
+        _add_legend(half, axes)
+    heading(figure, job.title, _words(net, every))
     save(figure, path)
 
 
-def _legend(figure, axes, middle: float) -> None:
-    """The legend of a panel below it, its lines as thick as can be told apart; middle : share of the width"""
+def _add_legend(figure, axes) -> None:
+    """Add the legend of a panel below it, its lines as thick as can be told apart."""
     handles = axes.get_legend_handles_labels()[0]
-    legend = figure.legend(handles=handles, bbox_to_anchor=(middle, 0.23), loc="upper center", ncols=2)
+    legend = figure.legend(handles=handles, loc="outside lower center", ncols=2)
     for line in legend.legend_handles:
         if isinstance(line, Line2D | LineCollection):
             line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
@@ -96,19 +97,6 @@ def _words(net: Net, every: int) -> str:
     size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
     left_out = f"; one of {every} cables is drawn" if every > 1 else ""
     return f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
-
-
-def _draw_groups(axes, job: JobNet, rows: np.ndarray) -> None:
-    """The elements by colour of their group; bars are thicker."""
-    net, group = job.net, job.net.group[rows]
-    colours, count = group_colours(len(net.group_names)), np.bincount(net.group)
-    labels = named_groups(net.group_names, count)
-    for g in np.flatnonzero(count):
-        bars = bool(net.bar[net.group == g].all())
-        lines = net.x[net.elements[rows[group == g]]]
-        label = labels[g] and labels[g] + " bars" * bars
-        width = line_width(len(rows)) * (1.8 if bars else 1.0)
-        add_lines(axes, lines, colors=colours[g], linewidths=width, zorder=2, label=label)
 
 
 def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
@@ -121,30 +109,14 @@ def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
         label = f"{word}, {len(rows)}"
         add_lines(axes, lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4)
         if style == "-" and 0 < len(rows) <= MOST_MARKED:  # short ones too are to be seen
-            axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5)
+            axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5, **OVER)
 
 
 def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
     """Supports of each kind and probes, with their numbers; nodes at x (n, 2 or 3) [m]."""
-    net = job.net
-    fixed, springs = net.fixed, (net.spring > 0).any(1)
-    held, guided = fixed.all(1), fixed.any(1) & ~fixed.all(1)
-    size = lambda count: float(np.clip(40.0 / np.sqrt(max(count, 1)), 1.2, 4.5))
-    along = lambda kind, mine: ", ".join(
-        f"{axis}: {int((kind[mine, k] > 0).sum())}" for k, axis in enumerate("xyz") if kind[mine, k].any()
-    )
-    for mine, marker, colour, word in (
-        (held, "s", "#111111", "supports, {}"),
-        (guided, "^", GUIDED, f"held in part, {{}} ({along(fixed, guided)})"),
-        (springs, "D", SPRING, f"springs, {{}} ({along(net.spring, springs)})"),
-    ):
-        rows = np.flatnonzero(mine)
-        if len(rows):
-            shown = x[rows[:: max(1, len(rows) // MOST_MARKED)]]
-            style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "clip_on": False}
-            axes.plot(*shown.T, ms=size(len(rows)), label=word.format(len(rows)), zorder=3, **style)
+    mark_supports(axes, x, job.net.fixed, job.net.spring > 0)
     if len(job.probes):
-        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6}
+        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, **OVER}
         axes.plot(*x[job.probes].T, label=f"probes, {len(job.probes)}", zorder=6, **star)
 
 

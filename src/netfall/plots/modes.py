@@ -10,8 +10,7 @@ from netfall.results.file import title_of
 DRAWN, COLUMNS = 6, 3  # modes, and those beside each other
 SWING = 0.06  # of the net's length: the largest displacement drawn
 STILL = 0.05  # of the largest displacement: what moves by less is the net at rest, in space
-WIDTH, HIGHEST = 4.6, 3.6  # inches of a column, of a plan at most
-HEAD, BELOW = 1.2, 1.1  # inches for title and scale
+WIDTH = 4.6  # inches of a panel, at most, across and up
 COLOURS = "RdBu_r"
 RESTS = ("rest/position", "form_finding/position", "net/particles")
 
@@ -36,10 +35,9 @@ def modes(f):
         canvas.add_coloured(plan, moved[..., :2], part, norm, COLOURS, 1.4 * width)
         plan.set_facecolor("0.93")  # what does not move is white
         canvas.dot_supports(plan, x[:, :2], held)
-        space.set_title(_words(f, k, "xyz"[axis]), y=0.98)
-    place = (0.3, 0.55 / figure.get_figheight(), 0.4, 0.13 / figure.get_figheight())
+        space.set_title(_words(f, k, "xyz"[axis]))
     label = "displacement along the axis that a title names, of the largest of a node [-]"
-    canvas.add_scale(figure, place, norm, COLOURS, label)
+    canvas.add_scale([each for pair in panels for each in pair], norm, COLOURS, label)
     canvas.heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
     return figure
 
@@ -47,14 +45,8 @@ def modes(f):
 def _panels(x: np.ndarray, swing: float, count: int):
     """A figure with a panel in space for each mode, and one in plan below it; the pairs."""
     columns, rows = min(COLUMNS, count), -(-count // COLUMNS)
-    extent = np.ptp(x, axis=0)
-    high = float(np.clip(0.8 * WIDTH * extent[1] / max(extent[0], 1e-9), 1.2, HIGHEST))
-    heights = [3.0, high] * rows
-    figure = plt.figure(figsize=(columns * WIDTH, sum(heights) + 0.5 * (2 * rows - 1) + BELOW + HEAD))
-    whole = figure.get_figheight()
-    place = {"top": 1.0 - HEAD / whole, "bottom": BELOW / whole, "left": 0.06, "right": 0.94}
-    place |= {"hspace": 0.5 * 2 * rows / sum(heights), "wspace": 0.2}
-    grid = figure.add_gridspec(2 * rows, columns, height_ratios=heights, **place)
+    figure = plt.figure(figsize=(columns * WIDTH, 2 * rows * WIDTH), layout="compressed")
+    grid = figure.add_gridspec(2 * rows, columns)
     window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
     panels = []
     for k in range(count):
@@ -62,8 +54,6 @@ def _panels(x: np.ndarray, swing: float, count: int):
         space = canvas.in_space(figure, (grid[row, column],), window)
         plan = figure.add_subplot(grid[row + 1, column])
         canvas.set_plan(plan, x[:, :2], 1.1 * swing)
-        if k + columns < count:  # the one below has a title there
-            plan.set_xlabel("")
         panels.append((space, plan))
     return figure, panels
 

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.plots.canvas import BROKEN, CYCLE, SPRING, add_lines, heading, save, space_panels
+from netfall.plots.canvas import BROKEN, CYCLE, OVER, add_lines, heading, mark_supports, save, space_panels
 
 MOST_READ = 20_000  # elements in the picture of a net that was read
 MOST_NAMED = 12  # groups in a legend
@@ -53,24 +53,32 @@ def in_turn(places: np.ndarray) -> np.ndarray:
     return np.argsort(code, kind="stable")
 
 
-def as_read(lines, group: list[str], held, sprung, marks, title: str, path) -> None:
-    """Write a picture of a net that was read: lines (m, 2, 3) [m] by group, supports (h, 3), elastic ones
-    (s, 3), and marks (k, 3) where something is wrong with it.
+def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], width: float, bar=None) -> None:
+    """Add elements by colour of their group, groups of bars thicker.
+
+    lines : (m, 2, 3) [m]; group : (m,) rows of names; bar : (m,) bool, None: all are cables
+    """
+    labels = named_groups(names, np.bincount(group, minlength=len(names)))
+    for g, colour in enumerate(group_colours(len(names))):
+        mine = group == g
+        bars = bar is not None and mine.any() and bool(bar[mine].all())
+        label, times = labels[g] and labels[g] + " bars" * bars, 1.8 if bars else 1.0
+        add_lines(axes, lines[mine], colors=[colour], linewidths=times * width, label=label, zorder=2)
+
+
+def as_read(x, ends, group: list[str], fixed, spring, marks, title: str, path) -> None:
+    """Write a picture of a net that was read: its elements by group, supports, and marks where it is faulty.
+
+    x : (n, 3) [m]; ends : (m, 2); group : (m,) names; fixed, spring : (n, 3) bool, axes; marks : (k, 3) [m]
     """
     names, of = np.unique(group, return_inverse=True)
-    every = max(1, len(lines) // MOST_READ)
-    figure, (axes,) = space_panels(lines.reshape(-1, 3), 1, 0.8)
-    labels = named_groups(names.tolist(), np.bincount(of))
-    for k, colour in enumerate(group_colours(len(names))):
-        add_lines(axes, lines[::every][of[::every] == k], colors=[colour], linewidths=0.9, label=labels[k])
-    for places, marker, colour, label in (
-        (held, "s", "#222222", f"supports, {len(held)}"),
-        (sprung, "D", SPRING, f"springs, {len(sprung)}"),
-        (np.reshape(marks, (-1, 3)), "x", BROKEN, f"faults, {len(marks)}"),
-    ):
-        if len(places):
-            style = dict(marker=marker, color=colour, s=14, depthshade=False, clip_on=False)
-            axes.scatter(*places[:MOST_READ].T, label=label, **style)
-    figure.legend(loc="lower center", ncols=4)
+    figure, (axes,) = space_panels(x, 1)
+    every = max(1, len(ends) // MOST_READ)
+    add_groups(axes, x[ends][::every], of[::every], names.tolist(), 0.9)
+    mark_supports(axes, x, fixed, spring)
+    if len(marks):
+        style = {"ls": "", "marker": "x", "ms": 4, "color": BROKEN, **OVER}
+        axes.plot(*np.array(marks)[:MOST_READ].T, label=f"faults, {len(marks)}", **style)
+    figure.legend(loc="outside lower center", ncols=4)
     heading(figure, title, ", as it was read")
     save(figure, path)

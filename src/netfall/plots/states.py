@@ -22,26 +22,19 @@ from netfall.results.states import (
 )
 
 MOST_PANELS = 24  # of states; of more stages every k-th, and the last
-BELOW = 0.9  # inches under the panels, for the scales
 SEEN = 0.06  # of the largest extent of the net: about how large the largest deflection is drawn
 MOST_TOLD = 16  # groups with labels
-MARKS = {
-    "supports, ": "squares: supports",
-    "in part": "triangles: in part",
-    "springs, ": "diamonds: springs",
-    "edge": "dashed: their edge",
-}
 
 
 def form(f):
     """The form that was found, its elements coloured by axial force."""
     x, N = f["form_finding/position"][:], f["form_finding/tension"][:]
     scale = ForceScale.of(N, moving_elements(f))
-    figure, (axes,) = canvas.space_panels(x, 1, BELOW)
+    figure, (axes,) = canvas.space_panels(x, 1)
     add_by_force(axes, x[f["net/elements"][:]], N, scale, canvas.line_width(len(N)))
     add_supports(f, axes, x, FORM)
-    _add_bars(figure, scale, N)
-    figure.legend(*axes.get_legend_handles_labels(), loc="upper left", bbox_to_anchor=(0.0, 0.95))
+    force_bars(axes, scale, N)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     iterations, residual = f["form_finding/iterations"][()], f["form_finding/residual"][()]
     words = f"iterations: {iterations}, residual {residual:.1e} of the prestress"
     canvas.heading(figure, title_of(f), f": form, {words}")
@@ -84,16 +77,15 @@ def _panels(f, chosen: list[ShownState], words: str):
     everything = np.concatenate(forces)
     scale = ForceScale.of(everything, np.tile(moving_elements(f), len(chosen)))
     elements = f["net/elements"][:]
-    figure, panels = canvas.space_panels(np.concatenate(places), len(chosen), BELOW)
+    figure, panels = canvas.space_panels(np.concatenate(places), len(chosen))
     for axes, state, x, N in zip(panels, chosen, places, forces):
         there = ~absent(f, state.place)
         add_by_force(axes, x[elements[there]], N[there], scale, canvas.line_width(len(N)))
         add_supports(f, axes, x, state.place)
         axes.set_title(force_words(f, state, "\n" if len(chosen) > canvas.IN_TWOS else ": "))
-    _add_bars(figure, scale, everything)
-    told = " ".join(label for axes in panels for label in axes.get_legend_handles_labels()[1])
-    marks = [words for part, words in MARKS.items() if part in told]
-    canvas.heading(figure, title_of(f), f": {words}\n{', '.join(marks)}")
+    force_bars(panels, scale, everything)
+    figure.legend(*panels[-1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    canvas.heading(figure, title_of(f), f": {words}")
     return figure
 
 
@@ -111,12 +103,6 @@ def force_words(f, state: ShownState, then: str = ": ") -> str:
 def _slack(f, state: ShownState) -> int:
     """How many cables are slack in a state."""
     return int(((state.tension() == 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f, state.place)).sum())
-
-
-def _add_bars(figure, scale: ForceScale, N: np.ndarray) -> None:
-    """The scales of the forces N (k,) [N], in the room below the panels."""
-    height = figure.get_figheight()
-    force_bars(figure, scale, N, 0.6 * BELOW / height, 0.14 / height)
 
 
 def _loaded(f) -> tuple[list[ShownState], int]:
@@ -149,7 +135,7 @@ def one_state(f, state: ShownState):
     x0, x, N = start_position(f), state.position(), state.tension()
     there, moved = ~absent(f, state.place), x - x0
     elements = f["net/elements"][:][there]
-    figure, (left, right) = canvas.space_panels(np.concatenate([x0, x]), 2, BELOW)
+    figure, (left, right) = canvas.space_panels(np.concatenate([x0, x]), 2)
     scale = ForceScale.of(N, moving_elements(f))
     for axes in (left, right):
         add_supports(f, axes, x, state.place)
@@ -161,16 +147,14 @@ def one_state(f, state: ShownState):
     canvas.add_lines(right, x0[elements], colors=canvas.NOTHING, linewidths=0.5)
     norm, of_element = plt.Normalize(0.0, 1e3 * largest or 1.0), 1e3 * size[elements].mean(1)
     canvas.add_coloured(right, (x0 + times * moved)[elements], of_element, norm, "viridis", width)
-    _tell_forces(f, left, x, N, there)
-    _tell_deflection(f, right, x0 + times * moved, moved, size)
     slack = _slack(f, state)
     left.set_title(f"axial forces, {slack} slack (grey)" if slack else "axial forces")
     right.set_title(f"deflection from {start_words(f)} (grey), drawn {times:g} times")
-    height = figure.get_figheight()
-    force_bars(figure, scale, N, 0.6 * BELOW / height, 0.14 / height, 0.0, 0.5)
-    place = (0.6, 0.6 * BELOW / height, 0.3, 0.14 / height)
-    canvas.add_scale(figure, place, norm, "viridis", "deflection [mm]")
+    force_bars(left, scale, N)
+    canvas.add_scale(right, norm, "viridis", "deflection [mm]")
     canvas.heading(figure, title_of(f), f": {shown_name(f, state)}")
+    _tell_forces(f, left, x, N, there)
+    _tell_deflection(f, right, x0 + times * moved, moved, size)
     return figure
 
 

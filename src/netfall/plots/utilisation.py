@@ -6,6 +6,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 
 from netfall.checks.cables import ABOVE, Checked, only_compressed
 from netfall.checks.reactions import held_axes
@@ -76,7 +78,7 @@ def _draw(f, path: Path, values: np.ndarray, scale, words: str, label: str, over
     over : colour of what is beyond its end
     """
     x, palette = start_position(f), plt.get_cmap(COLOURS).with_extremes(over=over)
-    figure = plt.figure(figsize=(14, 6.6))
+    figure = plt.figure(figsize=(14, 6.6), layout="constrained")
     space, plan = canvas.in_space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
     for axes, at in ((space, x), (plan, x[:, :2])):
         lines, lost = at[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
@@ -86,12 +88,10 @@ def _draw(f, path: Path, values: np.ndarray, scale, words: str, label: str, over
     add_supports(f, space, x)
     canvas.dot_supports(plan, x[:, :2], held_axes(f).any(1))
     canvas.set_plan(plan, x[:, :2])
-    space.set_position((0.0, 0.2, 0.44, 0.74))
-    plan.set_position((0.55, 0.2, 0.42, 0.74))
     most = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     label += f"; largest {most:.4g}" if np.isfinite(most) else "; no values"
     more = {"extend": "max" if most > scale.vmax else "neither", "format": "{x:g}"}
-    bar = canvas.add_scale(figure, (0.3, 0.09, 0.4, 0.028), scale, palette, label, **more)
+    bar = canvas.add_scale([space, plan], scale, palette, label, **more)
     if isinstance(scale, LogNorm):
         bar.set_ticks(canvas.ROUND[(canvas.ROUND >= scale.vmin) & (canvas.ROUND <= scale.vmax)])
     canvas.heading(figure, title_of(f), f": {words}, in space and in plan")
@@ -128,28 +128,14 @@ def slips(f):
 
 
 def _along(f, places: np.ndarray) -> np.ndarray:
-    """How far (k,) [m] the places of a cable are from the first of them, along it."""
-    L0, before, after = f["net/unstressed_length"][:], f["slide/before"][:], f["slide/after"][:]
-    apart = [L0[_from_to(f, after[a], before[b])].sum() for a, b in pairwise(places)]
+    """How far (k,) [m] the places of a cable are from the first of them, along the elements of its group."""
+    ends, group, L0 = f["net/elements"][:], f["net/group"][:], f["net/unstressed_length"][:]
+    row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}
+    before, after, node = (f[f"slide/{name}"][:][places] for name in ("before", "after", "node"))
+    apart = []
+    for k, (a, b) in enumerate(pairwise(row[number] for number in node.tolist())):
+        mine = group == group[after[k]]
+        mine[before[k]] = False  # of a ring the other way around
+        net = csr_matrix((L0[mine], ends[mine].T), (len(row), len(row)))
+        apart.append(dijkstra(net, directed=False, indices=a)[b])
     return np.append(0.0, np.cumsum(apart))
-
-
-def _from_to(f, first: int, last: int) -> list[int]:
-    """The elements of a cable from one to another, over nodes where two of a group or of a piece meet."""
-    ends, group, piece = f["net/elements"][:], f["net/group"][:], f["net/cable"][:]
-    ways = [_one_way(ends, group, piece, first, last, int(p)) for p in ends[first]]
-    return min((way for way in ways if way[-1] == last), key=len, default=[first, last])
-
-
-def _one_way(ends, group, piece, first: int, last: int, p: int) -> list[int]:
-    """The elements from one on, over its end p, up to another, or to where the cable ends."""
-    way = [first]
-    while way[-1] != last and len(way) < len(ends):
-        e = way[-1]
-        here = np.flatnonzero((ends == p).any(1) & (group == group[e]))
-        here = here if len(here) == 2 else here[piece[here] == piece[e]]
-        if len(here) != 2 or first in here[here != e]:
-            break
-        way.append(int(here[here != e][0]))
-        p = int(ends[way[-1]].sum()) - p
-    return way

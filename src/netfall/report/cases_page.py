@@ -25,15 +25,8 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
             figures = [force(float(low)), force(float(high)), f"{1e3 * most:.1f} mm at node {node}", count]
         reached = "" if case.carries else f", to a load factor of {case.load_factor:.3g}"
         lines.append([case.name, case.kind, case.state.replace("_", " ") + reached, *figures])
-    header = [
-        "case",
-        "kind",
-        "state",
-        "smallest force",
-        "largest force",
-        "largest displacement",
-        "slack cables",
-    ]
+    header = ["case", "kind", "state", "smallest force", "largest force", "largest displacement"]
+    header += ["slack cables"]
     failed = [case for case in made if case.state != EQUILIBRIUM]
     told = [item(f"{case.name}: {case.reason}") for case in failed if case.reason]
     if failed:
@@ -60,20 +53,14 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
         places = places_of(envelope, which)
         mine = np.flatnonzero(known & (table["check"] == check.name))
         lines += [heading(3, check.title), "", _counts(names, check), ""]
-        failed = without_equilibrium(f, places)
-        lines += [
-            bold(f"FAILS: {state_words(f, place)} has no equilibrium.")
-            for place in failed
-            if not is_undecided(f[place])
-        ]
-        lines += [
-            bold(f"UNDECIDED: no equilibrium of {state_words(f, place)} was found.")
-            for place in failed
+        told = [
+            f"UNDECIDED: no equilibrium of {state_words(f, place)} was found."
             if is_undecided(f[place])
+            else f"FAILS: {state_words(f, place)} has no equilibrium."
+            for place in sorted(without_equilibrium(f, places), key=lambda place: is_undecided(f[place]))
         ]
-        failed = without_stability(f, places)
-        lines += [bold(f"FAILS: {state_words(f, place)} is not stable.") for place in failed]
-        lines += [""] if lines[-1] else []
+        told += [f"FAILS: {state_words(f, place)} is not stable." for place in without_stability(f, places)]
+        lines += [*map(bold, told), *([""] if told else [])]
         if not len(mine):
             lines += [f"Empty: {checked.why_empty(check)}.", ""]
             continue

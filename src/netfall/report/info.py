@@ -30,7 +30,7 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (notes.displacement_notes_of, True),
             (_dynamics, moves),
             (_wind, "wind" in f),
-            (_losses, "removal" in f),
+            (lambda f: loss_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
             (_energies, moves),
             (_fractures, moves),
             (notes.detached_notes_of, moves),
@@ -130,10 +130,6 @@ def _wind(f):
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
     of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
     yield f"wind: mean {mean:.1f} m/s, generated {of}"
-
-
-def _losses(f):
-    return loss_lines(f["removal"], f["events"], f["net/element_id"][:])
 
 
 def _energies(f):

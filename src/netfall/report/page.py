@@ -80,28 +80,25 @@ COLUMNS = {
 def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
     """The page."""
     cables, made, bends = tables["cables.csv"], cases_of(f), "bending_moment_max" in tables["elements.csv"]
-    parts = [
-        [heading(1, title_of(f) or result.stem), "", *_what_ran(f, result)],
-        *([[heading(2, "Cases and combinations"), "", *cases(f, made, tables["cases.csv"])]] if made else []),
-        [heading(2, "Checks"), "", *checks(f, envelope, checked, tables["checks.csv"])],
-        *([[heading(2, "Limits in service"), "", *limits(f, made)]] if made else []),
-        [heading(2, "Utilisation"), "", *_utilisation(f, cables, envelope, checked)],
-        *([[heading(2, "Bending"), "", *_bending(tables["elements.csv"])]] if bends else []),
-        *(
-            [[heading(2, "Clamps and saddles"), "", *_slides(tables["slides.csv"])]]
-            if "slides.csv" in tables
-            else []
-        ),
-        [heading(2, "Factors"), "", *_factors(checked)],
-        [heading(2, "Tensions"), "", *_tensions(f, envelope, checked.checks[0].name)],
-        *([[heading(2, "Losses"), "", *_losses(f, checked)]] if "removal" in f else []),
-        [heading(2, "Lost and broken cables"), "", *_gone(cables)],
-        [heading(2, "Slack cables"), "", *_slack(cables, envelope)],
-        [heading(2, "Reactions"), "", *_reactions(tables["reactions.csv"])],
-        [heading(2, "Cutting list"), "", *_cutting(f, tables["cutting_list.csv"], cutting)],
-        [heading(2, "Shop list"), "", *_shop(tables["shop_list.csv"])],
-        [heading(2, "Tables"), "", *_tables(f)],
-    ]
+    sections = {
+        "Cases and combinations": made and cases(f, made, tables["cases.csv"]),
+        "Checks": checks(f, envelope, checked, tables["checks.csv"]),
+        "Limits in service": made and limits(f, made),
+        "Utilisation": _utilisation(f, cables, envelope, checked),
+        "Bending": bends and _bending(tables["elements.csv"]),
+        "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
+        "Factors": _factors(checked),
+        "Tensions": _tensions(f, envelope, checked.checks[0].name),
+        "Losses": "removal" in f and _losses(f, checked),
+        "Lost and broken cables": _gone(cables),
+        "Slack cables": _slack(cables, envelope),
+        "Reactions": _reactions(tables["reactions.csv"]),
+        "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
+        "Shop list": _shop(tables["shop_list.csv"]),
+        "Tables": _tables(f),
+    }
+    parts = [[heading(1, title_of(f) or result.stem), "", *_what_ran(f, result)]]
+    parts += [[heading(2, title), "", *lines] for title, lines in sections.items() if lines]
     return "\n".join(map(page, parts))
 
 
@@ -219,8 +216,7 @@ def _bending(elements: dict) -> list[str]:
 def _slides(table: dict) -> list[str]:
     """Of each stage the clamp or saddle that is most used, and what slips; table : as of `slide_columns`."""
     rows = []
-    for stage in dict.fromkeys(table["stage"]):
-        of = np.flatnonzero(table["stage"] == stage)
+    for stage, of in _by_stage(table):
         used, differs = np.nan_to_num(table["utilisation"][of], nan=-1.0), np.abs(table["difference"][of])
         worst = of[np.lexsort((np.nan_to_num(differs), used))[-1]]
         slip = np.abs(np.nan_to_num(table["slip"][of]))
@@ -291,15 +287,13 @@ def _losses(f, checked: Checked) -> list[str]:
 
 def _gone(cables: dict) -> list[str]:
     """The cables of which an element was lost or broke, in the order of time."""
-    first = np.fmin(cables["lost_at"], cables["broken_at"])
+    times = np.array([cables["lost_at"], cables["broken_at"]])
+    first = np.fmin.reduce(times)
     rows = [k for k in np.argsort(first, kind="stable") if np.isfinite(first[k])]
     if not rows:
         return ["None."]
     second = lambda time: f"{time:.4g} s" if np.isfinite(time) else ""
-    table = [
-        [cables["cable"][k], cables["group"][k], second(cables["lost_at"][k]), second(cables["broken_at"][k])]
-        for k in rows[:MOST_LISTED]
-    ]
+    table = [[cables["cable"][k], cables["group"][k], *map(second, times[:, k])] for k in rows[:MOST_LISTED]]
     lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
     return lines + as_table(["cable", "group", "lost at", "broke at"], table) + more(rows, "cables.csv")
 
@@ -325,14 +319,12 @@ def _briefly(stages: list[str], names: list[str]) -> str:
 
 def _reactions(table: dict) -> list[str]:
     rows = []
-    for stage in dict.fromkeys(table["stage"]):
-        of = np.flatnonzero(table["stage"] == stage)
+    for stage, of in _by_stage(table):
         name = "foundation" if np.isfinite(table["foundation"][of]).all() else "force"
         top = of[np.argmax(table[name][of])]
         total = np.array([table[f"{name}_{axis}"][of].sum() for axis in "xyz"])
         total[np.abs(total) < ROUNDING * table[name][of].sum()] = 0.0
-        largest = f"{force(table[name][top])} at node {table['node'][top]}"
-        rows.append([stage, *(force(value) for value in total), largest])
+        rows.append([stage, *map(force, total), f"{force(table[name][top])} at node {table['node'][top]}"])
     lines = [
         "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
         "supports the force on the spring), and what acts on the node itself; in motion the pull alone.",
@@ -340,6 +332,11 @@ def _reactions(table: dict) -> list[str]:
         "",
     ]
     return lines + as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
+
+
+def _by_stage(table: dict) -> list[tuple[str, np.ndarray]]:
+    """The stages of a table in its order, with the rows of each."""
+    return [(stage, np.flatnonzero(table["stage"] == stage)) for stage in dict.fromkeys(table["stage"])]
 
 
 def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
@@ -361,24 +358,29 @@ def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
 
 def _shop(table: dict) -> list[str]:
     """The first sorts of pieces."""
-    length = lambda name, k: f"{table[name][k]:.1f}"
-    clamps = lambda k: len(table["clamps"][k].split("; ")) if table["clamps"][k] else 0
+    of = lambda *names: zip(*(table[name] for name in names))
     lines = [
-        [table["mark"][k], table["count"][k], table["type"][k], length("length_pin_to_pin", k)]
-        + [length("cut_length", k), force(table["measuring_load"][k]), clamps(k)]
-        for k in range(len(table["mark"]))
+        [
+            mark,
+            count,
+            kind,
+            f"{pins:.1f}",
+            f"{cut:.1f}",
+            force(load),
+            len(clamps.split("; ")) if clamps else 0,
+        ]
+        for mark, count, kind, pins, cut, load, clamps in of(
+            *("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
+        )
     ]
-    told = (
-        f"{len(lines)} sorts of pieces, {sum(table['count'])} in all; lengths in mm under the measuring load,"
-    )
     header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
-    where = "shop_list.csv"
     return [
-        told,
+        f"{len(lines)} sorts of pieces, {sum(table['count'])} in all; "
+        "lengths in mm under the measuring load,",
         "with the places of clamps in shop_list.csv.",
         "",
         *as_table(header, lines[:MOST_LISTED]),
-        *more(lines, where),
+        *more(lines, "shop_list.csv"),
     ]
 
 

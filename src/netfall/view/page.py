@@ -3,32 +3,22 @@
 import html
 import json
 import re
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from netfall.ground.errors import InputError
 from netfall.results.file import reading
 from netfall.view.describe import Page, page_of
 from netfall.write.locks import whole
 
 HERE = Path(__file__).parent
-GET_K3D = "netfall view: needs k3d, which is not installed; get it with: pip install 'netfall[view]'"
 
 
 def write_page(result: Path, path: Path) -> str:
     """Write the page of a result; a line that says what it is. Raises InputError for a wrong file."""
-    need_k3d()
     with reading(result) as f:
         page = page_of(f)
     return put(path, page)
-
-
-def need_k3d() -> None:
-    """Raises InputError where k3d is not installed."""
-    if find_spec("k3d") is None:
-        raise InputError(GET_K3D)
 
 
 def put(path: Path, page: Page) -> str:
@@ -36,7 +26,6 @@ def put(path: Path, page: Page) -> str:
     import k3d
 
     data, drawn = page.data, page.drawn
-
     plot = k3d.plot(
         menu_visibility=False,
         camera_auto_fit=False,

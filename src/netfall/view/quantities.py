@@ -7,8 +7,8 @@ from matplotlib.colors import to_hex
 
 from netfall.checks.cables import resistances_of
 from netfall.checks.codes import read_codes
-from netfall.plots.canvas import BROKEN, GUIDED, NOTHING, unit_of
-from netfall.plots.force import COMPRESSION, SLACK, SUPPORT, TENSION, TRACE, limits
+from netfall.plots.canvas import BROKEN, GUIDED, NOTHING, SUPPORT, unit_of
+from netfall.plots.force import COMPRESSION, SLACK, TENSION, TRACE, limits
 from netfall.view.states import Drawn, States
 
 SHADES = 64  # of a scale

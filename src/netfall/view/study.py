@@ -13,7 +13,7 @@ from netfall.study.answers.read import Study, read_study
 from netfall.study.files import place_of
 from netfall.view.describe import Page, choice, net_data, page_of, states_data, to_ticks
 from netfall.view.numbers import Numbers
-from netfall.view.page import need_k3d, put
+from netfall.view.page import put
 from netfall.view.quantities import Quantity
 from netfall.view.states import MOST_ELEMENTS, Drawn, States
 
@@ -24,7 +24,6 @@ def write_study_page(path: Path, page: Path, member: int | None) -> str:
     member : its number, None: of those that were kept the one that loses most of its roof
     Raises InputError for a study without a net, and for a member that was not kept.
     """
-    need_k3d()
     study = read_study(path)
     if not len(study.net["elements"]):
         raise InputError(

@@ -2,7 +2,7 @@
 
 import ast
 import json
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,7 @@ def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Draw
     edges = [edge for edge in edges if not edge["hidden"]]
     edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, *supports))]
     names = sorted({edge["group"] for edge in edges})
-    held, in_part = ([place for data in objects for place in _held(data, whole)] for whole in (True, False))
+    held, in_part = (list(chain(*places)) for places in zip(*map(_held, objects)))
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     one = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
@@ -131,16 +131,16 @@ def _key(text: str):
         return text
 
 
-def _held(data: dict, whole: bool) -> list:
-    """Places of the nodes that an attribute calls supports, or not whole: along some axes alone."""
-    if "points" in data or "start" in data:
-        return []
-    places, entity = _places(data), "node" if "node" in data else "vertex"
-    default = _default(data, entity)
-    said = lambda values: [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]
-    held = lambda said: any(axes.size and axes.all() for axes in said)
-    return [
-        places[key]
-        for key, values in data[entity].items()
-        if (held(said(values)) if whole else not held(said(values)) and any(map(np.any, said(values))))
-    ]
+def _held(data: dict) -> tuple[list, list]:
+    """Places of the nodes that an attribute calls supports, and of those held along some axes alone."""
+    held, in_part = [], []
+    if "node" in data or "vertex" in data:
+        places, entity = _places(data), "node" if "node" in data else "vertex"
+        default = _default(data, entity)
+        for key, values in data[entity].items():
+            said = [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]
+            if any(axes.size and axes.all() for axes in said):
+                held.append(places[key])
+            elif any(map(np.any, said)):
+                in_part.append(places[key])
+    return held, in_part

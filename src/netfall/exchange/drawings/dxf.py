@@ -1,6 +1,6 @@
 """Reading DXF: lines, polylines, curves and faces of the model space, blocks exploded.
 
-ezdxf knows the geometry of entities: it gives their corners, splines, faces and the matrices of blocks.
+ezdxf knows the geometry of entities: it explodes blocks, and gives corners, splines and faces.
 """
 
 from collections import Counter
@@ -41,7 +41,7 @@ def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
         raise InputError(f"{path}: not a DXF file that can be read: {error}") from None
     reader = _Reader(document, supports, wanted)
     for entity in document.modelspace():
-        reader.add(entity, None, None, ())
+        reader.add(entity)
     return reader.drawing()
 
 
@@ -77,42 +77,42 @@ class _Reader:
             return True
         return False
 
-    def add(self, entity, layer: str | None, matrix, blocks: tuple[str, ...]) -> None:
+    def add(self, entity, layer: str | None = None, blocks: tuple[str, ...] = ()) -> None:
         """Add an entity, or count why it is left out.
 
-        layer, matrix : of the block reference that it is drawn by, None: it stands in the model space
+        layer : of the block reference that draws it, None: it stands in the model space
         blocks : names of the blocks that it stands in, the outermost first
         """
         try:
-            self._add(entity, layer, matrix, blocks)
+            self._add(entity, layer, blocks)
         except Exception as error:  # ezdxf raises errors of many kinds where an entity is faulty
             words = f"{type(error).__name__}: {error}"[:MOST_WORDS]
             self.left[f"{entity.dxftype()}, which cannot be read ({words})"] += 1
 
-    def _add(self, entity, layer: str | None, matrix, blocks: tuple[str, ...]) -> None:
+    def _add(self, entity, layer: str | None, blocks: tuple[str, ...]) -> None:
         kind, own = entity.dxftype(), entity.dxf.layer
         layer = self.called(own if layer is None or own != "0" else layer)
         if entity.dxf.get("invisible", 0):
             self.left[f"{kind}, which is invisible"] += 1
         elif kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.frozen:
-            self._explode(entity, layer, matrix, blocks)
+            self._explode(entity, layer, blocks)
         elif not self.shows(layer):
             return
         elif kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
-            self.points += [_checked(_moved([_middle(entity)], matrix))[0]]
+            self.points += _checked([_middle(entity)])
             self.point_layers.append(layer)
             self.kinds[kind] += 1
         elif kind == "MESH" and entity.dxf.subdivision_levels:
             self.left["MESH, of which a smoothed surface is drawn: set its smoothness to 0"] += 1
         elif kind in ("LINE", *POLYLINES, *ROUND, *SPLINES, *FACES):
             parts, undrawn = _parts(entity)
-            self._draw([_moved(part, matrix) for part in parts], layer)
+            self._draw(parts, layer)
             self.left += undrawn
             self.kinds[kind] += 1
         else:
             self.left[f"{kind}, which is no line"] += 1
 
-    def _explode(self, insert, layer: str, matrix, blocks: tuple[str, ...]) -> None:
+    def _explode(self, insert, layer: str, blocks: tuple[str, ...]) -> None:
         """Add what a reference to a block draws, or say why it draws nothing."""
         from ezdxf.xclip import XClip
 
@@ -130,9 +130,12 @@ class _Reader:
                 self.left[f'edge that clips block "{name}" (XCLIP): the block is read whole'] += 1
             for one in insert.multi_insert() if insert.mcount > 1 else [insert]:
                 self.blocks[len(blocks) + 1] += 1
-                place = one.matrix44() if matrix is None else one.matrix44() * matrix
-                for entity in block:
-                    self.add(entity, layer, place, (*blocks, name.lower()))
+                for entity in one.virtual_entities(skipped_entity_callback=self._skip):
+                    self.add(entity, layer, (*blocks, name.lower()))
+
+    def _skip(self, entity, reason: str) -> None:
+        """Count an entity of a block that ezdxf cannot bring to its place."""
+        self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
     def _draw(self, parts: list, layer: str) -> None:
         """Add polylines, lists of corners, and splines."""
@@ -255,13 +258,6 @@ def _faces(entity) -> Iterator[tuple[list, list[bool]]]:
         if len(corners) == 3 and entity.dxf.hasattr("vtx3"):
             del visible[2]  # the third side, from a corner to itself, has no length
         yield corners, visible[: len(corners)]
-
-
-def _moved(part, matrix):
-    """Move a list of corners or a spline from a block to where the block is drawn."""
-    if matrix is None:
-        return part
-    return list(matrix.transform_vertices(part)) if isinstance(part, list) else part.transform(matrix)
 
 
 def _checked(corners) -> list[tuple[float, float, float]]:

@@ -118,8 +118,9 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
             if name not in props
         ]
         (place / job.name).write_text(text, encoding="utf-8")
-    sprung = x[reading.held & ~reading.fixed]
-    as_read(x[net.ends], group, x[reading.fixed], sprung, reading.marks, reading.path.name, place / "net.png")
+    fixed = np.repeat(reading.fixed[:, None], 3, axis=1)
+    spring = np.zeros_like(fixed) if reading.spring is None else reading.spring > 0.0
+    as_read(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, place / "net.png")
     (place / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
     kept = "" if made else " (that was there, and stays as it is)"
     return [

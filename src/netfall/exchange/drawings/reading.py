@@ -1,6 +1,8 @@
 """A drawing on its way to a net: what is joined, held, split and left out, and all that is told of it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -73,14 +75,23 @@ class Reading:
         own = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
         return f"({metres}) m, ({own}) {self.drawing.unit} as drawn"
 
-    def tell(self, kind: str, count: int, what: str, places: list[str], x=()) -> None:
-        """A fault: how often, what it means, the first places; x (k, 3) [m]: marks for the picture."""
-        if count:
-            self.lines.append(f"{kind}: {count} {what}")
-            self.lines += [f"    {place}" for place in places[:MOST_PLACES]]
-            if count > MOST_PLACES:
-                self.lines.append(f"    and {count - MOST_PLACES} more")
-            self.marks += list(np.reshape(x, (-1, 3)))
+    def tell(self, kind: str, what: str, x: np.ndarray, places: Iterable[str] | None = None) -> None:
+        """A fault: how often, what it means, the first places.
+
+        x : (k, 3) [m], marks for the picture; places : in words, None: by their coordinates
+        """
+        marks = np.reshape(x, (-1, 3))
+        if not len(marks):
+            return
+        told = (f"at {self.place(mark)}" for mark in marks) if places is None else places
+        more = [f"and {len(marks) - MOST_PLACES} more"] if len(marks) > MOST_PLACES else []
+        self.lines.append(f"{kind}: {len(marks)} {what}")
+        self.lines += [f"    {place}" for place in (*islice(told, MOST_PLACES), *more)]
+        self.marks += list(marks)
+
+    def layer_of(self, line: int) -> str:
+        """The layer of a line, in words."""
+        return f'layer "{self.drawing.layers[self.drawing.layer[line]]}"'
 
 
 def read_net(path: Path, options: Options) -> Reading:
@@ -167,23 +178,20 @@ def _doubts(drawing: Drawing) -> list[str]:
 
 
 def _tell_joining(reading: Reading) -> None:
-    drawing, net = reading.drawing, reading.net
+    net, lines = reading.net, reading.drawing.lines
+    at, layer = lambda line, end=0: reading.place(lines[line, end]), reading.layer_of
     moved = np.argwhere(net.moved > ROUNDED)
     moved = moved[np.argsort(-net.moved[tuple(moved.T)], kind="stable")]
-    at = lambda line, end=0: reading.place(drawing.lines[line, end])
-    name = lambda line: f'layer "{drawing.layers[drawing.layer[line]]}"'
-    far = [
-        f"{1e3 * net.moved[k, e]:.3g} mm at {at(k, e)}, {name(k)}" for k, e in moved[:MOST_PLACES].tolist()
-    ]
-    within = (
-        f"ends of lines lay beside a node, within {1e3 * reading.options.tolerance:g} mm, and were joined"
-    )
-    reading.tell("gap", len(moved), within, far, [drawing.lines[k, e] for k, e in moved.tolist()])
-    short = [f"at {at(k)}, {name(k)}" for k in net.short.tolist()]
-    reading.tell("no length", len(short), "lines are not longer than the tolerance; left out", short)
-    twice = [f"at {at(k, 0)} to {at(k, 1)}, {name(k)}, as on {name(j)}" for k, j in net.twice.tolist()]
-    places = drawing.lines[net.twice[:, 0]].mean(1)
-    reading.tell("duplicate", len(twice), "lines lie on another one; left out", twice, places)
+    told = (f"{1e3 * net.moved[k, e]:.3g} mm at {at(k, e)}, {layer(k)}" for k, e in moved)
+    within = f"within {1e3 * reading.options.tolerance:g} mm"
+    what = f"ends of lines lay beside a node, {within}, and were joined"
+    reading.tell("gap", what, lines[tuple(moved.T)], told)
+    told = (f"at {at(k)}, {layer(k)}" for k in net.short)
+    what = "lines are not longer than the tolerance; left out"
+    reading.tell("no length", what, lines[net.short, 0], told)
+    told = (f"at {at(k)} to {at(k, 1)}, {layer(k)}, as on {layer(j)}" for k, j in net.twice)
+    what = "lines lie on another one; left out"
+    reading.tell("duplicate", what, lines[net.twice[:, 0]].mean(1), told)
 
 
 def _split_where_asked(reading: Reading) -> None:
@@ -192,26 +200,22 @@ def _split_where_asked(reading: Reading) -> None:
     on_edge = _on_support_layer(reading)
     node, element, _ = faults.touches(net.x, net.ends, options.tolerance)
     pairs, crossing = faults.crossings(net.x, net.ends, options.tolerance)
-    where = lambda e: f'layer "{reading.drawing.layers[reading.drawing.layer[net.line[e]]]}"'
+    where, at = lambda e: reading.layer_of(net.line[e]), reading.place
     cut = np.ones(len(element), bool) if options.split else on_edge[element]
-    cross = np.full(len(pairs), options.split)
-    told = [f"at {reading.place(x)}, {where(e)}" for x, e in zip(net.x[node[~cut]], element[~cut])]
-    advice = "; --split makes joints"
-    what = f"nodes lie on an element between its ends, without a joint{advice}"
-    reading.tell("touch", int((~cut).sum()), what, told, net.x[node[~cut]])
-    told = [
-        f"at {reading.place(x)}, {where(a)} and {where(b)}"
-        for (a, b), x in zip(pairs[~cross], crossing[~cross])
-    ]
-    reading.tell(
-        "crossing", int((~cross).sum()), f"elements cross without a joint{advice}", told, crossing[~cross]
-    )
-    if cut.any() or cross.any():
-        on = np.concatenate([element[cut], *pairs[cross].T])
+    told = (f"at {at(x)}, {where(e)}" for x, e in zip(net.x[node[~cut]], element[~cut]))
+    what = "nodes lie on an element between its ends, without a joint; --split makes joints"
+    reading.tell("touch", what, net.x[node[~cut]], told)
+    if not options.split:
+        told = (f"at {at(x)}, {where(a)} and {where(b)}" for (a, b), x in zip(pairs, crossing))
+        what = "elements cross without a joint; --split makes joints"
+        reading.tell("crossing", what, crossing, told)
+        pairs, crossing = pairs[:0], crossing[:0]
+    if cut.any() or len(pairs):
+        on = np.concatenate([element[cut], *pairs.T])
         # a node that touches stays where it is; where two cross, the place on the first serves both
-        x = np.concatenate([net.x[node[cut]], crossing[cross], crossing[cross]])
+        x = np.concatenate([net.x[node[cut]], crossing, crossing])
         reading.net = split(net, on, x, options.tolerance)
-        reading.lines.append(f"split: joints at {int(cut.sum())} touches and {int(cross.sum())} crossings")
+        reading.lines.append(f"split: joints at {int(cut.sum())} touches and {len(pairs)} crossings")
 
 
 def _on_support_layer(reading: Reading, layer: str | None = None) -> np.ndarray:
@@ -241,9 +245,8 @@ def _supports(reading: Reading) -> np.ndarray:
         why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
         _mark(reading, marks, fixed)
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({why}){advice}")
-    told = [f"at {reading.place(x)}" for x in drawing.in_part]
     what = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
-    reading.tell("held in part", len(told), what, told, drawing.in_part)
+    reading.tell("held in part", what, drawing.in_part)
     return fixed
 
 
@@ -256,11 +259,9 @@ def _mark(reading: Reading, marks: np.ndarray, held: np.ndarray) -> None:
     apart, node = cKDTree(reading.net.x).query(marks)
     good = apart <= reading.options.tolerance
     held[node[good]] = True
-    told = [
-        f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}"
-        for d, x in zip(apart[~good], marks[~good])
-    ]
-    reading.tell("support", int((~good).sum()), "points of supports are not at a node", told, marks[~good])
+    far, apart = marks[~good], apart[~good]
+    told = [f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}" for d, x in zip(apart, far)]
+    reading.tell("support", "points of supports are not at a node", far, told)
 
 
 def _set_springs(reading: Reading) -> None:
@@ -302,14 +303,13 @@ def _tell_near_misses(reading: Reading) -> None:
     net, tolerance = reading.net, reading.options.tolerance
     reach = faults.reach_of(net.x, net.ends, tolerance)
     pairs, apart = faults.near_nodes(net.x, net.ends, reach)
-    told = [f"{1e3 * d:.4g} mm at {reading.place(net.x[a])}" for (a, _), d in zip(pairs.tolist(), apart)]
+    words = lambda nodes, far: [f"{1e3 * d:.4g} mm at {reading.place(x)}" for d, x in zip(far, net.x[nodes])]
     what = f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
-    reading.tell("near miss", len(pairs), what, told, net.x[pairs[:, 0]])
+    reading.tell("near miss", what, net.x[pairs[:, 0]], words(pairs[:, 0], apart))
     node, _, apart = faults.touches(net.x, net.ends, reach)
-    far = apart > tolerance
-    told = [f"{1e3 * d:.4g} mm at {reading.place(net.x[p])}" for p, d in zip(node[far], apart[far])]
+    node, apart = node[apart > tolerance], apart[apart > tolerance]
     what = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
-    reading.tell("near miss", int(far.sum()), what, told, net.x[node[far]])
+    reading.tell("near miss", what, net.x[node], words(node, apart))
 
 
 def _drop_loose_parts(reading: Reading) -> None:
@@ -324,21 +324,24 @@ def _drop_loose_parts(reading: Reading) -> None:
             f"layers: {', '.join(drawing.layers)}"
         )
     of_element = part[net.ends[:, 0]]
-    _tell_largest(reading, of_element, held[0])
+    if not held[0]:  # the net is then another one than was meant
+        mine = of_element == 0
+        reading.lines.append(
+            f"LARGEST PART LEFT OUT: {int(mine.sum())} of {len(mine)} elements are without a support; "
+            "--supports takes a layer, points or outline"
+        )
+        reading.lines.append(f"    {_where(reading, mine)}")
     others = np.unique(of_element[of_element > 0])
     for numbers, fate in (
         (others[~held[others]], "and without a support: LEFT OUT"),
         (others[held[others]], "and held by supports of their own"),
     ):
-        told, places = [], []
-        for number in numbers.tolist():
-            mine = of_element == number
-            where, place = _where(reading, mine)
-            told.append(f"{int(mine.sum())} elements {where}")
-            places.append(place)
+        of_parts = [of_element == number for number in numbers.tolist()]
         count = int(np.isin(of_element, numbers).sum())
         what = f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {fate}"
-        reading.tell("loose part", len(told), what, told, places)
+        places = [net.x[net.ends[mine][0, 0]] for mine in of_parts]
+        told = (f"{int(mine.sum())} elements {_where(reading, mine)}" for mine in of_parts)
+        reading.tell("loose part", what, places, told)
     kept = held[of_element]
     nodes = held[part]
     row = np.cumsum(nodes) - 1
@@ -348,32 +351,15 @@ def _drop_loose_parts(reading: Reading) -> None:
         reading.spring = reading.spring[nodes]
 
 
-def _where(reading: Reading, mine: np.ndarray) -> tuple[str, np.ndarray]:
-    """Where some elements, mine (m,) bool, are, and on which layers, in words; their first place [m]."""
+def _where(reading: Reading, mine: np.ndarray) -> str:
+    """Where some elements, mine (m,) bool, are, and on which layers, in words."""
     net, drawing = reading.net, reading.drawing
     layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
-    place = net.x[net.ends[mine][0, 0]]
-    return f"at {reading.place(place)}, layer {', '.join(layers)}", place
-
-
-def _tell_largest(reading: Reading, of_element: np.ndarray, held: bool) -> None:
-    """The largest part, where no support holds it: the net is then another one than was meant."""
-    if held:
-        return
-    mine = of_element == 0
-    where, place = _where(reading, mine)
-    reading.tell(
-        "LARGEST PART LEFT OUT",
-        int(mine.sum()),
-        f"of {len(mine)} elements are without a support; --supports takes a layer, points or outline",
-        [where],
-        place,
-    )
+    return f"at {reading.place(net.x[net.ends[mine][0, 0]])}, layer {', '.join(layers)}"
 
 
 def _tell_loose_ends(reading: Reading) -> None:
     net = reading.net
     single = np.bincount(net.ends.ravel(), minlength=len(net.x)) == 1
     loose = np.flatnonzero(single & ~reading.held)
-    told = [f"at {reading.place(net.x[p])}" for p in loose.tolist()]
-    reading.tell("loose end", len(loose), "nodes have one element and no support", told, net.x[loose])
+    reading.tell("loose end", "nodes have one element and no support", net.x[loose])

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.checks.reactions import pull_at
 from netfall.exchange.state import State, form_of, lengths
 from netfall.ground.errors import InputError
 from netfall.ground.progress import one_line
@@ -72,7 +73,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     other = np.abs(linear - tension) > SAME * np.abs(tension).max()
     free = np.where(other, unstressed_length(reached, tension, EA, strain="engineering"), free)
     springs = springs_of(result.file)
-    load = np.where(state.fixed, 0.0, -internal(x, state.ends, tension) - springs.forces(x))
+    load = np.where(state.fixed, 0.0, -pull_at(x, state.ends, tension) - springs.forces(x))
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
     names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
     names["foot"] = first_foot(state)
@@ -128,16 +129,6 @@ def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndar
         moved, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
         return "equilibrium under the static load", x + moved, tension, warm
     return "form", x, tension, result.elements["unstressed_length"]
-
-
-def internal(x: np.ndarray, ends: np.ndarray, tension: np.ndarray) -> np.ndarray:
-    """Forces (n, 3) [N] of the elements on the nodes."""
-    along = x[ends[:, 1]] - x[ends[:, 0]]
-    force = along * (tension / np.linalg.norm(along, axis=1))[:, None]
-    total = np.zeros_like(x)
-    np.add.at(total, ends[:, 0], force)
-    np.add.at(total, ends[:, 1], -force)
-    return total
 
 
 def _nodes(state: State, moved: np.ndarray) -> str:

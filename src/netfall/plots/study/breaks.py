@@ -10,6 +10,7 @@ from netfall.study.answers.read import Study
 def breaks(study: Study):
     """Two panels: first to break, as a share of the members that broke; at all, of those that finished."""
     figure, (left, right) = roof_panels(study)
+    heading(figure, study.title, ": where it breaks (grey: never; dots: supports; numbers: ids)")
     ran, broke = int(study.finished.sum()), int(study.first_breaks.sum())
     for axes, counts, of, label in (
         (left, study.first_breaks, broke, f"first to break, share of the {broke} members that broke"),
@@ -17,5 +18,4 @@ def breaks(study: Study):
     ):
         shares = np.where(counts > 0, counts / max(of, 1), np.nan)
         draw_values(study, axes, shares, label, percent=True)
-    heading(figure, study.title, ": where it breaks (grey: never; dots: supports; numbers: ids)")
     return figure

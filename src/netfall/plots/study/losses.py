@@ -18,6 +18,7 @@ def loss_map(study: Study):
     row = elements_lost(study, losses)
     of_element = lambda values: np.where(row >= 0, values[row], np.nan)
     figure, (left, right) = roof_panels(study)
+    heading(figure, study.title, ": after the loss of each (the largest on top; dots: supports)")
     factor = of_element(losses.dynamic_factor)
     low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
     names = np.where(row >= 0, losses.name[row], "")
@@ -28,7 +29,6 @@ def loss_map(study: Study):
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
     shown = of_element(np.where(worst > 0, worst, np.nan))
     draw_values(study, right, shown, label, percent=lost, names=names)
-    heading(figure, study.title, ": after the loss of each (the largest on top; dots: supports)")
     return figure
 
 

@@ -5,13 +5,12 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import PercentFormatter
 
-from netfall.plots.canvas import ROUND, add_coloured, in_space, line_width, plan_panels
+from netfall.plots.canvas import ROUND, add_coloured, add_scale, in_space, line_width, plan_panels
 from netfall.plots.labels import add_labels
 from netfall.study.answers.read import Study
 
 SHORT = 0.015  # share of the picture, of an element that has a dot
 COLOURS = "viridis_r"
-IN_MAPS = 1.0  # zoom of the maps in space, which stand close to the picture's edges
 MOST_NAMED = 5  # elements with their ids
 UPRIGHT = 0.1  # run over rise, up to which an element is a strut between layers
 
@@ -20,14 +19,12 @@ def roof_panels(study: Study):
     """A figure with two maps of the net, each in plan, and in space too where it has layers."""
     x, held = study.net["particles"], study.net["fixed"].any(1)
     run, rise = np.hsplit(np.abs(np.diff(x[study.net["elements"]], axis=1)[:, 0]), [2])
-    if not (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any():  # nothing stands upright between layers
-        figure, panels = plan_panels(x[:, :2], held, 2)
-        return figure, [(plan,) for plan in panels]
-    figure, panels = plan_panels(x[:, :2], held, 4)
-    figure.get_layout_engine().set(rect=(0.0, 0.0, 0.97, 1.0))  # it does not see the names of axes in space
+    layered = (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any()  # what stands upright between layers
+    figure, panels = plan_panels(x[:, :2], held, 4 if layered else 2)
     for unused in panels[2:]:
         unused.remove()
-    return figure, [(panels[k], in_space(figure, (2, 2, 3 + k), x, IN_MAPS)) for k in range(2)]
+    spaces = [(in_space(figure, (2, 2, 3 + k), x),) if layered else () for k in range(2)]
+    return figure, [(plan, *space) for plan, space in zip(panels, spaces)]
 
 
 def draw_values(
@@ -46,8 +43,7 @@ def draw_values(
         rows = add_coloured(axes, shown, values, norm, COLOURS, line_width(len(lines), 3.0))
     plan = panels[0]
     _dot_short(plan, lines[rows][..., :2], colours.to_rgba(values[rows]))
-    bar = plan.figure.colorbar(colours, ax=plan, orientation="horizontal", shrink=0.8, pad=0.02)
-    bar.set_label(label)
+    bar = add_scale(plan, norm, COLOURS, label, shrink=0.8)
     if log:
         ticks = ROUND[(ROUND >= norm.vmin) & (ROUND <= norm.vmax)]
         bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])

@@ -1,0 +1,27 @@
+"""Packages that a compute node does without: which extra of netfall brings each of them."""
+
+from contextlib import contextmanager
+
+from netfall.ground.errors import InputError
+
+EXTRAS = {
+    "plot": ("matplotlib", "mpl_toolkits", "PIL", "adjustText", "imageio_ffmpeg", "markdown_it"),
+    "cad": ("ezdxf", "vtkmodules"),
+    "view": ("k3d",),
+    "study": ("openturns",),
+}
+BRINGS = {package: extra for extra, packages in EXTRAS.items() for package in packages}
+
+
+@contextmanager
+def naming_extras():
+    """Name the extra to install if a package of one is missing. Raises InputError."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in BRINGS:
+            raise
+        raise InputError(
+            f"needs {package}, which is not installed; get it with: pip install 'netfall[{BRINGS[package]}]'"
+        ) from error
