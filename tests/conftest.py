@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
+from results import assert_same_results
 from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
@@ -276,24 +276,3 @@ def assert_same_bits_on(ranks: int, job: Path, one: h5py.File, workshop, name: s
     kept = sorted(workshop.folder.glob(f"{name}.checkpoint-*"))[0]
     with workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
         assert_same_results(one, again)
-
-
-def assert_same_results(one: h5py.File, other: h5py.File) -> int:
-    """Every dataset but those of /provenance is equal to the last bit; how many there were."""
-    names = lambda f: {name for name in _datasets(f) if not name.startswith("provenance")}
-    assert names(one) == names(other)
-    for name in names(one):
-        a, b = one[name][()], other[name][()]
-        bits = lambda values: (
-            np.asarray(values).tolist()
-            if np.asarray(values).dtype == object
-            else np.asarray(values).tobytes()
-        )
-        assert np.shape(a) == np.shape(b) and bits(a) == bits(b), name
-    return len(names(one))
-
-
-def _datasets(f):
-    found = []
-    f.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
-    return found

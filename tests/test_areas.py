@@ -1,8 +1,5 @@
 """Areas of the roof: faces of any drawing in plan, by hand and against polygons that the test knows."""
 
-from itertools import pairwise
-from types import SimpleNamespace
-
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -23,7 +20,6 @@ from netfall.roof.areas import normals, roof_of, tributary_areas
 from netfall.roof.faces import find_faces
 from netfall.roof.panels import panels_of
 from netfall.roof.plan import draw_plan
-from netfall.roof.rings import traced_rings
 from netfall.roof.shares import shares_of
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
@@ -38,11 +34,11 @@ def net_of(xy, elements, group=None, z=0.0):
     return Net(x, np.zeros((len(xy), 3), bool), np.array(elements), group, names)
 
 
-def shares(net):
-    """Area of each particle, of a drawing that must be clean."""
+def tributary_of(net):
+    """Areas of the particles, of a drawing that must be clean."""
     plan = draw_plan(net)
     assert not plan.errors, plan.errors
-    return tributary_areas(net.x, net, find_faces(net, plan))[1]
+    return tributary_areas(net.x, net, find_faces(net, plan))
 
 
 def ring(*corners):
@@ -234,21 +230,6 @@ def test_the_result_holds_vector_areas(workshop):
     assert (result.nodes["vector_area"] == vector).all()
 
 
-@pytest.mark.parametrize("rim, more", [("long", []), ("short", [(11, 12)]), ("short", [(1, 0)])])
-def test_a_grid_under_pressure_sags_as_by_hand(workshop, rim, more):
-    """10 N at nine nodes, 1 kN in each cable, little stiffness: 1.125 x 10 N m / 1 kN = 11.25 mm.
-
-    An inner cable that is given twice pulls with 2 kN: that net sags less; its areas stand in /net.
-    """
-    nodes, elements = grid_tables(rim, more)
-    with workshop.run(workshop.job(PRESSED + "steps = 2\ntolerance = 1e-9\n", nodes, elements)) as f:
-        sag = -f["statics/displacement"][-1][:, 2].min()
-        assert np.allclose(f["net/tributary_area"][:].reshape(5, 5)[1:-1, 1:-1], 1.0)
-        assert np.allclose(f["net/plan_area"][:].sum(), 16.0)
-    if more != [(11, 12)]:
-        assert abs(sag / 11.25e-3 - 1) < 2e-3  # the cables stretch a little: EA is as large as the prestress
-
-
 def test_an_open_rim_is_said(workshop):
     """Without a rim the four middle cells alone are closed: 4 of the 14 m2 within the convex outline."""
     _, roof, area = roof_from(workshop, PRESSED, *grid_tables("open"))
@@ -263,34 +244,18 @@ U_SHAPE = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
 
 
 def test_a_concave_face_by_hand():
-    """A U of 7 m2 by nearest corner.
+    """A dart is two triangles at its reflex corner, each shared in thirds; a U is shared by nearest corner.
 
-    A foot: the triangle below x + y = 1. A leg of 1 m: its inner tip has 1/2 m x 1 m, its outer one 1/16 m2
-    more, above y = 2 + (x - 1/2) / 2; the knee has the rest of the half.
+    The dart has two triangles of 1 m2. Of the U of 7 m2 a foot has the triangle below x + y = 1. A leg of
+    1 m: its inner tip has 1/2 m x 1 m, its outer one 1/16 m2 more, above y = 2 + (x - 1/2) / 2; the knee has
+    the rest of the half.
     """
+    dart = net_of([(0, 0), (2, 2), (4, 0), (2, 3)], ring(*range(4)))
+    assert np.allclose(tributary_of(dart).plan, [1 / 3, 2 / 3, 1 / 3, 2 / 3], rtol=1e-12)
     foot, inner, outer = 1 / 2, 1 / 2, 1 / 2 + 1 / 16
     knee = 7 / 2 - foot - inner - outer
     expected = [foot, foot, outer, inner, knee, knee, inner, outer]
-    assert np.allclose(shares(net_of(U_SHAPE, ring(*range(8)))), expected, rtol=1e-12)
-
-
-def test_a_face_with_a_hole_by_hand():
-    """A square of 2 m in one of 4 m, not joined: an outer corner has x + y < 1, the rest is inner."""
-    xy = [(0, 0), (4, 0), (4, 4), (0, 4), (1, 1), (3, 1), (3, 3), (1, 3)]
-    net = net_of(xy, ring(0, 1, 2, 3) + ring(4, 5, 6, 7))
-    assert np.allclose(shares(net), [0.5] * 4 + [3.5] * 4, rtol=1e-12)
-    bridged = net_of(xy, ring(0, 1, 2, 3) + ring(4, 5, 6, 7) + [(0, 4)])
-    assert np.allclose(shares(bridged), shares(net))
-
-
-@pytest.mark.parametrize("parts", [1, 2, 5])
-def test_shares_of_a_concave_face_are_symmetric_when_subdivided(parts):
-    """The U is its own mirror image, and so are the shares; none is negative, all are 7 m2."""
-    net = subdivide(net_of(U_SHAPE, ring(*range(8))), parts)
-    area = shares(net)
-    mirrored = net.x[:, :2] * [-1, 1] + [3, 0]
-    image = [np.argmin(np.sum((net.x[:, :2] - place) ** 2, axis=1)) for place in mirrored]
-    assert np.allclose(area, area[image], rtol=1e-12) and np.isclose(area.sum(), 7.0) and (area >= 0).all()
+    assert np.allclose(tributary_of(net_of(U_SHAPE, ring(*range(8)))).plan, expected, rtol=1e-12)
 
 
 def two_layers(groups=""):
@@ -404,27 +369,6 @@ def test_check_states_both_areas_and_the_outline(workshop):
     assert "note: node 1 lies within element 124 in plan" in done.stdout
 
 
-# --- faces of many corners
-
-STRIP = [(0, 0), (1, 0), (2, 0), (4, 0), (4, 1), (0, 1)]
-
-
-def test_a_long_face_is_shared_by_nearest_corner():
-    """4 m x 1 m, nodes at 1 and 2 m of one long side: by hand.
-
-    Bisectors x = 1/2, 3/2, 3 along the side, y = 1/2 at its ends; (0, 1) has what is above y = x beyond 1/2,
-    1/8 m2, and (4, 1) what is above y = 13/2 - 2 x before 3, 1/16 m2.
-    """
-    expected = [1 / 4, 1 - 1 / 8, 3 / 2 - 1 / 16, 1 / 2, 1 / 2 + 1 / 16, 1 / 4 + 1 / 8]
-    assert np.allclose(shares(net_of(STRIP, ring(*range(6)))), expected, rtol=1e-14)
-    # on a slope of 3/4 along x, twice as long in plan: nearest in the plane of the face, 5 m x 1 m
-    steep = net_of([(0.8 * x, y) for x, y in STRIP], ring(*range(6)), z=[0.6 * x for x, _ in STRIP])
-    areas = tributary_areas(steep.x, steep, find_faces(steep))
-    assert np.allclose(areas.surface, expected, rtol=1e-14)
-    assert np.allclose(areas.plan, 0.8 * np.array(expected), rtol=1e-14)
-    assert np.allclose(areas.vector, np.outer(expected, [-0.6, 0, 0.8]), rtol=1e-14, atol=1e-16)
-
-
 def spokes(count, radii=(10.0, 20.0, 30.0)):
     """Radial cables from the middle over nodes at some radii, in the tables of a net; a rim at the last."""
     angle = 2 * np.pi * np.arange(count) / count
@@ -473,30 +417,6 @@ def test_panels_are_whole_faces_and_carry_what_their_corners_have(parts):
     assert len(shared) == 2 and of_panel[within_u].round(12).tolist() == [7.0]
 
 
-# --- random drawings against polygons that the test knows
-
-
-def polygon_shares(corners):
-    """Area and share of each corner (k,) of a polygon, by the shoelace formula.
-
-    A dart, not seen whole from its centroid, is two triangles at its reflex corner, each shared in thirds.
-    """
-    p = np.array(corners)
-    turn = lambda a, b, c: (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    area = 0.5 * sum(p[k - 1][0] * p[k][1] - p[k][0] * p[k - 1][1] for k in range(len(p)))
-    weight = [p[k - 1][0] * p[k][1] - p[k][0] * p[k - 1][1] for k in range(len(p))]
-    centroid = sum(w * (p[k - 1] + p[k]) for k, w in enumerate(weight)) / (6 * area)
-    parts = [0.5 * turn(centroid, p[k - 1], p[k]) for k in range(len(p))]
-    if min(parts) >= 0:
-        return area, np.array([0.5 * (parts[k] + parts[(k + 1) % len(p)]) for k in range(len(p))])
-    reflex = next(k for k in range(4) if turn(p[k - 1], p[k], p[(k + 1) % 4]) < 0)
-    thirds = np.zeros(4)
-    for a, b in ((1, 2), (2, 3)):
-        triangle = [(reflex + k) % 4 for k in (0, a, b)]
-        thirds[triangle] += 0.5 * turn(*p[triangle]) / 3
-    return area, thirds
-
-
 def nearest_shares(rings):
     """Area and share of each corner (k,) of an outer ring and holes, by nearest corner: cut by bisectors."""
     polygon = shapely.Polygon(rings[0], rings[1:])
@@ -513,115 +433,6 @@ def nearest_shares(rings):
             cell = shapely.intersection(cell, shapely.Polygon(box))
         found.append(cell.area)
     return polygon.area, np.array(found)
-
-
-class Drawing:
-    """A random drawing: rectangles, with corners moved or with a ring or a notch in them."""
-
-    def __init__(self, rng, columns, rows, holes, long_rim):
-        xs, ys = (np.concatenate([[0], np.cumsum(rng.uniform(0.9, 1.1, k))]) for k in (columns, rows))
-        self.xy = [[x, y] for x in xs for y in ys]
-        number = np.arange(len(self.xy)).reshape(len(xs), len(ys))
-        moved = np.zeros(number.shape, bool)
-        moved[1:-1, 1:-1] = True
-        self.polygons, self.elements = [], []
-        rings = [(i, j) for i in range(columns) for j in range(rows) if rng.random() < holes]
-        for i, j in rings:
-            moved[i : i + 2, j : j + 2] = False
-        for p in number[moved]:
-            self.xy[p] = list(np.array(self.xy[p]) + rng.uniform(-0.42, 0.42, 2))
-        for i in range(columns):
-            for j in range(rows):
-                cell = [number[i, j], number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]]
-                within = self._ring_in if rng.random() < 0.5 else self._notch_in
-                self.polygons += within(cell) if (i, j) in rings else [cell]
-        self._net_lines(number, long_rim)
-
-    def _ring_in(self, cell):
-        """A ring of half the size in a rectangle, on one element: what lies around it, and the middle."""
-        corners = np.array([self.xy[p] for p in cell])
-        inner = list(range(len(self.xy), len(self.xy) + 4))
-        self.xy += (corners.mean(0) + 0.5 * (corners - corners.mean(0))).tolist()
-        self.elements += [*ring(*inner), (cell[0], inner[0])]
-        return [inner, (cell, inner)]
-
-    def _notch_in(self, cell):
-        """A node near one corner, joined to the two beside it: a dart around that corner."""
-        a, b, c, d = cell
-        self.xy.append((np.array(self.xy[c]) + 0.2 * (np.array(self.xy[a]) - self.xy[c])).tolist())
-        tip = len(self.xy) - 1
-        self.elements += [(b, tip), (tip, d)]
-        return [[a, b, tip, d], [b, c, d, tip]]
-
-    def _net_lines(self, number, long_rim):
-        inner = slice(1, -1) if long_rim else slice(None)
-        for table in (number[inner], number.T[inner]):
-            self.elements += [(a, b) for line in table for a, b in pairwise(line)]
-        if long_rim:
-            self.elements += ring(number[0, 0], number[-1, 0], number[-1, -1], number[0, -1])
-
-    def known(self):
-        """Area in all, and each node's."""
-        each, total = np.zeros(len(self.xy)), 0.0
-        for polygon in self.polygons:
-            if isinstance(polygon, tuple):
-                area, part = nearest_shares([[self.xy[p] for p in ring] for ring in polygon])
-                polygon = [p for ring in polygon for p in ring]
-            else:
-                area, part = polygon_shares([self.xy[p] for p in polygon])
-            total += area
-            np.add.at(each, polygon, part)
-        return total, each
-
-
-@settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
-@given(
-    st.integers(0, 2**32 - 1),
-    st.integers(1, 5),
-    st.integers(1, 5),
-    st.sampled_from([0.0, 0.3, 1.0]),
-    st.booleans(),
-    st.integers(1, 3),
-)
-def test_random_drawings_have_the_areas_of_their_polygons(seed, columns, rows, holes, long_rim, layers):
-    """Sum and each node: concave faces, rings in holes, layers, doubles, any order and numbering."""
-    rng = np.random.default_rng(seed)
-    drawing = Drawing(rng, columns, rows, holes, long_rim)
-    total, each = drawing.known()
-    n, single = len(drawing.xy), np.array(drawing.elements)
-    angle = rng.uniform(0, 2 * np.pi)
-    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    xy = np.tile(np.array(drawing.xy) @ turn + rng.uniform(-50, 50, 2), (layers, 1))
-    z = np.repeat(np.arange(layers), n) * -2.0
-    doubles = single[rng.random(len(single)) < 0.2]
-    single = np.concatenate([single, doubles])
-    elements = np.concatenate([single + k * n for k in range(layers)])
-    group = np.repeat(np.arange(layers), len(single))
-    hangers = np.column_stack([np.arange(n), np.arange(n) + (layers - 1) * n]) if layers > 1 else single[:0]
-    elements, group = np.concatenate([elements, hangers]), np.append(group, np.full(len(hangers), layers))
-    swap = rng.random(len(elements)) < 0.5
-    elements[swap] = elements[swap, ::-1]
-    order, number = rng.permutation(len(elements)), rng.permutation(n * layers)
-    place = np.argsort(number)
-    net = net_of(xy[place], number[elements[order]], group[order], z[place])
-    net.group_names = [f"g{k}" for k in range(layers + 1)]
-    layer = int(rng.integers(layers))
-    loads = {"dead": [1.0], "snow": [0.0], "pressure": [None], "air_mass": [0.0]}
-    job = SimpleNamespace(
-        path="job",
-        net=SimpleNamespace(nodes="n", generator=None),
-        wind=None,
-        loads=loads.get,
-        roof=SimpleNamespace(groups=[f"g{layer}"], openings=(), lines=None),
-    )
-    area = tributary_areas(net.x, net, roof_of(job, net).faces)[1][number]
-    # rounding of coordinates of 50 m, some 1e-14 m, in areas of some 0.1 m2
-    assert abs(area.sum() / total - 1) < 1e-10 and (area >= 0).all()
-    assert np.allclose(area[layer * n : (layer + 1) * n], each, rtol=1e-9, atol=1e-10)
-    if layers > 1:
-        job.roof = None
-        with pytest.raises(InputError, match="above one another"):
-            roof_of(job, net)
 
 
 def cut_triangulation(rng, points, kept):
@@ -659,54 +470,10 @@ def cut_triangulation(rng, points, kept):
 
 
 @settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
-@given(st.integers(0, 2**32 - 1), st.integers(4, 60), st.sampled_from([0.6, 0.8, 0.9]), st.integers(1, 4))
-def test_random_faces_are_shared_out_whole_in_any_order(seed, points, kept, parts):
-    """No share is negative, all sum to what is closed, each node's is the same in another order."""
-    rng = np.random.default_rng(seed)
-    xy, elements, closed, _ = cut_triangulation(rng, points, kept)
-    if not len(elements):
-        return
-    net = net_of(xy, elements)
-    area = shares(subdivide(net, parts))
-    # a triangle flatter than the tolerance has its node within the side opposite, and no area
-    flat = 5.0 * net.tolerance * net.lengths().max()
-    assert (area >= 0).all() and np.isclose(area.sum(), closed, rtol=1e-9, atol=flat)
-    order, number = rng.permutation(len(elements)), rng.permutation(len(xy))
-    turned = np.roll(elements[order], 1, axis=1)
-    other = shares(subdivide(net_of(xy[np.argsort(number)], number[turned]), parts))
-    assert np.allclose(other[number], area[: len(xy)], rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("kept", [0.5, 0.8, 1.0])
-def test_traced_rings_are_those_of_polygonize(kept):
-    """The same corners from the same first one, in the same order; none where a face may have two rings."""
-    rng, traced = np.random.default_rng(1), 0
-    for _ in range(60):
-        xy = (
-            rng.random((30, 2))
-            if rng.random() < 0.5
-            else rng.permutation(np.indices((6, 5)).reshape(2, -1).T)
-        )
-        sides = Delaunay(xy).simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        sides = rng.permutation(np.unique(np.sort(sides, axis=1), axis=0))
-        sides = rng.permuted(sides[rng.random(len(sides)) < kept], axis=1)
-        polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(xy[sides])))
-        rings = [
-            xy.tolist().index(list(c)) for c in shapely.get_coordinates(shapely.orient_polygons(polygons))
-        ]
-        found = traced_rings(xy.astype(float), sides)
-        if found is None:
-            continue
-        ours = [[*r, r[0]] for r in np.split(found[1], found[0][1:-1])]
-        assert rings == [int(c) for ring in ours for c in ring]
-        traced += 1
-    assert traced == 60 if kept == 1.0 else 0 < traced < 60
-
-
-@settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.integers(0, 2**32 - 1), st.integers(4, 40), st.sampled_from([0.6, 0.8, 0.9]), st.integers(1, 3))
 def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
-    """Shares of a face add to 1; vector areas sum to that of the outline, whatever the heights within.
+    """Shares of a face add to 1; vector areas sum to that of the outline, whatever the heights within;
+    each node's is the same in another order of nodes and elements.
 
     Of a net on an inclined plane each node's area is found by cutting the faces by bisectors in that plane.
     """
@@ -720,7 +487,13 @@ def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
     found = shares_of(net.x, find_faces(net))
     assume(len(found.face))
     assert np.allclose(np.bincount(found.face, found.share), 1.0, rtol=1e-12) and (found.share >= 0).all()
-    areas, scale = tributary_areas(net.x, net, find_faces(net)), np.abs(found.vector).sum()
+    order, number = rng.permutation(len(elements)), rng.permutation(points)
+    turned = np.roll(elements[order], 1, axis=1)
+    other = tributary_of(
+        subdivide(net_of(xy[np.argsort(number)], number[turned], z=z[np.argsort(number)]), parts)
+    )
+    areas, scale = tributary_of(net), np.abs(found.vector).sum()
+    assert np.allclose(other.plan[number], areas.plan[:points], rtol=1e-9, atol=1e-9)
     assert abs(areas.vector.sum(0) - outline(z)).max() <= 1e-12 * scale
     assert abs(areas.plan.sum() - closed) <= 1e-12 * scale
     slope = np.array([0.75, 0.0])

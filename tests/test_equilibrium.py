@@ -282,43 +282,6 @@ def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yiel
     assert (state.elements_now().eps_p[:2] > 0.01).all() == yields
 
 
-def test_few_cables_do_not_shorten_a_step(workshop, monkeypatch):
-    """A step goes as far beyond where a cable's tension would be zero as `BEYOND`; but for a few of them."""
-    method, state, _ = hung(workshop, "engineering", False)
-    way = mixed.Mixed(method, state, NEVER)
-    way.part[:] = 0.3, np.inf, 0.4
-    assert way.longest() == pytest.approx(0.5**1.5)  # of the parts below 0.45
-    monkeypatch.setattr(mixed, "FEW", 0.4)  # one of the three cables
-    assert way.longest() == pytest.approx(0.5)  # below 0.6
-    way.part[:] = 0.6, np.inf, 0.7
-    assert way.longest() == 1.0
-
-
-def test_few_cables_do_not_keep_the_gap(workshop, monkeypatch):
-    """It is made smaller where all but a few are settled: not kept from half a step, tensions nearly so."""
-    method, state, _ = hung(workshop, "engineering", False)
-    way, little, much = mixed.Mixed(method, state, NEVER), np.full(3, 50.0), np.array([50.0, 70.0, -70.0])
-    way.part[:] = 0.4, np.inf, 0.6
-    assert not way.settled(little, 100.0)
-    monkeypatch.setattr(mixed, "FEW", 0.4)  # one of the three cables
-    assert way.settled(little, 100.0)
-    assert not way.settled(much, 100.0)
-    monkeypatch.setattr(mixed, "FEW", 0.7)
-    way.part[:] = np.inf
-    assert way.settled(much, 100.0)
-
-
-def test_tensions_off_the_law_are_missing(workshop, monkeypatch):
-    """With a gap that stays steps become small, and tensions remain those of cables that are never slack."""
-    method, state, _ = hung(workshop, "engineering", False)
-    monkeypatch.setattr(mixed, "LARGE", 0.0)  # no step is so small that the gap becomes smaller
-    way = mixed.Mixed(method, state, NEVER)
-    way.narrow(1e-12, 0.0)
-    N = state.elements_now().N
-    off = np.abs(N - way.now[:, 0]).max() / N.max()
-    assert off > 1e-5 and way.missing[1] == pytest.approx(off)
-
-
 GIVEN = """
 [net]
 generator = "saddle"
@@ -368,28 +331,6 @@ def given(workshop, cells):
     return scene.finder.newton(scene.model.loading.permanent), scene.state
 
 
-def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
-    """That takes fewer iterations than the correction, which it spares."""
-    method, state = given(workshop, 24)
-    method.begin()
-    K, tried, times = method.tangent(), [], method.stiffness_times
-    _, whole = method.solve(K, method.cycle(K), method.residual())
-    monkeypatch.setattr(method, "stiffness_times", lambda *to: tried.append(1) or times(*to))
-    with pytest.raises(path.NoConvergence):
-        path.at_once(method, state.x_start, NEVER)
-    assert 0 < len(tried) < whole
-
-
-def test_newtons_method_leaves_a_net_that_is_not_near(workshop, monkeypatch):
-    """The first correction of which little can be gone is the last one."""
-    method, state = given(workshop, 8)
-    gone, go = [], method.go
-    monkeypatch.setattr(method, "go", lambda *to: gone.append(go(*to)) or gone[-1])
-    with pytest.raises(path.NoConvergence):
-        method.find(1e-6, state.x_start, near=True, begun=newton.StartPoint(size=1e-3))
-    assert [part < newton.SHORT for part in gone] == [False] * (len(gone) - 1) + [True]
-
-
 @pytest.mark.parametrize("large", [0, 10**9])
 def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
     """Cables that flow until the saddle bulges by a third of its span: right, at any size."""
@@ -399,17 +340,6 @@ def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
     monkeypatch.setattr(find, "FEWEST", 0)
     found.find()
     assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1
-
-
-def test_a_rough_search_goes_on_where_a_finer_one_was(workshop):
-    """A finer search may have relaxed to more residuals than a rough one has: that takes its last."""
-    job = read_job(workshop.job(SADDLE.format(cells=8, cable="", pressure=[0.0, 0.0, AREA_LOAD])))
-    scene, _ = prepare(MPI.COMM_SELF, job, Phases())
-    load = scene.model.loading.permanent + scene.model.loading.live
-    for goal in (2, 7, 10):
-        scene.state.x[:] = scene.state.x_start
-        found = scene.finder.find(load, 1e-3, 1.8e6, 20_000, "load", goal=goal)
-        assert found.iterations > 0 and found.error <= 1e-3
 
 
 def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monkeypatch):

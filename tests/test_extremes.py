@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import AREAS, NEVER_REACHED, ROOF, ROOT, STEEL, STILL_AIR, WHOLE
 from mpi4py import MPI
-from scipy.optimize import brentq
 
 BARE = STEEL.replace("prestress = 100e3\n", "")
 A, E = 683.08e-6, 1.95e11
@@ -266,47 +265,6 @@ def test_no_prestress_and_almost_yield(workshop):
     assert "above the yield force" in done.stderr
 
 
-def test_a_net_that_is_slack_everywhere_falls_freely(workshop):
-    """No cable is taut: the free particles fall like stones until one is."""
-    nodes = (
-        "id,x,y,z,fixed,mass,load_z\n0,0,0,0,1,0,0\n1,1,0,0,0,10,-98.1\n2,2,0,0,0,10,-98.1\n3,3,0,0,1,0,0\n"
-    )
-    f = workshop.run(
-        workshop.job(
-            BARE + "[dynamics]\nduration = 0.3\n" + QUICK.format(0.01, 10),
-            nodes,
-            "start,end,unstressed_length\n0,1,2\n1,2,2\n2,3,2\n",
-        )
-    )
-    t, z = f["VTKHDF/Steps/Values"][:], positions(f, 1)[:, 2]
-    fall = -0.5 * 98.1 / (10 + 4 * HALF) * t**2
-    reached("slack everywhere: error of the fall [m]", "1e-9", np.abs(z - fall).max(), 1e-9)
-
-
-def test_snap_from_slack_at_high_speed(workshop):
-    """A mass that has fallen 20 m into a cable, at 18 m/s:
-    the largest tension by energy, k e^2 / 2 = F (h + e).
-    """
-    nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,10,0,100,-981\n"
-    f = workshop.run(
-        workshop.job(
-            BARE
-            + "[dynamics]\nduration = 2.6\n[output]\nhistory = 0.0002\nframes = 2\nprobes = [[0.0, 0.0]]\n",
-            nodes,
-            "start,end,unstressed_length\n1,2,10\n",
-        )
-    )
-    k, F = EA / 10, 981.0
-    e = (F + np.sqrt(F * F + 2 * k * F * 20.0)) / k
-    reached(
-        "slack to taut at 18 m/s: largest tension",
-        "0.5 %",
-        abs(f["history/probe_tension"][:].max() / (k * e) - 1),
-        0.005,
-    )
-    reached("the same: work identity", "1e-10", audits(f)[0], 1e-10)
-
-
 @pytest.mark.parametrize("kind", ["cable", "bar"])
 def test_an_element_pushed_through_zero_length(workshop, kind):
     """The free end is driven through the support:
@@ -395,39 +353,6 @@ def test_all_elements_break_in_the_same_step(workshop, ranks):
         1.0,
     )
     reached("the same: work identity", "1e-10", audits(f)[0], 1e-10)
-
-
-def test_a_straight_cable_loaded_across(workshop):
-    """No stiffness across at first: the equilibrium solves 2 N(d) d / L(d) = P."""
-    nodes = "id,x,y,z,fixed,load_z\n0,0,0,0,1,0\n1,10,0,0,0,-1000\n2,20,0,0,1,0\n"
-    f = workshop.run(
-        workshop.job(
-            BARE + "[load]\nself_weight = false\nsteps = 4\ntolerance = 1e-9\n",
-            nodes,
-            "start,end\n0,1\n1,2\n",
-        )
-    )
-    balance = lambda d: 2 * EA * (np.hypot(10, d) / 10 - 1) * d / np.hypot(10, d) - 1000
-    reached(
-        "straight cable loaded across, at rest: error of the sag",
-        "1e-8",
-        abs(-f["statics/displacement"][-1, 1, 2] / brentq(balance, 1e-6, 5, xtol=1e-14) - 1),
-        1e-8,
-    )
-
-
-def test_a_mechanism_swings(workshop):
-    """A hanging chain without prestress, let go sideways: a mechanism, whose energy stays."""
-    nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
-        f"{k},{2.0 * k},0,0,{int(k == 0)},50,-490.5\n" for k in range(4)
-    )
-    f = workshop.run(
-        workshop.job(
-            BARE + "[dynamics]\nduration = 3.0\n" + QUICK.format(0.01, 5), nodes, "start,end\n0,1\n1,2\n2,3\n"
-        )
-    )
-    _, balance = audits(f)
-    reached("a mechanism, a chain let go sideways: physical balance", "1e-3", balance, 1e-3)
 
 
 def test_a_chain_of_100000_elements(workshop):

@@ -100,25 +100,6 @@ def test_nodes_that_nothing_holds_along_an_axis_are_refused(workshop):
     assert "do not hold 3 nodes (1, 2, 3) along x, which" in workshop.run(job, code=2).stderr
 
 
-def test_unstressed_lengths_in_closed_form(workshop):
-    """L0 = L / (1 + N / EA), and L exp(-N / EA) for the logarithmic strain."""
-    for strain, law in (
-        ("engineering", lambda L, e: L / (1 + e)),
-        ("logarithmic", lambda L, e: L * np.exp(-e)),
-    ):
-        f = workshop.run(
-            workshop.job(
-                f'[net]\ngenerator = "saddle"\ncells = 4\n{STEEL}strain = "{strain}"\n'
-                f"[form_finding]\nmodulus_factor = 0\n"
-            )
-        )
-        x, elements = f["form_finding/position"][:], f["net/elements"][:]
-        L = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)
-        assert np.allclose(
-            f["form_finding/unstressed_length"][:], law(L, 100e3 / (1.95e11 * 683.08e-6)), rtol=1e-14
-        )
-
-
 def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
     """A node between two supports, pulled by 50 kN to one and by 20 kN to the other wherever it is, ends at
     the first. With force densities, 50 kN over 4.12 m and 20 kN over 6.08 m, it has a place between them.

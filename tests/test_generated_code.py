@@ -8,8 +8,7 @@ import sys
 import llvmlite.binding as llvm
 import pytest
 from numba import cfunc, types
-from processors import JOBS, digest, kept
-from same_bits import ROOT
+from processors import JOBS, ROOT, digest, kept
 
 from netfall.core.kernels import OPTIONS
 from netfall.step.loop import step_chunks

@@ -105,23 +105,6 @@ def test_forces_of_the_dome_by_hand():
     assert np.abs(pull[:, 2]).max() < 1e-9 * S  # ridge down, diagonal up, alike
 
 
-def test_the_prestress_of_the_dome_is_one_of_its_null_space():
-    """In the null space of the equilibrium matrix (SVD), and of all symmetric states the only one."""
-    net = dome(60.0, 12.0, 5.0, 6.0, 8, 1, 1e5)
-    direction = np.diff(net.x[net.elements], axis=1)[:, 0] / net.lengths()[:, None]
-    A, rows = np.zeros((net.n, 3, net.m)), np.arange(net.m)
-    A[net.elements[:, 0], :, rows] += direction
-    A[net.elements[:, 1], :, rows] -= direction
-    values, vectors = np.linalg.svd(A[~net.fixed.all(1)].reshape(-1, net.m))[1:]
-    null = vectors[(values > 1e-9 * values[0]).sum() :]
-    share = null.T @ (null @ net.prestress)
-    assert share == pytest.approx(net.prestress, abs=1e-9 * np.abs(net.prestress).max())
-    kind = np.unique(np.round(net.prestress, 3), return_inverse=True)[1]  # elements alike by symmetry
-    alike = (kind[:, None] == np.arange(kind.max() + 1)).astype(float)
-    symmetric = np.linalg.svd(A[~net.fixed.all(1)].reshape(-1, net.m) @ alike, compute_uv=False)
-    assert (symmetric < 1e-9 * symmetric[0]).sum() == 1
-
-
 def heights_of_equal_pull(net, H):
     """Heights (n,) [m] at which elements that all pull by H [N] in plan hold the free nodes: a linear solve.
 

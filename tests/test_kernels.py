@@ -7,9 +7,8 @@ import pytest
 
 from netfall.core.kernels import kernel
 from netfall.core.vectors import LANES
-from netfall.ground.columns import LINE, PAGE
 from netfall.mechanics.elements import add_tensions
-from netfall.mechanics.fields import FIELDS, Features
+from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.parallel.halo import buffers_alone
 from netfall.parallel.partition import metis_partition
@@ -172,22 +171,6 @@ def test_cables_that_are_alike_have_the_bits_of_the_general_kernel(scene):
     assert outcomes[0] == outcomes[1]
 
 
-def test_yield_is_found_whether_or_not_any_was_before():
-    """A chunk is first gone through as if nothing yielded, and again where something does: the same bits."""
-    outcomes = []
-    for yielded in (0, 1):
-        state = make_state(SCENES["10000"], 1600, lattice(40), LATTICE, 2)
-        state.eps_p[:] = 0.0
-        plan = Plan(state, NoHalo())
-        chunks = chunks_of(plan)
-        assert not chunks.has_yielded.any()
-        chunks.has_yielded[:] = yielded
-        run_chunk(0, True, state.particles.x, chunks, state.slots, state.law, plan.scratch)
-        assert chunks.has_yielded[0] and (state.slot_eps_p > 0.0).any()
-        outcomes.append((plan.scratch.f[:, :CHUNK].tobytes(), state.slot_eps_p.tobytes()))
-    assert outcomes[0] == outcomes[1]
-
-
 @of_scenes(["01000", "11000", "01110"])
 def test_the_extreme_forces_of_each_element_are_kept(scene):
     """Those of the element law, to rounding."""
@@ -215,18 +198,6 @@ def test_particles_that_lack_elements_have_empty_slots(scene):
         assert (state.inv_L0[:, : state.n_owned] == 0.0).any()
 
 
-def test_a_net_numbered_at_random_is_stepped_in_layers():
-    """Neighbours then stand near each other in a rank's rows; a net in good order keeps it."""
-    elements = lattice(40)
-    shuffled = np.random.default_rng(5).permutation(1600)[elements]
-    for given, in_order in ((elements, True), (shuffled, False)):
-        (subdomain,) = cut_net(1600, given, np.zeros(1600, np.int32), 1)
-        assert np.array_equal(subdomain.particle_gid, np.arange(1600)) == in_order
-        rows = subdomain.ends.astype(np.int64)
-        assert np.abs(rows[:, 0] - rows[:, 1]).mean() < 60
-        assert np.array_equal(subdomain.particle_gid[rows], given)
-
-
 def test_a_cut_leaves_the_rows_of_a_lattice_whole():
     """METIS's halves of a lattice: almost no element along the rows is cut, and most vectors are in line."""
     side = 120
@@ -240,20 +211,3 @@ def test_a_cut_leaves_the_rows_of_a_lattice_whole():
         halo.boundary = int(subdomain.send_index.max()) + 1
         Plan(state, halo)
         assert share_in_line(state, halo.boundary) > 0.8
-
-
-@pytest.mark.parametrize("n", [512, 4096, 66049])
-def test_columns_of_a_step_begin_apart_within_a_page(n):
-    """Those of eight bytes a number at the begin of a line, of each table the first one."""
-    state = State(Features(plastic=True, fracture=True, wind=True, energy=True, air=True), n, 0, 2 * n)
-    grown = state.copy()
-    grown.reserve(n // 4)
-    for each in (state, state.copy(), grown):
-        arrays = [(f, getattr(each, f.name)) for f in FIELDS if f.entity != "element"]
-        tables = [a if f.entity == "slot" else a.reshape(len(a), -1).T for f, a in arrays if a is not None]
-        begin = np.array([column.ctypes.data for table in tables for column in table])
-        wide = np.array([table.itemsize == 8 for table in tables for column in table])
-        first = np.array([k == 0 for table in tables for k in range(len(table))])
-        assert (begin[wide | first] % LINE == 0).all()
-        assert len(begin) > 40
-        assert np.bincount(begin % PAGE // LINE).max() <= 3  # the cache has room for eight

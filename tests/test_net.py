@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from conftest import STEEL
 
-from netfall.job.read import read_job
-from netfall.net.build import build_net
 from netfall.net.generators import generate as generators
 from netfall.net.net import subdivide
 from netfall.net.parts import label_parts
-from netfall.roof.areas import normals, roof_of, tributary_areas
+from netfall.roof.areas import tributary_areas
 from netfall.roof.faces import find_faces
 from netfall.roof.shares import shares_of
 
@@ -70,15 +67,6 @@ def test_stadium_area_is_half_an_ellipse():
     assert abs(tributary_areas(net.x, net, find_faces(net))[1].sum() / (np.pi * 44 * 33 / 2) - 1) < 3e-3
 
 
-def test_normals_of_an_inclined_plane():
-    """A plane roof has its plane's normal everywhere, upward."""
-    net = generators.saddle(80.0, 0.0, 6)
-    net.x[:, 2] = 0.3 * net.x[:, 0] - 0.2 * net.x[:, 1]
-    net.corners[:, 2] = 0.3 * net.corners[:, 0] - 0.2 * net.corners[:, 1]
-    expected = np.array([-0.3, 0.2, 1.0]) / np.linalg.norm([-0.3, 0.2, 1.0])
-    assert np.allclose(normals(net, tributary_areas(net.x, net, find_faces(net)).vector), expected)
-
-
 def test_subdivision_keeps_lengths_masses_and_density_of_force():
     """k elements in place of one: k times the force density, a k-th of the length, the same tension."""
     net = generators.saddle(80.0, 4.0, 4)
@@ -87,35 +75,6 @@ def test_subdivision_keeps_lengths_masses_and_density_of_force():
     assert fine.m == 4 * net.m and fine.n == net.n + 3 * net.m
     assert np.isclose(fine.lengths().sum(), net.lengths().sum())
     assert np.allclose(fine.force_density * fine.lengths(), np.repeat(net.force_density * net.lengths(), 4))
-
-
-TABLE_SADDLE = STEEL + "[load]\nself_weight = false\ndead = 100.0\n"
-
-
-def tables_of(net, closed):
-    """nodes.csv and elements.csv of a net; `closed` adds elements between the supports along the outline."""
-    nodes = "id,x,y,z,fixed\n" + "".join(
-        f"{p + 10},{x!r},{y!r},{z!r},{int(f)}\n"
-        for p, ((x, y, z), f) in enumerate(zip(net.x.tolist(), net.fixed[:, 0]))
-    )
-    outline = [pair for pair in net.outline if (pair < net.n).all()] if closed else []
-    return nodes, "start,end\n" + "".join(f"{a + 10},{b + 10}\n" for a, b in [*net.elements, *outline])
-
-
-def test_areas_of_tables_need_a_closed_outline(workshop):
-    """An outline drawn with elements between supports closes the faces;
-    where it is open, the remark says so.
-    """
-    net = generators.saddle(80.0, 4.0, 4)
-    job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
-    closed = build_net(job)
-    roof = roof_of(job, closed)
-    area = tributary_areas(closed.x, closed, roof.faces)[1]
-    inner = ~net.fixed.all(1)
-    assert roof.notes == [] and np.allclose(area[inner][4], 400.0)
-    job = read_job(workshop.job(TABLE_SADDLE, *tables_of(generators.saddle(80.0, 4.0, 2), closed=False)))
-    with pytest.raises(Exception, match="no closed face"):
-        roof_of(job, build_net(job))
 
 
 @pytest.mark.parametrize("seed", range(20))

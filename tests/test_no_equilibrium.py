@@ -11,8 +11,7 @@ from mpi4py import MPI
 from netfall.equilibrium import find as finding
 from netfall.equilibrium import goals, mixed
 from netfall.equilibrium import limit as limits
-from netfall.equilibrium.find import MIXED
-from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, GivesWay, strained
+from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, strained
 from netfall.equilibrium.relaxation import net_of
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
@@ -142,24 +141,6 @@ def test_a_net_bears_what_it_bears_in_small_load_steps(workshop):
     assert 0.02 < many["load_factor"] < 0.98
     assert one["load_factor"] == pytest.approx(many["load_factor"], rel=0.01)
     assert one["reason"] == many["reason"] and set(one["elements"]) & set(many["elements"])
-
-
-def test_what_surely_breaks_near_to_rest_is_not_sought_to_the_end(workshop, monkeypatch):
-    """Nearly at rest elements are strained beyond what breaks them: of the whole load; else it is found."""
-    monkeypatch.setattr(finding, "FEWEST", 0)
-    monkeypatch.setattr(mixed, "TOO_FAR", np.inf)
-    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(SADDLE.format(steps=1))), Phases())
-    load = scene.model.loading.permanent + scene.model.loading.live
-    find = lambda watch: scene.finder.find(load, 1e-6, 1e7, 20_000, "load", watch=watch, goal=MIXED)
-    watch = lambda: strained(scene.comm, scene.distribution, scene.state, True)
-    assert watch().most < 1.0
-    with pytest.raises(GivesWay) as way:
-        find(watch)
-    assert (way.value.low, way.value.high) == (0.0, 1.0) and way.value.at_high == watch()
-    near = scene.state.x.copy()
-    assert find(None).error <= 1e-6
-    assert np.abs(near - scene.state.x).max() < 1e-2 * np.abs(near - scene.state.x_start).max()
-    assert watch().most == pytest.approx(way.value.at_high.most, rel=1e-2) and watch().most > 1.0
 
 
 def test_progress_tells_of_the_search_and_of_no_time_left(workshop, monkeypatch):
@@ -301,23 +282,6 @@ def test_work_control_finds_what_trials_of_the_load_find(workshop, monkeypatch, 
     assert max(work["displacement_error"], work["tension_error"]) < 1e-6
 
 
-@pytest.mark.parametrize("pressure, fars", [(9000.0, (5.0, np.inf)), (2000.0, (0.0, 5.0))])
-def test_a_load_too_far_beyond_is_not_followed_to_the_end(workshop, monkeypatch, pressure, fars):
-    """What is borne is the same without those steps, to the bit, also where a load was given up that is."""
-    text, steps, step = SADDLE.format(steps=1).replace("9000.0", str(pressure)), [], mixed.Mixed.step
-    monkeypatch.setattr(mixed.Mixed, "step", lambda own: steps.append(own.work is None) or step(own))
-    found, taken = [], []
-    for far in fars:
-        monkeypatch.setattr(mixed, "TOO_FAR", far)
-        steps.clear()
-        found.append(by_work(monkeypatch, workshop.job(text))[1])
-        taken.append(np.count_nonzero(steps))
-    (one, other), borne = found, pressure < 9000.0
-    assert (one["load_factor"] == 1.0) == borne and one["load_factor"] == other["load_factor"]
-    assert one["moved"][0] == pytest.approx(other["moved"][0], rel=1e-6 if borne else 0.0)
-    assert taken[0] > taken[1] > 0 if borne else 0 < taken[0] < 0.7 * taken[1]
-
-
 def test_a_load_that_is_borne_after_all_is_found_whole(workshop, monkeypatch):
     """What is not found at once, work control tells to be borne."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-2.9e6), HANGERS)
@@ -363,22 +327,6 @@ def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
         run_job(MPI.COMM_WORLD, job, result, quiet, restart=checkpoint)
     with workshop.open("whole.vtkhdf") as one, workshop.open() as again:
         assert_same_results(one, again)
-
-
-def test_no_step_turns_a_cable_far(workshop, monkeypatch):
-    """No end of it moves past the other by more than a share of its length, where a whole step would."""
-    monkeypatch.setattr(mixed, "TURNED", 0.2)
-    job = workshop.job(SADDLE.format(steps=1))
-    scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
-    state = scene.state
-    newton = scene.finder.newton(scene.model.loading.permanent + scene.model.loading.live)
-    steps, turned = mixed.Mixed(newton, state, NEVER), []
-    for _ in range(5):
-        before, L = state.x.copy(), state.elements_now().L
-        steps.step()
-        moved = (state.x - before)[state.ends]
-        turned.append((np.linalg.norm(moved[:, 1] - moved[:, 0], axis=1) / L).max())
-    assert max(turned) <= mixed.TURNED * (1.0 + 1e-12) and max(turned) > 0.99 * mixed.TURNED
 
 
 @pytest.mark.parametrize("looks, ranks", [(10, 2), (100, 3), (300, 1)])

@@ -10,14 +10,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import ENVIRONMENT, ROOT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
 
 from netfall.net.generators import generate as generators
 from netfall.parallel import alone
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
-from netfall.parallel.subdomain import cut_net
 
 COLLAPSE = """[net]
 generator = "stadium"
@@ -92,13 +90,6 @@ def test_a_number_of_ranks_on_a_node_that_is_none_is_refused(workshop):
     )
 
 
-def test_audits_through_the_collapse(collapse_on_one_rank):
-    """Over 100 fractures: the work identity to 1e-10 of the external work, the physical balance to 1e-3."""
-    _, f = collapse_on_one_rank
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
-    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
-
-
 @pytest.mark.parametrize("after", ["all", "none", "particle"])
 def test_other_choices_after_fracture_on_three_ranks(shared_workshop, after):
     """The whole wind ends at the same step on all ranks; or never does."""
@@ -127,66 +118,6 @@ def test_more_ranks_than_free_particles(workshop, ranks):
     one, many = workshop.run(job, output="a.vtkhdf"), workshop.run(job, ranks=ranks, output="b.vtkhdf")
     assert len(one["events/step"]) == 1
     assert_same_results(one, many)
-
-
-def test_three_stages_with_slack_and_logarithmic_strain(workshop):
-    """Statics with slack cables, then motion, in the other strain measure, on three ranks."""
-    text = (
-        '[net]\ngenerator = "saddle"\ncells = 7\nsubdivide = 2\n'
-        + STEEL.replace("683.08e-6", "3600e-6")
-        + """strain = "logarithmic"
-yield_stress = 1.75e9
-fracture_strain = 0.5
-[form_finding]
-start = "force_density"
-[load]
-self_weight = false
-pressure = [0.0, 0.0, -800.0]
-steps = 2
-tolerance = 1e-4
-[wind]
-onset = "sudden"
-speed = 20.0
-shape_coefficient = 0.8
-base_height = 10.0
-roughness = 0.03
-gusts = "points"
-[dynamics]
-duration = 0.2
-[output]
-frames = 3
-"""
-    )
-    job = workshop.job(text)
-    one = workshop.run(job, output="1.vtkhdf")
-    assert_same_results(one, workshop.run(job, ranks=3, output="3.vtkhdf"))
-
-
-def test_pieces_cover_the_net_once():
-    """Each particle is owned once, each element reported once;
-    what is sent to a rank is what it holds as halo.
-    """
-    net = generators.stadium(88.0, 66.0, 10.0, 2.2)
-    for ranks in (1, 2, 5, 16):
-        part = metis_partition(net.n, net.elements, ranks)
-        subdomains = cut_net(net.n, net.elements, part, ranks)
-        assert np.array_equal(
-            np.sort(np.concatenate([p.particle_gid[: p.n_owned] for p in subdomains])), np.arange(net.n)
-        )
-        assert np.array_equal(
-            np.sort(np.concatenate([p.element_gid[p.element_owned] for p in subdomains])), np.arange(net.m)
-        )
-        for rank, subdomain in enumerate(subdomains):
-            assert np.array_equal(subdomain.particle_gid[subdomain.ends], net.elements[subdomain.element_gid])
-            received, first = subdomain.particle_gid[subdomain.n_owned :], 0
-            for neighbour, count in zip(subdomain.neighbours, subdomain.receive_counts):
-                other = subdomains[neighbour]
-                k = other.neighbours.index(rank)
-                begin = sum(other.send_counts[:k])
-                sent = other.particle_gid[other.send_index[begin : begin + other.send_counts[k]]]
-                assert np.array_equal(sent, received[first : first + count])
-                first += count
-            assert first == len(received)
 
 
 SMALL = (

@@ -2,8 +2,6 @@
 Its figures: test_validation_statics.py.
 """
 
-import re
-
 import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
@@ -69,26 +67,6 @@ def test_history_of_the_load_steps(workshop):
     assert (np.diff(np.abs(s["displacement"][:]).max((1, 2))) > 0).all()
 
 
-def test_slack_cables_are_counted_and_carry_nothing(workshop):
-    """Too strong a load for the prestress:
-    the slack cables' tension is exactly zero, and Newton agrees on the rest.
-    """
-    job = workshop.job(LOADED.replace("1800e3", "600e3"))
-    f = workshop.run(job)
-    N = f["statics/tension"][-1]
-    assert f["statics/slack"][-1] == (N == 0).sum() > 0
-    load = f["net/tributary_area"][:][:, None] * np.array([0.0, 0.0, 2000.0])
-    x = f["form_finding/position"][:] + f["statics/displacement"][-1]
-    _, expected = newton(
-        x,
-        f["net/elements"][:],
-        elastic(f["form_finding/unstressed_length"][:]),
-        f["net/fixed"][:].astype(bool),
-        load,
-    )
-    assert np.abs(N - expected).max() < 1e-5 * N.max()
-
-
 def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
     """300 K lengthen each cable by 3.6e-3, its prestress stretches it by 7.5e-4: at first nothing resists.
 
@@ -114,49 +92,12 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
     assert np.abs(force[free]).max() <= 1e-5 * N.max()  # tolerance 1e-6 of tensions, four at a node
 
 
-def test_self_weight_of_a_hanging_cable(workshop):
-    """A cable hanging straight down: the support carries its whole weight, and each link what is below it."""
-    n = 10
-    nodes = "id,x,y,z,fixed\n" + "".join(f"{k},0,0,{-k},{int(k == 0)}\n" for k in range(n + 1))
-    elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
-    f = workshop.run(
-        workshop.job(
-            STEEL.replace("prestress = 100e3\n", "")
-            + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-7\n",
-            nodes,
-            elements,
-        )
-    )
-    weight = 7850.0 * 683.08e-6 * 9.81
-    assert np.allclose(
-        f["statics/tension"][-1], weight * (n - 0.5 - np.arange(n)), rtol=1e-6
-    )  # 1e-7 of the largest, in the lowest link 20 times as much
-
-
-def test_bars_carry_compression(workshop):
-    """A strut under a weight is compressed by it."""
-    job = workshop.job(
-        STEEL.replace("prestress = 100e3", 'kind = "bar"')
-        + "[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n",
-        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,3,1,1,0,-5000\n",
-        "start,end\n1,2\n",
-    )
-    assert np.allclose(workshop.run(job)["statics/tension"][-1], -5000.0)
-
-
 def test_dynamics_starts_from_the_static_equilibrium(workshop):
     """Without wind nothing moves after the load steps."""
     f = workshop.run(workshop.job(LOADED + "[dynamics]\nduration = 0.2\n"))
     d = f["final/position"][:] - f["form_finding/position"][:] - f["statics/displacement"][-1]
     assert np.abs(d).max() < 1e-6
     assert f["history/kinetic_energy"][-1] < 1e-3
-
-
-def test_static_load_that_breaks_the_net_is_reported(workshop):
-    """With `breaking` there is no static equilibrium: exit code 3 with element and load factor."""
-    strong = LOADED.replace("prestress", "yield_stress = 1.75e9\nfracture_strain = 0.0404\nprestress")
-    job = workshop.job(strong.replace("2000.0]", "9000.0]").replace("[load]", "[load]\nbreaking = true"))
-    assert re.search(r"under .* element \d+ breaks", workshop.run(job, code=3).stderr)
 
 
 def test_buckling_is_looked_for_where_the_net_has_moved_far(workshop):
