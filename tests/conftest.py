@@ -157,6 +157,12 @@ def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, code=0):
     return done
 
 
+def lines_with(words: str, *command, **how) -> list[str]:
+    """The lines of the output of a command that have these words."""
+    lines = run_on_standing_ranks(*command, **how).stdout.splitlines()
+    return [line for line in lines if words in line]
+
+
 def refused(*arguments, run=run_on_standing_ranks, **more) -> str:
     """The one line with which netfall refuses what is wrong."""
     (line,) = run(*arguments, **more, code=2).stderr.splitlines()
@@ -188,6 +194,10 @@ class Workshop:
         else:
             done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment, code=code)
         return self.open(output) if code == 0 else done
+
+    def solve(self, text: str, nodes: str = "", elements: str = "", *arguments, name="job", **how):
+        """Write a job and run it: as `job` and `run`."""
+        return self.run(self.job(text, nodes, elements, name), *arguments, **how)
 
     def open(self, output: str = "result.vtkhdf") -> h5py.File:
         """A result file."""

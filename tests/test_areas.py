@@ -4,7 +4,7 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 import shapely
-from conftest import run_on_standing_ranks
+from conftest import lines_with, run_on_standing_ranks
 from hypothesis import HealthCheck, assume, given, settings
 from scipy.spatial import Delaunay
 
@@ -138,10 +138,8 @@ def test_areas_are_those_of_the_form_found(workshop):
 @pytest.mark.parametrize("pressure", ["8.0", "[4.8, 0.0, -6.4]"])
 def test_pressure_acts_on_the_surface(workshop, pressure):
     """8 N/m2 against the normal (-0.6, 0, 0.8) of the plane, as a number or a vector: 10 N at each node."""
-    with workshop.run(
-        workshop.job(
-            FOUND + f"[load]\nself_weight = false\npressure = {pressure}\nsteps = 1\n", *tilted_tables()
-        )
+    with workshop.solve(
+        FOUND + f"[load]\nself_weight = false\npressure = {pressure}\nsteps = 1\n", *tilted_tables()
     ) as f:
         x = f["form_finding/position"][:] + f["statics/displacement"][-1]
         tension, ends = f["statics/tension"][-1], f["net/elements"][:]
@@ -161,7 +159,7 @@ def test_a_given_area_is_of_surface(workshop):
     """4 m2 on the plane of 3/4 are 3.2 m2 in plan."""
     nodes, elements = tilted_tables()
     nodes = "".join(f"{line},{'area' if k == 0 else 4}\n" for k, line in enumerate(nodes.splitlines()))
-    with workshop.run(workshop.job(FOUND, nodes, elements)) as f:
+    with workshop.solve(FOUND, nodes, elements) as f:
         assert np.allclose(f["net/tributary_area"][:], 4.0) and np.allclose(f["net/plan_area"][:], 3.2)
 
 
@@ -222,7 +220,7 @@ def test_vector_areas_of_the_table_are_taken_as_given(workshop):
 def test_the_result_holds_vector_areas(workshop):
     """They sum to the outline, also in Python; dead load keeps the surface."""
     text = SOFT + "[load]\nself_weight = false\ndead = 8.0\npressure = 10.0\nsteps = 1\n"
-    with workshop.run(workshop.job(text, *dome_tables(0.1))) as f:
+    with workshop.solve(text, *dome_tables(0.1)) as f:
         vector, surface = f["net/vector_area"][:], f["net/tributary_area"][:]
     assert vector.shape == (25, 3) and vector.sum(0) == pytest.approx([0, 0, 16.0], abs=1e-13)
     assert surface.sum() > 16.01
@@ -307,9 +305,8 @@ def test_areas_and_normals_of_the_table_stand_in_for_faces(workshop):
     """Crossing elements, but all areas and normals given: normals are made unit; one without is refused."""
     nodes, elements = grid_tables("short", [(11, 22), (12, 21)])
     rows = nodes.splitlines()
-    given = (
-        rows[0] + ",area,normal_x,normal_y,normal_z\n" + "".join(f"{row},2,0.3,0,0.4\n" for row in rows[1:])
-    )
+    given = rows[0] + ",area,normal_x,normal_y,normal_z\n"
+    given += "".join(f"{row},2,0.3,0,0.4\n" for row in rows[1:])
     text = SOFT + "[load]\nself_weight = false\npressure = 5.0\n"
     net, roof, area = roof_from(workshop, text, given, elements)
     assert np.allclose(area, 1.6)  # in plan: 2 m2 of surface on a slope of 3/4
@@ -343,7 +340,7 @@ def test_nodes_without_area_are_named(workshop):
 )
 def test_a_positive_pressure_presses_on_the_roof(workshop, load, sign):
     """A number acts against the upward normal, a vector as it stands, dead load downward: 11.25 mm each."""
-    with workshop.run(workshop.job(SOFT + load, *grid_tables())) as f:
+    with workshop.solve(SOFT + load, *grid_tables()) as f:
         middle = f["statics/displacement"][-1][12, 2]
     assert abs(sign * middle / 11.25e-3 - 1) < 2e-3
 
@@ -354,7 +351,7 @@ def test_suction_lifts_and_a_positive_coefficient_presses(workshop, coefficient)
     wind = f"[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
     wind += "base_height = 10.0\n"
     wind += "[dynamics]\nduration = 0.02\n"
-    with workshop.run(workshop.job(SOFT + wind, *grid_tables())) as f:
+    with workshop.solve(SOFT + wind, *grid_tables()) as f:
         middle = f["VTKHDF/PointData/displacement"][:].reshape(-1, 25, 3)[-1, 12, 2]
     assert middle * coefficient < 0 and abs(middle) > 1e-6
 
@@ -548,9 +545,7 @@ def test_an_opening_is_left_out(workshop):
 
 def test_an_opening_in_no_face_is_refused(workshop):
     """Beside the roof, or on an element: a line for each point."""
-    done = workshop.run(
-        workshop.job(LOADED, RINGS, TWO_RINGS), "--set", "roof.openings=[[3, 3], [7, 3], [3, 2]]", code=2
-    )
+    done = workshop.solve(LOADED, RINGS, TWO_RINGS, "--set", "roof.openings=[[3, 3], [7, 3], [3, 2]]", code=2)
     assert [line.split("openings: ")[1][:24] for line in done.stderr.splitlines()] == [
         "[7, 3] lies in no face o",
         "[3, 2] lies in no face o",
@@ -668,9 +663,7 @@ def test_check_tells_how_to_leave_a_large_face_out(workshop):
         if other in number
     )
     job = workshop.job(LOADED, nodes, elements)
-    (line,) = [
-        said for said in run_on_standing_ranks("check", job).stdout.splitlines() if "largest face" in said
-    ]
+    (line,) = lines_with("largest face", "check", job)
     assert "9 m2 in plan around [2.5, 2.5], the usual one has 1 m2" in line
     key = line.split("leave it out with [roof] ")[1].replace(" = ", "=")
     told = run_on_standing_ranks("check", job, "--set", f"roof.{key}").stdout
@@ -684,7 +677,5 @@ def test_a_node_within_an_element_at_another_height_says_how_far(workshop):
     assert "within element" not in run_on_standing_ranks("check", job).stdout
     nodes = RINGS + "9,1,1,-3,1\n"
     job = workshop.job(LOADED, nodes, TWO_RINGS + "1,5\n2,6\n3,7\n4,8\n5,9\n")
-    (note,) = [
-        said for said in run_on_standing_ranks("check", job).stdout.splitlines() if "lies within" in said
-    ]
+    (note,) = lines_with("lies within", "check", job)
     assert "node 9 lies within element 8 in plan" in note and "3 m below it" in note

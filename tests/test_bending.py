@@ -307,13 +307,8 @@ def test_the_search_for_buckling_knows_of_bending(workshop):
         assert not f["statics/stable"][-1] and f["statics"].attrs["state"] == "unstable"
 
 
-RING = (
-    STEEL
-    + "[cable.ring]\n"
-    + BAR.format(2.1e11, 1e-2, 1e-5)
-    + "[cable.other]\n"
-    + BAR.format(2e11, 1e-2, 1e-5)
-)
+RING = STEEL + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5) + "[cable.other]\n"
+RING += BAR.format(2e11, 1e-2, 1e-5)
 
 
 def chains(workshop, elements, parts=1):
@@ -530,20 +525,14 @@ def test_bars_that_bend_are_there_in_each_stage(workshop):
 def test_what_bending_is_not_computed_in_is_refused(workshop):
     """Targets, bars that can break, are lost, or lack a second moment: exit code 2."""
     more = '[[target]]\ngroup = "ring"\nforce = 1e3\nby = "ring"\n[dynamics]\nduration = 1.0\n'
-    nodes, elements = (
-        "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n",
-        "start,end,group\n1,2,ring\n2,3,ring\n",
-    )
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
+    elements = "start,end,group\n1,2,ring\n2,3,ring\n"
     ring = STEEL.replace("100e3", "0.0") + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
-    lines = workshop.run(
-        workshop.job(ring + "fracture_strain = 0.1\n" + more, nodes, elements), code=2
-    ).stderr
-    assert (
-        "[[target]]: lengths are not changed where bars bend" in lines
-        and "bending = true, and it can break" in lines
-    )
+    lines = workshop.solve(ring + "fracture_strain = 0.1\n" + more, nodes, elements, code=2).stderr
+    assert "[[target]]: lengths are not changed where bars bend" in lines
+    assert "bending = true, and it can break" in lines
     lost = '[[remove]]\ngroup = "ring"\ntime = 0.1\n[dynamics]\nduration = 1.0\n'
-    lines = workshop.run(workshop.job(ring + lost, nodes, elements), code=2).stderr
+    lines = workshop.solve(ring + lost, nodes, elements, code=2).stderr
     assert "bars of a chain that bends, whose loss is not computed" in lines
     bare = ring.replace("second_moment = 1e-05\n", "")
-    assert "needs the second moment" in workshop.run(workshop.job(bare, nodes, elements), code=2).stderr
+    assert "needs the second moment" in workshop.solve(bare, nodes, elements, code=2).stderr

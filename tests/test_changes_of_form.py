@@ -229,10 +229,8 @@ def test_a_fading_cable_between_two_weights(workshop):
 
 def test_what_has_yielded_at_rest_yields_no_more(workshop):
     """Dead load beyond yield, found at rest, then most of it lifted: the sag that plastic strain leaves."""
-    text = (
-        CABLE
-        + "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
-    )
+    text = CABLE
+    text += "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
     text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory = 0.01\n"
     job = workshop.job(text, nodes(), ELEMENTS)
     run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))

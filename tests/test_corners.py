@@ -217,7 +217,7 @@ def test_the_corner_of_a_frame_that_swings_has_the_moment_of_statics(workshop):
     bar = BAR.format(1e7, 1.0, 1e-2).replace("7850.0", "5.0")
     more = f"[load]\nself_weight = false\n[dynamics]\nduration = {end}\ndamping = 0.0\n"
     more += f"[output]\nhistory = {end / 500}\nmodes = 2\n"
-    with workshop.run(workshop.job("[cable]\n" + bar + more, nodes, elements)) as f:
+    with workshop.solve("[cable]\n" + bar + more, nodes, elements) as f:
         periods = np.sort(f["modes/period"][:])
         assert periods == pytest.approx(2.0 * np.pi / omega, rel=0.01)  # the mass of the bars
         most = f["envelope/bending_moment_max"][n]

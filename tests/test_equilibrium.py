@@ -129,7 +129,7 @@ def test_any_net_is_as_near_to_its_equilibrium_as_is_told(workshop, cells, case)
     """The default tolerance, 1e-6, holds at any refinement; and the error is about what is told."""
     pressure, cable, yield_force = CASES[case]
     pressure = [each * cells / 8 for each in pressure]  # so that each cable carries the same
-    f = workshop.run(workshop.job(SADDLE.format(cells=cells, cable=cable, pressure=pressure)))
+    f = workshop.solve(SADDLE.format(cells=cells, cable=cable, pressure=pressure))
     moved, tension, slack = errors(f, pressure, yield_force)
     told = f["statics/displacement_error"][-1], f["statics/tension_error"][-1]
     assert max(told) <= 1e-6
@@ -168,7 +168,7 @@ def test_a_strut_that_nothing_holds_sideways_is_told(workshop, share, stable):
     """
     nodes = "id,x,y,z,fixed,load_z\n" + f"1,0,0,0,1,0\n2,0,-5,3,1,0\n3,0,5,3,1,0\n4,0,0,3,0,{-12e3 * share}\n"
     elements = "start,end,group\n1,4,strut\n2,4,tie\n4,3,tie\n"
-    done = workshop.run(workshop.job(STRUT, nodes, elements), code=None)
+    done = workshop.solve(STRUT, nodes, elements, code=None)
     assert done.returncode == 0, done.stderr
     f = workshop.open()
     assert bool(f["statics/stable"][-1]) == stable

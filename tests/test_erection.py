@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, StopAfter, assert_same_results, run_on_standing_ranks
+from conftest import ROOT, StopAfter, assert_same_results, lines_with, run_on_standing_ranks
 from mpi4py import MPI
 from PIL import Image
 from scipy.optimize import fsolve
@@ -38,9 +38,8 @@ from netfall.results.states import envelope_of, start_position
 from netfall.view.states import drawn_part, states_shown
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
-FOUND = (
-    1e-6  # of forces and displacements, of an equilibrium ([load] tolerance); Newton's last step is far below
-)
+# of forces and displacements, of an equilibrium ([load] tolerance); Newton's last step is far below
+FOUND = 1e-6
 CABLES = "[cable]\nmodulus = 1e9\narea = 1e-3\ndensity = 1000.0\n"
 NODES = f"id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,{SPAN},0,0,1,0\n3,4,0,-3,0,-{WEIGHT}\n"
 TWO = "id,start,end,group,unstressed_length\n1,1,3,left,5\n2,2,3,right,5\n"
@@ -84,7 +83,7 @@ PULL = [
 
 def test_two_cables_that_hang_are_pulled_and_become_taut(workshop):
     """By hand, each stage from the last; backwards it comes to where it was."""
-    with workshop.run(workshop.job(CABLES + "".join(PULL), NODES, TWO)) as f:
+    with workshop.solve(CABLES + "".join(PULL), NODES, TWO) as f:
         of = lambda name: (
             f[f"stages/{name}/displacement"][2, [0, 2]] + [4, -3],
             f[f"stages/{name}/tension"][:],
@@ -109,7 +108,7 @@ def test_a_cable_that_is_slack_is_pulled_until_it_carries(workshop):
     """From a length at which it hangs in an arc to a force; a stay that was not there begins to act."""
     stages = stage("slack", active='["left", "right"]', lengths="{right = {length = 9.6}}")
     stages += stage("pulled", lengths="{right = {force = 300.0}}")
-    with workshop.run(workshop.job(CABLES + stages, NODES, TWO)) as f:
+    with workshop.solve(CABLES + stages, NODES, TWO) as f:
         assert f["stages/slack/tension"][:] == pytest.approx([WEIGHT, 0.0], rel=FOUND)  # upright on one cable
         assert f["stages/pulled/tension"][1] == pytest.approx(300.0, rel=FOUND)
         assert f["stages/pulled/tension"][0] == pytest.approx(
@@ -121,7 +120,7 @@ def test_a_cable_that_is_pulled_weighs_as_much_as_is_left_of_it(workshop):
     """Half of both unstressed lengths, 1 kg/m, at the node: in balance there, and on the supports."""
     text = CABLES + "[load]\nself_weight = true\n" + stage("slack", lengths="{right = {length = 9.6}}")
     text += stage("pulled", lengths="{right = {force = 300.0}}")
-    with workshop.run(workshop.job(text, NODES, TWO)) as f:
+    with workshop.solve(text, NODES, TWO) as f:
         g, x = f["stages/pulled"], f["net/particles"][:]
         N, L0 = g["tension"][:], g["unstressed_length"][:]
         assert N[1] == pytest.approx(300.0, rel=FOUND) and L0[1] < 9.0
@@ -150,14 +149,9 @@ def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
 
 def test_statics_go_on_from_the_last_stage(workshop):
     """Geometry, lengths and supports are its own, and displacements count from it."""
-    text = (
-        CABLES
-        + "[load]\nself_weight = false\nsteps = 1\n"
-        + PULL[0]
-        + stage("held", hold="[3]")
-        + stage("free", release="[3]")
-    )
-    with workshop.run(workshop.job(text, NODES, TWO)) as f:
+    text = CABLES + "[load]\nself_weight = false\nsteps = 1\n" + PULL[0] + stage("held", hold="[3]")
+    text += stage("free", release="[3]")
+    with workshop.solve(text, NODES, TWO) as f:
         assert np.abs(f["statics/displacement"][-1]).max() < FOUND * 5  # under the weight, as in the stages
         assert f["statics/tension"][-1] == pytest.approx(f["stages/free/tension"][:], rel=FOUND)
         assert f["net/unstressed_length"][:].tolist() == [6.0, 5.0]
@@ -172,7 +166,7 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
     text = stage("stayed") + stage("free", active='["left", "right"]')
     cases = '[[case]]\nname = "all"\nsettlement = {2 = [0.01, 0.0, 0.0]}\n'
     path = workshop.folder / "result.vtkhdf"
-    with workshop.run(workshop.job(CABLES + text + cases, NODES, elements)) as f:
+    with workshop.solve(CABLES + text + cases, NODES, elements) as f:
         assert f["stages/free/active"][:].tolist() == [1, 1, 0]
         assert slack_cables(f, cases_of(f)) == [0] and not envelope_of(f, np.ones(3)).slack[1:].any()
     told = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
@@ -210,7 +204,7 @@ def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
     text += stage("struck", active=["rope"]) + "[dynamics]\nduration = 0.1\n"
     text += "[[remove]]\nelements = [7, 8]\ntime = 0.05\n[[remove]]\nelements = [9]\ntime = 0.06\n"
     job = workshop.job(text, nodes, "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
-    told = [line for line in run_on_standing_ranks("check", job).stdout.splitlines() if "[[remove]]" in line]
+    told = lines_with("[[remove]]", "check", job)
     assert told == [
         "note: [[remove]] 1: element 8 that a stage of erection took out: nothing is lost",
     ]
@@ -223,12 +217,10 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
     nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,0\n2,0,0,-3,0,0,0\n3,0,0,-6,1,0,0\n"
     elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,3\n"
     text = CABLES + "fracture_strain = 0.01\n" + stage("struck", active=["rope"])
-    prop, move = (
-        '[cable.prop]\nkind = "bar"\n',
-        '[[motion]]\ndisplacement = "up.csv"\n[dynamics]\nduration = 0.1\n',
-    )
+    prop = '[cable.prop]\nkind = "bar"\n'
+    move = '[[motion]]\ndisplacement = "up.csv"\n[dynamics]\nduration = 0.1\n'
     (workshop.folder / "up.csv").write_text("time,z\n0,0\n0.001,0.08\n")
-    with workshop.run(workshop.job(text + prop + move, nodes, elements)) as f:
+    with workshop.solve(text + prop + move, nodes, elements) as f:
         one = f["events/new_particle"][:], f["final/position"][:2]
     job = workshop.job(text + move, nodes.partition("3,0,0,-6")[0], elements.partition("2,3,prop")[0])
     with workshop.run(job, output="other.vtkhdf") as f:
@@ -286,7 +278,7 @@ def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop
     elements = TWO.rstrip() + "\n3,1,3,stay,4.9\n4,2,3,tie,4.9\n"
     text = stage("first", active=["left", "right", "stay"]) + stage("second", active=["left", "right", "tie"])
     text += stage("moved", move="{2 = [-3.0, 0.0, 0.0]}")
-    with workshop.run(workshop.job(CABLES + text, NODES, elements)) as f:
+    with workshop.solve(CABLES + text, NODES, elements) as f:
         envelope, rows = envelope_of(f, np.ones(4)), cutting_columns(f, Cutting())
         N = [f[f"stages/{name}/tension"][:] for name in ("first", "second", "moved")]
         assert envelope.least[2] == envelope.most[2] == N[0][2] > 100.0
@@ -321,7 +313,7 @@ def test_a_form_has_its_own_supports_loads_and_elements(workshop):
     elements = TWO.replace(",unstressed_length", ",prestress").replace(",5\n", ",1e3\n") + "3,3,4,tie,1e3\n"
     text = CABLES + '[form_finding]\nloads = "permanent"\n[load]\nself_weight = true\n'
     text += stage("free", hold="[3]", release="[4]", active=["left", "right"])
-    with workshop.run(workshop.job(text, nodes, elements)) as f:
+    with workshop.solve(text, nodes, elements) as f:
         of, form = reaction_columns(f), f["form_finding"]
         rows, weight = of["stage"] == "form", GRAVITY * form["unstressed_length"][:]  # 1 kg/m
         assert of["node"][rows].tolist() == [1, 2, 4]
@@ -341,7 +333,7 @@ def test_what_is_there_for_a_while_is_shown_so(workshop):
     nodes = nodes.replace(f"0,-{WEIGHT}", f"0,-{WEIGHT},100")
     text = stage("stayed", hold="[3]") + stage("free", release="[3]", active='["left", "right"]')
     text += "[dynamics]\nduration = 0.1\n"
-    with workshop.run(workshop.job(CABLES + text, nodes, elements.rstrip() + "\n3,1,3,stay,5\n")) as f:
+    with workshop.solve(CABLES + text, nodes, elements.rstrip() + "\n3,1,3,stay,5\n") as f:
         of = reaction_columns(f)
         rows = [k for k, name in enumerate(of["stage"]) if name == "stage stayed"]
         assert of["node"][rows].tolist() == [1, 2, 3]
@@ -380,7 +372,7 @@ def test_the_shipped_wheel_is_lifted_to_the_form_found_directly(wheel, workshop)
     """Ring forces grow from stage to stage; its last one has the forces of the wheel under its weight."""
     told, f = wheel
     direct = WHEEL[: WHEEL.index("[[stage]]")] + '[[case]]\nname = "weight"\nset = {"load.snow" = 0.0}\n'
-    with workshop.run(workshop.job(direct)) as found:
+    with workshop.solve(direct) as found:
         expected, sunk = found["cases/weight/tension"][:], found["cases/weight/displacement"][:]
     names = f["net/group_names"].asstr()[:].tolist()
     stages = [f[f"stages/lift {k}"] for k in range(1, 9)]
@@ -428,10 +420,8 @@ def drawn_in():
         stage("pulled", clamps='"open"', lengths=f"{{c = {{force = {PULLED}}}}}"),
         stage("shut", clamps='"closed"'),
     ]
-    text = (
-        "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 1.0\n"
-        + '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\nresistance = 3e5\n'
-    )
+    text = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 1.0\n"
+    text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\nresistance = 3e5\n'
     return text + "".join(stages), nodes, elements
 
 
@@ -567,7 +557,7 @@ def test_a_node_gets_its_height(workshop):
     elements = TWO.replace("unstressed_length", "prestress").replace(",5\n", ",0\n")
     nodes = NODES.replace(f"4,0,-3,0,-{WEIGHT}", "4,0,-3,0,0")
     loads = '[form_finding]\nmethod = "keep"\nloads = "permanent"\n[load]\nself_weight = true\n'
-    with workshop.run(workshop.job(text + loads, nodes, elements)) as f:
+    with workshop.solve(text + loads, nodes, elements) as f:
         assert f["form_finding/position"][2, 2] == pytest.approx(-2.5, abs=FOUND * SPAN)
 
 
@@ -585,14 +575,14 @@ def four(column, values):
 def test_a_roof_that_was_erected_with_errors(workshop):
     """As the recipe says: from measured lengths its forces, and from these forces the errors again."""
     text = CABLES.replace("1e9", "80e9") + "[load]\nself_weight = true\nsteps = 1\n"
-    with workshop.run(workshop.job(text, CROSS, four("prestress", [1e5] * 4)), output="plan.vtkhdf") as f:
+    with workshop.solve(text, CROSS, four("prestress", [1e5] * 4), output="plan.vtkhdf") as f:
         planned = f["net/unstressed_length"][:]
     job = workshop.job(text, CROSS, four("unstressed_length", planned + ERRORS))
     with workshop.run(job, output="lengths.vtkhdf") as f:
         N, moved = f["statics/tension"][0], f["statics/displacement"][0]
     pulls = ", ".join(f"c{k + 1} = {{force = {force:.12g}}}" for k, force in enumerate(N))
     text += stage("planned") + stage("measured", lengths=f"{{{pulls}}}")
-    with workshop.run(workshop.job(text, CROSS, four("prestress", [1e5] * 4)), output="forces.vtkhdf") as f:
+    with workshop.solve(text, CROSS, four("prestress", [1e5] * 4), output="forces.vtkhdf") as f:
         before, after = (f[f"stages/{name}/unstressed_length"][:] for name in ("planned", "measured"))
         assert after - before == pytest.approx(ERRORS, abs=RECOVERED)
         assert f["stages/measured/displacement"][:] == pytest.approx(moved, abs=RECOVERED)
@@ -606,11 +596,9 @@ STAYED = (  # a V of two cables, a stay below it, no load
 
 def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
     """In balance where the file says that it is; displacements count from there."""
-    text = (
-        CABLES
-        + '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nself_weight = false\nsteps = 1\n'
-    )
-    with workshop.run(workshop.job(text, *STAYED)) as f:
+    text = CABLES
+    text += '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nself_weight = false\nsteps = 1\n'
+    with workshop.solve(text, *STAYED) as f:
         x, N = start_position(f), f["form_finding/tension"][:]
         assert N[2] == pytest.approx(2e4, rel=FOUND)
         assert np.abs(pull_at(x, f["net/elements"][:], N)[2]).max() < FOUND * 2e4
@@ -674,10 +662,8 @@ def test_what_is_wrong_is_named(workshop, text, code, words):
 
 def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     """With their scatter and the reason; exit code 3; nothing comes after it."""
-    text = (
-        CABLES
-        + 'yield_stress = 2.2e7\nlength_deviation = 0.2\nlength_seed = 7\n[form_finding]\nmethod = "keep"\n'
-    )
+    text = CABLES
+    text += 'yield_stress = 2.2e7\nlength_deviation = 0.2\nlength_seed = 7\n[form_finding]\nmethod = "keep"\n'
     path = workshop.folder / "result.vtkhdf"
     job = workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n" + stage("never"), *line_of_three())
     done = run_on_standing_ranks("run", job, "-o", path, ranks=2, code=3)

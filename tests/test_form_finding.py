@@ -22,11 +22,9 @@ from netfall.program.setup import prepare
 @pytest.mark.parametrize("start", ["given", "force_density"])
 def test_start_does_not_matter_at_constant_tension(workshop, start):
     """The same form from the flat start and from the force-density one."""
-    f = workshop.run(
-        workshop.job(
-            f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\n'
-            f'modulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
-        )
+    f = workshop.solve(
+        f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\n'
+        f'modulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
     )
     x = f["form_finding/position"][:]
     row = np.flatnonzero((np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30))
@@ -89,7 +87,7 @@ def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
     """0.1 + 0.2 - 0.3 is 5.6e-17: the node would stand anywhere; none of its axes is held."""
     elements = "start,end,force_density\n1,5,0.1\n2,5,0.2\n3,5,-0.3\n4,1,1\n"
     bars = '[cable]\nkind = "bar"\nmodulus = 1.6e11\narea = 1e-3\ndensity = 7850.0\n'
-    done = workshop.run(workshop.job(bars + LINEAR, PYRAMID.format(top=5.0), elements), code=2)
+    done = workshop.solve(bars + LINEAR, PYRAMID.format(top=5.0), elements, code=2)
     assert "do not hold node 5 along x and y and z, which could stand anywhere" in done.stderr
 
 
@@ -169,8 +167,8 @@ def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
     """At constant tension nothing keeps the new nodes apart: they are spaced evenly on straight lines."""
     job = '[net]\ngenerator = "saddle"\nside = 20.0\nrise = 2.0\ncells = 4\nsubdivide = {}\n' + STEEL
     form = "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
-    whole = both_ways.run(both_ways.job(job.format(1) + form, name="whole"))
-    parts = both_ways.run(both_ways.job(job.format(40) + form, name="parts"), output="parts.vtkhdf")
+    whole = both_ways.solve(job.format(1) + form, name="whole")
+    parts = both_ways.solve(job.format(40) + form, name="parts", output="parts.vtkhdf")
     x, elements = parts["form_finding/position"][:], parts["net/elements"][:]
     given = whole["form_finding/position"][:]
     assert np.array_equal(x[: len(given)], given)

@@ -146,7 +146,7 @@ def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stag
 def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
     """What is whole stays, of what is not there is nothing: neither a part of a picture nor of a table."""
     result = workshop.folder / "result.vtkhdf"
-    workshop.run(workshop.job(LOADED.replace("METHOD", 'method = "force_density"') + STEEL)).close()
+    workshop.solve(LOADED.replace("METHOD", 'method = "force_density"') + STEEL).close()
     for command in ("plot", "report", "check"):
         for kilobytes in (0, 20) if command == "plot" else (20,):
             disk.leave(kilobytes)
@@ -175,7 +175,7 @@ def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):
     it was, and with room again the same command runs.
     """
     result = workshop.folder / "result.vtkhdf"
-    workshop.run(workshop.job(LOADED.replace("METHOD", 'method = "force_density"') + STEEL)).close()
+    workshop.solve(LOADED.replace("METHOD", 'method = "force_density"') + STEEL).close()
     drawn = workshop.folder / "net.vtu"
     run_on_standing_ranks("export", result, "-o", drawn)
     commands = [

@@ -201,9 +201,8 @@ def test_a_straight_curve_is_one_segment_and_a_shallow_one_keeps_its_depth(tmp_p
     arc = dict(radius=radius, start_angle=90 - half, end_angle=90 + half, dxfattribs={"layer": "arc"})
     sketch.space.add_arc((50, 60 - radius), **arc)
     reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
-    assert lengths(reading, "cubic") == pytest.approx([9 * 3**0.5]) and lengths(
-        reading, "fit"
-    ) == pytest.approx([9])
+    assert lengths(reading, "cubic") == pytest.approx([9 * 3**0.5])
+    assert lengths(reading, "fit") == pytest.approx([9])
     assert lengths(reading, "bulge")[:2].tolist() == [10.0, 10.0]
     assert np.pi * (1 - 0.01) < lengths(reading, "bulge")[2:].sum() < np.pi  # half a circle of 1 m
     assert len(lengths(reading, "arc")) == 4 and has_nodes(reading, (50, 60, 0))
@@ -274,9 +273,8 @@ def test_the_frame_of_a_fitted_polyline_is_no_cable(tmp_path):
         mesh.append_vertex((20 * i, 40 + 5 * j, 1), dxfattribs={"flags": 8 | 64})
     reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
     sides = [10**0.5, 2**0.5, 2**0.5, 10**0.5]
-    assert lengths(reading, "at 0") == pytest.approx(sides) and lengths(reading, "at 20") == pytest.approx(
-        sides
-    )
+    assert lengths(reading, "at 0") == pytest.approx(sides)
+    assert lengths(reading, "at 20") == pytest.approx(sides)
     assert sorted(lengths(reading, "mesh")) == [5.0] * 6 + [20.0] * 4
     frames = "left out: 15 vertex of the frame of a fitted polyline, which is not drawn"
     assert frames in reading.lines
@@ -539,9 +537,8 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
     assert "crossing: 20 elements cross without a joint; --split makes joints" in report(path)
     reading = read_net(path, Options(split=True))
     assert len(reading.net.ends) == 4 * 6 + 5 * 5 and len(reading.net.x) == 20 + 18
-    assert reading.fixed.sum() == 18 and "split: joints at 0 touches and 20 crossings" in "\n".join(
-        reading.lines
-    )
+    assert reading.fixed.sum() == 18
+    assert "split: joints at 0 touches and 20 crossings" in "\n".join(reading.lines)
 
 
 def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
@@ -836,18 +833,12 @@ def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
     array = lambda kind, name, text: (
         f'<DataArray type="{kind}" Name="{name}" format="ascii">{text}</DataArray>'
     )
-    text = (
-        '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="8" NumberOfCells="3">'
-        '<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">'
-        f"{points}</DataArray></Points>"
-        "<Cells>"
-        + array("Int64", "connectivity", " ".join(str(k) for cell in cells for k in cell))
-        + array("Int64", "offsets", "4 8 12")
-        + array("UInt8", "types", "9 9 9")
-        + "</Cells><CellData>"
-        + array("Int32", "group", "5 6 7")
-        + "{}</CellData></Piece></UnstructuredGrid></VTKFile>"
-    )
+    text = '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="8" NumberOfCells="3">'
+    text += '<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">'
+    text += f"{points}</DataArray></Points>" + "<Cells>"
+    text += array("Int64", "connectivity", " ".join(str(k) for cell in cells for k in cell))
+    text += array("Int64", "offsets", "4 8 12") + array("UInt8", "types", "9 9 9") + "</Cells><CellData>"
+    text += array("Int32", "group", "5 6 7") + "{}</CellData></Piece></UnstructuredGrid></VTKFile>"
     path = tmp_path / "faces.vtu"
     path.write_text(text.format(""))
     of = lambda drawing: [drawing.layers[k] for k in drawing.layer.tolist()]

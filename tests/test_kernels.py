@@ -99,10 +99,8 @@ def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
 def lattice(side: int) -> np.ndarray:
     """Elements (m, 2) of a square lattice, in ascending order."""
     number = np.arange(side * side).reshape(side, side)
-    along, across = (
-        np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
-        np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
-    )
+    along = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()])
+    across = np.column_stack([number[:-1].ravel(), number[1:].ravel()])
     elements = np.concatenate([along, across])
     return elements[np.lexsort((elements[:, 1], elements[:, 0]))]
 

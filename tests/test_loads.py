@@ -154,12 +154,11 @@ def test_a_stiff_support_is_in_the_step_limit(workshop):
 def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways):
     """Two cases beside load steps: each has its own equilibrium, the steps have theirs as without cases."""
     base = CABLE + "[load]\nself_weight = false\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
-    cases = '[[case]]\nname = "none"\nset = {"load.snow" = 0.0}\n[[case]]\nname = "lift"\n' + (
-        'set = {"load.snow" = 0.0, "load.pressure" = -1000.0}\n'
-    )
-    with both_ways.run(both_ways.job(base, nodes(), ELEMENTS)) as alone:
+    cases = '[[case]]\nname = "none"\nset = {"load.snow" = 0.0}\n[[case]]\nname = "lift"\n'
+    cases += 'set = {"load.snow" = 0.0, "load.pressure" = -1000.0}\n'
+    with both_ways.solve(base, nodes(), ELEMENTS) as alone:
         steps = alone["statics/displacement"][:]
-    f = both_ways.run(both_ways.job(base + cases, nodes(), ELEMENTS))
+    f = both_ways.solve(base + cases, nodes(), ELEMENTS)
     assert np.array_equal(f["statics/displacement"][:], steps)
     assert -f["cases/none/displacement"][1, 2] == pytest.approx(sag(1000.0), rel=1e-8)
     assert f["cases/lift/displacement"][1, 2] == pytest.approx(sag(3000.0), rel=1e-8)
@@ -174,13 +173,9 @@ FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 
 def test_a_steady_wind_begins_at_rest_and_stays_there(both_ways):
     """Dead load and suction: the rest by hand, kept for 2 s; at once it would swing far beyond it."""
-    text = (
-        CABLE
-        + "[load]\nself_weight = false\ndead = 100.0\ntolerance = 1e-10\n"
-        + WIND.format(k=0, more="")
-        + MOVES.format(time=2)
-    )
-    f = both_ways.run(both_ways.job(text, nodes(), ELEMENTS))
+    text = CABLE + "[load]\nself_weight = false\ndead = 100.0\ntolerance = 1e-10\n"
+    text += WIND.format(k=0, more="") + MOVES.format(time=2)
+    f = both_ways.solve(text, nodes(), ELEMENTS)
     lift = sag(FORCE - 400.0)
     assert f["rest/position"][1, 2] == pytest.approx(lift, rel=1e-8)
     assert f["rest/tension"][0] == pytest.approx(EA * (np.hypot(5, lift) / 5 - 1), rel=1e-8)
@@ -193,15 +188,11 @@ def test_a_steady_wind_begins_at_rest_and_stays_there(both_ways):
 
 def test_gusts_grow_in_by_half_a_cosine(both_ways):
     """Against the same seed at once: the mean, then (1 - cos(pi t / ramp)) / 2 of the gust, then all."""
-    text = (
-        CABLE
-        + "[load]\nself_weight = false\ndead = 100.0\n"
-        + WIND.format(k=0.005, more="{onset}")
-        + MOVES.format(time=2)
-    )
+    text = CABLE + "[load]\nself_weight = false\ndead = 100.0\n" + WIND.format(k=0.005, more="{onset}")
+    text += MOVES.format(time=2)
     speed = {}
     for onset in ('onset = "static"\nramp = 1.0\n', 'onset = "sudden"\n'):
-        f = both_ways.run(both_ways.job(text.replace("{onset}", onset), nodes(), ELEMENTS))
+        f = both_ways.solve(text.replace("{onset}", onset), nodes(), ELEMENTS)
         speed[onset[9:15]] = f["wind/speed"][:]
         t, mean = f["wind/time"][:], f["wind/mean_speed"][:]
     share = np.where(t < 1.0, 0.5 * (1 - np.cos(np.pi * t)), 1.0)[:, None]
@@ -213,7 +204,7 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     """Two rows, 20 m/s rising to 40 over 4 s: mean 30; samples are put in while what differs grows in."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
     text = CABLE + '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n' + MOVES.format(time=4)
-    f = workshop.run(workshop.job(text, nodes(), ELEMENTS))
+    f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["wind/mean_speed"][:] == pytest.approx([30.0])
     assert f["rest/position"][1, 2] == pytest.approx(sag(FORCE), rel=1e-4)
     t, speed = f["wind/time"][:], f["wind/speed"][:, 0]
@@ -225,7 +216,7 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
 def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop):
     """Fracture at a strain of 1e-3: it is borne up to the force at that strain, by hand, to a 64th."""
     text = CABLE + "fracture_strain = 1e-3\n" + WIND.format(k=0, more="") + MOVES.format(time=1)
-    done = workshop.run(workshop.job(text, nodes(), ELEMENTS), code=3)
+    done = workshop.solve(text, nodes(), ELEMENTS, code=3)
     L = 5.0 * 1.001
     borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / FORCE
     told = float(done.stderr.split("up to ")[1].split(" of its pressure")[0])
@@ -238,7 +229,7 @@ def test_a_mean_of_pressures_that_breaks_a_cable_has_no_speed(workshop):
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\n")
     (workshop.folder / "p.csv").write_text("time,A\n0,-250\n1,-250\n")
     text = CABLE + 'fracture_strain = 1e-3\n[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n'
-    done = workshop.run(workshop.job(text + MOVES.format(time=1), nodes(), ELEMENTS), code=3)
+    done = workshop.solve(text + MOVES.format(time=1), nodes(), ELEMENTS, code=3)
     L = 5.0 * 1.001
     borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / 1000.0
     told = float(done.stderr.split("up to ")[1].split(" of its pressure; lower the pressures")[0])
@@ -248,13 +239,9 @@ def test_a_mean_of_pressures_that_breaks_a_cable_has_no_speed(workshop):
 
 def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     """Yield at 2 kN: at rest the cables carry just that; their plastic strain is what the sag asks for."""
-    text = (
-        CABLE
-        + "yield_stress = 2e7\nfracture_strain = 0.9\n"
-        + WIND.format(k=0, more="")
-        + MOVES.format(time=0.5)
-    )
-    f = workshop.run(workshop.job(text, nodes(), ELEMENTS))
+    text = CABLE + "yield_stress = 2e7\nfracture_strain = 0.9\n" + WIND.format(k=0, more="")
+    text += MOVES.format(time=0.5)
+    f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["rest/tension"][:] == pytest.approx([2000.0, 2000.0], rel=1e-12)
     sine = FORCE / 4000.0
     assert f["rest/position"][1, 2] == pytest.approx(5 * sine / np.sqrt(1 - sine**2), rel=1e-4)
@@ -293,7 +280,7 @@ def on_three_cables(force):
 @pytest.mark.parametrize("after, share", [("panels", 0.5), ("none", 1.0)])
 def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, after, share):
     """Four triangles around a node, of which two hang on the cable that breaks: half of it all is left."""
-    f = both_ways.run(both_ways.job(TORN.format(after), *CROSS))
+    f = both_ways.solve(TORN.format(after), *CROSS)
     assert f["events/element"][:].tolist() == [0] and f["net/tributary_area"][0] == pytest.approx(50.0 / 3.0)
     q = 0.5 * 1.25 * 20.0**2
     rest = on_three_cables(share * (q - 50.0) * 50.0 / 3.0)
@@ -314,7 +301,7 @@ def test_panels_take_their_energy_along_whatever_tears(both_ways):
         "base_height = 10.0\ngusts = 'points'\n"
         "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
     )
-    f = both_ways.run(both_ways.job(text))
+    f = both_ways.solve(text)
     assert len(f["events/time"]) > 3
     assert np.abs(f["history/identity_error"][:]).max() < 1e-9
     assert np.abs(f["history/balance_error"][:]).max() < 1e-2
@@ -336,7 +323,7 @@ def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, 
         with h5py.File(both_ways.folder / "p.h5", "w") as file:
             file["time"], file["value"] = time, value
     text = CABLE + f'[wind]\npressures = "p.{suffix}"\ntaps = "taps.csv"\nramp = 0.5\n' + MOVES.format(time=2)
-    f = both_ways.run(both_ways.job(text, nodes(), ELEMENTS))
+    f = both_ways.solve(text, nodes(), ELEMENTS)
     mean = -700.0  # of both taps over two seconds
     assert f["rest/position"][1, 2] == pytest.approx(sag(-mean * 4.0), rel=1e-4)
     assert f["wind/mean_pressure"][1] == pytest.approx(mean)
@@ -413,9 +400,8 @@ def test_nothing_is_told_of_speeds_where_pressures_are_given(workshop):
     """No damping by the air, whose speed is not known, and no height in its profile; periods all the same."""
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
-    text = (
-        CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\nbase_height = 0.0\n' + MOVES.format(time=2)
-    )
+    text = CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\nbase_height = 0.0\n'
+    text += MOVES.format(time=2)
     done = run_on_standing_ranks("check", workshop.job(text, nodes(), ELEMENTS))
     assert "modes at rest under the mean wind" in done.stdout
     assert "the air" not in done.stdout and "above ground" not in done.stdout
@@ -441,9 +427,7 @@ def test_wrong_pressures_are_refused(workshop, lines, message):
     """With the place and what to do; nothing is computed."""
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A\n0,1\n2,1\n")
-    done = workshop.run(
-        workshop.job(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS), code=2
-    )
+    done = workshop.solve(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS, code=2)
     assert message in done.stderr
 
 

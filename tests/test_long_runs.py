@@ -37,7 +37,7 @@ def test_sixteen_million_steps_in_wind_come_to_their_end(workshop):
 
     Damping of 1/s takes exp(-16.2 / 2) of the first motion away: 3e-4 of it is left.
     """
-    result = workshop.run(workshop.job(JOB, NODES, ELEMENTS))
+    result = workshop.solve(JOB, NODES, ELEMENTS)
     assert result["history/time"][:].tolist() == [0.0, 16.2]
     assert result["provenance"].attrs["steps"] == 16_200_000
     assert result["history/kinetic_energy"][-1] < 1e-6 * result["history/external_work"][-1]
@@ -46,7 +46,7 @@ def test_sixteen_million_steps_in_wind_come_to_their_end(workshop):
 @pytest.mark.long
 def test_fifty_million_steps_in_wind_come_to_their_end(workshop):
     """As above."""
-    result = workshop.run(workshop.job(JOB.replace("16.2", "50.0"), NODES, ELEMENTS))
+    result = workshop.solve(JOB.replace("16.2", "50.0"), NODES, ELEMENTS)
     assert result["history/time"][:].tolist() == [0.0, 50.0]
 
 

@@ -37,7 +37,7 @@ def test_a_wind_beyond_all_winds_is_refused(workshop, speed, roughness, says):
 
 def test_a_slow_wind_without_gusts_runs(workshop):
     """What is refused is the model of the gusts alone."""
-    workshop.run(workshop.job(TINY, NODES, ELEMENTS), "--set", "wind.speed=0.5")
+    workshop.solve(TINY, NODES, ELEMENTS, "--set", "wind.speed=0.5")
 
 
 def test_a_job_file_with_a_byte_order_mark_is_read(workshop):

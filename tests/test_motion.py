@@ -153,11 +153,9 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
     c = np.sqrt(N / mass)
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{0.25 * k},0,0,{int(k in (0, n))}\n" for k in range(n + 1))
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
-    text = (
-        STEEL
-        + f'[[motion]]\ndisplacement = "pulse.csv"\nspeed = {span / 0.35}\ntravel = [2.0, 0.0, 0.0]\n'
-        + "[dynamics]\nduration = 0.4\n[output]\nhistory = 0.002\nprobes = [0, 80, 240]\n"
-    )
+    text = STEEL
+    text += f'[[motion]]\ndisplacement = "pulse.csv"\nspeed = {span / 0.35}\ntravel = [2.0, 0.0, 0.0]\n'
+    text += "[dynamics]\nduration = 0.4\n[output]\nhistory = 0.002\nprobes = [0, 80, 240]\n"
     job = workshop.job(text, nodes, elements)
     t = np.linspace(0.0, 0.1, 201)
     shape = lambda s: 0.001 * np.where((s > 0) & (s < 0.1), np.sin(np.pi * s / 0.1) ** 2, 0.0)

@@ -11,10 +11,8 @@ CURVED = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_y\n" + "".join(
     f"{k},{10.0 * np.cos(t):.9f},0,{10.0 * np.sin(t):.9f},{int(k < 2)},{{y}},{int(k < 2)},{{load}}\n"
     for k, t in enumerate(0.1 * np.arange(12))
 )
-IN_PLANE, ACROSS = (
-    CURVED.format(y=1, load=0),
-    CURVED.format(y=0, load=1e4).replace("1,0,1,10000.0", "1,1,1,0"),
-)
+IN_PLANE = CURVED.format(y=1, load=0)
+ACROSS = CURVED.format(y=0, load=1e4).replace("1,0,1,10000.0", "1,1,1,0")
 CHAIN = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(11))
 RING = (
     '[cable]\nkind = "bar"\nbending = true\nmodulus = 3e10\narea = 1.2\ndensity = 2500.0\n'

@@ -17,9 +17,8 @@ from netfall.parallel.mpi import MPI
 from netfall.record.balance import Parts, summed
 from netfall.results.notes import force_balance_warnings
 
-EXACT = (
-    1e-9  # of the sum of absolute reactions: reactions and residuals against loads; rounding is below 1e-12
-)
+# of the sum of absolute reactions: reactions and residuals against loads; rounding is below 1e-12
+EXACT = 1e-9
 SHORT, LONG = 25, 200  # jobs
 NOT_FOUND = "no_equilibrium", "undecided"  # states
 
@@ -187,7 +186,7 @@ CROSS_NODES += (
 def test_axial_damping_leaves_reactions_as_they_are(workshop, ratio):
     """A weight of 10 kN on a cross of cables: the reactions of each equilibrium add up to it."""
     damping = f"damping_ratio = {ratio}\ndamping_band = [0.3, 9.0]\n" if ratio else ""
-    f = workshop.run(workshop.job(CROSS + damping, CROSS_NODES, "start,end\n1,2\n1,3\n1,4\n1,5\n"))
+    f = workshop.solve(CROSS + damping, CROSS_NODES, "start,end\n1,2\n1,3\n1,4\n1,5\n")
     for reaction in (f["statics/reaction"][-1], f["cases/alike/reaction"][:], f["rest/reaction"][:]):
         assert np.abs(reaction.sum(0) - [0.0, 0.0, -10e3]).max() < 1e-6 * 10e3  # [load] tolerance
     of = reaction_columns(f)

@@ -38,7 +38,7 @@ def weight_on_a_ring(slide):
 
 def test_a_ring_with_a_weight_finds_its_place(workshop):
     """Both parts have one tension: 1000 N, and the ring is at x = 5.3333 m, z = -4 m; elastic to 2e-6."""
-    f = workshop.run(workshop.job(*weight_on_a_ring('group = "rope"\n')))
+    f = workshop.solve(*weight_on_a_ring('group = "rope"\n'))
     assert np.allclose(f["statics/tension"][-1], 1000.0, rtol=1e-5)
     x = f["net/particles"][1] + f["statics/displacement"][-1, 1]
     assert np.allclose(x, [16.0 / 3.0, 0.0, -4.0], atol=2e-5)
@@ -49,9 +49,9 @@ def test_a_ring_with_a_weight_finds_its_place(workshop):
 
 def test_a_clamp_that_holds_is_as_without_slip(workshop):
     """Up to its resistance nothing passes, and tensions are the same, to what Newton's method leaves."""
-    held = workshop.run(workshop.job(*weight_on_a_ring('group = "rope"\nresistance = 1e6\n')))
+    held = workshop.solve(*weight_on_a_ring('group = "rope"\nresistance = 1e6\n'))
     text, nodes, elements = weight_on_a_ring('group = "rope"\n')
-    fixed = workshop.run(workshop.job(text.partition("[[slide]]")[0], nodes, elements), output="fixed.vtkhdf")
+    fixed = workshop.solve(text.partition("[[slide]]")[0], nodes, elements, output="fixed.vtkhdf")
     assert not held["statics/slip"][:].any()
     assert np.allclose(held["statics/tension"][:], fixed["statics/tension"][:], rtol=1e-7)
 
@@ -73,7 +73,7 @@ def half_circle(n, slide, steps=4, force=1000.0):
 @pytest.mark.parametrize("n, published", [(1, 1.170089), (5, 1.299266)])
 def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
     """Euler and Eytelwein, over n nodes that each turn it by pi / (n + 1); elasticity is in it to T / EA."""
-    f = workshop.run(workshop.job(*half_circle(n, f"friction = {MU}\n")))
+    f = workshop.solve(*half_circle(n, f"friction = {MU}\n"))
     N = f["statics/tension"][-1]
     assert N[-1] == pytest.approx(1000.0, rel=1e-6)
     assert np.allclose(N[1:] / N[:-1], np.exp(MU * np.pi / (n + 1)), rtol=1e-5)
@@ -83,7 +83,7 @@ def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
 
 def test_clamps_take_the_tension_one_after_the_other(both_ways):
     """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks."""
-    f = both_ways.run(both_ways.job(*half_circle(5, "resistance = 300.0\n")), ranks=3)
+    f = both_ways.solve(*half_circle(5, "resistance = 300.0\n"), ranks=3)
     assert np.allclose(f["statics/tension"][-1], [0, 0, 100, 400, 700, 1000], atol=1e-2)
     slip = f["statics/slip"][-1]
     assert not slip[:1].any() and (np.diff(slip) >= 0.0).all()
@@ -91,16 +91,15 @@ def test_clamps_take_the_tension_one_after_the_other(both_ways):
 
 def test_how_far_saddles_and_clamps_are_used(workshop):
     """As above: clamps at 1 but the last, 100 of 300 N; a saddle that slips, its friction over 1.65."""
-    f = workshop.run(workshop.job(*half_circle(5, "resistance = 300.0\n")))
+    f = workshop.solve(*half_circle(5, "resistance = 300.0\n"))
     used = slide_columns(f)
     passed, of_clamps = (panel.lines[5].get_ydata() for panel in slips(f).axes)  # of the last load step
     last = used["stage"] == "statics, load factor 1"
     assert used["node"][last].tolist() == [1, 2, 3, 4, 5]
     assert used["utilisation"][last] == pytest.approx([0.0, 1.0 / 3.0, 1.0, 1.0, 1.0], abs=1e-4)
-    assert passed == pytest.approx(1e3 * f["statics/slip"][-1]) and of_clamps[-1] == pytest.approx(
-        1.0, abs=1e-4
-    )
-    used = slide_columns(workshop.run(workshop.job(*half_circle(1, f"friction = {MU}\n"))))
+    assert passed == pytest.approx(1e3 * f["statics/slip"][-1])
+    assert of_clamps[-1] == pytest.approx(1.0, abs=1e-4)
+    used = slide_columns(workshop.solve(*half_circle(1, f"friction = {MU}\n")))
     turn = MU * np.pi / 2.0
     assert used["utilisation"][-1] == pytest.approx(np.expm1(turn) / np.expm1(turn / 1.65), rel=1e-4)
     assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
@@ -113,7 +112,7 @@ def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, s
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,0,0,0,1,1,1,0\n2,0,0,10,1,1,1,0\n3,0,0,3,1,1,0,1000\n"
     job = rope() + f'[[slide]]\ngroup = "rope"\nnodes = [2]\n{slide}[dynamics]\nduration = 1e-3\n'
     job += "[output]\nmodes = 1\nframes = 1\n"
-    f = workshop.run(workshop.job(job, nodes, f"start,end,group,prestress\n1,2,rope,{T}\n2,3,rope,{T}\n"))
+    f = workshop.solve(job, nodes, f"start,end,group,prestress\n1,2,rope,{T}\n2,3,rope,{T}\n")
     expected = 2.0 * np.pi * np.sqrt(m * strand / (1.0 + T / EA) / EA)
     assert f["modes/period"][0] == pytest.approx(expected, rel=1e-6)  # half of the rope's mass is 4e-9 of m
 
@@ -139,10 +138,8 @@ def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkey
     nodes += "5,4,5,1,1\n6,4,-5,1,1\n7,10,5,1,1\n8,10,-5,1,1\n"
     pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,5e4\n3,4,rope,6e4\n2,5,side,2e4\n"
     pairs += "2,6,side,2e4\n3,7,side,2e4\n3,8,side,2e4\n"
-    job = (
-        rope() + "[form_finding]\n[load]\nself_weight = false\n"
-        'tolerance = 1e-2\n[[slide]]\ngroup = "rope"\nfriction = 0.05\n'
-    )
+    job = rope() + "[form_finding]\n[load]\nself_weight = false\n"
+    job += 'tolerance = 1e-2\n[[slide]]\ngroup = "rope"\nfriction = 0.05\n'
     for name, warm in ("first", 5), ("second", 10):
         job += f'[[case]]\nname = "{name}"\nset = {{"load.temperature" = {warm}.0}}\n'
     begins, settle = [], statics.settle
@@ -202,7 +199,7 @@ def test_a_line_over_two_pulleys_with_a_weight(workshop):
     nodes, elements = spans(points, 10.0, {0, 2 * count}, others)
     weight = (4700 - 30 * slipped) / 9.81e-2  # as a density
     sections = f"[cable.stay]\ndensity = 1.0\n[cable.weight]\narea = 1e-2\ndensity = {weight}\n"
-    f = workshop.run(workshop.job(sections + LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements))
+    f = workshop.solve(sections + LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements)
     z = f["net/particles"][:, 2] + f["statics/displacement"][-1, :, 2]
     sag = f["statics/displacement"][-1, count, 2] - z[: 2 * count].min()
     assert f["statics/slip"][-1, -1] == pytest.approx(slipped, abs=1e-4)
@@ -246,7 +243,7 @@ def test_a_line_whose_end_moves_in(workshop):
 )
 def test_what_cannot_slip_is_refused(workshop, slide, message):
     """With exit code 2, a line that says what is expected, and no result."""
-    done = workshop.run(workshop.job(*weight_on_a_ring(slide)), code=2)
+    done = workshop.solve(*weight_on_a_ring(slide), code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
 
 
@@ -284,7 +281,7 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
     )
     (workshop.folder / "nodes.csv").write_text(nodes)
     (workshop.folder / "elements.csv").write_text(elements)
-    f = workshop.run(workshop.job(text + '[[slide]]\ngroup = "rope"\n'))
+    f = workshop.solve(text + '[[slide]]\ngroup = "rope"\n')
     case = f["cases/in"]
     assert case["slip"][0] == pytest.approx(5.0 / (1.0 + T / EA), rel=1e-8)  # of the tolerance, 1e-6 of 12 m
     assert case["tension"][:] == pytest.approx([T] * 2 * parts, rel=1e-6)
@@ -316,7 +313,7 @@ def test_slip_in_unlike_spans_is_that_of_catenaries(workshop, parts):
     (workshop.folder / "nodes.csv").write_text(nodes)
     (workshop.folder / "elements.csv").write_text(elements)
     net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
-    f = workshop.run(workshop.job(net + LINE + "nodes = [3]\n"))
+    f = workshop.solve(net + LINE + "nodes = [3]\n")
     assert f["statics/slip"][-1, 0] == pytest.approx(slip, rel=2e-4 * (8 / parts) ** 2)
     N = f["statics/tension"][-1].reshape(4, parts)
     for span, S, link in zip(spans_, (given[0] - slip, given[1] + slip), (N[1, -1], N[2, 0])):

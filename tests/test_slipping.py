@@ -44,7 +44,7 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     """Atwood's machine; with friction T1 = T2 exp(mu pi), and its heat is the difference times the way."""
     text, nodes, elements, a, _ = atwood(mu)
     assert a == pytest.approx(published, rel=1e-4)  # the inertia of the slip is little
-    f = both_ways.run(both_ways.job(text, nodes, elements), ranks=2 if mu else 1)
+    f = both_ways.solve(text, nodes, elements, ranks=2 if mu else 1)
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     assert 2.0 * fallen == pytest.approx(a, rel=1e-4)
     history = f["history"]
@@ -63,7 +63,7 @@ def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
     text = text.replace("damping = 0.0", "fragments = false").replace("history = 0.1", "history = 5e-4")
     rows = elements.splitlines()
     elements = table(rows[0].split(","), (3, 1, "rope", LOW), (1, 2, "rope", HIGH))
-    f = workshop.run(workshop.job(text, nodes, elements))
+    f = workshop.solve(text, nodes, elements)
     strain, history = f["events/strain"][:], f["history"]
     assert len(strain) and (strain > 1e-4).all() and (strain < 1.1e-4).all()
     assert abs(history["balance_error"][-1]) < 1e-2, (strain, history["balance_error"][:])
@@ -75,7 +75,7 @@ def test_a_rope_that_runs_out_stops(both_ways):
     The other weight then falls on a rope that is held: N = W + sqrt(W^2 + k m v^2) at most, by energy.
     """
     text, nodes, elements, a, T = atwood(0.0, 2.4)
-    f = both_ways.run(both_ways.job(text.replace("history = 0.1", "history = 0.02"), nodes, elements))
+    f = both_ways.solve(text.replace("history = 0.1", "history = 0.02"), nodes, elements)
     at, way = f["slide/stopped"][0], 0.8 * LOW
     assert at == pytest.approx(np.sqrt(2.0 * way / a), abs=1e-3)  # s of a rope that stretches
     slip, time = f["slide/slip"][:, 0], f["history/time"][:]
@@ -96,11 +96,9 @@ def test_a_rope_that_has_run_out_comes_to_rest(both_ways):
     Each part has the weight at it; of the end of the rope, a hundred times as stiff, the rest is little.
     """
     text, nodes, elements, _, T = atwood(0.0)
-    text = (
-        text[: text.index("[dynamics]")]
-        + '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
-    )
-    f = both_ways.run(both_ways.job(text, nodes, elements))
+    text = text[: text.index("[dynamics]")]
+    text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
+    f = both_ways.solve(text, nodes, elements)
     assert f["statics/tension"][-1] == pytest.approx([LIGHT * G, HEAVY * G], rel=1e-6)
     strand, EA = LOW / (1.0 + T["light"] / 1e8), 1e8
     left = 0.2 * strand - (HEAVY - LIGHT) * G * strand / (100.0 * EA)
@@ -136,7 +134,7 @@ def test_tension_is_rebuilt_from_clamp_to_clamp_beside_a_lost_segment(both_ways,
 
     The gap opens slowly: a slip that starts goes a little too far, by its inertia. At rest the same is found.
     """
-    f = both_ways.run(both_ways.job(*clamped_ring(share * T0)), ranks=ranks)
+    f = both_ways.solve(*clamped_ring(share * T0), ranks=ranks)
     k = np.minimum(np.arange(1, CLAMPS), np.arange(CLAMPS - 1, 0, -1))
     by_hand = np.minimum(T0, share * T0 * k)
     assert np.allclose(f["final/tension"][1:CLAMPS], by_hand, rtol=1e-2, atol=1e-4 * T0)
@@ -152,7 +150,7 @@ def test_a_sudden_loss_reaches_twice_as_many_clamps(workshop):
     So the k-th segment has k R / 2, over 2 T0 / R clamps; all stops at t = 2 T0 / (r c), c^2 = E / rho. By
     characteristics: along the front T + rho A c v = T0 and d(T - rho A c v) = r dx; behind it v is uniform.
     """
-    f = workshop.run(workshop.job(*clamped_ring(0.125 * T0, 0.0, 2e-5, 8000.0)))
+    f = workshop.solve(*clamped_ring(0.125 * T0, 0.0, 2e-5, 8000.0))
     N, k = f["final/tension"][1:15] / T0, np.arange(1, 15)
     assert np.allclose(N, 0.0625 * k, atol=0.13)  # links of mass, not a rod: ripples
     assert np.polyfit(k, N, 1)[0] == pytest.approx(0.0625, rel=0.05)
@@ -222,7 +220,7 @@ def test_the_automatic_step_follows_slip(both_ways, parts, safety):
     net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
     (both_ways.folder / "nodes.csv").write_text(nodes)
     (both_ways.folder / "elements.csv").write_text(elements)
-    f = both_ways.run(both_ways.job(net + automatic(text, safety)))
+    f = both_ways.solve(net + automatic(text, safety))
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     exact = 0.5 * G * (HEAVY - LIGHT) / (HEAVY + LIGHT)
     added = 0.02 * safety**2 * HEAVY / (HEAVY + LIGHT) if parts == 1 else 0.0
@@ -285,7 +283,7 @@ def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
     text = automatic(atwood(0.0)[0], safety, 0.02).replace("density = 0.001", "density = 8000.0")
     text = text.replace("friction = 0.0", "resistance = 2e3").replace('"rope"', '"hoop"')
     text += "[[remove]]\nelements = [0]\ntime = 0.0\nduration = 0.001\n"
-    log = workshop.run(workshop.job(text, table(*rows), table(*lines)), code=None).stdout
+    log = workshop.solve(text, table(*rows), table(*lines), code=None).stdout
     assert "slip: 8 slip points, with the inertia of the cable there" in log
     L0 = 40.0 * np.sin(np.pi / n) / (1.0 + T0 / 1e8)
     assert workshop.open()["provenance"].attrs["time_step"] <= safety * 0.5 * L0 * np.sqrt(8000.0 / 1e11)

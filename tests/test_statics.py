@@ -9,10 +9,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
 SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
-LOADED = (
-    SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n"
-    "[load]\nself_weight = false\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
-)
+LOADED = SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n"
+LOADED += "[load]\nself_weight = false\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
 EA = 1.95e11 * 3600e-6
 
 
@@ -59,7 +57,7 @@ def newton(x, elements, law, fixed, load):
 
 def test_history_of_the_load_steps(workshop):
     """The permanent state and one row a step, residuals below the tolerance, displacements that grow."""
-    f = workshop.run(workshop.job(LOADED))
+    f = workshop.solve(LOADED)
     s = f["statics"]
     assert np.allclose(s["load_factor"][:], [0.0, 0.25, 0.5, 0.75, 1.0])
     reference = max(f["form_finding/tension"][:].max(), 2000 * f["net/tributary_area"][:].max())
@@ -74,9 +72,7 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
     Hooke's law at the lengths there.
     """
     text = '[net]\ngenerator = "saddle"\ncells = 16\n[form_finding]\nmethod = "force_density"\n' + STEEL
-    f = workshop.run(
-        workshop.job(text + "[load]\nself_weight = false\nsnow = 500.0\ntemperature = 300.0\nsteps = 2\n")
-    )
+    f = workshop.solve(text + "[load]\nself_weight = false\nsnow = 500.0\ntemperature = 300.0\nsteps = 2\n")
     N, m = f["statics/tension"][-1], len(f["net/elements"])
     assert f["statics/slack"][0] == m and 0 < f["statics/slack"][-1] == (N == 0).sum() < m
     x = f["form_finding/position"][:] + f["statics/displacement"][-1]
@@ -94,7 +90,7 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
 
 def test_dynamics_starts_from_the_static_equilibrium(workshop):
     """Without wind nothing moves after the load steps."""
-    f = workshop.run(workshop.job(LOADED + "[dynamics]\nduration = 0.2\n"))
+    f = workshop.solve(LOADED + "[dynamics]\nduration = 0.2\n")
     d = f["final/position"][:] - f["form_finding/position"][:] - f["statics/displacement"][-1]
     assert np.abs(d).max() < 1e-6
     assert f["history/kinetic_energy"][-1] < 1e-3

@@ -223,7 +223,7 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
         section += STILL_AIR
     probes = ", ".join(f"[0.0, {k}.0]" for k in range(4))
     run = f"[dynamics]\nduration = 0.3\n[output]\nframes = 3\nhistory = 0.001\nprobes = [{probes}]\n"
-    with workshop.run(workshop.job(section + run, nodes, elements)) as f:
+    with workshop.solve(section + run, nodes, elements) as f:
         assert sorted(set(f["events/element"][:].tolist())) == [1, 3]
         peak = f["history/probe_tension"][:].max(0)
         # the step of some 7 ms in a period of 0.22 s samples the peak to 1 percent of the swing of 100 N
@@ -235,14 +235,11 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
 
 def test_drawn_strengths_break_the_same_on_three_ranks(both_ways):
     """A saddle whose cables differ: some break as a load falls on it; the same bits, and what was drawn."""
-    text = (
-        '[net]\ngenerator = "saddle"\ncells = 4\nside = 20.0\nrise = 2.0\n'
-        + STEEL
-        + "breaking_load = 200e3\nstrength_deviation = 0.2\n[form_finding]\n"
-        "[load]\nself_weight = false\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"
-        "[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
-    )
-    with both_ways.run(both_ways.job(text), ranks=3) as f:
+    text = '[net]\ngenerator = "saddle"\ncells = 4\nside = 20.0\nrise = 2.0\n' + STEEL
+    text += "breaking_load = 200e3\nstrength_deviation = 0.2\n[form_finding]\n"
+    text += "[load]\nself_weight = false\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"
+    text += "[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
+    with both_ways.solve(text, ranks=3) as f:
         strength, broken = f["net/strength"][:], np.unique(f["events/element"][:])
         assert 0 < len(broken) < len(strength) and (f["net/breaking_load"][:] == 200e3).all()
         limit = 200e3 * strength / (1.95e11 * 683.08e-6)

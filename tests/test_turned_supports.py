@@ -142,7 +142,7 @@ def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
         'area = 4e-4\ndensity = 1.0\n[load]\nself_weight = false\ntolerance = 1e-12\n[[case]]\nname = "a"\n'
     )
     text += 'set = {"load.snow" = 0.0}\n'
-    f = workshop.run(workshop.job(text))
+    f = workshop.solve(text)
     c, s, k, bar = np.sqrt(0.75), 0.5, 2e6, 1e6
     d = 1000.0 * c / (k + c * c * bar)
     along, across = np.array([c, s, 0.0]), np.array([-s, c, 0.0])

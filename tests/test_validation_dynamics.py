@@ -163,11 +163,9 @@ def test_elastic_wave(both_ways, compare):
     n, short = N_WAVE, 1e-9
     steps = 4 * n
     *tables, dt = pulled_cables(steps, 1.0 - short, 1, steps)
-    f = both_ways.run(both_ways.job(*tables))
-    why, within = (
-        f"Courant number 1e-9 short of 1, where the difference equation is d'Alembert's; {steps} steps",
-        steps * short,
-    )
+    f = both_ways.solve(*tables)
+    why = f"Courant number 1e-9 short of 1, where the difference equation is d'Alembert's; {steps} steps"
+    within = steps * short
     s, j = np.arange(steps + 1)[:, None], np.arange(n + 1)[None]
     unit = P_WAVE * L_LINK / EA  # m, of a step
     reach = lambda way: np.maximum(way, 0)
@@ -212,7 +210,7 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
     """
     courant, j = 0.04, 20
     *tables, _ = pulled_cables(int(50 / courant), courant, 5, 1)
-    f = both_ways.run(both_ways.job(*tables))
+    f = both_ways.solve(*tables)
     z = 2 * C_WAVE * f["history/time"][:] / L_LINK
     N = f["history/probe_tension"][:, list(f["history/probe_element"][:]).index(j)] - T_WAVE
     ripple = lambda z: 2 * P_WAVE * sum(jv(2 * j + 2 + 2 * k, z) for k in range(60))
@@ -247,11 +245,8 @@ def test_pendulums(both_ways, compare):
     text = BARE.replace("modulus", 'kind = "bar"\nmodulus') + timing(
         1.3, dt, 10, [row[1:3] for row in nodes[1::2]]
     )
-    f = both_ways.run(
-        both_ways.job(
-            text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements)
-        ),
-        ranks=2,
+    f = both_ways.solve(
+        text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements), ranks=2
     )
     t = f["history/time"][:]
     assert np.abs(f["history/balance_error"][:]).max() < 1e-5
@@ -292,12 +287,10 @@ def test_swing_across_two_cables(both_ways, compare):
         "id,x,y,z,fixed,mass",
         [(0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)],
     )
-    f = both_ways.run(
-        both_ways.job(
-            soft(modulus) + timing(1.36, dt, 1, [(0, 0)]),
-            nodes,
-            csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)]),
-        ),
+    f = both_ways.solve(
+        soft(modulus) + timing(1.36, dt, 1, [(0, 0)]),
+        nodes,
+        csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)]),
         ranks=2,
     )
     V = lambda q: k * (np.hypot(b, q) - L0) ** 2
@@ -341,19 +334,15 @@ def test_snap_from_slack(both_ways, compare):
         "id,x,y,z,fixed,mass,load_x",
         [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)],
     )
-    f = both_ways.run(
-        both_ways.job(
-            soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]),
-            nodes,
-            csv("start,end,unstressed_length", [(0, 1, L0)]),
-        ),
+    f = both_ways.solve(
+        soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]),
+        nodes,
+        csv("start,end,unstressed_length", [(0, 1, L0)]),
         ranks=2,
     )
-    t, way, N = (
-        f["history/time"][:],
-        f["history/probe_displacement"][:, 0, 0],
-        f["history/probe_tension"][:, 0],
-    )
+    t = f["history/time"][:]
+    way = f["history/probe_displacement"][:, 0, 0]
+    N = f["history/probe_tension"][:, 0]
     caught, speed, omega, sag = np.sqrt(2 * h / G), np.sqrt(2 * G * h), np.sqrt(k / mass), mass * G / k
     held = (2 * np.pi - 2 * np.arctan2(speed / omega, sag)) / omega
     taut = np.flatnonzero(N)
@@ -396,13 +385,11 @@ def test_two_masses_on_a_chain(both_ways, compare):
     """Two masses on a taut chain, let go from rest:
     every row is the sum of the two modes that the difference equation has.
     """
-    lengths, carried, moved, T, dt = (
-        np.array([6.0, 4.0]),
-        np.array([800.0, 300.0]),
-        np.array([1e-3, -3e-4]),
-        150e3,
-        1e-4,
-    )
+    lengths = np.array([6.0, 4.0])
+    carried = np.array([800.0, 300.0])
+    moved = np.array([1e-3, -3e-4])
+    T = 150e3
+    dt = 1e-4
     k, mass = EA / lengths, carried + HALF * np.array([10.0, 4.0])
     rest = np.cumsum(lengths * (1 + T / EA))
     x = rest + moved
@@ -414,12 +401,10 @@ def test_two_masses_on_a_chain(both_ways, compare):
             (2, x[1], 0.0, 0.0, 0, carried[1], T),
         ],
     )
-    f = both_ways.run(
-        both_ways.job(
-            BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]),
-            nodes,
-            csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])]),
-        ),
+    f = both_ways.solve(
+        BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]),
+        nodes,
+        csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])]),
         ranks=2,
     )
     stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1]]]) / np.sqrt(np.outer(mass, mass))
@@ -504,11 +489,8 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     """Half the step, a quarter of the error:
     a saddle roof in a steady wind, all displacements against a step of a sixteenth.
     """
-    text = (
-        '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
-        + STEEL
-        + '[form_finding]\nmethod = "force_density"\n'
-    )
+    text = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL
+    text += '[form_finding]\nmethod = "force_density"\n'
     text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = -1.3\n"
     text += "base_height = 10.0\n" + timing(0.2, 2e-4, 25, frames=100)
     job, steps = both_ways.job(text), (2e-4, 1e-4, 5e-5, 1.25e-5)

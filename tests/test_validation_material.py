@@ -44,12 +44,10 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
             (10 * s + k, 10 * s + k + 1, "strut" if share < 0 else "", N / abs(share) / A) for k in (0, 1)
         ]
     table = csv("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), csv("start,end,group,modulus", elements)
-    f = both_ways.run(
-        both_ways.job(
-            section(strain)
-            + '[cable.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
-            *table,
-        )
+    f = both_ways.solve(
+        section(strain)
+        + '[cable.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
+        *table,
     )
     for s, share in enumerate(shares):
         theirs = L0 * (1 + share) if strain == "engineering" else L0 * np.exp(share)
@@ -89,25 +87,19 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
         csv("start,end,unstressed_length", [(0, 1, L0)]),
     )
     f = both_ways.run(job, ranks=2)
-    t, L, N = (
-        f["history/time"][:],
-        L0 - h - f["history/probe_displacement"][:, 0, 2],
-        f["history/probe_tension"][:, 0],
-    )
+    t = f["history/time"][:]
+    L = L0 - h - f["history/probe_displacement"][:, 0, 2]
+    N = f["history/probe_tension"][:, 0]
     if strain == "engineering":
         at_yield, stored = L0 * (1 + NY / EA), lambda L, rest: EA / L0 * (L - rest) ** 2 / 2
-        remains, plastic, force = (
-            lambda L, N: L - L0 * N / EA,
-            lambda rest: rest / L0 - 1,
-            lambda L, rest: EA / L0 * (L - rest),
-        )
+        remains = lambda L, N: L - L0 * N / EA
+        plastic = lambda rest: rest / L0 - 1
+        force = lambda L, rest: EA / L0 * (L - rest)
     else:
         at_yield, stored = L0 * np.exp(NY / EA), lambda L, rest: EA * (L * np.log(L / rest) - L + rest)
-        remains, plastic, force = (
-            lambda L, N: L * np.exp(-N / EA),
-            lambda rest: np.log(rest / L0),
-            lambda L, rest: EA * np.log(L / rest),
-        )
+        remains = lambda L, N: L * np.exp(-N / EA)
+        plastic = lambda rest: np.log(rest / L0)
+        force = lambda L, rest: EA * np.log(L / rest)
     longest = (stored(at_yield, L0) - NY * at_yield - F * (h - L0)) / (
         F - NY
     )  # F (h + L - L0) = stored + NY (L - at_yield)
@@ -200,12 +192,10 @@ def test_cycles_with_slack(both_ways, compare, strain):
     )  # as the wheel has it; nothing comes near to breaking
     text += STILL_AIR + timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
     text = text.replace("[dynamics]\n", WHOLE)
-    f = both_ways.run(
-        both_ways.job(
-            text,
-            csv(f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass{AREAS}", nodes),
-            csv("start,end,group,unstressed_length,area,modulus", elements),
-        ),
+    f = both_ways.solve(
+        text,
+        csv(f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass{AREAS}", nodes),
+        csv("start,end,group,unstressed_length,area,modulus", elements),
         ranks=2,
     )
     heat = 0.0
@@ -279,13 +269,11 @@ def test_three_cables_past_yield(both_ways, compare):
             (3, 0.0, 0.0, 0.0, 0, -P),
         ],
     )
-    f = both_ways.run(
-        both_ways.job(
-            section("engineering")
-            + "yield_stress = 1.75e9\n[load]\nself_weight = false\nsteps = 11\ntolerance = 1e-10\n",
-            nodes,
-            "start,end\n0,3\n1,3\n2,3\n",
-        ),
+    f = both_ways.solve(
+        section("engineering")
+        + "yield_stress = 1.75e9\n[load]\nself_weight = false\nsteps = 11\ntolerance = 1e-10\n",
+        nodes,
+        "start,end\n0,3\n1,3\n2,3\n",
         ranks=2,
     )
     middle, slant = lambda v: min(EA * v / H, NY), lambda v: EA * (np.hypot(H, H + v) / np.hypot(H, H) - 1)

@@ -104,18 +104,15 @@ def test_isolated_cable(both_ways, compare):
     nodes, elements, first = cables([(parts, span, P, n) for n in numbers for P in (0.0, load)])
     area = 0.85 * (FOOT / 12) ** 2
     section = f"[cable]\nmodulus = {EA / area!r}\narea = {area!r}\ndensity = {w / GRAVITY / area!r}\n"
-    f = both_ways.run(
-        both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements),
-        ranks=2,
+    f = both_ways.solve(
+        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements, ranks=2
     )
     x = f["net/particles"][:] + f["statics/displacement"][-1]
     way = lambda rule, n: (hang(rule, parts, span, w, EA, load, n) - hang(rule, parts, span, w, EA, 0.0, n))[
         :2
     ]
-    exact, ours = (
-        way(catenary, 1),
-        np.array([(x[first[2 * k + 1] + n] - x[first[2 * k] + n])[[0, 2]] for k, n in enumerate(numbers)]),
-    )
+    exact = way(catenary, 1)
+    ours = np.array([(x[first[2 * k + 1] + n] - x[first[2 * k] + n])[[0, 2]] for k, n in enumerate(numbers)])
     source = (
         "two elastic catenaries that meet at the load; cable of Michalos and Birnstiel, Jayaraman and Knudson"
     )
@@ -163,15 +160,12 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
         some += [((L / 2, L / 2), span, 0.0, n) for n in numbers]
     nodes, elements, first = cables(some)
     section = f"[cable]\nmodulus = {modulus!r}\narea = {area!r}\ndensity = {density!r}\n"
-    f = both_ways.run(
-        both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements),
-        ranks=2,
+    f = both_ways.solve(
+        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements, ranks=2
     )
-    x, ends, N = (
-        f["net/particles"][:] + f["statics/displacement"][-1],
-        f["net/elements"][:],
-        f["statics/tension"][-1],
-    )
+    x = f["net/particles"][:] + f["statics/displacement"][-1]
+    ends = f["net/elements"][:]
+    N = f["statics/tension"][-1]
 
     def sag_and_tension(start, n, L):
         """Of the cable whose nodes begin at start:
@@ -230,12 +224,10 @@ def test_two_elements_under_a_load(both_ways, compare):
         ]
         elements += [f"{3 * k + i},{3 * k + i + 1},{'bar' if rise else 'cable'},{N0}" for i in range(2)]
     section = f'[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[cable.bar]\nkind = "bar"\n'
-    f = both_ways.run(
-        both_ways.job(
-            section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n",
-            "\n".join(nodes),
-            "\n".join(elements),
-        ),
+    f = both_ways.solve(
+        section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n",
+        "\n".join(nodes),
+        "\n".join(elements),
         ranks=2,
     )
     for k, (case, w, within) in enumerate(rows):
@@ -304,11 +296,9 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
         nets.append((x + (100.0 * k, 0, 0), held, elements + first))
         first += len(x)
     x, held, elements = (np.concatenate([net[i] for net in nets]) for i in range(3))
-    f = both_ways.run(
-        both_ways.job(
-            STEEL + '[form_finding]\nmethod = "force_density"\n',
-            *tables(x, held, elements, more=",force_density", extra=",12000"),
-        )
+    f = both_ways.solve(
+        STEEL + '[form_finding]\nmethod = "force_density"\n',
+        *tables(x, held, elements, more=",force_density", extra=",12000"),
     )
     for k, (cells, (_, _, elements)) in enumerate(zip(sizes, nets)):
         z = f["form_finding/position"][elements.min() : elements.max() + 1] - (100.0 * k, 0, 0)
@@ -328,8 +318,8 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
 
 def test_force_density_from_prestress_and_length(both_ways, compare):
     """Without force densities, prestress / start length serves."""
-    f = both_ways.run(
-        both_ways.job('[net]\ngenerator = "saddle"\n' + STEEL + '[form_finding]\nmethod = "force_density"\n')
+    f = both_ways.solve(
+        '[net]\ngenerator = "saddle"\n' + STEEL + '[form_finding]\nmethod = "force_density"\n'
     )
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     q = T0 / np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
@@ -356,10 +346,8 @@ def test_saddle_at_constant_tension(both_ways, compare):
     the shortest net over its boundary, within 0.3 % of the rise of the hypar at the particles' own x, y; it
     stands with the real material.
     """
-    f = both_ways.run(
-        both_ways.job(
-            '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
-        )
+    f = both_ways.solve(
+        '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
     )
     x, start, elements, held = (
         f[name][:] for name in ("form_finding/position", "net/particles", "net/elements", "net/fixed")
@@ -404,10 +392,8 @@ def test_table_1_of_the_paper(both_ways, compare):
     """
     x, held, elements = square(8, SIDE, hypar)
     held = np.column_stack((np.ones((len(x), 2), bool), held))
-    z = both_ways.run(
-        both_ways.job(
-            STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n", *tables(x, held, elements)
-        )
+    z = both_ways.solve(
+        STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n", *tables(x, held, elements)
     )["form_finding/position"][:, 2]
     exact = newton(x, elements, constant(T0), held, np.zeros_like(x))[0][:, 2]
     at = lambda X, Y: int(np.flatnonzero((np.abs(x[:, 0] - X) < 1e-6) & (np.abs(x[:, 1] - Y) < 1e-6))[0])
@@ -442,7 +428,7 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
     and with that of its form finding.
     """
     net = '[net]\ngenerator = "stadium"\n' + STEEL.replace("1.95e11", repr(EA / 683.08e-6))
-    f = both_ways.run(both_ways.job(net + "[form_finding]\nmodulus_factor = 1e-3\ntolerance = 1e-9\n"))
+    f = both_ways.solve(net + "[form_finding]\nmodulus_factor = 1e-3\ntolerance = 1e-9\n")
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     L = np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
     s = 1e-3 * EA
@@ -474,14 +460,10 @@ def test_olympia_net(both_ways, compare):
     read = lambda name: list(csv.DictReader((ROOT / "jobs" / "olympia" / name).read_text().splitlines()))
     nodes, rows = read("nodes.csv"), read("elements.csv")
     number = {row["id"]: p for p, row in enumerate(nodes)}
-    start, free = (
-        np.array([[float(row[k]) for k in "xyz"] for row in nodes]),
-        np.array([row["fixed"] == "0" for row in nodes]),
-    )
-    q, moved = (
-        np.array([float(row["force_density"]) for row in rows]),
-        np.array([[float(row[k]) for k in "uvw"] for row in read("published_displacements.csv")]),
-    )
+    start = np.array([[float(row[k]) for k in "xyz"] for row in nodes])
+    free = np.array([row["fixed"] == "0" for row in nodes])
+    q = np.array([float(row["force_density"]) for row in rows])
+    moved = np.array([[float(row[k]) for k in "uvw"] for row in read("published_displacements.csv")])
     force = np.array([float(row["f"]) for row in read("published_forces.csv")])
     C = np.zeros((len(q), len(start)))
     for e, row in enumerate(rows):
@@ -574,7 +556,7 @@ def test_flat_net_under_a_small_load(both_ways, compare):
         first += len(x)
     x, held, elements, load = (np.concatenate([net[i] for net in nets]) for i in range(4))
     soft = STEEL.replace("1.95e11", "1.95e9") + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-11\n"
-    f = both_ways.run(both_ways.job(soft, *tables(x, held, elements, ",load_z", (load,))), ranks=2)
+    f = both_ways.solve(soft, *tables(x, held, elements, ",load_z", (load,)), ranks=2)
     middle = [int(np.hypot(x[:, 0] - 20.0 * k, x[:, 1]).argmin()) for k in range(3)]
     for p, n in zip(middle, sizes):
         error = differences(n) / membrane - 1
@@ -612,7 +594,7 @@ def test_load_case_of_the_paper(both_ways, compare):
         "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
         "[load]\nself_weight = false\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
     )
-    f = both_ways.run(both_ways.job(net))
+    f = both_ways.solve(net)
     start, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:].astype(bool)
     form, _ = newton(start, elements, constant(T), held, np.zeros_like(start))
     law = elastic(np.linalg.norm(form[elements[:, 1]] - form[elements[:, 0]], axis=1) / (1 + T / EA), EA)

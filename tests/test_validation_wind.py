@@ -237,9 +237,8 @@ def exact_oscillator(time, speed, at):
 
 def test_oscillator_in_the_generated_wind(both_ways, compare):
     """A mass on a tie in gusts moves as the exact solution for the same speeds says."""
-    f = both_ways.run(
-        both_ways.job(OSCILLATOR.format(duration=60.0, dt=0.005, history=0.1), NODES, THREADS + "1,6,tie\n"),
-        ranks=2,
+    f = both_ways.solve(
+        OSCILLATOR.format(duration=60.0, dt=0.005, history=0.1), NODES, THREADS + "1,6,tie\n", ranks=2
     )
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
     exact = exact_oscillator(f["wind/time"][:], f["wind/speed"][:, 4], 0.1)[: len(t)]
@@ -294,16 +293,12 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     """A free particle in the middle of a flat square 30 m above ground:
     u_s A rho U^2 / 2 with a third of the square; suction lifts.
     """
-    text = (
-        LIMP + f"[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
-        f"profile_exponent = 0.2\nbase_height = 25.0\n"
-    )
+    text = LIMP
+    text += f"[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+    text += "profile_exponent = 0.2\nbase_height = 25.0\n"
     text += "[dynamics]\nduration = 1.0\ntime_step = 0.01\n"
-    f = both_ways.run(
-        both_ways.job(
-            text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS
-        ),
-        ranks=2,
+    f = both_ways.solve(
+        text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS, ranks=2
     )
     force = -coefficient * SIDE**2 / 3 * 0.5 * 1.25 * (30.0 * 3.0**0.2) ** 2
     compare(
@@ -320,13 +315,11 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
 
 def test_profile_of_the_mean_speed(both_ways, compare):
     """The power law at each control point's height above ground."""
-    f = both_ways.run(
-        both_ways.job(
-            '[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
-            "[wind]\nonset = 'sudden'\nspeed = 30.0\nshape_coefficient = -1.0\n"
-            "roughness = 0.03\ngusts = 'points'\n"
-            "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
-        )
+    f = both_ways.solve(
+        '[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
+        "[wind]\nonset = 'sudden'\nspeed = 30.0\nshape_coefficient = -1.0\n"
+        "roughness = 0.03\ngusts = 'points'\n"
+        "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
     )
     z, U = f["wind/control_point"][:, 2] + 30.0, f["wind/mean_speed"][:]
     assert np.ptp(z) > 5
