@@ -38,13 +38,6 @@ density = 7850.0
 prestress = 100e3
 """
 
-# What is never reached, behind [cable], and a wind that presses on nothing, for a table of nodes with areas.
-NEVER_REACHED = "yield_stress = 1e12\nfracture_strain = 0.9\n"
-AREAS, ROOF = ",area,normal_x,normal_y,normal_z", ",1,0,0,1"  # of nodes: columns, and what stands there
-STILL_AIR = '[wind]\nonset = "sudden"\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = 0.0\n'
-STILL_AIR += "base_height = 10.0\n"
-WHOLE = "[dynamics]\nfragments = false\n"  # whose step is that of a net that cannot break
-
 
 def pytest_addoption(parser):
     parser.addoption("--long", action="store_true", help="also the tests that take minutes")

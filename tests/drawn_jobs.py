@@ -218,7 +218,6 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
         own |= {"breaking_load": EA * limit} if by_load else {"fracture_strain": limit}
         if by_load and chance(draw):
             own["fracture_strain"] = 1.5 * limit
-        # With nearly everything there are always several limits: one scene to compile.
         if scene["bars"] and (chance(draw) or scene["sections"]):
             strut["fracture_strain"] = 0.9 * limit
         if scene["plastic"] and not scene["bars"] and chance(draw, 3):

@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-from conftest import AREAS, ROOF, STEEL, StopAfter, assert_same_results, run_netfall
+from conftest import STEEL, StopAfter, assert_same_results, run_netfall
 from mpi4py import MPI
 
 from netfall.checks.reactions import reaction_columns
@@ -314,7 +314,8 @@ WRONG = [
     (case("a", 'pressure_table = "elements.csv"'), "elements.csv: column x is missing"),
     (case("a", 'pressure_table = "cp.csv"'), "[[case]] a: factor: missing; expected the pressure in N/m2"),
 ]
-NODES = f"id,x,y,z,fixed{AREAS}\n1,0,0,0,1{ROOF}\n2,10,0,0,0{ROOF}\n3,20,0,0,1{ROOF}\n"
+NODES = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
+NODES += "1,0,0,0,1,1,0,0,1\n2,10,0,0,0,1,0,0,1\n3,20,0,0,1,1,0,0,1\n"
 
 
 @pytest.mark.parametrize("text, line", WRONG)

@@ -6,7 +6,7 @@ import subprocess
 import h5py
 import numpy as np
 import pytest
-from conftest import AREAS, BIN, ENVIRONMENT, ROOT, run_on_standing_ranks
+from conftest import BIN, ENVIRONMENT, ROOT, run_on_standing_ranks
 from scipy import integrate, stats
 from study_files import columns, drawn_members, net, write_study
 from test_study_runs import STUDY, write
@@ -291,7 +291,8 @@ def test_every_measure_is_a_number_of_a_run():
     assert not any(each.measured for each in OUTCOMES if each.empty == "" or each.name.endswith("_id"))
 
 
-NODES = f"id,x,y,z,fixed{AREAS}\n1,0,0,0,1,0,0,0,1\n2,5,0,-0.5,0,10,0,0,1\n3,10,0,0,1,0,0,0,1\n"
+NODES = "id,x,y,z,fixed,area,normal_x,normal_y,normal_z\n"
+NODES += "1,0,0,0,1,0,0,0,1\n2,5,0,-0.5,0,10,0,0,1\n3,10,0,0,1,0,0,0,1\n"
 CABLE = """[net]
 nodes = "nodes.csv"
 elements = "elements.csv"

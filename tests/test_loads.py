@@ -121,7 +121,7 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
     """A step load of 3 kN: u = u_s (1 - cos omega t), omega^2 = (k + EA / L0) / m; the energies balance."""
     k, unstressed = 4e5, 5.0 / (1.0 + 20e3 / EA)
     omega = np.sqrt((k + EA / unstressed) / (50.0 + 0.5 * 0.1 * unstressed))
-    table = (  # along z, as loads of other tests are; of the two at [0, 0] the first is the probe
+    table = (  # of the two at [0, 0] the first is the probe
         "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z,mass\n"
         f"2,0,0,-5,1,1,0,{k},-3000,50\n1,0,0,0,1,1,1,,,\n"
     )

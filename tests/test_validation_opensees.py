@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ENVIRONMENT, ROOT, STILL_AIR
+from conftest import ENVIRONMENT, ROOT
 
 THEME = "Other programs"
 OPENSEES, FOURTH = "OpenSees, corotational trusses", "OpenSees, implicit, fourth order, step to zero"
@@ -359,7 +359,7 @@ time_step = 1e-4
 history = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
-    job = both_ways.job(shipped("saddle") + text + STILL_AIR)
+    job = both_ways.job(shipped("saddle") + text)
     f = both_ways.run(job)
     double = both_ways.run(job, "--set", f"dynamics.time_step={2 * STEP}", ranks=1, output="double.vtkhdf")
     case = make_case(f, SADDLE, sudden=vertical(f, 800.0), every=250, fine=(5e-4, 2.5e-4))
