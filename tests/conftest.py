@@ -12,6 +12,7 @@ from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
 from netfall.core.cache import choose_folder
+from netfall.ground.errors import Interrupted
 
 choose_folder()  # of compiled kernels: here, and in what is started
 
@@ -107,15 +108,16 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None, co
 
     code : with which it has to end; None: any
     """
-    done = subprocess.run(
-        [*on_ranks(ranks), str(BIN / "netfall"), *map(str, arguments)],
-        cwd=cwd,
-        env=ENVIRONMENT | (environment or {}),
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        stdin=subprocess.DEVNULL,
+    line = [*on_ranks(ranks), BIN / "netfall", *arguments]
+    return run_process(
+        *line, cwd=cwd, timeout=timeout, environment=ENVIRONMENT | (environment or {}), code=code
     )
+
+
+def run_process(*line, cwd=None, timeout=300, environment=ENVIRONMENT, code=0) -> subprocess.CompletedProcess:
+    """A process of its own, finished, and its output. code : with which it has to end; None: any"""
+    streams = dict(capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    done = subprocess.run([*map(str, line)], cwd=cwd, env=environment, timeout=timeout, **streams)
     assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
     return done
 
@@ -191,6 +193,27 @@ class Workshop:
     def solve(self, text: str, nodes: str = "", elements: str = "", *arguments, name="job", **how):
         """Write a job and run it: as `job` and `run`."""
         return self.run(self.job(text, nodes, elements, name), *arguments, **how)
+
+    def run_here(self, job: Path, output="result.vtkhdf", **how) -> h5py.File:
+        """Run a job in this process, silently; its result file, open."""
+        from netfall.ground.progress import Progress
+        from netfall.job.read import read_job
+        from netfall.parallel.mpi import MPI
+        from netfall.program.run import run_job
+
+        run_job(MPI.COMM_SELF, read_job(job), self.folder / output, Progress(False, False), **how)
+        return self.open(output)
+
+    def pause(self, job: Path, stop, output="result.vtkhdf") -> tuple[Path, str]:
+        """Begin a job in this process and stop it; the checkpoint that it leaves, and what is said then.
+
+        stop : a wish to stop, or after how many looks there is one
+        """
+        stop = StopAfter(stop) if isinstance(stop, int) else stop
+        with pytest.raises(Interrupted) as raised:
+            self.run_here(job, output, stop=stop)
+        (checkpoint,) = self.folder.glob(f"{output.partition('.')[0]}.checkpoint*")
+        return checkpoint, str(raised.value)
 
     def open(self, output: str = "result.vtkhdf") -> h5py.File:
         """A result file."""

@@ -1,20 +1,19 @@
 """Static cases and combinations: what acts in each, against the same loads written out, and by hand."""
 
+import re
+
 import h5py
 import numpy as np
 import pytest
-from conftest import STEEL, StopAfter, assert_same_results, run_netfall
+from conftest import STEEL, assert_same_results, run_netfall
 from mpi4py import MPI
 
 from netfall.checks.reactions import reaction_columns
 from netfall.equilibrium import find
 from netfall.exchange.export import Wanted, export
-from netfall.ground.errors import Interrupted
-from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
-from netfall.program.run import run_job
 from netfall.program.setup import prepare
 
 TOLERANCE = 1e-6  # of the largest tension: what the issue asks, with [load] tolerance = 1e-9 well above it
@@ -387,8 +386,7 @@ def test_combinations_by_factors_are_those_by_cycles(workshop, monkeypatch):
     files = {}
     for name, most in (("factors", find.MOST_PRODUCTS), ("cycles", 0.0)):
         monkeypatch.setattr(find, "MOST_PRODUCTS", most)
-        run_job(MPI.COMM_SELF, read_job(job), workshop.folder / f"{name}.vtkhdf", Progress(False, False))
-        files[name] = workshop.open(f"{name}.vtkhdf")
+        files[name] = workshop.run_here(job, f"{name}.vtkhdf")
     one, other = files.values()
     for name in one["cases"].attrs["order"]:
         assert apart(one[f"cases/{name}"], other[f"cases/{name}"]) <= TOLERANCE
@@ -401,8 +399,6 @@ def test_a_pause_among_combinations_changes_no_bit(workshop, looks):
     """Stopped at a correction, taken up on three ranks: the factors of the permanent state serve again."""
     job = workshop.job(NEIGHBOURS)
     whole = workshop.run(job, output="whole.vtkhdf")
-    path = workshop.folder / "result.vtkhdf"
-    with pytest.raises(Interrupted, match=r"in statics, (case|combination) "):
-        run_job(MPI.COMM_SELF, read_job(job), path, Progress(False, False), stop=StopAfter(looks))
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    checkpoint, said = workshop.pause(job, looks)
+    assert re.search(r"in statics, (case|combination) ", said)
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=3))

@@ -23,13 +23,11 @@ from test_manufactured import (
 )
 
 from netfall.checks.reactions import reaction_columns
-from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.net.build import build_net
 from netfall.parallel.halo import buffers_alone, exchange_rows
-from netfall.program.run import run_job
 from netfall.results.states import envelope_of
 from netfall.stages.step_limit import long_step_allowed
 from netfall.study.answers.info import _losses
@@ -209,8 +207,7 @@ def test_a_fading_cable_between_two_weights(workshop):
     dt, fade = period / 400, 0.3 * period
     rows = dict(duration=1.6 * period, dt=dt, history=40 * dt, checkpoint=130 * dt, time=100 * dt, fade=fade)
     job = workshop.job(FADE.format(**rows), LINE.format(W=W), "start,end\n0,1\n1,2\n2,3\n")
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "whole.vtkhdf", Progress(False))
-    f = workshop.open("whole.vtkhdf")
+    f = workshop.run_here(job, "whole.vtkhdf")
     before, after, peak, factor = (
         f[f"removal/{name}"][0]
         for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
@@ -222,9 +219,7 @@ def test_a_fading_cable_between_two_weights(workshop):
     assert factor[[0, 2]] == pytest.approx(1 + np.sin(turn) / turn, abs=1e-4)
     assert factor[0] == pytest.approx(factor[2], rel=1e-12)
     (checkpoint, *_) = sorted(workshop.folder.glob("whole.checkpoint*"))
-    again = workshop.folder / "again.vtkhdf"
-    run_job(MPI.COMM_WORLD, read_job(job), again, Progress(False), restart=checkpoint)
-    assert_same_results(f, workshop.open("again.vtkhdf"))
+    assert_same_results(f, workshop.run_here(job, "again.vtkhdf", restart=checkpoint))
 
 
 def test_what_has_yielded_at_rest_yields_no_more(workshop):
@@ -233,8 +228,7 @@ def test_what_has_yielded_at_rest_yields_no_more(workshop):
     text += "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
     text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory = 0.01\n"
     job = workshop.job(text, nodes(), ELEMENTS)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    f = workshop.open()
+    f = workshop.run_here(job)
     sine = 0.5 * 1600.0 / 2000.0
     plastic = 1 / np.sqrt(1 - sine**2) - 1 - 2e-3
     assert f["final/plastic_strain"][:] == pytest.approx(plastic, rel=1e-6)
@@ -263,8 +257,7 @@ def test_a_spring_holds_the_form_that_was_found(workshop):
     table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
     text = CABLE + "prestress = 20e3\n[form_finding]\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
     job = workshop.job(text + "[output]\nhistory = 0.002\n", table, "start,end\n1,2\n")
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    f = workshop.open()
+    f = workshop.run_here(job)
     assert np.abs(f["final/position"][1] - [5.0, 0.0, 0.0]).max() < 1e-14  # rounding: 20 kN over 4e5 N/m
     assert f["net/spring"][1, 0] == 4e5
 
@@ -274,8 +267,7 @@ def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
     text = CABLE + "[form_finding]\nmodulus_factor = 0.01\nmax_iterations = 2000\ntolerance = 1e-10\n"
     elements = "start,end,prestress\n1,2,20e3\n2,3,21e3\n"
     job = workshop.job(text, nodes(), elements)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    assert workshop.open()["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
+    assert workshop.run_here(job)["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
 
 
 def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
@@ -289,8 +281,7 @@ def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
         )
     )
     job = workshop.job(text, nodes(), ELEMENTS)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    f = workshop.open()
+    f = workshop.run_here(job)
     of_cases = [f[f"cases/{name}/tension"][:] for name in ("first", "heavy", "again")]
     whole = envelope_of(f, np.full(2, np.nan))
     assert (whole.most == np.max(of_cases, axis=0)).all() and (whole.least == 0.0).all()  # as given

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, on_ranks, refused, run_netfall, wait_for
+from conftest import BIN, ENVIRONMENT, ROOT, on_ranks, refused, run_netfall, run_process, wait_for
 from test_python import cross
 
 import netfall
@@ -79,8 +79,7 @@ print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.mo
 def test_a_run_leaves_the_users_process_as_it_was(tmp_path):
     """Configuration of numba, garbage, environment, signals, allocator, and the cache of a user's kernels."""
     (tmp_path / "process.py").write_text(PROCESS)
-    command = [sys.executable, "process.py"]
-    done = subprocess.run(command, env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    done = run_process(sys.executable, "process.py", cwd=tmp_path)
     assert done.stdout.splitlines() == ["[]", "[]"], done.stdout + done.stderr
 
 
@@ -163,8 +162,7 @@ except netfall.OutputError as error:
 def test_what_cannot_be_written_is_an_output_error(tmp_path):
     """Here with a limit of the size of files, which the run inherits."""
     (tmp_path / "script.py").write_text(FULL)
-    command = [sys.executable, "script.py", str(ROOT / "tests")]
-    done = subprocess.run(command, env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    done = run_process(sys.executable, "script.py", ROOT / "tests", cwd=tmp_path)
     assert done.stdout.startswith("full.vtkhdf: cannot be written (File too large);"), done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
 
@@ -184,9 +182,7 @@ def test_a_run_finds_netfall_where_its_process_found_it(tmp_path):
     text = f"import sys; sys.path[:0] = {paths}\nimport netfall\nfrom test_python import cross\n"
     text += 'print(netfall.run(cross(), {"dynamics.duration": 0.01}).title)'
     alone = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
-    done = subprocess.run(
-        [python, "-c", text], env=alone, cwd=tmp_path, capture_output=True, text=True, timeout=100
-    )
+    done = run_process(python, "-c", text, environment=alone, cwd=tmp_path)
     assert done.stdout == 'Four cables, "crossed"\n', done.stderr
 
 
@@ -321,10 +317,8 @@ def test_ranks_that_srun_starts_from_its_own_shell_are_counted(kept):
     """They have the variables of the shell too; that srun has started them, their number says."""
     there = BATCH | {"SLURM_STEP_NUM_TASKS": "8", "SLURM_PTY_PORT": "1"}
     words = f"SLURM_TASK_PID=$$ exec {BIN / 'netfall'} run job.toml -o task.vtkhdf"
-    done = subprocess.run(
-        ["sh", "-c", words], env=ENVIRONMENT | there, cwd=kept, capture_output=True, text=True, timeout=100
-    )
-    assert (done.returncode, done.stderr.count("the launcher started 8 processes")) == (2, 1)
+    done = run_process("sh", "-c", words, environment=ENVIRONMENT | there, cwd=kept, code=2)
+    assert done.stderr.count("the launcher started 8 processes") == 1
 
 
 @pytest.mark.parametrize("launcher, code", [(BATCH, 0), ({"PMI_SIZE": "2", "PMI_RANK": "1"}, 2)])
@@ -344,10 +338,7 @@ of_parallel_hdf5 = pytest.mark.skipif(not PARALLEL, reason="a serial HDF5 writes
 def run_each(*ranks: list, cwd: Path) -> subprocess.CompletedProcess:
     """Start one rank for each list of words, those of mpirun first; ended after a minute, if it hangs."""
     words = " : ".join(f"-n 1 {' '.join(map(str, one))}" for one in ranks).split()
-    command = [str(BIN / "mpirun"), *words]
-    return subprocess.run(
-        command, env=ENVIRONMENT, cwd=cwd, capture_output=True, text=True, timeout=60, check=False
-    )
+    return run_process(BIN / "mpirun", *words, cwd=cwd, timeout=60, code=None)
 
 
 @of_parallel_hdf5

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
+from netfall.ground.errors import DivergedError
 from netfall.model.schedule import make_schedule
 
 ELASTIC = STEEL.replace("prestress = 100e3\n", "")
@@ -148,12 +149,6 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     """A velocity that is no number at 0.06 s:
     stopped before it is saved, with time, particle, element and the checkpoint before.
     """
-    from mpi4py import MPI
-
-    from netfall.ground.errors import DivergedError
-    from netfall.ground.progress import Progress
-    from netfall.job.read import read_job
-    from netfall.program.run import run_job
     from netfall.stages import dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
@@ -171,7 +166,7 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
 
     monkeypatch.setattr(dynamics.Simulation, "advance_block", broken)
     with pytest.raises(DivergedError) as raised:
-        run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False, False))
+        workshop.run_here(job)
     kept = sorted(workshop.folder.glob("*checkpoint*"))
     message = str(raised.value)
     assert "diverged at t = 0.06" in message

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, StopAfter, assert_same_results, lines_with, run_on_standing_ranks
+from conftest import ROOT, assert_same_results, lines_with, run_on_standing_ranks
 from mpi4py import MPI
 from PIL import Image
 from scipy.optimize import fsolve
@@ -17,7 +17,7 @@ from netfall.checks.shop import Deduction, pieces_of
 from netfall.checks.slides import slide_columns
 from netfall.equilibrium import find
 from netfall.erection import erect
-from netfall.ground.errors import DivergedError, Interrupted
+from netfall.ground.errors import DivergedError
 from netfall.ground.progress import Progress
 from netfall.ground.timings import Phases
 from netfall.job.memory import Memory
@@ -478,13 +478,9 @@ def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, net, looks)
     """With the bits of one that was not; statics follow."""
     job = workshop.job(*net)
     whole = workshop.run(job, output="whole.vtkhdf")
-    path = workshop.folder / "paused.vtkhdf"
-    with pytest.raises(Interrupted, match=r"in stage .*, from whose start it goes on"):
-        run_job(MPI.COMM_SELF, read_job(job), path, Progress(False), stop=StopAfter(looks))
-    checkpoint = next(workshop.folder.glob("paused.checkpoint-*"))
-    run_job(MPI.COMM_SELF, read_job(job), path, Progress(False), restart=checkpoint)
-    with workshop.open("paused.vtkhdf") as resumed:
-        assert assert_same_results(whole, resumed) > 20
+    checkpoint, said = workshop.pause(job, looks)
+    assert re.search("in stage .*, from whose start it goes on", said)
+    assert assert_same_results(whole, workshop.run_here(job, restart=checkpoint)) > 20
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
+from conftest import (
+    BIN,
+    ENVIRONMENT,
+    STEEL,
+    assert_same_results,
+    run_netfall,
+    run_on_standing_ranks,
+    run_process,
+)
 from kill_runs import JOB
 from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
@@ -51,11 +59,7 @@ def disk(tmp_path):
     """A disk in memory, where this process may mount one."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={DISK}m", "netfall", str(folder)],
-        capture_output=True,
-        text=True,
-    )
+    mounted = run_process("mount", "-t", "tmpfs", "-o", f"size={DISK}m", "netfall", folder, code=None)
     if mounted.returncode:
         pytest.skip(f"no disk can be mounted here: {mounted.stderr.strip()}")
     yield Disk(folder)
@@ -165,7 +169,7 @@ def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
     for kilobytes, *words in ((4, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
         command = ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', BIN / "netfall", *words]
         there = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python leaves what it cannot write, cut off
-        done = subprocess.run(command, cwd=tmp_path, env=there, capture_output=True, text=True)
+        done = run_process(*command, cwd=tmp_path, environment=there, code=None)
         without_room(done, "File too large")
         assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["roof.toml"]
 

@@ -2,11 +2,11 @@
 
 import os
 import re
-import subprocess
 import sys
 
 import llvmlite.binding as llvm
 import pytest
+from conftest import run_process
 from numba import cfunc, types
 from processors import JOBS, ROOT, digest, kept
 
@@ -84,9 +84,7 @@ main()
 def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(lanes, chunk, tmp_path):
     """A storm in which cables yield and break, and parts fly off, in other registers and other chunks."""
     result = tmp_path / "result.vtkhdf"
-    subprocess.run(
-        [sys.executable, "-c", OTHER.format(lanes=lanes, chunk=chunk), str(JOBS["saddle"]), str(result)],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)},
-        check=True,
-    )
+    there = os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)}
+    text = OTHER.format(lanes=lanes, chunk=chunk)
+    run_process(sys.executable, "-c", text, JOBS["saddle"], result, environment=there)
     assert digest(result) == kept()["saddle"]

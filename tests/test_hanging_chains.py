@@ -7,12 +7,6 @@ import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from scipy.optimize import brentq, root
 
-from netfall.ground.errors import Interrupted
-from netfall.ground.progress import Progress
-from netfall.job.read import read_job
-from netfall.parallel.mpi import MPI
-from netfall.program.run import run_job
-
 EA, WEIGHT = 1.6e11 * 5e-4, 7850.0 * 5e-4 * 9.81  # N, N/m of unstressed length
 CABLE = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n[load]\nself_weight = true\nsteps = 1\n"
 
@@ -187,16 +181,10 @@ def test_a_pause_changes_no_bit(workshop, before_the_end):
     """Stopped so many looks before the end, while it is relaxed or hangs; taken up on other ranks."""
     net = Chains()
     net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((60.0, 0.0, 20.0), 1), 150, 1.05)
-    job, quiet = net.job(workshop), Progress(False, False)
-    looks = StopAfter(10**9)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "whole.vtkhdf", quiet, stop=looks)
-    result, looked = workshop.folder / "result.vtkhdf", 10**9 - looks.left
-    with pytest.raises(Interrupted):
-        run_job(MPI.COMM_WORLD, read_job(job), result, quiet, stop=StopAfter(looked - before_the_end))
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
-    workshop.run(job, "--restart", checkpoint, ranks=2)
-    with workshop.open("whole.vtkhdf") as whole, workshop.open() as again:
-        assert_same_results(whole, again)
+    job, looks = net.job(workshop), StopAfter(10**9)
+    whole = workshop.run_here(job, "whole.vtkhdf", stop=looks)
+    checkpoint, _ = workshop.pause(job, 10**9 - looks.left - before_the_end)
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
 LINKS = CABLE.replace("[cable]\n", '[cable]\nkind = "bar"\n') + "max_iterations = 100\n"

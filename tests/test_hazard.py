@@ -1,12 +1,11 @@
 """From a fragility curve to a year: hazard, reliability, own measures of failure; closed forms."""
 
 import re
-import subprocess
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, run_on_standing_ranks
+from conftest import BIN, ROOT, run_on_standing_ranks, run_process
 from scipy import integrate, stats
 from study_files import columns, drawn_members, net, write_study
 from test_study_runs import STUDY, write
@@ -328,7 +327,7 @@ def test_openturns_finds_the_probability_of_a_rare_failure():
     """The stadium at 50.8 m/s: 0.90e-2 by an earlier subset simulation with 1,400 runs, 0.50e-2 to 1.6e-2."""
     pytest.importorskip("openturns")
     script = ROOT / "jobs" / "studies" / "rare_openturns.py"
-    done = subprocess.run([BIN / "python", script], env=ENVIRONMENT, capture_output=True, text=True)
+    done = run_process(BIN / "python", script, code=None, timeout=None)
     told = re.search(r"probability (\S+) \((\S+) to (\S+),", done.stdout)
     probability, low, high = map(float, told.groups())
     assert low <= 0.90e-2 <= high and 0.50e-2 <= probability <= 1.6e-2, done.stdout + done.stderr

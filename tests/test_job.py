@@ -1,13 +1,12 @@
 """Wrong input gives one clear line for each error, and nothing is computed or left behind."""
 
 import re
-import subprocess
 import sys
 
 import bad_inputs
 import pytest
 from bad_inputs import BAD_TABLES, wrong_values
-from conftest import ENVIRONMENT, STEEL, on_ranks, run_netfall, run_on_standing_ranks
+from conftest import STEEL, on_ranks, run_netfall, run_on_standing_ranks, run_process
 
 from netfall.ground.errors import InputError
 from netfall.job.entries import LISTS
@@ -234,8 +233,7 @@ def test_malformed_inputs_made_from_the_schema_are_refused(ranks, cases):
     exit code 2 on each rank, a line for each error on one, no file left.
     """
     command = [*on_ranks(ranks), sys.executable, bad_inputs.__file__, "--cases", str(cases)]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stdout + done.stderr
+    done = run_process(*command)
     assert done.stdout.splitlines()[-1] == f"{cases} malformed inputs on {ranks} ranks, 0 answered wrong"
 
 

@@ -5,17 +5,13 @@ the mean wind, from which gusts grow in.
 import h5py
 import numpy as np
 import pytest
-from conftest import StopAfter, assert_same_results, run_on_standing_ranks
-from mpi4py import MPI
+from conftest import assert_same_results, run_on_standing_ranks
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
 from netfall.checks.reactions import reaction_columns
-from netfall.ground.errors import Interrupted
-from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
-from netfall.program.run import run_job
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"
@@ -465,12 +461,8 @@ def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after
 
     With cases alone the loads act at once after them, from the state of the start.
     """
-
     job = workshop.job(text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint = 0.31\n", ""))
     whole = workshop.run(job, output="whole.vtkhdf")
-    path = workshop.folder / "result.vtkhdf"
-    with pytest.raises(Interrupted) as raised:
-        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=StopAfter(after))
-    assert "in statics, " in str(raised.value)
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    checkpoint, said = workshop.pause(job, after)
+    assert "in statics, " in said
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))

@@ -5,7 +5,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from conftest import StopAfter, assert_same_results, run_on_standing_ranks
+from conftest import assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 
 from netfall.equilibrium import find as finding
@@ -13,7 +13,7 @@ from netfall.equilibrium import goals, mixed
 from netfall.equilibrium import limit as limits
 from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, strained
 from netfall.equilibrium.relaxation import net_of
-from netfall.ground.errors import DivergedError, Interrupted
+from netfall.ground.errors import DivergedError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER
 from netfall.ground.timings import Phases
@@ -309,18 +309,14 @@ def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
     monkeypatch.setattr(settling, "_by_trials", None)
     entered, limit = [], settling._limit
     monkeypatch.setattr(settling, "_limit", lambda *to: entered.append(1) or limit(*to))
-    job = read_job(workshop.job(SADDLE.format(steps=1)))
-    result, whole = workshop.folder / "result.vtkhdf", workshop.folder / "whole.vtkhdf"
-    quiet = Progress(False, False)
+    job = workshop.job(SADDLE.format(steps=1))
     with pytest.raises(DivergedError):
-        run_job(MPI.COMM_WORLD, job, whole, quiet)
+        workshop.run_here(job, "whole.vtkhdf")
     entered.clear()
-    with pytest.raises(Interrupted):
-        run_job(MPI.COMM_WORLD, job, result, quiet, stop=StopAfter(looks))
+    checkpoint, _ = workshop.pause(job, looks)
     assert entered
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
     with pytest.raises(DivergedError):
-        run_job(MPI.COMM_WORLD, job, result, quiet, restart=checkpoint)
+        workshop.run_here(job, restart=checkpoint)
     with workshop.open("whole.vtkhdf") as one, workshop.open() as again:
         assert_same_results(one, again)
 
@@ -330,11 +326,8 @@ def test_a_pause_in_the_search_changes_no_bit(workshop, looks, ranks):
     """Stopped after some looks, in the whole load and in the search, and taken up on other ranks."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     workshop.run(job, output="whole.vtkhdf", code=3)
-    result, quiet = workshop.folder / "result.vtkhdf", Progress(False, False)
-    with pytest.raises(Interrupted) as raised:
-        run_job(MPI.COMM_WORLD, read_job(job), result, quiet, stop=StopAfter(looks))
-    assert "in statics" in str(raised.value)
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    checkpoint, said = workshop.pause(job, looks)
+    assert "in statics" in said
     workshop.run(job, "--restart", checkpoint, ranks=ranks, code=3)
     with workshop.open("whole.vtkhdf") as whole, workshop.open() as again:
         assert_same_results(whole, again)

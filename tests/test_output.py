@@ -13,7 +13,7 @@ import h5py
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
+from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks, run_process
 from drawings import Sketch
 from kill_runs import JOB
 from matplotlib.text import Text
@@ -510,29 +510,11 @@ def test_full_disk_is_one_line(workshop, ranks):
         "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, "
         "(300_000, 300_000)); from netfall.__main__ import main; main()"
     )
-    command = [
-        BIN / "mpirun",
-        "-n",
-        str(ranks),
-        BIN / "python",
-        "-c",
-        limited,
-        "run",
-        job,
-        "-o",
-        workshop.folder / "full.vtkhdf",
-        "--quiet",
-    ]
-    done = subprocess.run(
-        [*map(str, command), "--set", "output.frames=2000"],
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        stdin=subprocess.DEVNULL,
-    )
+    command = [BIN / "mpirun", "-n", ranks, BIN / "python", "-c", limited, "run", job, "--quiet"]
+    output = ["-o", workshop.folder / "full.vtkhdf", "--set", "output.frames=2000"]
+    done = run_process(*command, *output, timeout=120, code=1)
     lines = [line for line in done.stderr.splitlines() if "netfall" in line]
-    assert done.returncode == 1 and "Traceback" not in done.stderr, done.stderr
+    assert "Traceback" not in done.stderr, done.stderr
     assert (
         len(lines) == 1 and "full.vtkhdf: cannot be written" in lines[0] and "MB are free in" in lines[0]
     ), done.stderr
@@ -669,10 +651,7 @@ def test_a_run_whose_output_is_read_no_more_goes_on(workshop):
     line, code, told = first_line_of("run", job, "-o", "head.vtkhdf", folder=workshop.folder)
     assert (line.startswith("netfall "), code, told) == (True, 0, "")
     command = f"{BIN / 'netfall'} run {job} -o closed.vtkhdf >&-"
-    done = subprocess.run(
-        ["bash", "-c", command], env=ENVIRONMENT, cwd=workshop.folder, capture_output=True, text=True
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    assert run_process("bash", "-c", command, cwd=workshop.folder).stderr == ""
     with (
         h5py.File(workshop.folder / "head.vtkhdf") as one,
         h5py.File(workshop.folder / "closed.vtkhdf") as two,
@@ -685,9 +664,7 @@ def test_an_import_whose_output_is_read_no_more_has_written_its_tables(tmp_path)
     """The disk is not blamed: no word on standard error, the tables are there; so is what export writes."""
     Sketch().net().save(tmp_path / "roof.dxf")
     command = f"{BIN / 'netfall'} import roof.dxf -o roof | true; echo ${{PIPESTATUS[0]}}"
-    done = subprocess.run(
-        ["bash", "-c", command], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
-    )
+    done = run_process("bash", "-c", command, cwd=tmp_path)
     assert (done.stdout.strip(), done.stderr) == ("1", "")
     assert {path.name for path in (tmp_path / "roof").iterdir()} >= {"nodes.csv", "report.txt", "roof.toml"}
 

@@ -11,7 +11,15 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from conftest import ENVIRONMENT, ROOT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
+from conftest import (
+    ENVIRONMENT,
+    ROOT,
+    STEEL,
+    assert_same_results,
+    run_netfall,
+    run_on_standing_ranks,
+    run_process,
+)
 
 from netfall.net.generators import generate as generators
 from netfall.parallel import alone
@@ -212,10 +220,7 @@ if "mpi4py.MPI" in sys.modules:
 def test_a_process_without_a_launcher_starts_mpi_by_itself(rank, says):
     """And leaves no setting behind; what a launcher has started is left to it."""
     there = {"PMI_RANK": rank} if rank else {}
-    done = subprocess.run(
-        [sys.executable, "-c", ALONE], env=ENVIRONMENT | there, capture_output=True, text=True
-    )
-    assert (done.returncode, done.stdout) == (0, says), done.stderr
+    assert run_process(sys.executable, "-c", ALONE, environment=ENVIRONMENT | there).stdout == says
 
 
 OPENS_LATER = (

@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
-from mpi4py import MPI
 from test_validation_opensees import (
     SADDLE,
     compare_histories,
@@ -20,11 +19,9 @@ from test_validation_opensees import (
 )
 
 from netfall.ground.errors import InputError, Interrupted
-from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout
-from netfall.program.run import run_job
 from netfall.report.report import Inputs, write_report
 from netfall.results.loss_lines import loss_lines, telling_factor
 from netfall.stages.rests import words_of
@@ -224,23 +221,22 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
         return settle(scene, each, *arguments, **options)
 
     text = CABLE + dynamics(PERIOD, 400) + entry([0], 0.1, 0.01) + entry([3], 0.11) + entry([5], 0.12)
-    job, path = workshop.job(text, *weights(3)), workshop.folder / "result.vtkhdf"
+    job = workshop.job(text, *weights(3))
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
     monkeypatch.setattr("netfall.stages.rests.settle", pausing)
-    with pytest.raises(Interrupted, match="in statics, the net without element 3"):
-        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=stop)
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    checkpoint, said = workshop.pause(job, stop)
+    assert "in statics, the net without element 3" in said
     with workshop.run(job, "--restart", checkpoint) as again:
         assert_same_results(whole, again)
 
 
 def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, torn):
     """Each run goes on where the last was, also within a rest that takes more looks than a run is given."""
-    job, path, restart, places = workshop.job(TORN), workshop.folder / "result.vtkhdf", None, []
+    job, restart, places = workshop.job(TORN), None, []
     while True:
         try:
-            run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), restart, StopAfter(LOOKS))
+            again = workshop.run_here(job, restart=restart, stop=StopAfter(LOOKS))
         except Interrupted as interrupted:
             places.append(str(interrupted).split(";")[0])
             assert len(places) < 30
@@ -249,8 +245,7 @@ def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, tor
             break
     first = "interrupted in statics, the net without elements 20, 21, 22"
     assert places.count(first) > 1 and len({where for where in places if "without" in where}) > 1
-    with h5py.File(path) as again:
-        assert_same_results(torn, again)
+    assert_same_results(torn, again)
 
 
 def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
