@@ -16,7 +16,7 @@ from conftest import BIN, ENVIRONMENT, ROOT, on_ranks, refused, run_netfall, run
 from test_python import cross
 
 import netfall
-from netfall.api.run import _error, _job_file
+from netfall.api.run import _job_file
 from netfall.study.pool import worker_command
 
 PROCESS = """
@@ -165,14 +165,6 @@ def test_what_cannot_be_written_is_an_output_error(tmp_path):
     done = run_process(sys.executable, "script.py", ROOT / "tests", cwd=tmp_path)
     assert done.stdout.startswith("full.vtkhdf: cannot be written (File too large);"), done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["script.py"]
-
-
-def test_a_run_that_is_killed_says_by_what():
-    """A kill for want of memory has no message of its own."""
-    error = _error(-9, [], ["python", "-m", "netfall"])
-    assert isinstance(error, RuntimeError) and str(error) == "python -m netfall was ended by SIGKILL"
-    unforeseen = _error(1, ["netfall: rank 0: ValueError: x (NETFALL_TRACEBACK=1 shows where)"], ["python"])
-    assert type(unforeseen) is RuntimeError and "ValueError: x" in str(unforeseen)
 
 
 def test_a_run_finds_netfall_where_its_process_found_it(tmp_path):

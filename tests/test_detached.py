@@ -5,7 +5,7 @@ import pytest
 from conftest import STEEL, run_on_standing_ranks
 
 from netfall.record.history import energy_in_play
-from netfall.results.notes import balance_notes, detached_notes
+from netfall.results.notes import detached_notes
 
 RHO, STEP = 1.25, 1e-3
 BARE = STEEL.replace("prestress = 100e3\n", "")
@@ -157,13 +157,3 @@ def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
     assert h["kinetic_energy"][-1] > 100 * stored
     joules = h["balance_error"] * np.maximum.accumulate(np.maximum(energy_in_play(h), 1e-4 * stored))
     assert np.allclose(h["balance_error_attached"] * stored, joules, rtol=1e-9, atol=1e-12 * stored)
-
-
-@pytest.mark.parametrize("took_part, attached", [(2e-3, 1e-4), (1e-4, 2e-3)])
-def test_either_share_of_the_balance_error_is_warned_of(took_part, attached):
-    """Above the promise of 1e-3, by the larger one; below it nothing is said."""
-    time, none = np.arange(3.0), np.zeros(3)
-    (said,) = balance_notes(time, np.array([0, took_part, 0]), np.array([0, -attached, 0]), none)
-    assert said.startswith("warning: dynamics: the energy balance is off by up to")
-    assert "t = 1 s to 1 s" in said
-    assert balance_notes(time, np.full(3, 9e-4), np.full(3, -9e-4), none) == []

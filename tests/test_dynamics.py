@@ -25,19 +25,6 @@ def oscillator(step, damping=0.0, ranks=1):
     return text, nodes, f"start,end,unstressed_length\n1,2,{L0}\n"
 
 
-def test_fixed_step_above_the_limit_is_refused_below_it_runs(workshop):
-    """The sharp limit of an elastic net:
-    1.01 of it is exit code 2 with the limit and its element, 0.99 stays bounded.
-    """
-    L0, M = 10.0, 1000.0 + HALF_ELEMENT * 10.0
-    limit = 2 / np.sqrt(EA / L0 / M)
-    text, nodes, elements = oscillator(0.99 * limit)
-    f = workshop.solve(text.replace("duration = 0.5", "duration = 20.0"), nodes, elements)
-    assert np.abs(f["history/probe_displacement"][:]).max() < 0.1
-    done = workshop.solve(*oscillator(1.01 * limit), code=2)
-    assert f"above the stable step {limit:.4g} s" in done.stderr and "element" in done.stderr
-
-
 @pytest.mark.parametrize("n", [2, 3, 40, 700])
 def test_sharp_limit_of_a_chain(workshop, n):
     """2 / omega_max = 1 / (sqrt(k / m) cos(pi / 2n)) of a taut chain between supports, from below, to 1e-4;

@@ -15,11 +15,9 @@ from netfall.checks.cases import slack_cables
 from netfall.checks.reactions import pull_at, reaction_columns
 from netfall.checks.shop import Deduction, pieces_of
 from netfall.checks.slides import slide_columns
-from netfall.equilibrium import find
 from netfall.erection import erect
 from netfall.ground.errors import DivergedError
 from netfall.ground.progress import Progress
-from netfall.ground.timings import Phases
 from netfall.job.memory import Memory
 from netfall.job.read import read_job
 from netfall.net.build import build_net
@@ -30,7 +28,6 @@ from netfall.plots.states import stages as stages_picture
 from netfall.program import build_up
 from netfall.program.member import run_member
 from netfall.program.run import run_job
-from netfall.program.setup import prepare
 from netfall.report.report import Inputs, write_report
 from netfall.results.cases import cases_of
 from netfall.results.frames import Frames, StageFrames
@@ -675,24 +672,6 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     assert "**No equilibrium: errors of" in page and "**Errors of length that were drawn" in page
 
 
-def test_answers_to_many_lengths_are_those_to_one(monkeypatch):
-    """Of a larger net, for as many as are worth its factors, by these; else by conjugate gradients alone."""
-    scene, _ = prepare(MPI.COMM_SELF, read_job(ROOT / "jobs/ring.toml", []), Phases())
-    state, made, answers = scene.state, [], {}
-    change = 1e-3 * state.L0 * np.cos(np.arange(len(state.L0)))
-    of_tangent = find.factors_of_tangent
-    monkeypatch.setattr(find, "factors_of_tangent", lambda *each: made.append(0) or of_tangent(*each))
-    for fewest, count in (0, 1000), (0, 0), (10**9, 1000):
-        monkeypatch.setattr(find, "FEWEST", fewest)
-        respond = scene.finder.responses(np.zeros_like(state.x), count)
-        answers[fewest, count] = [each.copy() for _ in range(2) for each in respond(change)]
-    assert len(made) == 1
-    alone = answers.pop((10**9, 1000))
-    for found in answers.values():
-        for one, other in zip(alone, found):
-            assert np.abs(one - other).max() < 1e-8 * np.abs(one).max() > 0.0
-
-
 def line_of_three(prestress=2e4):
     """Three pieces of cable in a line between supports, 4, 5 and 6 m long: all have one tension."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,4,0,0,0\n3,9,0,0,0\n4,15,0,0,1\n"
@@ -718,21 +697,3 @@ def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
     assert abs(N.mean() - 2e4) < 4 * by_hand / np.sqrt(count)  # four standard errors
     assert N.std() == pytest.approx(by_hand, rel=4 / np.sqrt(2 * count))
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 4 / np.sqrt(count)
-
-
-def test_scatter_of_the_levy_dome_against_runs(shared_workshop):
-    """Of 40 drawn roofs: what the tensions of each group scatter by is what linear influence says."""
-    changes, found = ["cable.length_deviation=0.001", "load.steps=0"], []
-    for seed in range(40):
-        scene = prepare(
-            MPI.COMM_SELF,
-            read_job(ROOT / "jobs" / "levy.toml", [*changes, f"cable.length_seed={seed}"]),
-            Phases(),
-        )[0]
-        found.append(scene.model.N)
-        scene.halo.free()
-    linear = scene.build_up.sections["deviation"]["tension_deviation"]
-    names, group = scene.model.net.group_names, scene.model.net.group
-    for k, name in enumerate(names):  # elements of a group are alike: 40 x 12 and more draws, some alike
-        mine = np.sqrt(np.mean(np.var(np.array(found)[:, group == k], axis=0, ddof=1)))
-        assert mine == pytest.approx(linear[group == k].mean(), rel=0.25), name

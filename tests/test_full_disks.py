@@ -5,7 +5,6 @@ import errno
 import os
 import shutil
 import subprocess
-from functools import partial
 from pathlib import Path
 
 import h5py
@@ -28,7 +27,7 @@ from test_long_runs import JOB as TINY
 from netfall.ground.errors import OutputError
 from netfall.write import locks as room
 from netfall.write.h5 import SharedFile, check_seal
-from netfall.write.locks import h5_file, h5_whole, reserve
+from netfall.write.locks import h5_whole, reserve
 
 SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
 DISK = 16  # MB
@@ -226,36 +225,6 @@ def test_studies_end_where_the_disk_is_full(disk, workshop):
 
 
 # --- what stands behind it
-
-
-def test_a_file_for_hdf5_takes_everything_and_tells(tmp_path, monkeypatch):
-    """From a certain byte on the disk takes nothing: HDF5 sees no error, reads back what it wrote, closes;
-    then the error comes. With room enough the file is what HDF5 writes by itself.
-    """
-    values = np.random.default_rng(1).random((200, 500))  # 800 kB, in chunks that go to the disk at once
-
-    def write(path, check_early=False):
-        with h5_file(path, "w") as (file, check):
-            file.create_dataset("values", data=values, chunks=(10, 500))
-            assert (file["values"][:] == values).all()
-            if check_early:
-                check()
-
-    write(tmp_path / "whole.h5")
-    with h5py.File(tmp_path / "whole.h5") as file:
-        assert (file["values"][:] == values).all()
-    real = os.pwrite
-
-    def full(there, data, place, most):
-        if place >= most:
-            raise OSError(errno.ENOSPC, CUT)
-        return real(there, data[: most - place], place)
-
-    for most in (0, 1, 5000, 300_001):
-        monkeypatch.setattr(os, "pwrite", partial(full, most=most))
-        for early in (True, False):
-            with pytest.raises(OSError, match=CUT):
-                write(tmp_path / "full.h5", early)
 
 
 def test_a_file_that_is_written_anew_is_there_or_the_one_before_is(tmp_path, monkeypatch):

@@ -14,7 +14,6 @@ from netfall.core.kernels import OPTIONS
 from netfall.step.loop import step_chunks
 
 VECTOR = r"<\d+ x double>"
-FUSED = re.compile(r"llvm\.fma\.")
 
 
 @pytest.fixture(scope="module")
@@ -37,13 +36,6 @@ def products_that_are_added(text: str) -> list[str]:
         if added and products & set(re.findall(r"%[\w.]+", added[1])):
             found.append(line.strip())
     return found
-
-
-def test_a_product_that_is_added_is_found():
-    """The search itself: one line of three adds a product the plain way."""
-    lines = "define x\n %a = fmul <8 x double> %x, %y\n %b = fadd <8 x double> %a, %z\n"
-    lines += " %c = fadd <8 x double> %x, %z"
-    assert products_that_are_added(lines) == ["%b = fadd <8 x double> %a, %z"]
 
 
 def test_no_product_is_added_but_by_fma(text):

@@ -11,7 +11,6 @@ from netfall.mechanics.elements import add_tensions
 from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.parallel.halo import buffers_alone
-from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import chunk_forces
 from netfall.step.loop import Chunks
@@ -194,18 +193,3 @@ def test_particles_that_lack_elements_have_empty_slots(scene):
         expected = law_forces(state)
         assert_close(forces_of(state)[0], expected)
         assert (state.inv_L0[:, : state.n_owned] == 0.0).any()
-
-
-def test_a_cut_leaves_the_rows_of_a_lattice_whole():
-    """METIS's halves of a lattice: almost no element along the rows is cut, and most vectors are in line."""
-    side = 120
-    part = metis_partition(side**2, lattice(side), 2)
-    cut = lattice(side)[(part[lattice(side)] != part[lattice(side)[:, :1]]).any(1)]
-    assert len(cut) < 1.2 * side and (np.diff(cut) == 1).sum() < 0.1 * side
-    for subdomain in cut_net(side**2, lattice(side), part, 2):
-        state = State(Features(), subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid))
-        state.ends[:], state.EA[:], state.L0[:] = subdomain.ends, 1.0, 1.0
-        halo = NoHalo()
-        halo.boundary = int(subdomain.send_index.max()) + 1
-        Plan(state, halo)
-        assert share_in_line(state, halo.boundary) > 0.8

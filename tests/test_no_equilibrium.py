@@ -12,7 +12,6 @@ from netfall.equilibrium import find as finding
 from netfall.equilibrium import goals, mixed
 from netfall.equilibrium import limit as limits
 from netfall.equilibrium.overload import NOT_FOUND_AT_ONCE, strained
-from netfall.equilibrium.relaxation import net_of
 from netfall.ground.errors import DivergedError
 from netfall.ground.progress import Progress
 from netfall.ground.stop import NEVER
@@ -191,23 +190,6 @@ def test_what_swings_far_on_the_way_is_not_lost(workshop, monkeypatch, few):
         path = StaticPath()
         find_equilibria(scene, Mock(stop=NEVER), path)
     assert path.steps[-1]["load_factor"] == pytest.approx(1.0 / 3.0, rel=4e-3)
-
-
-@pytest.mark.parametrize("spring", [0.0, 1.0])
-def test_no_load_that_is_borne_is_lost_whatever_way_the_net_moves(workshop, spring):
-    """Far away a rope is lost under more than its yield force, as its end goes on; not if it is sprung."""
-    table = SIDEWAYS.format(load=0.0).replace("load_x", "spring_x").replace("-20,0,0.0", f"-20,0,{spring}")
-    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(PLASTIC.format(steps=0), table, ROPE)), Phases())
-    state, load = scene.state, np.zeros((3, 3))
-    state.x[:] = [[0, 0, 0], [30, 0, -1], [60, 0, -2]]
-    onward, rng = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), np.random.default_rng(1)
-    for share in (0.999, 1.001):
-        load[2, 0] = share * YIELD
-        lost = net_of(state, load).lost
-        assert lost(scene.comm, onward) == (share > 1.0 and not spring)
-        assert not any(lost(scene.comm, rng.normal(size=(3, 3))) for _ in range(100))
-    state.x[:] = state.x_start
-    assert not lost(scene.comm, onward)  # it has not run away
 
 
 LINE = """id,x,y,z,fixed,load_x,load_y,load_z

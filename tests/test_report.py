@@ -167,23 +167,6 @@ def test_a_logarithmic_cable_is_measured_by_its_own_law(workshop):
     assert column(rows, "length_at_measuring_load")[0] == pytest.approx(5.0, rel=1e-11)
 
 
-def test_the_cutting_list_of_the_stadium_is_what_form_finding_gave(workshop):
-    """53 cables, each the sum of its elements, in parts of two; without strengths utilisation is empty."""
-    job = workshop.job('[net]\ngenerator = "stadium"\nsubdivide = 2\n' + STEEL + "[form_finding]\n")
-    with workshop.run(job) as f:
-        L0, cable = f["form_finding/unstressed_length"][:], f["net/cable"][:]
-        assert (f["net/unstressed_length"][:] == L0).all()
-    folder = report_of(workshop.folder)
-    rows = rows_of(folder / "cutting_list.csv")
-    assert len(rows) == 53
-    by_hand = [L0[cable == k].sum() for k in range(53)]
-    assert column(rows, "unstressed_length") == pytest.approx(by_hand, rel=1e-11)  # digits of the table
-    used = rows_of(folder / "cables.csv")
-    assert {row["utilisation_en1993"] for row in used} == {""}
-    assert "empty, no element has a strength for it" in (folder / "summary.md").read_text()
-    assert (folder / "utilisation.png").stat().st_size > 20_000
-
-
 def test_the_cutting_list_of_the_olympia_net_is_that_of_its_published_form(workshop):
     """By form finding to the digits of the table; by published positions and forces to their decimals."""
     tables = ROOT / "jobs" / "olympia"

@@ -33,7 +33,7 @@ from netfall.study.file import read_plan
 from netfall.study.files import Watch, place_of
 from netfall.study.journal import Journal, read_journal
 from netfall.study.pool import Pool
-from netfall.study.runs import NET, Runs
+from netfall.study.runs import Runs
 from netfall.study.table import Table
 
 JOB = """
@@ -319,19 +319,6 @@ def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, ke
     runs = SimpleNamespace(plan=SimpleNamespace(keep=keep), token="new", _kept=name)
     Runs._keep(runs, 7, {"broken": broken})
     assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
-
-
-def test_a_net_that_ends_its_workers_leaves_a_study_without_one():
-    """And no member's end says anything of the net."""
-    told = {}
-    runs = SimpleNamespace(finish=told.__setitem__)
-    for number in (NET, 3):
-        Runs.died(runs, number, "no memory", False)
-    assert told == {NET: {"net": {}}, 3: NOTHING | {"state": "failed", "reason": "no memory"}}
-    table = Table(4)
-    table.add(told[NET])
-    table.add({"done": 3, **told[3]})
-    assert table.net == {} and table.counts == {"failed": 1}
 
 
 def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
