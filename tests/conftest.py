@@ -7,7 +7,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-from results import assert_same_results
+from results import Report, assert_same_results
 from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
@@ -214,6 +214,15 @@ class Workshop:
             self.run_here(job, output, stop=stop)
         (checkpoint,) = self.folder.glob(f"{output.partition('.')[0]}.checkpoint*")
         return checkpoint, str(raised.value)
+
+    def info(self, result="result.vtkhdf") -> str:
+        """What `netfall info` tells of a result."""
+        return run_on_standing_ranks("info", self.folder / result).stdout
+
+    def report(self, result="result.vtkhdf", folder="report") -> Report:
+        """The report of a result, by the command."""
+        run_on_standing_ranks("report", self.folder / result, "-o", self.folder / folder)
+        return Report(self.folder / folder)
 
     def open(self, output: str = "result.vtkhdf") -> h5py.File:
         """A result file."""

@@ -1,5 +1,6 @@
 """Reads results: every dataset and attribute of a file, and what differs between two files."""
 
+import csv
 from pathlib import Path
 
 import h5py
@@ -59,3 +60,25 @@ def figures(result: Path) -> dict[str, int]:
         last = lambda name: int(np.max(file[name][()], initial=0)) if name in file else 0
         yielded = int(np.count_nonzero(file["final/plastic_strain"])) if "final/plastic_strain" in file else 0
         return dict(broken=last("history/broken"), yielded=yielded, slack=last("history/slack"))
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a table of netfall."""
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+class Report:
+    """What `netfall report` has written to a folder."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    @property
+    def page(self) -> str:
+        """Its summary."""
+        return (self.folder / "summary.md").read_text()
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        """The rows of one of its tables."""
+        return rows_of(self.folder / f"{name}.csv")

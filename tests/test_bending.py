@@ -1,7 +1,5 @@
 """Chains of bars that resist bending: forces, tangent, critical loads, elastica, toggle, in jobs at rest."""
 
-import csv
-
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL, assert_same_bits_on, assert_same_results, run_on_standing_ranks
@@ -23,7 +21,6 @@ from netfall.mechanics.bending import (
 from netfall.mechanics.elements import add_stiffness
 from netfall.net.build import build_net
 from netfall.net.chains import CHAIN_END, NO_BENDING, chains_of
-from netfall.report.report import Inputs, write_report
 
 # Critical pressure of rings of 12, 24, 36 bars, times r^3 / EI, r of the nodes: pressure that
 # follows, that keeps its direction, that points to the centre. Limits 3, 4, 4.5.
@@ -390,15 +387,13 @@ def test_moments_of_a_ring_balance_its_spokes(bicycle):
 
 def test_the_report_has_moments(bicycle, shared_workshop):
     """The largest of each element with its state, the page, its picture; parts of a chain have no check."""
-    write_report(shared_workshop.folder / "result.vtkhdf", shared_workshop.folder / "report", Inputs())
-    with open(shared_workshop.folder / "report" / "elements.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    report = shared_workshop.report()
+    rows = report.rows("elements")
     most = np.max([bicycle[f"cases/{name}/bending_moment"][:].max(1) for name in bicycle["cases"]], axis=0)
     assert [float(row["bending_moment_max"]) for row in rows[:24]] == pytest.approx(most[:24].tolist())
     assert rows[30]["bending_moment_max"] == rows[30]["case_moment"] == ""
     assert "result_en1993_buckling" not in rows[0] and rows[30]["result_en1993"] in ("", "passes")
-    page = (shared_workshop.folder / "report" / "summary.md").read_text()
-    assert "## Bending" in page and (shared_workshop.folder / "report" / "moments.png").exists()
+    assert "## Bending" in report.page and (report.folder / "moments.png").exists()
 
 
 def test_a_beam_vibrates_about_its_sag(workshop):
@@ -470,9 +465,7 @@ def test_a_ring_bends_as_it_loses_spokes(torn):
 
 def test_the_report_has_moments_of_the_dynamic_stage(torn, shared_workshop):
     """Where they are larger than at rest: everywhere in the torn ring."""
-    write_report(shared_workshop.folder / "torn.vtkhdf", shared_workshop.folder / "of_torn", Inputs())
-    with open(shared_workshop.folder / "of_torn" / "elements.csv", newline="") as file:
-        rows = list(csv.DictReader(file))[:24]
+    rows = shared_workshop.report("torn.vtkhdf", "of_torn").rows("elements")[:24]
     most = torn[1]["envelope/bending_moment_max"][:24].tolist()
     assert [float(row["bending_moment_max"]) for row in rows] == pytest.approx(most)
     assert {row["case_moment"] for row in rows} == {"dynamics"}

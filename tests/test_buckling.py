@@ -1,7 +1,5 @@
 """Compressed bars: Euler's load and the check of EN 1993-1-1, 6.3.1, in the report."""
 
-import csv
-
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_bits_on, run_on_standing_ranks
@@ -13,7 +11,6 @@ from netfall.ground.errors import InputError
 from netfall.job.memory import Memory
 from netfall.job.read import read_job
 from netfall.program.member import run_member
-from netfall.report.report import Inputs, write_report
 
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.
 NODES = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,1,1,0,-200e3\n3,5,0,4,1,1,1,0\n"
@@ -44,9 +41,7 @@ def rows_of(workshop, more="", parts=1):
     """Rows of the table of elements in the report on the post, by the element."""
     job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
     workshop.run(job, "--set", f"net.subdivide={parts}").close()
-    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
-    with open(workshop.folder / "report" / "elements.csv", newline="") as file:
-        return {int(row["element"]): row for row in csv.DictReader(file)}
+    return {int(row["element"]): row for row in workshop.report().rows("elements")}
 
 
 def test_a_post_is_checked_as_by_hand(workshop):
@@ -71,8 +66,7 @@ def test_a_post_is_checked_as_by_hand(workshop):
 def test_a_check_of_compression_of_a_post_that_is_pulled_says_why_it_is_empty(workshop):
     """It has a resistance, and no compression."""
     workshop.solve(STATICS + POST, NODES.replace("-200e3", "200e3"), ELEMENTS).close()
-    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    page = workshop.report().page
     assert "gamma_M1: empty, no element that has a strength for it is in compression" in page
     assert "Empty: no element that has a strength for it is in compression." in page
 
@@ -115,8 +109,7 @@ def test_without_a_second_moment_the_report_is_as_before(workshop):
     job = workshop.job(STATICS + POST.replace("second_moment = 5e-6\n", ""), NODES, ELEMENTS)
     with workshop.run(job) as f:
         assert "second_moment" not in f["net"]
-    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    page = workshop.report().page
     assert "en1993_buckling" not in page and "compression, not checked: largest 200 kN" in page
 
 
@@ -214,13 +207,10 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
         assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.3 * EULER, 0.2 * EULER], rel=1e-6)
         named = {name: f["statics"].attrs[name].tolist() for name in ("buckled", "yielding")}
         assert named == {"buckled": [7], "yielding": [9]} and "over_strength" not in f["statics"].attrs
-    result, report = both_ways.folder / "again.vtkhdf", both_ways.folder / "report"
-    told = [run_on_standing_ranks("run", job, "-o", result).stdout]
-    told.append(run_on_standing_ranks("info", result).stdout)
-    run_on_standing_ranks("report", result, "-o", report)
-    told.append((report / "summary.md").read_text())
-    with open(report / "checks.csv", newline="") as file:
-        at_euler = [row for row in csv.DictReader(file) if row["check"] == "euler" and row["group"] == "post"]
+    told = [run_on_standing_ranks("run", job, "-o", both_ways.folder / "again.vtkhdf").stdout]
+    report = both_ways.report("again.vtkhdf")
+    told += [both_ways.info("again.vtkhdf"), report.page]
+    at_euler = [row for row in report.rows("checks") if (row["check"], row["group"]) == ("euler", "post")]
     assert [row["result"] for row in at_euler] == ["FAILS"]  # used by 1.000
     for text in told:
         assert "ote: statics: element 7 at Euler's load: buckled, and a bar that is not quite" in text

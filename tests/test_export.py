@@ -1,12 +1,12 @@
 """Results for other programs: what they read is what the result file holds."""
 
-import csv
 import json
 
 import ezdxf
 import numpy as np
 import pytest
 from conftest import ROOT, run_netfall
+from results import rows_of as rows
 from test_python import cross
 from test_validation_opensees import shipped, tensions_in_opensees
 
@@ -33,11 +33,6 @@ def written(result, target, time=None, case=None, unit="m"):
     lines = []
     export(result, target, Wanted(time, case, unit), lines.append)
     return lines
-
-
-def rows(path):
-    with open(path, newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_tables_give_the_same_net_again(broken, tmp_path):

@@ -38,9 +38,7 @@ LINEAR = '[form_finding]\nmethod = "force_density"\n'
 
 def told(workshop, result):
     """What the run, `info` and the report say of the form."""
-    info = run_on_standing_ranks("info", result).stdout
-    run_on_standing_ranks("report", result, "-o", workshop.folder / "report")
-    return info, (workshop.folder / "report" / "summary.md").read_text()
+    return workshop.info(result), workshop.report(result).page
 
 
 @pytest.mark.parametrize("top, far", [(5.0, True), (0.4, False)])

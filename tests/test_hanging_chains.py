@@ -210,10 +210,8 @@ def test_a_search_that_ends_is_undecided(workshop):
         assert words in done.stderr
     everything = done.stdout + done.stderr
     assert "NO EQUILIBRIUM" not in everything and "no static equilibrium" not in everything
-    info = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
-    assert "statics: UNDECIDED: not in equilibrium after 100 iterations" in info
-    run_on_standing_ranks("report", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "report")
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "statics: UNDECIDED: not in equilibrium after 100 iterations" in workshop.info()
+    page = workshop.report().page
     assert "is undecided (there may be an equilibrium)" in page and "has no equilibrium" not in page
 
 

@@ -1,6 +1,5 @@
 """Drawings and meshes become nets: what other libraries draw comes back, and what is wrong in it is told."""
 
-import csv
 import itertools
 import json
 import re
@@ -12,6 +11,7 @@ import pytest
 from conftest import run_netfall, run_on_standing_ranks
 from drawings import FIELD, Sketch, places
 from ezdxf.xclip import XClip
+from results import rows_of
 from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 from vtkmodules.util.numpy_support import numpy_to_vtk
@@ -581,8 +581,7 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     )
     assert 'springs: 2 nodes of layer "elastic" stand on 1e+06 x 2e+06 x 0 N/m' in done.stdout
     assert 'group "post": upright, taken as kind = "bar"' in done.stdout
-    with open(tmp_path / "roof" / "nodes.csv") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "roof" / "nodes.csv")
     sprung = [row for row in rows if float(row["spring_y"])]
     assert [(row["spring_x"], row["fixed"]) for row in sprung] == [("1000000.0", "0")] * 2
     places = sorted([float(row[k]) for k in "xyz"] for row in sprung)

@@ -368,14 +368,12 @@ def test_whatever_reads_a_result_reads_what_was_found(workshop):
     """info, plot and report say that it has no equilibrium."""
     job = workshop.job(CABLES.format(steps=2), nodes(1.5 * borne()), ENDS)
     workshop.run(job, code=3)
-    result = workshop.folder / "result.vtkhdf"
-    info = run_on_standing_ranks("info", result)
-    assert "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66" in info.stdout, info
-    for command in ("report", "plot"):
-        run_on_standing_ranks(command, result, "-o", workshop.folder / command)
-    page = (workshop.folder / "report" / "summary.md").read_text()
-    assert "reached of 1" in page and "**FAILS: statics has no equilibrium.**" in page
-    assert "passes" not in (workshop.folder / "report" / "checks.csv").read_text()
+    told = "NO EQUILIBRIUM: element 1 breaks (elements 1, 2); load factor reached 0.66"
+    assert told in workshop.info()
+    run_on_standing_ranks("plot", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "plot")
+    report = workshop.report()
+    assert "reached of 1" in report.page and "**FAILS: statics has no equilibrium.**" in report.page
+    assert "passes" not in (report.folder / "checks.csv").read_text()
 
 
 def test_cases_that_cannot_begin_are_rows_with_that_reason(workshop):
@@ -393,9 +391,7 @@ def test_cases_that_cannot_begin_are_rows_with_that_reason(workshop):
             assert label["state"] == "no_equilibrium" and np.isnan(label["load_factor"])
             assert label["reason"].startswith("the permanent loads, with which it begins, have no equ")
             assert np.isnan(f[f"cases/{name}/reaction"][:]).all()
-    result = workshop.folder / "result.vtkhdf"
-    assert "the permanent loads, with which it begins" in run_on_standing_ranks("info", result).stdout
-    for command in ("report", "plot"):
-        done = run_on_standing_ranks(command, result, "-o", workshop.folder / command)
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "the permanent loads, with which it begins" in workshop.info()
+    run_on_standing_ranks("plot", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "plot")
+    page = workshop.report().page
     assert page.count("the permanent loads, with which it begins, have no equilibrium") >= 3

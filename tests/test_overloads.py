@@ -92,9 +92,7 @@ def test_run_info_and_report_tell_of_the_post_and_its_ropes(workshop, broken):
         assert len(ropes) and most[8] > 1.05 * 3000e3 and end == 2.0  # else the case shows nothing
     worst = ropes[np.argmax(most[ropes])]
     had = "1 element had" if len(ropes) == 1 else f"{len(ropes)} elements had"
-    info = run_on_standing_ranks("info", result).stdout
-    run_on_standing_ranks("report", result, "-o", workshop.folder / "report")
-    for text in (out, info, (workshop.folder / "report" / "summary.md").read_text()):
+    for text in (out, workshop.info(result), workshop.report(result).page):
         assert f"ote: {had} tensions beyond" in text, text
         assert (
             f"the most element {worst + 1} ({worst % 4 + 1}-{5 + worst // 4}) with {most[worst]:.4g} N"

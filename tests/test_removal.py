@@ -1,10 +1,8 @@
 """Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
 
-import csv
 import re
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
@@ -454,7 +452,7 @@ def test_run_and_info_tell_of_losses(workshop):
         assert line in done.stdout and line in told, told
     assert "no rest: a part of the net without elements 0, 1 is connected to no support" in done.stdout
     assert "gusts blow on" not in told
-    report_tells_of_losses(workshop.folder)
+    report_tells_of_losses(workshop)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
         speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
@@ -585,13 +583,12 @@ def test_a_factor_is_told_where_the_equilibrium_changes_by_a_tenth_of_the_larges
         assert np.isfinite(telling_factor(removal, 0)[1]) == told
 
 
-def report_tells_of_losses(folder):
+def report_tells_of_losses(workshop):
     """The peak of 3/2 W governs, of a step between two rows; what was lost is not slack."""
-    write_report(folder / "result.vtkhdf", folder / "report", Inputs())
-    with open(folder / "report" / "cables.csv", newline="") as file:
-        cables = {row["cable"]: row for row in csv.DictReader(file)}
+    report = workshop.report()
+    cables = {row["cable"]: row for row in report.rows("cables")}
     other = cables["e3"]
-    with h5py.File(folder / "result.vtkhdf") as f:
+    with workshop.open() as f:
         assert f["envelope/tension_max"][3] == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # of the steps
     assert float(other["tension_max"]) == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # peak between two steps
     assert other["case_max"] == "loss 1, t = 0.1001 s" and other["lost_at"] == ""
@@ -600,8 +597,8 @@ def report_tells_of_losses(folder):
     assert float(other["dynamic_factor"]) == pytest.approx(2.0, abs=2e-5)
     assert not cables["e2"]["dynamic_factor"]
     assert float(other["tension_ratio"]) == pytest.approx(3.0, rel=2e-5) and not cables["e2"]["tension_ratio"]
-    assert (folder / "report" / "dynamic_factors.png").stat().st_size > 20_000
-    text = (folder / "report" / "summary.md").read_text()
+    assert (report.folder / "dynamic_factors.png").stat().st_size > 20_000
+    text = report.page
     assert "| 1 | e3 | 3 | 5 kN | 15 kN | 10 kN | 3 | 2 |  |" in text  # no strength, so no utilisation
     assert "| e2 |  | 0.1001 s |  |" in text and "- loss 1, t = 0.1001 s: element 2; the rest" in text
 

@@ -1,6 +1,5 @@
 """`netfall report`: resistances, cutting lists, reactions and envelopes against figures by hand."""
 
-import csv
 import re
 from base64 import b64encode
 
@@ -8,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_netfall, run_on_standing_ranks
+from results import rows_of
 from scipy.optimize import brentq
 
 import netfall
@@ -26,11 +26,6 @@ ROWS = "11,1,5,upper,50e3,240e3\n12,2,5,upper,50e3,240e3\n13,5,3,lower,80e3,\n"
 STATICS = STEEL.replace("prestress = 100e3\n", "")
 STATICS += "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n"
 EA = 1.95e11 * 683.08e-6
-
-
-def rows_of(path) -> list[dict]:
-    with open(path, newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def column(rows, name) -> list[float]:
@@ -517,10 +512,9 @@ def test_what_yields_fails_whatever_its_utilisation(workshop):
         job = workshop.job(stage, nodes.format(load=-load), "id,start,end\n7,1,2\n")
         workshop.run(job).close()
         write_report(workshop.folder / "result.vtkhdf", workshop.folder / what, Inputs())
-        with open(workshop.folder / what / "elements.csv", newline="") as file:
-            row = next(csv.DictReader(file))
-        with open(workshop.folder / what / "checks.csv", newline="") as file:
-            of_group = next(csv.DictReader(file))
+        row, of_group = (
+            rows_of(workshop.folder / what / f"{name}.csv")[0] for name in ("elements", "checks")
+        )
         assert of_group["result"] == row["result_en1993"]
         assert of_group["utilisation"] == row["utilisation_en1993"]
         results[what] = float(row["utilisation_en1993"]), row["result_en1993"]

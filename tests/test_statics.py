@@ -139,9 +139,7 @@ def test_a_net_that_snaps_through_is_noted(workshop, top, noted):
         moved = -f["statics/displacement"][-1][4, 2]
     assert (9.99 < moved < 10.01) if noted else (0.0 < moved < 0.01)
     run = run_on_standing_ranks("run", job, "-o", workshop.folder / "again.vtkhdf").stdout
-    info = run_on_standing_ranks("info", workshop.folder / "again.vtkhdf").stdout
-    run_on_standing_ranks("report", workshop.folder / "again.vtkhdf", "-o", workshop.folder / "report")
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    info, page = workshop.info("again.vtkhdf"), workshop.report("again.vtkhdf").page
     for text, words in ((run, "statics"), (info, "statics, load factor 1"), (page, "statics, load factor 1")):
         start = f"ote: {words}: node 5 moved by 10 m"
         lines = [line for line in text.splitlines() if line[1:].startswith(start)]
