@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, assert_same_bits_on, assert_same_results, run_on_standing_ranks
+from conftest import ROOT, STEEL, assert_same_bits_on, run_on_standing_ranks
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
@@ -352,13 +352,6 @@ def bicycle(shared_workshop):
     """The shipped ring in snow, on one rank."""
     with shared_workshop.run(ROOT / "jobs" / "bicycle.toml") as f:
         yield f
-
-
-@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
-def test_bits_do_not_depend_on_the_ranks(bicycle, workshop, ranks):
-    """The ring in snow on one half: every dataset; a chain cut between ranks has particles two bars away."""
-    with workshop.run(ROOT / "jobs" / "bicycle.toml", ranks=ranks) as several:
-        assert_same_results(bicycle, several)
 
 
 def test_moments_of_a_ring_balance_its_spokes(bicycle):

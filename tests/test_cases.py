@@ -230,41 +230,6 @@ def test_springs_carry_their_share_of_a_factor_of_the_prestress(workshop):
     assert again["cases/none/tension"][:] == pytest.approx(0.8 * found["form_finding/tension"][:], rel=1e-6)
 
 
-def test_reactions_sum_to_the_loads_of_each_combination(workshop):
-    """The sum of reactions is that of the loads by hand, to 1e-9 of it: weight, snow in plan."""
-    text = SADDLE + LOAD.replace("1e-9", "1e-12") + case("snow", 'set = {"load.snow" = 500.0}')
-    text += combination("ULS", "permanent = 1.35, snow = 1.5") + combination(
-        "less", "permanent = 0.9, prestress = 0.9"
-    )
-    f = workshop.solve(text)
-    ends, node = f["net/elements"][:], f["form_finding/position"][:]
-    weight = 9.81 * (f["net/mass_per_length"][:] * f["net/unstressed_length"][:]).sum()
-    weight += 100.0 * f["net/tributary_area"][:].sum()
-    snow = 500.0 * f["net/plan_area"][:].sum()
-    held = f["net/fixed"][:].all(1)
-    of_nodes = 1.35 * permanent_of(f)[held].sum() + 1.5 * 500.0 * f["net/plan_area"][:][held].sum()
-    for name, total, direct in (
-        ("ULS", 1.35 * weight + 1.5 * snow, of_nodes),
-        ("less", 0.9 * weight, 0.9 * permanent_of(f)[held].sum()),
-    ):
-        x = node + f[f"cases/{name}/displacement"][:]
-        along = x[ends[:, 1]] - x[ends[:, 0]]
-        pull = f[f"cases/{name}/tension"][:][:, None] * along / np.linalg.norm(along, axis=1)[:, None]
-        at = np.zeros_like(x)
-        np.add.at(at, ends[:, 0], pull)
-        np.add.at(at, ends[:, 1], -pull)
-        assert abs(-at[held, 2].sum() + direct - total) <= 1e-9 * total
-        assert np.abs(at[held, :2].sum(0)).max() <= 1e-9 * total
-
-
-def permanent_of(f: h5py.File) -> np.ndarray:
-    """Weight (n,) [N] of dead load and of halves of the elements."""
-    ends, own = f["net/elements"][:], 0.5 * 9.81 * f["net/mass_per_length"][:] * f["net/unstressed_length"][:]
-    found = 100.0 * f["net/tributary_area"][:]
-    np.add.at(found, ends.ravel(), np.repeat(own, 2))
-    return found
-
-
 WRONG = [
     (
         case("load", 'set = {"load.snow" = 1}'),

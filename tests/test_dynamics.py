@@ -247,31 +247,3 @@ def test_mass_scaling_with_fragments_is_refused(workshop):
     text += "fracture_strain = 0.04\n[form_finding]\n[dynamics]\nduration = 0.1\nmass_scaling = 0.05\n"
     done = workshop.solve(text, code=2)
     assert "mass_scaling = 0.05" in done.stderr and "fragments = false" in done.stderr
-
-
-@pytest.mark.parametrize("beside", ["wind", "nothing"])
-def test_pressure_grows_over_a_ramp(workshop, beside):
-    """A weight on a bar under a force that grows over 0.3 s: Duhamel's integral, with wind beside it too."""
-    job = workshop.job(
-        '[cable]\nkind = "bar"\nmodulus = 1e9\narea = 1e-4\ndensity = 1e-3\n'
-        "[load]\nself_weight = false\npressure = [1000.0, 0.0, 0.0]\nramp = 0.3\n"
-        "[dynamics]\nduration = 0.8\ntime_step = 1e-4\n[output]\nprobes = [[1.0, 0.0]]\nframes = 1\n",
-        nodes="id,x,y,z,fixed_x,fixed_y,fixed_z,mass,area,normal_x,normal_y,normal_z\n"
-        "1,0,0,0,1,1,1,0,0,0,0,1\n2,1,0,0,0,1,1,100,1,0,0,1\n",
-        elements="start,end\n1,2\n",
-    )
-    stiffness, force, ramp = 1e5, 1000.0, 0.3
-    omega = np.sqrt(stiffness / (100.0 + 0.5e-7))
-    wind = (
-        "[wind]\nonset = 'sudden'\nspeed = 20.0\nshape_coefficient = 0.0\nroughness = 0.0\ntime_step = 0.07\n"
-        "base_height = 10.0\n"
-    )
-    if beside == "wind":
-        job.write_text(job.read_text() + wind)
-    with workshop.run(job) as f:
-        t, u = f["history/time"][:], f["history/probe_displacement"][:, 0, 0]
-        assert abs(f["history/identity_error"][:]).max() < 1e-9
-    after = np.maximum(t - ramp, 0.0)
-    exact = (np.minimum(t, ramp) + (np.sin(omega * after) - np.sin(omega * t)) / omega) / ramp
-    # central difference: relative error of the period (omega dt)^2 / 24 = 4e-7, over four periods of 2 pi
-    assert np.abs(u - force / stiffness * exact).max() < 2e-5 * force / stiffness

@@ -57,18 +57,6 @@ def oscillators(periods, extra, step, duration, mass=100.0):
     return text + f"[output]\nhistory = {max(step, 0.005)}\nprobes = {probes}\n", nodes, elements
 
 
-def test_an_oscillator_under_a_step_of_acceleration(workshop):
-    """Relative to the ground: -a / w^2 (1 - cos wt); second order in the step."""
-    extra = '[[motion]]\nacceleration = "a.csv"\n'
-    job = workshop.job(*oscillators([0.5, 0.8], extra, 2e-4, 1.0))
-    (job.parent / "a.csv").write_text("time,x\n0,2.0\n5,2.0\n")
-    f = workshop.run(job)
-    t, w = f["history/time"][:], 2 * np.pi / 0.5
-    relative = f["history/probe_displacement"][:, 0, 0] - t**2  # the ground: a t^2 / 2
-    assert np.abs(relative + 2.0 / w**2 * (1 - np.cos(w * t))).max() < 2e-6 * 2.0 / w**2 * 2
-    closes(f)
-
-
 def made_record(count=1500, dt=0.01):
     """Accelerations [g] of a made earthquake that ends at rest, nearly."""
     t = dt * np.arange(count)

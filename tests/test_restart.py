@@ -107,21 +107,6 @@ def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     assert_same_results(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
 
 
-def test_statics_are_not_lost_in_a_restart(workshop):
-    """Load steps before the interruption are in the final file, with bars, plasticity and both ends of the
-    stage.
-    """
-    text = SLOW.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 3").replace(
-        "duration = 0.4", "duration = 0.15"
-    )
-    job = workshop.job(text)
-    whole = workshop.run(job, output="whole.vtkhdf")
-    (checkpoint,) = workshop.folder.glob("whole.checkpoint*")
-    again = workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
-    assert whole["statics/displacement"].shape[0] == 4  # the permanent state, three steps
-    assert_same_results(whole, again)
-
-
 @pytest.fixture(scope="module")
 def checkpoints(shared_workshop):
     """A job and its two checkpoints."""
