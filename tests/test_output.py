@@ -76,59 +76,35 @@ def storm(shared_workshop):
     return shared_workshop.run(job, ranks=2, output="storm.vtkhdf")
 
 
+OF_ROWS = (
+    *("time", "time_step", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work"),
+    *("external_work", "identity_error", "balance_error", "slack", "broken"),
+)
+
+
 def test_file_has_what_the_contract_names(storm):
     """Every group and dataset, with its shape."""
     f = storm
     n, m, steps = len(f["net/particles"]), len(f["net/elements"]), 4
     rows, events, ends = len(f["history/time"]), len(f["events/time"]), len(f["final/position"])
-    shapes = {
-        "form_finding/position": (n, 3),
-        "form_finding/tension": (m,),
-        "form_finding/unstressed_length": (m,),
-        "form_finding/iterations": (),
-        "form_finding/residual": (),
-        "statics/load_factor": (steps,),
-        "statics/displacement": (steps, n, 3),
-        "statics/residual": (steps,),
-        "statics/tension": (steps, m),
-        "history/probe_displacement": (rows, 1, 3),
-        "final/position": (ends, 3),
-        "final/velocity": (ends, 3),
-        "final/tension": (m,),
-        "final/plastic_strain": (m,),
-        "final/particle_id": (ends,),
-        "final/element_id": (m,),
-        "net/fixed": (n, 3),
-        "net/group": (m,),
-        "net/tributary_area": (n,),
-        "wind/control_point": (f["wind/mean_speed"].shape[0], 3),
-        "wind/speed": (len(f["wind/time"]), len(f["wind/mean_speed"])),
+    shapes = {f"history/{name}": (rows,) for name in OF_ROWS} | {"history/probe_displacement": (rows, 1, 3)}
+    of_events = ("time", "step", "element", "particle", "new_particle", "strain")
+    shapes |= {f"events/{name}": (events,) for name in of_events}
+    shapes |= {"form_finding/position": (n, 3), "net/fixed": (n, 3), "net/tributary_area": (n,)}
+    shapes |= {f"form_finding/{name}": (m,) for name in ("tension", "unstressed_length")}
+    shapes |= {"form_finding/iterations": (), "form_finding/residual": (), "net/group": (m,)}
+    shapes |= {f"statics/{name}": (steps,) for name in ("load_factor", "residual")}
+    shapes |= {"statics/displacement": (steps, n, 3), "statics/tension": (steps, m)}
+    shapes |= {f"final/{name}": (ends, 3) for name in ("position", "velocity")} | {
+        "final/particle_id": (ends,)
     }
-    shapes |= {
-        f"history/{name}": (rows,)
-        for name in (
-            "time",
-            "time_step",
-            "kinetic_energy",
-            "strain_energy",
-            "plastic_dissipation",
-            "damping_work",
-            "external_work",
-            "identity_error",
-            "balance_error",
-            "slack",
-            "broken",
-        )
-    }
-    shapes |= {
-        f"events/{name}": (events,)
-        for name in ("time", "step", "element", "particle", "new_particle", "strain")
-    }
+    shapes |= {f"final/{name}": (m,) for name in ("tension", "plastic_strain", "element_id")}
+    points = len(f["wind/mean_speed"])
+    shapes |= {"wind/control_point": (points, 3), "wind/speed": (len(f["wind/time"]), points)}
     assert {name: f[name].shape for name in shapes} == shapes
     assert events > 3 and ends == n + (f["events/new_particle"][:] >= 0).sum()
     p = f["provenance"]
-    assert p["job"].asstr()[()] == STORM
-    assert p.attrs["exit_state"] == "finished"
+    assert p["job"].asstr()[()] == STORM and p.attrs["exit_state"] == "finished"
     assert p.attrs["limit_after_fracture"] > p.attrs["time_step"]
     assert f["final/position"].dtype == np.float64
 
@@ -260,20 +236,8 @@ def test_pictures_are_drawn_without_a_display(storm, shared_workshop):
 
     run_netfall("plot", storm.filename, "-o", shared_workshop.folder / "pictures")
     names = {path.name for path in (shared_workshop.folder / "pictures").iterdir()}
-    assert names == {
-        f"storm_{k}.png"
-        for k in (
-            "form",
-            "states",
-            "roof",
-            "load_displacement",
-            "collapse",
-            "energies",
-            "tensions",
-            "displacements",
-            "wind",
-        )
-    }
+    subjects = ("form", "states", "roof", "load_displacement", "collapse", "energies", "tensions")
+    assert names == {f"storm_{subject}.png" for subject in (*subjects, "displacements", "wind")}
     for name in names:
         assert imread(shared_workshop.folder / "pictures" / name)[..., :3].std() > 0.02
 
@@ -345,15 +309,8 @@ def test_springs_are_no_supports_in_pictures(workshop):
 def test_info_tells_what_happened(storm):
     """Ranks, residuals, energies, audits and the first fracture are in the summary."""
     text = run_netfall("info", storm.filename).stdout
-    for words in (
-        "Storm over a saddle",
-        "on 2 ranks",
-        "finished",
-        "form finding:",
-        "statics: 3 load steps",
-        "work identity",
-        f"element {storm['events/element'][0]} ",
-    ):
+    told = ("Storm over a saddle", "on 2 ranks", "finished", "form finding:", "statics: 3 load steps")
+    for words in (*told, "work identity", f"element {storm['events/element'][0]} "):
         assert words in text, words
 
 
@@ -590,11 +547,8 @@ def test_a_state_has_a_page_of_its_own(storm, tmp_path):
     assert plot_state(Path(storm.filename), tmp_path, "statics").name == "storm_statics.png"
     with pytest.raises(InputError, match="--case stom: no such state; this result has form, statics"):
         plot_state(Path(storm.filename), tmp_path, "stom")
-    assert [deflection_scale(0.05, 50.0), deflection_scale(4.0, 50.0), deflection_scale(0.0, 1.0)] == [
-        50,
-        0.5,
-        1,
-    ]
+    scales = [deflection_scale(*sizes) for sizes in ((0.05, 50.0), (4.0, 50.0), (0.0, 1.0))]
+    assert scales == [50, 0.5, 1]
 
 
 def test_labels_do_not_cover_one_another():
