@@ -217,9 +217,8 @@ def test_an_end_moment_rolls_up_a_bar():
     joints = Joints(row_of(n + 1), np.full(n - 1, float(n)), np.zeros((n - 1, 3)))  # EI = L = 1
     f = forces(x, joints)
     couple = np.linalg.norm(f[0]) / n
-    assert np.linalg.norm(f[2:-2], axis=1).max() < 1e-11 * np.linalg.norm(
-        f[0]
-    )  # sums of terms n times larger
+    # sums of terms n times larger
+    assert np.linalg.norm(f[2:-2], axis=1).max() < 1e-11 * np.linalg.norm(f[0])
     assert couple == pytest.approx(2.0 * np.pi, rel=1e-10)
 
 
@@ -450,9 +449,8 @@ def test_a_ring_bends_as_it_loses_spokes(torn):
     most = f["envelope/bending_moment_max"][:]
     assert np.isfinite(most[:24]).all() and np.isnan(most[24:]).all()
     assert (most[:24] >= f["final/bending_moment"][:24].max(1) * (1.0 - 1e-12)).all()
-    assert (
-        most[:24] >= f["VTKHDF/CellData/bending_moment"][: len(most)].max(1)[:24] * (1.0 - 1e-6)
-    ).all()  # single
+    # single
+    assert (most[:24] >= f["VTKHDF/CellData/bending_moment"][: len(most)].max(1)[:24] * (1.0 - 1e-6)).all()
     assert np.nanmax(most) > 100.0 * np.nanmax(f["rest/bending_moment"][:])
 
 

@@ -216,11 +216,8 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
         assert "ote: statics: element 7 at Euler's load: buckled, and a bar that is not quite" in text
         assert "ote: statics: element 9 at the yield force" in text
     less = [f"{name}={value}" for name, value in (("load.steps", 2), ("cable.soft.yield_stress", 1e12))]
-    job = both_ways.job(
-        STATICS.replace("[load]", f"{post}{soft}[load]"),
-        nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"),
-        hung[1],
-    )
+    tables = nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"), hung[1]
+    job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *tables)
     with both_ways.run(job, "--set", less[0], "--set", less[1]) as f:
         assert not {"buckled", "yielding"} & set(f["statics"].attrs)
 

@@ -45,9 +45,8 @@ def test_sharp_limit_of_a_chain(workshop, n):
     assert limits[0] == limits[1]
     k, m = 1.95e11 * 683.08e-6, 7850.0 * 683.08e-6
     assert 0.0 <= 1.0 - limits[0][0] * np.sqrt(k / m) * np.cos(np.pi / (2 * n)) < 1e-4
-    assert (
-        abs(limits[0][1] - (n - 1) / 2) <= 1.0 or n == 700
-    )  # the mode is largest in the middle; of long chains many are nearly as fast
+    # the mode is largest in the middle; of long chains many are nearly as fast
+    assert abs(limits[0][1] - (n - 1) / 2) <= 1.0 or n == 700
 
 
 def test_elements_of_different_speed_are_in_the_limits(workshop):
@@ -139,11 +138,9 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     from netfall.stages import dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
-    job = workshop.job(
-        ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n",
-        nodes,
-        "start,end\n1,2\n2,3\n",
-    )
+    text = ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n"
+    tables = nodes, "start,end\n1,2\n2,3\n"
+    job = workshop.job(text, *tables)
     advance = dynamics.Simulation.advance_block
 
     def broken(simulation, stop):

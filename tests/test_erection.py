@@ -249,9 +249,8 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         [],
         [f"note: the start is not in equilibrium: largest residual {WEIGHT:.3g} N, largest tension 0 N"],
     ]
-    form = "[form_finding]\nmodulus_factor = 0\n" + text.replace(
-        "WARM", "0.0"
-    )  # the same of a net with a form
+    # the same of a net with a form
+    form = "[form_finding]\nmodulus_factor = 0\n" + text.replace("WARM", "0.0")
     form += stage("more", set='{"load.dead" = 10.0}', lengths="{right = {change = -0.01}}")
     nodes = NODES.replace("load_z", "load_z,area").replace("1,0\n", "1,0,0\n").replace("00.0\n", "00.0,7\n")
     job = workshop.job(form, nodes, TWO.replace("unstressed_length", "prestress").replace(",5\n", ",1e3\n"))
@@ -259,9 +258,8 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         "note: the start is not in equilibrium: largest residual 70 N"
         in run_on_standing_ranks("check", job).stdout
     )
-    drawn = (
-        CABLES + "length_deviation = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
-    )  # errors of length alone bring no equilibrium
+    # errors of length alone bring no equilibrium
+    drawn = CABLES + "length_deviation = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
     lines = run_on_standing_ranks(
         "check", workshop.job(drawn, NODES, TWO.replace("left,5", "left,4.9"))
     ).stdout
@@ -530,9 +528,8 @@ def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
         N = f["form_finding/tension"][:]
         for name, force in (("hoop1", 7e5), ("hoop2", 1.6e6), ("hoop3", 3.2e6)):
             assert of(N, name) == pytest.approx(force, rel=FOUND)
-        assert (
-            f["form_finding/residual_real_material"][()] <= FOUND
-        )  # under the load of the lengths they need
+        # under the load of the lengths they need
+        assert f["form_finding/residual_real_material"][()] <= FOUND
         influence = f["form_finding/target_influence"][:]
         for k, name in enumerate(pairs):
             plus, minus = (f[f"stages/{name} {sign}/tension"][:] for sign in "+-")

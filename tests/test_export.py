@@ -301,9 +301,8 @@ def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path
         written(broken, tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["nodes.csv"]
     written(broken, tmp_path / "ours")
-    written(
-        broken, tmp_path / "ours", 0.1
-    )  # its own it replaces, and the job of the form does not stay beside
+    # its own it replaces, and the job of the form does not stay beside
+    written(broken, tmp_path / "ours", 0.1)
     names = {path.name for path in (tmp_path / "ours").iterdir()}
     assert names == {"nodes.csv", "elements.csv", "history.csv", "events.csv", "README.txt"}
 

@@ -335,12 +335,9 @@ def test_a_chain_of_100000_elements(workshop):
     m = 100_000
     nodes, elements = chain([1.0] * m, [1.95e11] * m, [0.0] * (m + 1), 1e5)
     c = np.sqrt(E / 7850.0)
-    f = workshop.solve(
-        BARE + f"[dynamics]\nduration = {float(200 / c)!r}\n" + QUICK.format(float(100 / c), 1),
-        nodes,
-        elements,
-        ranks=2,
-    )
+    text = BARE + f"[dynamics]\nduration = {float(200 / c)!r}\n" + QUICK.format(float(100 / c), 1)
+    tables = nodes, elements
+    f = workshop.solve(text, *tables, ranks=2)
     u = (f["final/position"][:] - f["net/particles"][:])[:, 0]
     moved = np.flatnonzero(u > 1e-3 * u.max())
     reached(

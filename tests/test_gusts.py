@@ -88,9 +88,8 @@ def test_spectra_are_those_of_their_sources():
     assert value("davenport") == pytest.approx(4 * (0.2**2 / 6) * 40**2 * x**2 / (1 + x**2) ** (4 / 3))
     iec = 8.1 * 0.7 * 10 / 40
     assert value("kaimal") == pytest.approx(variance * 4 * iec / (1 + 6 * iec) ** (5 / 3))
-    assert value("von_karman") == pytest.approx(
-        variance * 4 * f / (1 + 70.8 * f**2) ** (5 / 6), rel=3e-4
-    )  # 70.8 is rounded
+    # 70.8 is rounded
+    assert value("von_karman") == pytest.approx(variance * 4 * f / (1 + 70.8 * f**2) ** (5 / 6), rel=3e-4)
     assert value("en1991") == pytest.approx(variance * 6.8 * f / (1 + 10.2 * f) ** (5 / 3))
     beta = math.gamma(1 / 2) * math.gamma(1 / 3) / math.gamma(5 / 6)
     assert KARMAN == pytest.approx(4 * beta**2, rel=1e-6)

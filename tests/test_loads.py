@@ -36,11 +36,9 @@ def sag(force, stiffness=EA, unstressed=L0, half=5.0):
 
 def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(both_ways):
     """Dead load and self weight, then in two steps snow of 500 N/m2 and a load of the node of 300 N."""
-    job = both_ways.job(
-        CABLE + "[load]\nself_weight = true\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n",
-        nodes(",load_z", (",", ",-300", ",")),
-        ELEMENTS,
-    )
+    text = CABLE + "[load]\nself_weight = true\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
+    tables = nodes(",load_z", (",", ",-300", ",")), ELEMENTS
+    job = both_ways.job(text, *tables)
     f = both_ways.run(job)
     own = 1000.0 * 1e-4 * 5.0 * 9.81  # half of each of two cables
     forces = own + 1000.0 + np.array([0.0, 0.5, 1.0]) * (2000.0 + 300.0)
@@ -100,7 +98,7 @@ def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(b
         sprung(4e5, 3000.0),
         "start,end\n1,2\n",
     )
-    f = both_ways.run(job, ranks=2)
+    f = both_ways.run(job)
     unstressed = 5.0 / (1.0 + 20e3 / EA)
     u = 3000.0 / (4e5 + EA / unstressed)
     assert f["statics/displacement"][:, 1, 0] == pytest.approx([0.0, u], rel=1e-8, abs=1e-12)
@@ -127,7 +125,7 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
         table,
         "start,end\n1,2\n",
     )
-    f = both_ways.run(job, ranks=2)
+    f = both_ways.run(job)
     t, u = f["history/time"][:], -f["history/probe_displacement"][:, 0, 2]
     static = 3000.0 / (k + EA / unstressed)
     # central difference: (omega dt)^2 / 24 of the phase, 1e-7
@@ -137,11 +135,9 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
 
 def test_a_stiff_support_is_in_the_step_limit(workshop):
     """One free axis: 2 / omega with the spring; a longer step is refused."""
-    job = workshop.job(
-        CABLE + "[dynamics]\nduration = 0.1\ntime_step = 2e-3\n",
-        sprung(1e8, 0.0),
-        "start,end,unstressed_length\n1,2,5\n",
-    )
+    text = CABLE + "[dynamics]\nduration = 0.1\ntime_step = 2e-3\n"
+    tables = sprung(1e8, 0.0), "start,end,unstressed_length\n1,2,5\n"
+    job = workshop.job(text, *tables)
     limit = 2.0 / np.sqrt((1e8 + EA / 5.0) / 0.25)
     assert f"above the stable step {limit:.4g} s" in workshop.run(job, code=2).stderr
     workshop.run(job, "--set", f"dynamics.time_step={0.99 * limit}")

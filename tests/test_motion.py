@@ -36,9 +36,8 @@ def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, da
     f = workshop.run(job)
     job.write_text(job.read_text().replace('[[motion]]\ndisplacement = "move.csv"\n', ""))
     still = workshop.run(job, output="still.vtkhdf")
-    assert np.allclose(
-        f["final/tension"][:], still["final/tension"][:], rtol=1e-9
-    )  # rounding of the place, times EA / L
+    # rounding of the place, times EA / L
+    assert np.allclose(f["final/tension"][:], still["final/tension"][:], rtol=1e-9)
     moved = f["final/position"][:] - still["final/position"][:]
     assert np.allclose(moved, [1.0, -0.5, 0.25], atol=1e-11)
     assert np.abs(f["history/identity_error"][:]).max() < 1e-10

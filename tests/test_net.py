@@ -50,9 +50,8 @@ def test_tributary_areas_cover_the_roof():
     assert np.allclose(area[~net.fixed.all(1)], 100.0)
     net = generators.saddle(80.0, 4.0, 8)
     area = tributary_areas(net.x, net, find_faces(net))[1]
-    assert np.isclose(
-        area.sum(), 6400.0 - 4 * 25.0
-    )  # the corners' quarters go straight to the rigid boundary
+    # the corners' quarters go straight to the rigid boundary
+    assert np.isclose(area.sum(), 6400.0 - 4 * 25.0)
     fine = subdivide(net, 3)
     faces = find_faces(fine)
     fine_area = tributary_areas(fine.x, fine, faces)[1]

@@ -60,9 +60,8 @@ def hanging(net: LoadedNet, f, L0, there=None) -> np.ndarray:
 def kept(net: LoadedNet, f) -> list[Kept]:
     """All equilibria of a result whose load is carried whole, with the loads as the job gives them."""
     n, every = len(f["net/particles"]), np.ones(len(f["net/elements"]), bool)
-    on_all = lambda rows: np.concatenate(
-        [rows, np.zeros((n - len(rows), 3))]
-    )  # inside elements there is none
+    # inside elements there is none
+    on_all = lambda rows: np.concatenate([rows, np.zeros((n - len(rows), 3))])
     live = lambda changed: on_all(net.of_roof("snow", changed) + net.of_roof("pressure", changed))
     dead, at_nodes = lambda changed: on_all(net.of_roof("dead", changed)), on_all(net.load)
     found, changed, last = [], {}, None
@@ -191,9 +190,8 @@ def test_reactions_have_the_weight_of_what_slips_away_from_supports(workshop):
 
 
 UP = np.array([0.0, 0.0, 1.0])
-ROW = np.array(
-    [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]]
-)  # two supports and a node between them [m]
+# two supports and a node between them [m]
+ROW = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
 
 
 @pytest.mark.parametrize(

@@ -103,9 +103,8 @@ def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways
     nodes, elements = weights(1)
     result = both_ways.solve(text, nodes, elements)
     peak, factor = result["removal/tension_peak"][0], result["removal/dynamic_factor"][0]
-    rounding = (
-        2 * np.pi / steps
-    ) ** 2 / 4  # of a peak between two steps, and of the first one at half a kick
+    # of a peak between two steps, and of the first one at half a kick
+    rounding = (2 * np.pi / steps) ** 2 / 4
     assert peak[1] == pytest.approx(1.5 * WEIGHT, rel=rounding)
     assert factor[1] == pytest.approx(2, abs=rounding)
     assert result["removal/element"][:].tolist() == [0] and result["removal/entry"][:].tolist() == [0]

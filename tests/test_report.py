@@ -106,9 +106,8 @@ def test_reactions_balance_the_load(loaded):
     at_load = np.array([force["statics, load factor 1", node] for node in ("1", "2", "3")])
     assert at_load.sum(0) == pytest.approx([0, 0, -200e3], abs=2e-4 * 2)  # 1e-9 of the load, on each axis
     with h5py.File(loaded / "result.vtkhdf") as f:
-        assert np.linalg.norm(at_load[0]) == pytest.approx(
-            f["statics/tension"][-1, 0], rel=1e-11
-        )  # digits told
+        # digits told
+        assert np.linalg.norm(at_load[0]) == pytest.approx(f["statics/tension"][-1, 0], rel=1e-11)
 
 
 def test_the_stage_that_governs_and_slack_are_told(loaded):

@@ -46,11 +46,9 @@ def test_a_collapsed_form_is_refused(workshop):
 def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
     """Force densities place the free node whatever the start: in the middle of 2 mm, from 2 m away."""
     nodes = "id,x,y,z,fixed\n1,-0.001,0,0,1\n2,0.001,0,0,1\n3,0,2,0,0\n"
-    job = workshop.job(
-        SECTION + '[form_finding]\nmethod = "force_density"\n',
-        nodes,
-        "start,end,force_density\n1,3,5\n2,3,5\n",
-    )
+    text = SECTION + '[form_finding]\nmethod = "force_density"\n'
+    tables = nodes, "start,end,force_density\n1,3,5\n2,3,5\n"
+    job = workshop.job(text, *tables)
     assert np.allclose(workshop.run(job)["form_finding/position"][2], 0.0, atol=1e-15)
 
 
@@ -70,7 +68,7 @@ def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backs
     job = both_ways.job(
         THIN + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n", SPAN.format(on_support), elements
     )
-    sag = both_ways.run(job, ranks=2)["statics/displacement"][-1, 1, 2]
+    sag = both_ways.run(job)["statics/displacement"][-1, 1, 2]
     assert np.isclose(sag, -5e-4, rtol=5e-5)
 
 
@@ -79,7 +77,7 @@ def test_a_backstay_does_not_loosen_form_finding(both_ways):
     nodes = SPAN.format(0).replace("2,0,0,0,0", "2,0.3,0,0.5,0")
     elements = "start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,1e9,1\n"
     job = both_ways.job(THIN + "[form_finding]\n", nodes, elements)
-    f = both_ways.run(job, ranks=2)
+    f = both_ways.run(job)
     assert abs(f["form_finding/position"][1, 2]) < 1e-6 and f["form_finding/residual"][()] <= 1e-6
 
 
@@ -483,11 +481,9 @@ def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
 def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
     """3 kN on EA = 10 kN: 30 %; a slack cable of twice the length beside it counts for nothing."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-2,0,-3000\n"
-    job = workshop.job(
-        "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nself_weight = false\nsteps = 1\n",
-        nodes,
-        "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n",
-    )
+    text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nself_weight = false\nsteps = 1\n"
+    tables = nodes, "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n"
+    job = workshop.job(text, *tables)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "r.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "strain of 0.3, " in line]
     assert note.startswith("note: element 7 ") and " t = " not in note

@@ -62,12 +62,10 @@ def crest(t, q) -> float:
 
 def test_free_fall(both_ways, compare):
     """A slack cable's two particles fall by g t^2 / 2."""
-    job = both_ways.job(
-        BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n",
-        "id,x,y,z\n1,0,0,0\n2,3,0,1\n",
-        "start,end\n1,2\n",
-    )
-    f = both_ways.run(job, ranks=2)
+    text = BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n"
+    tables = "id,x,y,z\n1,0,0,0\n2,3,0,1\n", "start,end\n1,2\n"
+    job = both_ways.job(text, *tables)
+    f = both_ways.run(job)
     compare("free fall for 1 s: way", "g t^2 / 2").figures(
         -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m"
     )
@@ -92,11 +90,8 @@ def test_taut_string(both_ways, compare):
     nodes = csv(
         "id,x,y,z,fixed", ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1))
     )
-    job = both_ways.job(
-        BARE + timing(0.3, dt, 100, frames=300),
-        nodes,
-        csv("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n))),
-    )
+    tables = nodes, csv("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n)))
+    job = both_ways.job(BARE + timing(0.3, dt, 100, frames=300), *tables)
     f = both_ways.run(job)
     t, z = f["VTKHDF/Steps/Values"][:], tracks(f)[:, :, 2]
     mu = 2 * HALF * L0 * n / L  # mass of a metre of taut string
@@ -214,9 +209,8 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
     z = 2 * C_WAVE * f["history/time"][:] / L_LINK
     N = f["history/probe_tension"][:, list(f["history/probe_element"][:]).index(j)] - T_WAVE
     ripple = lambda z: 2 * P_WAVE * sum(jv(2 * j + 2 + 2 * k, z) for k in range(60))
-    late = (
-        (2 * courant) ** 2 / 24 * (z * np.abs(jvp(2 * j + 1, z, 2))).max()
-    )  # the steps bring each wave forward by its (omega dt)^2 / 24
+    # the steps bring each wave forward by its (omega dt)^2 / 24
+    late = (2 * courant) ** 2 / 24 * (z * np.abs(jvp(2 * j + 1, z, 2))).max()
     why = "steps: (omega dt)^2 / 24 of every wave's phase"
     compare(
         "wave of a cable of masses, short steps: largest difference of a tension",
@@ -246,7 +240,7 @@ def test_pendulums(both_ways, compare):
         1.3, dt, 10, [row[1:3] for row in nodes[1::2]]
     )
     f = both_ways.solve(
-        text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements), ranks=2
+        text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements)
     )
     t = f["history/time"][:]
     assert np.abs(f["history/balance_error"][:]).max() < 1e-5
@@ -254,9 +248,8 @@ def test_pendulums(both_ways, compare):
         phi = np.deg2rad(angle)
         x = nodes[2 * k + 1][1] + f["history/probe_displacement"][:, k, 0]
         m = np.sin(phi / 2) ** 2
-        late = (
-            3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
-        )  # mean of the elongation's effect on inertia and energy
+        # mean of the elongation's effect on inertia and energy
+        late = 3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
         compare(f"pendulum let go at {angle} degrees: period", "elliptic integral").figures(
             4 * crossings(t, x)[0],
             4 * np.sqrt(L / G) * ellipk(m),
@@ -265,9 +258,8 @@ def test_pendulums(both_ways, compare):
             "s",
         )
         way = 1 - np.cos(phi)
-        change = (
-            mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
-        )  # by the elongation's own swing, and by energy and inertia
+        # by the elongation's own swing, and by energy and inertia
+        change = mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
         compare("the same: largest tension", "m g (3 - 2 cos a)").figures(
             crest(t, f["history/probe_tension"][:, k]),
             mass * G * (3 - 2 * np.cos(phi)),
@@ -287,16 +279,11 @@ def test_swing_across_two_cables(both_ways, compare):
         "id,x,y,z,fixed,mass",
         [(0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)],
     )
-    f = both_ways.solve(
-        soft(modulus) + timing(1.36, dt, 1, [(0, 0)]),
-        nodes,
-        csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)]),
-        ranks=2,
-    )
+    tables = nodes, csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)])
+    f = both_ways.solve(soft(modulus) + timing(1.36, dt, 1, [(0, 0)]), *tables)
     V = lambda q: k * (np.hypot(b, q) - L0) ** 2
-    slowness = lambda s: (
-        a * np.cos(s) / np.sqrt(2 / mass * (V(a) - V(a * np.sin(s))))
-    )  # over q = a sin s; even about its end, where it is 0 / 0
+    # over q = a sin s; even about its end, where it is 0 / 0
+    slowness = lambda s: a * np.cos(s) / np.sqrt(2 / mass * (V(a) - V(a * np.sin(s))))
     period = 4 * (quad(slowness, 0, np.pi / 2 - 1e-4)[0] + 1e-4 * slowness(np.pi / 2 - 1e-4))
     t, z = f["history/time"][:], a + f["history/probe_displacement"][:, 0, 2]
     path, zero = CubicSpline(t, z), crossings(t, z)
@@ -334,12 +321,8 @@ def test_snap_from_slack(both_ways, compare):
         "id,x,y,z,fixed,mass,load_x",
         [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)],
     )
-    f = both_ways.solve(
-        soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]),
-        nodes,
-        csv("start,end,unstressed_length", [(0, 1, L0)]),
-        ranks=2,
-    )
+    tables = nodes, csv("start,end,unstressed_length", [(0, 1, L0)])
+    f = both_ways.solve(soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]), *tables)
     t = f["history/time"][:]
     way = f["history/probe_displacement"][:, 0, 0]
     N = f["history/probe_tension"][:, 0]
@@ -348,9 +331,8 @@ def test_snap_from_slack(both_ways, compare):
     taut = np.flatnonzero(N)
     falling = slice(0, taut[0])
     assert (np.diff(taut) == 1).all() and np.abs(f["history/balance_error"][:]).max() < 1e-3
-    line = lambda m, n: (
-        t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])
-    )  # where the straight line through two rows is zero
+    # where the straight line through two rows is zero
+    line = lambda m, n: t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])
     begin, end = line(taut[0], taut[1]), line(taut[-1], taut[-2])
     kinks = (omega * dt) ** 2 / 8
     compare("mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2").figures(
@@ -370,9 +352,8 @@ def test_snap_from_slack(both_ways, compare):
         end - begin, held, kinks, "steps and kinks: (omega dt)^2 / 8", "s"
     )
     last = taut[-1] + 1 + np.argmin(way[taut[-1] + 1 :])
-    a, b, c = np.polyfit(
-        t[last - 1 : last + 2] - t[last], way[last - 1 : last + 2], 2
-    )  # free again: a parabola
+    # free again: a parabola
+    a, b, c = np.polyfit(t[last - 1 : last + 2] - t[last], way[last - 1 : last + 2], 2)
     compare("the same: height to which it is thrown back", "height of the start").figures(
         h - (c - b * b / (4 * a)), h, 2 * kinks, "two kinks: (omega dt)^2 / 8 of the speed", "m"
     )
@@ -401,12 +382,8 @@ def test_two_masses_on_a_chain(both_ways, compare):
             (2, x[1], 0.0, 0.0, 0, carried[1], T),
         ],
     )
-    f = both_ways.solve(
-        BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]),
-        nodes,
-        csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])]),
-        ranks=2,
-    )
+    tables = nodes, csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])])
+    f = both_ways.solve(BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]), *tables)
     stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1]]]) / np.sqrt(np.outer(mass, mass))
     squares, modes = np.linalg.eigh(stiffness)
     share = modes.T @ (np.sqrt(mass) * moved)
@@ -509,9 +486,8 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     assert not any(f["history/slack"][:].any() for f in found)
     x = [tracks(f) for f in found]
     errors = [np.linalg.norm(v - x[-1]) for v in x[:-1]]
-    fastest = (
-        np.sqrt(2) * C_WAVE / (40.0 / 6)
-    )  # 1/s, neighbours in opposition: 4 EA / L over the mass of two elements
+    # 1/s, neighbours in opposition: 4 EA / L over the mass of two elements
+    fastest = np.sqrt(2) * C_WAVE / (40.0 / 6)
     for k, h in enumerate(steps[:2]):
         expected = np.log2((h**2 - steps[-1] ** 2) / (h**2 / 4 - steps[-1] ** 2))
         compare(

@@ -60,7 +60,7 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
         CABLE
         + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.3\ntime_step = {dt}\n[output]\nframes = 30\n"
     )
-    f = both_ways.solve(text, nodes, "start,end\n1,2\n", ranks=2)
+    f = both_ways.solve(text, nodes, "start,end\n1,2\n")
     assert ends(f) == [(0, 0, 2)]
     assert limit < f["events/strain"][0] < 1.01 * limit
     assert np.abs(f["history/identity_error"][:]).max() < 1e-12
@@ -211,7 +211,7 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     text = CABLE + f"[cable.lower]\nfracture_strain = {limit}\n"
     text += f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\ntime_step = 1e-3\n"
     text += "[output]\nframes = 250\nhistory = 0.001\n"
-    f = both_ways.solve(text, nodes, elements, ranks=2)
+    f = both_ways.solve(text, nodes, elements)
     dt = f["history/time_step"][0]
     step = int(f["events/step"][0])
     k = EA / length
@@ -219,9 +219,8 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
     mass = dead * area / G + half * np.array([2, 1]) + [0, 0.5 * RHO * 1e-12 * thread]
     omega, shape = modes(k * np.array([[2, -1], [-1, 1]]), mass)
     theta = np.arccos(1 - 0.5 * (omega * dt) ** 2)
-    place = lambda n: (
-        shape @ (shape.T @ (-G * mass) / omega**2 * (1 - np.cos(n * theta)))
-    )  # the steps in closed form, by modes
+    # the steps in closed form, by modes
+    place = lambda n: shape @ (shape.T @ (-G * mass) / omega**2 * (1 - np.cos(n * theta)))
     first = next(n for n in range(10**4) if place(n)[0] - place(n)[1] > limit * length)
     compare(
         "two weights on a hanger: number of the step of the break", "central difference solved by hand"
@@ -259,9 +258,8 @@ def test_equal_forces_break_both_ends(both_ways, compare):
     nodes = f"id,x,y,z,mass,load_z\n1,0,0,0,500,{-load}\n2,0,0,1,100,0\n3,0,0,2,100,0\n4,0,0,3,500,{load}\n"
     text = CABLE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.012\ntime_step = {dt}\n"
     f = both_ways.solve(text, nodes, "start,end,area\n1,2,1e-3\n2,3,4e-4\n3,4,1e-3\n")
-    k = E * np.array(
-        [1e-3, 2 * 4e-4]
-    )  # the half from the middle outwards; half of an element is twice as stiff
+    # the half from the middle outwards; half of an element is twice as stiff
+    k = E * np.array([1e-3, 2 * 4e-4])
     omega, shape = modes(
         np.array([[k[0], -k[0]], [-k[0], k.sum()]]), np.array([500 + 0.5e-3 * RHO, 100 + 0.5 * 1.4e-3 * RHO])
     )

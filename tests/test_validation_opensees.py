@@ -91,9 +91,8 @@ def reference(name: str, folder, case: dict) -> dict:
         key.removeprefix(f"{name}/"): values for key, values in stored.items() if key.startswith(f"{name}/")
     }
     for key, values in now.items():
-        assert np.abs(values - theirs[key]).max() <= 1e-9 * np.abs(theirs[key]).max(), (
-            key
-        )  # rounding, as in the rows below
+        # rounding, as in the rows below
+        assert np.abs(values - theirs[key]).max() <= 1e-9 * np.abs(theirs[key]).max(), key
     return theirs
 
 

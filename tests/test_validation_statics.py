@@ -42,9 +42,8 @@ def chain(H, V, w, EA, L, n):
 def catenary_with_leading_error(H, V, w, EA, L, n):
     """The catenary less h^2 / 24 (f'(L) - f'(0)): what the midpoint rule leaves to second order."""
     x, z = catenary(H, V, w, EA, L, n)
-    slope = lambda V: (
-        np.array([H * V, -(H**2)]) * w / np.hypot(H, V) ** 3
-    )  # of the integrands, but for a constant
+    # of the integrands, but for a constant
+    slope = lambda V: np.array([H * V, -(H**2)]) * w / np.hypot(H, V) ** 3
     dx, dz = (L / n) ** 2 / 24 * (slope(V - w * L) - slope(V))
     return x - dx, z - dz
 
@@ -105,7 +104,7 @@ def test_isolated_cable(both_ways, compare):
     area = 0.85 * (FOOT / 12) ** 2
     section = f"[cable]\nmodulus = {EA / area!r}\narea = {area!r}\ndensity = {w / GRAVITY / area!r}\n"
     f = both_ways.solve(
-        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements, ranks=2
+        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements
     )
     x = f["net/particles"][:] + f["statics/displacement"][-1]
     way = lambda rule, n: (hang(rule, parts, span, w, EA, load, n) - hang(rule, parts, span, w, EA, 0.0, n))[
@@ -161,7 +160,7 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
     nodes, elements, first = cables(some)
     section = f"[cable]\nmodulus = {modulus!r}\narea = {area!r}\ndensity = {density!r}\n"
     f = both_ways.solve(
-        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements, ranks=2
+        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements
     )
     x = f["net/particles"][:] + f["statics/displacement"][-1]
     ends = f["net/elements"][:]
@@ -224,12 +223,9 @@ def test_two_elements_under_a_load(both_ways, compare):
         ]
         elements += [f"{3 * k + i},{3 * k + i + 1},{'bar' if rise else 'cable'},{N0}" for i in range(2)]
     section = f'[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[cable.bar]\nkind = "bar"\n'
-    f = both_ways.solve(
-        section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n",
-        "\n".join(nodes),
-        "\n".join(elements),
-        ranks=2,
-    )
+    text = section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n"
+    tables = "\n".join(nodes), "\n".join(elements)
+    f = both_ways.solve(text, *tables)
     for k, (case, w, within) in enumerate(rows):
         compare(f"two elements across, {case}: deflection", "P = 2 N(w) sin, solved for w").figures(
             -f["statics/displacement"][-1, 3 * k + 1, 2],
@@ -484,9 +480,8 @@ def test_olympia_net(both_ways, compare):
     unstressed = L / (1.0 + q * L / (1.6e11 * np.where(mast, 1e-3, 1e-5)))  # the job's modulus and areas
     cutting = cutting_columns(f, Cutting(0.0, 50.0))
     by_hand = np.bincount(f["net/cable"][:], unstressed)
-    assert cutting["unstressed_length"] == pytest.approx(
-        by_hand, rel=1e-10
-    )  # rounding of the linear solution
+    # rounding of the linear solution
+    assert cutting["unstressed_length"] == pytest.approx(by_hand, rel=1e-10)
     assert sorted(cutting["measuring_load"]) == [0.0] * 4 + [50.0] * 32  # a mast is measured without load
     digits = (
         "printed to 10 digits, from force densities printed to 9 "
@@ -508,9 +503,8 @@ def test_olympia_net(both_ways, compare):
             unit,
             scale=1.0,
         )
-    B = np.einsum("ep,ea->epa", C[:, free], (C @ x) / L[:, None]).reshape(
-        len(q), -1
-    )  # change of length with the free coordinates
+    # change of length with the free coordinates
+    B = np.einsum("ep,ea->epa", C[:, free], (C @ x) / L[:, None]).reshape(len(q), -1)
     EA = np.array([1.6e11 * (1e-3 if row["group"] == "mast" else 1e-5) for row in rows])
     tangent = np.kron(K[np.ix_(free, free)], np.eye(3)) + B.T @ ((EA / L - q)[:, None] * B)
     compare("Olympia net: largest force of a mast", "published (test data of jax_fdm)", FORM).figures(
@@ -530,9 +524,8 @@ def test_flat_net_under_a_small_load(both_ways, compare):
     """Square nets, prestressed and flat, sink as a membrane does: 0.0737 p a^2 / H in the middle."""
     a, w, EA, sizes = 10.0, 1e-3, 1.95e9 * 683.08e-6, (8, 16, 32)
     odd = np.arange(1, 40, 2)
-    membrane = 1 / 8 - 4 / np.pi**3 * np.sum(
-        (-1.0) ** (odd // 2) / (odd**3 * np.cosh(odd * np.pi / 2))
-    )  # of p a^2 / H
+    # of p a^2 / H
+    membrane = 1 / 8 - 4 / np.pi**3 * np.sum((-1.0) ** (odd // 2) / (odd**3 * np.cosh(odd * np.pi / 2)))
 
     def differences(n):
         """The same of five-point differences, by their sine series."""
@@ -556,7 +549,7 @@ def test_flat_net_under_a_small_load(both_ways, compare):
         first += len(x)
     x, held, elements, load = (np.concatenate([net[i] for net in nets]) for i in range(4))
     soft = STEEL.replace("1.95e11", "1.95e9") + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-11\n"
-    f = both_ways.solve(soft, *tables(x, held, elements, ",load_z", (load,)), ranks=2)
+    f = both_ways.solve(soft, *tables(x, held, elements, ",load_z", (load,)))
     middle = [int(np.hypot(x[:, 0] - 20.0 * k, x[:, 1]).argmin()) for k in range(3)]
     for p, n in zip(middle, sizes):
         error = differences(n) / membrane - 1

@@ -224,9 +224,7 @@ def exact_oscillator(time, speed, at):
 
 def test_oscillator_in_the_generated_wind(both_ways, compare):
     """A mass on a tie in gusts moves as the exact solution for the same speeds says."""
-    f = both_ways.solve(
-        OSCILLATOR.format(duration=60.0, dt=0.005, history=0.1), NODES, THREADS + "1,6,tie\n", ranks=2
-    )
+    f = both_ways.solve(OSCILLATOR.format(duration=60.0, dt=0.005, history=0.1), NODES, THREADS + "1,6,tie\n")
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
     exact = exact_oscillator(f["wind/time"][:], f["wind/speed"][:, 4], 0.1)[: len(t)]
     error = (OMEGA * 0.005) ** 2 / 24 / (0.5 * ZETA / OMEGA)
@@ -285,7 +283,7 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     text += "profile_exponent = 0.2\nbase_height = 25.0\n"
     text += "[dynamics]\nduration = 1.0\ntime_step = 0.01\n"
     f = both_ways.solve(
-        text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS, ranks=2
+        text, f"id,x,y,z,fixed,mass,load_z\n1,0,0,5,0,{MASS},0\n" + CORNERS.format(z=5), THREADS
     )
     force = -coefficient * SIDE**2 / 3 * 0.5 * 1.25 * (30.0 * 3.0**0.2) ** 2
     compare(

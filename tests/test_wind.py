@@ -146,9 +146,8 @@ def test_check_tells_of_the_gusts(workshop):
     above = (1 + 300.0**2) ** (-1 / 3)  # x = 1200 m 10 Hz / 40 m/s
     assert f"samples 0.05 s apart lack {above:.2%} of the variance, which lies above 10 Hz" in lines[2]
     S = S / S.sum()
-    between = (
-        1 - (S * np.cos(2 * np.pi * n * 0.05)).sum()
-    ) / 3  # mean over time of (1 - s)^2 + s^2 + 2 s (1 - s) R
+    # mean over time of (1 - s)^2 + s^2 + 2 s (1 - s) R
+    between = (1 - (S * np.cos(2 * np.pi * n * 0.05)).sum()) / 3
     told = float(re.search(r"between them takes ([\d.]+)%", lines[2])[1])
     assert told == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
     assert re.search(r"differs from that of Davenport's coherence by \S+ over the roof \(root", lines[3])

@@ -370,9 +370,8 @@ def test_wind_acts_with_the_coefficient_of_each_zone(workshop):
     """A node with its whole area: the sum of forces on the flat grid by hand, upward."""
     model = model_of(read_job(workshop.job(STEEL + ZONED, *grid())))
     total = model.wind.sum(0) * 20.0**2
-    assert model.roof.area[model.roof.zones.of_node == 0].sum() == pytest.approx(
-        EDGE, rel=1e-14
-    )  # rounding of areas
+    # rounding of areas
+    assert model.roof.area[model.roof.zones.of_node == 0].sum() == pytest.approx(EDGE, rel=1e-14)
     assert total[2] == pytest.approx(SUCTION * (2.2 * EDGE + 1.0 * REST), rel=1e-14)  # and of the sum
     assert (total[:2] == 0).all()
 
