@@ -23,6 +23,7 @@ PROCESS = """
 import ctypes, gc, os, signal, sys, warnings
 from pathlib import Path
 import h5py, numba, numpy as np
+from numba.core import compiler, registry, types
 
 class Counts(ctypes.Structure):  # mallinfo2 of glibc
     names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
@@ -38,7 +39,13 @@ def mapped():
 
 def state():
     status = Path("/proc/self/status").read_text().splitlines()
+    classes = (registry.CPUDispatcher, types.Type, compiler.Compiler, compiler.CompilerBase, types.Array)
+    of_pickle = "__slotnames__"
+    own = lambda one: {name: value for name, value in vars(one).items() if name != of_pickle}
     return {
+        "classes": [own(one) for one in classes],
+        "methods": [registry.CPUDispatcher.compile, type(types.Type).__call__, types.Type.__init__],
+        "njit": numba.njit,
         "numba": {name: getattr(numba.config, name) for name in dir(numba.config) if name.isupper()},
         "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), len(gc.callbacks)),
         "environment": (dict(os.environ), ctypes.CDLL(None).getenv(b"OMPI_MCA_pml")),
@@ -46,6 +53,7 @@ def state():
         "caught": [line for line in status if line.startswith(("SigBlk", "SigIgn", "SigCgt"))],
         "mapped": mapped(),
         "folder": os.getcwd(), "path": list(sys.path), "warnings": repr(warnings.filters),
+        "errors": np.geterr(),
     }
 
 @numba.njit(cache=True)
@@ -65,22 +73,33 @@ result.close()
 
 @numba.njit(cache=True)
 def after(x):
-    return 3.0 * x
+    return np.sort(np.zeros(x))[-1]
 
-after(1.0)
+assert after(3) == 0.0
+try:
+    after(-1)
+except ValueError as error:
+    assert "negative dimensions" in str(error)
+else:
+    raise AssertionError("an error of a user's kernel is lost")
 assert before._cache.cache_path == after._cache.cache_path
 second = state()
 print([name for name in first if first[name] != second[name]])
-print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.modules])
+print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.modules], flush=True)
 """
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks glibc and /proc")
-def test_a_run_leaves_the_users_process_as_it_was(tmp_path):
-    """Configuration of numba, garbage, environment, signals, allocator, and the cache of a user's kernels."""
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_run_leaves_the_users_process_as_it_was(tmp_path, ranks):
+    """numba, garbage, environment, signals, allocator, the cache of a user's kernels, and their errors.
+
+    On the ranks of mpirun it computes in them: netfall's kernels stand beside the user's.
+    """
     (tmp_path / "process.py").write_text(PROCESS)
-    done = run_process(sys.executable, "process.py", cwd=tmp_path)
-    assert done.stdout.splitlines() == ["[]", "[]"], done.stdout + done.stderr
+    done = run_process(*on_ranks(ranks), sys.executable, "process.py", cwd=tmp_path)
+    within = "['mpi4py.MPI', 'netfall.core.kernels']" if ranks > 1 else "[]"
+    assert sorted(done.stdout.splitlines()) == sorted(["[]", within] * ranks), done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("ranks", [1, 2])
