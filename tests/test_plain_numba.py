@@ -1,4 +1,4 @@
-"""Plain numba: nothing of the user's process is changed; records and vectors, on which all kernels stand."""
+"""Records and vectors, on which all kernels stand."""
 
 import pickle
 from fractions import Fraction
@@ -22,63 +22,6 @@ from netfall.core.vectors import (
     sqrt,
     where,
 )
-
-# --- the user's process
-
-PROCESS = """
-import gc, os, signal, sys, warnings
-import numba, numpy as np
-from numba.core import compiler, registry, types
-
-def state():
-    classes = (registry.CPUDispatcher, types.Type, compiler.Compiler, compiler.CompilerBase, types.Array)
-    of_pickle = "__slotnames__"
-    own = lambda one: {name: value for name, value in vars(one).items() if name != of_pickle}
-    return {
-        "numba": {name: getattr(numba.config, name) for name in dir(numba.config) if name[0] != "_"},
-        "classes": [own(one) for one in classes],
-        "methods": [registry.CPUDispatcher.compile, type(types.Type).__call__, types.Type.__init__],
-        "njit": numba.njit,
-        "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), len(gc.callbacks)),
-        "environment": dict(os.environ),
-        "handlers": [signal.getsignal(number) for number in signal.valid_signals()],
-        "folder": os.getcwd(), "path": list(sys.path), "warnings": repr(warnings.filters),
-        "errors": np.geterr(),
-    }
-
-@numba.njit(cache=True)
-def before(x):
-    return 2.0 * x
-
-assert before(1.0) == 2.0
-first = state()
-import netfall
-net = {"nodes": np.array([[-10.0, 0, 2], [10, 0, 2], [0, 0, 0]]), "elements": [[0, 2], [1, 2]]}
-net |= {"fixed": [True, True, False], "node_columns": {"mass": [0.0, 0.0, 1000.0]}}
-cable = {"modulus": 1.6e11, "area": 500e-6, "density": 7850.0, "prestress": 100e3}
-with netfall.run({"net": net, "cable": cable, "dynamics": {"duration": 0.01}}, output="r.vtkhdf") as result:
-    assert result.tension(element=0)[0] > 0.0
-
-@numba.njit(cache=True)
-def after(x):
-    return np.sort(np.zeros(x))[-1]
-
-assert after(3) == 0.0
-try:
-    after(-1)
-except ValueError as error:
-    assert "negative dimensions" in str(error)
-else:
-    raise AssertionError("an error of a user's kernel is lost")
-folders = {os.path.dirname(str(one._cache.cache_path)) for one in (before, after)}
-given = os.environ.get("NUMBA_CACHE_DIR")
-print(folders == {os.path.dirname(os.path.abspath(__file__))} if given is None else
-      all(folder.startswith(given) for folder in folders))
-second = state()
-print([name for name in first if first[name] != second[name]])
-print("netfall.core.kernels" in sys.modules)
-"""
-
 
 # --- records
 
