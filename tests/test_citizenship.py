@@ -94,7 +94,7 @@ print([name for name in ("mpi4py.MPI", "netfall.core.kernels") if name in sys.mo
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="asks glibc and /proc")
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_run_leaves_the_users_process_as_it_was(tmp_path, ranks):
-    """numba, garbage, environment, signals, allocator; a user's kernels stay by their file, with their errors.
+    """numba, garbage, environment, signals, allocator; a user's kernels, their place and their errors.
 
     On the ranks of mpirun it computes in them: netfall's kernels stand beside the user's.
     """
