@@ -6,6 +6,7 @@ import pytest
 import shapely
 from conftest import lines_with, run_on_standing_ranks
 from hypothesis import HealthCheck, assume, given, settings
+from nets import pulls
 from scipy.spatial import Delaunay
 
 import netfall
@@ -145,13 +146,10 @@ def test_pressure_acts_on_the_surface(workshop, pressure):
         tension, ends = f["statics/tension"][-1], f["net/elements"][:]
         free = f["net/fixed"][:, 0] == 0
         area = f["net/tributary_area"][:]
-    along = np.diff(x[ends], axis=1)[:, 0]
-    pull = np.zeros_like(x)
-    unit = along / np.linalg.norm(along, axis=1)[:, None] * tension[:, None]
-    np.add.at(pull, ends[:, 0], unit)
-    np.add.at(pull, ends[:, 1], -unit)
     # equilibrium to the tolerance of statics, 1e-6 of 1 kN
-    assert np.allclose(pull[free], -8 * area[free, None] * np.array([0.6, 0, -0.8]), atol=2e-3)
+    assert np.allclose(
+        pulls(x, ends, tension)[free], -8 * area[free, None] * np.array([0.6, 0, -0.8]), atol=2e-3
+    )
     assert np.allclose(area[free], 1.25, rtol=1e-9)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL, assert_same_bits_on, run_on_standing_ranks
+from nets import pulls
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
@@ -367,11 +368,7 @@ def test_moments_of_a_ring_balance_its_spokes(bicycle):
             bicycle["form_finding/position"][:], np.column_stack([np.roll(ends[:24, 0], 1), ends[:24]])
         ),
     )
-    along = x[ends[:, 1]] - x[ends[:, 0]]
-    pull = g["tension"][:][:, None] * along / np.linalg.norm(along, axis=1)[:, None]
-    f = forces(x, joints)
-    np.add.at(f, ends[:, 0], pull)
-    np.subtract.at(f, ends[:, 1], pull)
+    f = forces(x, joints) + pulls(x, ends, g["tension"][:])
     free = np.isin(np.arange(24) % 6, (1, 2, 3, 4, 5))
     assert np.abs(f[:24][free, :2]).max() < 1e-5 * np.abs(g["tension"][:]).max()  # no load in plan
     assert np.nanmax(moment) > 100.0 * np.nanmax(bicycle["cases/snow/bending_moment"][:])

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, StopAfter
 from mpi4py import MPI
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import spsolve
+from nets import elastic, equilibrium
 
 from netfall.equilibrium import find, goals, mixed, newton
 from netfall.equilibrium import increments as path
@@ -49,52 +48,7 @@ steps = 2
 """
 EA = 1.95e11 * 3600e-6
 AREA_LOAD = 2000.0
-
-
-class Exact:
-    """The equilibrium of a net under nodal loads, from a start near it: positions x (n, 3)."""
-
-    def __init__(self, x, elements, free, L0, load, yield_force=np.inf):
-        self.elements, self.L0, self.yield_force = elements, L0, yield_force
-        self.x = x.copy()
-        moves = np.flatnonzero(free.ravel())
-        for _ in range(30):
-            residual = (self.forces() + load).ravel()[moves]
-            step = spsolve(self.stiffness()[moves][:, moves].tocsc(), residual)
-            self.x.ravel()[moves] += step
-            if np.abs(step).max() < 1e-13 * np.abs(x).max():
-                break
-        self.residual = np.abs((self.forces() + load).ravel()[moves]).max()
-
-    def lengths(self):
-        """Directions (m, 3), lengths (m,), tensions (m,)."""
-        d = self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]]
-        L = np.linalg.norm(d, axis=1)
-        return d / L[:, None], L, np.clip(EA * (L - self.L0) / self.L0, 0.0, self.yield_force)
-
-    def forces(self):
-        """Of the elements on the particles, (n, 3)."""
-        d, _, N = self.lengths()
-        f = np.zeros_like(self.x)
-        np.add.at(f, self.elements[:, 0], N[:, None] * d)
-        np.add.at(f, self.elements[:, 1], -N[:, None] * d)
-        return f
-
-    def stiffness(self):
-        """Sparse (3 n, 3 n); what has none gets so little that it moves nothing else."""
-        d, L, N = self.lengths()
-        axial = np.where((N > 0.0) & (N < self.yield_force), EA / self.L0, 0.0)
-        block = (axial - N / L)[:, None, None] * d[:, :, None] * d[:, None, :]
-        block += (N / L + 1e-9 * EA / self.L0)[:, None, None] * np.eye(3)
-        parts = []
-        for i, j, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
-            row = 3 * self.elements[:, i, None, None] + np.arange(3)[None, :, None] + np.zeros((1, 1, 3), int)
-            column = (
-                3 * self.elements[:, j, None, None] + np.arange(3)[None, None, :] + np.zeros((1, 3, 1), int)
-            )
-            parts.append((row.ravel(), column.ravel(), sign * block.ravel()))
-        row, column, value = (np.concatenate(each) for each in zip(*parts))
-        return coo_array((value, (row, column)), shape=(self.x.size, self.x.size)).tocsr()
+LEFT = 1e-4  # N, of some 1e6: what the reference leaves of equilibrium
 
 
 def errors(f: h5py.File, pressure, yield_force=np.inf) -> tuple[float, float, int]:
@@ -106,11 +60,9 @@ def errors(f: h5py.File, pressure, yield_force=np.inf) -> tuple[float, float, in
     np.add.at(load[:, 2], elements.ravel(), -0.5 * np.repeat(weight, 2))
     start = form["position"][:]
     x = start + f["statics/displacement"][-1]
-    exact = Exact(x, elements, net["fixed"][:] == 0, L0, load, yield_force)
-    assert exact.residual < 1e-4  # N, of some 1e6: the reference itself is in equilibrium
-    N = exact.lengths()[2]
-    largest = np.linalg.norm(exact.x - start, axis=1).max()
-    moved = np.linalg.norm(exact.x - x, axis=1).max() / largest
+    exact, N = equilibrium(x, elements, elastic(L0, EA, yield_force), net["fixed"][:] > 0, load, LEFT)
+    largest = np.linalg.norm(exact - start, axis=1).max()
+    moved = np.linalg.norm(exact - x, axis=1).max() / largest
     return moved, np.abs(N - f["statics/tension"][-1]).max() / N.max(), int((N == 0.0).sum())
 
 
@@ -194,10 +146,11 @@ class Statics:
         """Of the last: displacement and tension off the exact ones, shares of the largest."""
         model = self.scene.model
         net, load = model.net, model.loading.permanent + model.loading.live
-        exact = Exact(self.scene.state.x, net.elements, ~net.fixed, model.L0, load, yield_force)
-        N, tension = exact.lengths()[2], self.seen[-1][0].equilibrium.snapshot.N
-        moved = np.linalg.norm(exact.x - self.scene.state.x, axis=1).max()
-        far = np.linalg.norm(exact.x - model.x, axis=1).max()
+        x, law = self.scene.state.x, elastic(model.L0, EA, yield_force)
+        exact, N = equilibrium(x, net.elements, law, net.fixed, load, LEFT)
+        tension = self.seen[-1][0].equilibrium.snapshot.N
+        moved = np.linalg.norm(exact - x, axis=1).max()
+        far = np.linalg.norm(exact - model.x, axis=1).max()
         return moved / far, np.abs(N - tension).max() / N.max()
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import STEEL, StopAfter, run_on_standing_ranks
 from mpi4py import MPI
+from nets import along, pulls
 
 from netfall.equilibrium import newton
 from netfall.equilibrium.newton import NoConvergence
@@ -137,13 +138,9 @@ def test_nodes_within_straight_cables_at_constant_tension(workshop):
     )
     f = workshop.run(job)
     x, ends, free = f["form_finding/position"][:], f["net/elements"][:], f["net/fixed"][:, 0] == 0
-    way = x[ends[:, 1]] - x[ends[:, 0]]
-    L = np.linalg.norm(way, axis=1)
-    pull, meet = np.zeros_like(x), np.bincount(ends.ravel())
-    for end, sign in (0, 1.0), (1, -1.0):
-        np.add.at(pull, ends[:, end], sign * way / L[:, None])
+    pull, L = pulls(x, ends, np.ones(len(ends))), along(x, ends)[1]
     assert np.linalg.norm(pull[free], axis=1).max() < 1e-6
-    assert np.sum(meet == 2) > 3000 and L.min() > 0.05
+    assert np.sum(np.bincount(ends.ravel()) == 2) > 3000 and L.min() > 0.05
 
 
 def test_iterations_that_run_out_end_the_run(workshop):

@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
-from mpi4py import MPI
+from nets import table
 from scipy.optimize import brentq
-from test_slipping import table
 
 from netfall.checks.slides import slide_columns
-from netfall.ground.progress import Progress
-from netfall.job.read import read_job
 from netfall.plots.utilisation import slips
-from netfall.program.run import run_job
 from netfall.report.page import _slides
 from netfall.stages import statics
 
@@ -26,11 +22,8 @@ def rope(area=1e-3, density=1e-3):
 
 def weight_on_a_ring(slide):
     """1200 N on a ring that runs on a weightless cable of 10 m between (0, 0) and (8, -2)."""
-    nodes = table(
-        ("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "load_z"),
-        (1, 0, 0, 0, 1, 1, 1, 0),
-        (2, 4, 0, -3, 0, 1, 0, -1200),
-        (3, 8, 0, -2, 1, 1, 1, 0),
+    nodes = (
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,4,0,-3,0,1,0,-1200\n3,8,0,-2,1,1,1,0\n"
     )
     elements = "start,end,group,unstressed_length\n2,1,rope,5\n2,3,rope,5\n"
     return rope(area=1e-2) + f"[load]\nself_weight = false\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
@@ -61,13 +54,13 @@ def half_circle(n, slide, steps=4, force=1000.0):
     angle = np.pi * np.arange(n + 2) / (n + 1)
     x, z = -np.cos(angle), np.sin(angle)
     pull = force * np.array([x[-1] - x[-2], z[-1] - z[-2]]) / np.hypot(x[-1] - x[-2], z[-1] - z[-2])
-    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "load_x", "load_z")]
+    rows = []
     for k in range(n + 2):
         last = k == n + 1
         rows.append((k, x[k], 0, z[k], *((0, 1, 0) if last else (1, 1, 1)), *(pull if last else (0, 0))))
-    elements = table(("start", "end", "group"), *((k, k + 1, "rope") for k in range(n + 1)))
+    elements = table("start,end,group", ((k, k + 1, "rope") for k in range(n + 1)))
     text = rope() + f'[load]\nself_weight = false\nsteps = {steps}\n[[slide]]\ngroup = "rope"\n{slide}'
-    return text, table(*rows), elements
+    return text, table("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_z", rows), elements
 
 
 @pytest.mark.parametrize("n, published", [(1, 1.170089), (5, 1.299266)])
@@ -149,8 +142,7 @@ def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkey
         return settle(scene, each, *arguments, **more)
 
     monkeypatch.setattr(statics, "settle", noted)
-    job = read_job(workshop.job(job, nodes, pairs))
-    run_job(MPI.COMM_SELF, job, workshop.folder / "result.vtkhdf", Progress(False, False))
+    workshop.run_here(workshop.job(job, nodes, pairs)).close()
     slips = [slip for kind, slip in begins if kind == "case"]
     assert len(slips) == 2 and slips[0] == slips[1] != bytes(len(slips[0]))
 
@@ -168,17 +160,16 @@ def spans(points, tail, fixed, others=()):
 
     others : (group, node, x, z, held) of elements that hang on a node of it
     """
-    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z")]
-    for k, (x, z) in enumerate(points):
-        rows.append((k, x, 0, z, *((1, 1, 1) if k in fixed else (0, 1, 0))))
+    held = lambda k: (1, 1, 1) if k in fixed else (0, 1, 0)
+    rows = [(k, x, 0, z, *held(k)) for k, (x, z) in enumerate(points)]
     length = np.hypot(*np.diff(points, axis=0).T)
     length[-1] = tail
-    lines = [("start", "end", "group", "cable", "unstressed_length")]
-    lines += [(k, k + 1, "rope", "c", length[k]) for k in range(len(length))]
+    lines = [(k, k + 1, "rope", "c", length[k]) for k in range(len(length))]
     for group, node, x, z, held in others:
-        rows.append((len(rows) - 1, x, 0, z, held, 1, held))
-        lines.append((node, len(rows) - 2, group, group, abs(z - points[node][1])))
-    return table(*rows), table(*lines)
+        lines.append((node, len(rows), group, group, abs(z - points[node][1])))
+        rows.append((len(rows), x, 0, z, held, 1, held))
+    nodes = table("id,x,y,z,fixed_x,fixed_y,fixed_z", rows)
+    return nodes, table("start,end,group,cable,unstressed_length", lines)
 
 
 LINE = (
@@ -275,13 +266,11 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
     elements = (
         f"start,end,group,unstressed_length\n1,2,rope,{100 / (1 + T / EA)}\n2,3,rope,{12 / (1 + T / EA)}\n"
     )
-    text = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n" + rope()
+    text = f"subdivide = {parts}\n" + rope()
     text += (
         "[load]\nself_weight = false\nsteps = 0\n[[case]]\nname = 'in'\nsettlement = {1 = [5.0, 0.0, 0.0]}\n"
     )
-    (workshop.folder / "nodes.csv").write_text(nodes)
-    (workshop.folder / "elements.csv").write_text(elements)
-    f = workshop.solve(text + '[[slide]]\ngroup = "rope"\n')
+    f = workshop.solve(text + '[[slide]]\ngroup = "rope"\n', nodes, elements)
     case = f["cases/in"]
     assert case["slip"][0] == pytest.approx(5.0 / (1.0 + T / EA), rel=1e-8)  # of the tolerance, 1e-6 of 12 m
     assert case["tension"][:] == pytest.approx([T] * 2 * parts, rel=1e-6)
@@ -310,10 +299,7 @@ def test_slip_in_unlike_spans_is_that_of_catenaries(workshop, parts):
     elements = "start,end,group,cable,unstressed_length\n" + "".join(
         f"{k},{k + 1},rope,c,{length / 2}\n" for k, length in zip((1, 2, 3, 4), (106.0, 106.0, 66.8, 66.8))
     )
-    (workshop.folder / "nodes.csv").write_text(nodes)
-    (workshop.folder / "elements.csv").write_text(elements)
-    net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
-    f = workshop.solve(net + LINE + "nodes = [3]\n")
+    f = workshop.solve(f"subdivide = {parts}\n{LINE}nodes = [3]\n", nodes, elements)
     assert f["statics/slip"][-1, 0] == pytest.approx(slip, rel=2e-4 * (8 / parts) ** 2)
     N = f["statics/tension"][-1].reshape(4, parts)
     for span, S, link in zip(spans_, (given[0] - slip, given[1] + slip), (N[1, -1], N[2, 0])):

@@ -5,54 +5,12 @@ Its figures: test_validation_statics.py.
 import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import spsolve
+from nets import pulls
 
 SADDLE = '[net]\ngenerator = "saddle"\n' + STEEL.replace("683.08e-6", "3600e-6").replace("100e3", "1800e3")
 LOADED = SADDLE + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-8\n"
 LOADED += "[load]\nself_weight = false\npressure = [0.0, 0.0, 2000.0]\nsteps = 4\ntolerance = 1e-9\n"
 EA = 1.95e11 * 3600e-6
-
-
-def elastic(L0, EA=EA):
-    """Law of an elastic cable for `newton`: tension and stiffness [N, N/m] at the lengths L."""
-    return lambda L: (np.maximum(EA * (L - L0) / L0, 0.0), np.where(L > L0, EA / L0, 0.0))
-
-
-def newton(x, elements, law, fixed, load):
-    """Equilibrium of elements with N, dN/dL = law(L) by Newton iteration with the exact tangent stiffness:
-    positions and tensions.
-    """
-    x = x.copy()
-    n, free = len(x), np.flatnonzero(~fixed.ravel())
-    for _ in range(60):
-        d = x[elements[:, 1]] - x[elements[:, 0]]
-        L = np.linalg.norm(d, axis=1)
-        N, stiffness = law(L)
-        e = d / L[:, None]
-        residual = load.copy()
-        np.add.at(residual, elements[:, 0], N[:, None] * e)
-        np.subtract.at(residual, elements[:, 1], N[:, None] * e)
-        if np.abs(residual.ravel()[free]).max() < 1e-5:
-            return x, N
-        block = (stiffness - N / L)[:, None, None] * e[:, :, None] * e[:, None, :] + (N / L)[
-            :, None, None
-        ] * np.eye(3)
-        rows, columns, values = [], [], []
-        for a, b, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
-            i = 3 * elements[:, a, None, None] + np.arange(3)[None, :, None]
-            j = 3 * elements[:, b, None, None] + np.arange(3)[None, None, :]
-            shape = block.shape
-            rows.append(np.broadcast_to(i, shape).ravel())
-            columns.append(np.broadcast_to(j, shape).ravel())
-            values.append(sign * block.ravel())
-        K = coo_array(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(3 * n, 3 * n)
-        ).tocsr()
-        step = np.zeros(3 * n)
-        step[free] = spsolve(K[free][:, free].tocsc(), residual.ravel()[free])
-        x += step.reshape(n, 3)
-    raise AssertionError("Newton did not converge")
 
 
 def test_history_of_the_load_steps(workshop):
@@ -80,9 +38,7 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
     lengths, rest = np.linalg.norm(x[b] - x[a], axis=1), 1.0036 * f["form_finding/unstressed_length"][:]
     law = np.maximum(0.0, 1.95e11 * 683.08e-6 * (lengths / rest - 1.0))
     assert np.abs(N - law).max() < 1e-8 * N.max()  # EA times the rounding of a length of 5 m
-    force, pull = np.zeros_like(x), (N / lengths)[:, None] * (x[b] - x[a])
-    np.add.at(force, a, pull)
-    np.add.at(force, b, -pull)
+    force = pulls(x, f["net/elements"][:], N)
     force[:, 2] -= 500.0 * f["net/plan_area"][:]
     free = ~f["net/fixed"][:].astype(bool)
     assert np.abs(force[free]).max() <= 1e-5 * N.max()  # tolerance 1e-6 of tensions, four at a node

@@ -10,6 +10,7 @@ import itertools
 
 import numpy as np
 from conftest import STEEL
+from nets import table
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
@@ -25,14 +26,6 @@ EA, HALF = E * A, 0.5 * RHO * A  # N; kg for each metre
 def soft(modulus: float) -> str:
     """The cable section with another modulus [Pa]."""
     return BARE.replace("1.95e11", repr(modulus))
-
-
-def csv(header: str, rows) -> str:
-    """A table, every number to its last bit."""
-    word = lambda value: (
-        value if isinstance(value, str) else repr(value.item() if isinstance(value, np.generic) else value)
-    )
-    return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
 
 
 def timing(duration: float, dt: float, every: int, probes=(), frames=1, damping=0.0) -> str:
@@ -87,10 +80,10 @@ def test_taut_string(both_ways, compare):
     shapes = np.sin(np.pi * np.outer([1, 2, 3], x) / L)
     shapes[:, -1] = 0.0
     L0 = L / n / (1 + T / EA)
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed", ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1))
     )
-    tables = nodes, csv("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n)))
+    tables = nodes, table("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n)))
     job = both_ways.job(BARE + timing(0.3, dt, 100, frames=300), *tables)
     f = both_ways.run(job)
     t, z = f["VTKHDF/Steps/Values"][:], tracks(f)[:, :, 2]
@@ -145,8 +138,8 @@ def pulled_cables(steps: int, courant: float, every: int, frames: int):
     probes = [(5.4 * length, 0.0), (55.4 * length, 0.0), (20.4 * length, 0.0), (n * length, 0.0)]
     return (
         BARE + timing(steps * dt, dt, every, probes, frames),
-        csv("id,x,y,z,fixed,load_x", nodes),
-        csv("start,end,unstressed_length", elements),
+        table("id,x,y,z,fixed,load_x", nodes),
+        table("start,end,unstressed_length", elements),
         dt,
     )
 
@@ -240,7 +233,7 @@ def test_pendulums(both_ways, compare):
         1.3, dt, 10, [row[1:3] for row in nodes[1::2]]
     )
     f = both_ways.solve(
-        text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements)
+        text, table("id,x,y,z,fixed,mass,load_z", nodes), table("start,end,unstressed_length", elements)
     )
     t = f["history/time"][:]
     assert np.abs(f["history/balance_error"][:]).max() < 1e-5
@@ -275,11 +268,11 @@ def test_swing_across_two_cables(both_ways, compare):
     """
     modulus, L0, T, carried, a, dt = 1.95e9, 5.0, 10e3, 500.0, 1.0, 2e-3
     k, b, mass = modulus * A / L0, L0 * (1 + T / (modulus * A)), carried + 2 * L0 * HALF
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed,mass",
         [(0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)],
     )
-    tables = nodes, csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)])
+    tables = nodes, table("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)])
     f = both_ways.solve(soft(modulus) + timing(1.36, dt, 1, [(0, 0)]), *tables)
     V = lambda q: k * (np.hypot(b, q) - L0) ** 2
     # over q = a sin s; even about its end, where it is 0 / 0
@@ -317,11 +310,11 @@ def test_snap_from_slack(both_ways, compare):
     """
     modulus, L0, h, dt = 1.95e8, 10.0, 1.0, 1e-3
     k, mass = modulus * A / L0, 100.0 + L0 * HALF
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed,mass,load_x",
         [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)],
     )
-    tables = nodes, csv("start,end,unstressed_length", [(0, 1, L0)])
+    tables = nodes, table("start,end,unstressed_length", [(0, 1, L0)])
     f = both_ways.solve(soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]), *tables)
     t = f["history/time"][:]
     way = f["history/probe_displacement"][:, 0, 0]
@@ -374,7 +367,7 @@ def test_two_masses_on_a_chain(both_ways, compare):
     k, mass = EA / lengths, carried + HALF * np.array([10.0, 4.0])
     rest = np.cumsum(lengths * (1 + T / EA))
     x = rest + moved
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed,mass,load_x",
         [
             (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0),
@@ -382,7 +375,7 @@ def test_two_masses_on_a_chain(both_ways, compare):
             (2, x[1], 0.0, 0.0, 0, carried[1], T),
         ],
     )
-    tables = nodes, csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])])
+    tables = nodes, table("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])])
     f = both_ways.solve(BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]), *tables)
     stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1]]]) / np.sqrt(np.outer(mass, mass))
     squares, modes = np.linalg.eigh(stiffness)
@@ -423,9 +416,9 @@ def test_order_of_accuracy(both_ways, compare):
         (0, [0.0, 0.0, 0.0], [0.0, 0.0, -stretched], 1000.0, -hold, L0, E),
         (1, [3.0, 0.0, 0.0], [start[0], 0.0, start[1]], carried, -carried * G, 1.99, soft_k * 1.99 / A),
     ):
-        nodes = csv("id,x,y,z,fixed,mass,load_z", [(1, *end, 0, mass, load), (0, *at, 1, 0.0, 0.0)])
+        nodes = table("id,x,y,z,fixed,mass,load_z", [(1, *end, 0, mass, load), (0, *at, 1, 0.0, 0.0)])
         text = soft(modulus) + timing(0.5, 2e-3, 5, [(end[0], 0.0)], damping=zeta)
-        job = both_ways.job(text, nodes, csv("start,end,unstressed_length", [(0, 1, length)]))
+        job = both_ways.job(text, nodes, table("start,end,unstressed_length", [(0, 1, length)]))
         found[k] = [
             both_ways.run(
                 job, "--set", f"dynamics.time_step={h}", ranks=2 if h == 2e-3 else 1, output=f"{k}-{h}.vtkhdf"

@@ -5,10 +5,11 @@ strain.
 import numpy as np
 import pytest
 from conftest import STEEL
+from nets import table
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
-from test_validation_dynamics import csv, timing
+from test_validation_dynamics import timing
 
 THEME = "Material"
 E, A, RHO, G = 1.95e11, 683.08e-6, 7850.0, 9.81
@@ -43,11 +44,12 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
         elements += [
             (10 * s + k, 10 * s + k + 1, "strut" if share < 0 else "", N / abs(share) / A) for k in (0, 1)
         ]
-    table = csv("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), csv("start,end,group,modulus", elements)
+    elements = table("start,end,group,modulus", elements)
+    tables = table("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), elements
     f = both_ways.solve(
         section(strain)
         + '[cable.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
-        *table,
+        *tables,
     )
     for s, share in enumerate(shares):
         theirs = L0 * (1 + share) if strain == "engineering" else L0 * np.exp(share)
@@ -72,7 +74,7 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     mass = carried + HALF * L0
     F = mass * G
     at = (1, 0.0, 0.0, h - L0, 0, carried, -F), (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0)  # the first is the probe
-    tables = csv("id,x,y,z,fixed,mass,load_z", at), csv("start,end,unstressed_length", [(0, 1, L0)])
+    tables = table("id,x,y,z,fixed,mass,load_z", at), table("start,end,unstressed_length", [(0, 1, L0)])
     text = section(strain) + "yield_stress = 1.75e9\n" + timing(1.2, dt, 1, [(0.0, 0.0)])
     f = both_ways.solve(text, *tables)
     t = f["history/time"][:]
@@ -167,8 +169,11 @@ def test_cycles_with_slack(both_ways, compare, strain):
     text = section(strain) + 'yield_stress = 1.75e9\n[cable.strut]\nkind = "bar"\n'
     text += '[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'  # which never yields
     text += timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
-    table = csv("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes)
-    f = both_ways.solve(text, table, csv("start,end,group,unstressed_length,area,modulus", elements))
+    tables = (
+        table("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes),
+        table("start,end,group,unstressed_length,area,modulus", elements),
+    )
+    f = both_ways.solve(text, *tables)
     heat = 0.0
     for s, group in enumerate(("cable", "bar")):
         L = nodes[1][1] + f["history/probe_displacement"][:, s, 0]
@@ -221,7 +226,7 @@ def test_three_cables_past_yield(both_ways, compare):
     """
     H, P = 5.0, 2.2 * NY
     above = [(k, x, 0.0, H, 1, 0.0) for k, x in enumerate((-H, 0.0, H))]
-    nodes = csv("id,x,y,z,fixed,load_z", [*above, (3, 0.0, 0.0, 0.0, 0, -P)])
+    nodes = table("id,x,y,z,fixed,load_z", [*above, (3, 0.0, 0.0, 0.0, 0, -P)])
     f = both_ways.solve(
         section("engineering")
         + "yield_stress = 1.75e9\n[load]\nself_weight = false\nsteps = 11\ntolerance = 1e-10\n",

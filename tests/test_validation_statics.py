@@ -5,8 +5,8 @@ import csv
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL
+from nets import constant, elastic, equilibrium
 from scipy.optimize import brentq, fsolve
-from test_statics import elastic, newton
 
 from netfall.checks.cables import Cutting, cutting_columns
 
@@ -277,11 +277,6 @@ def tables(x, held, elements, columns="", values=(), more="", extra=""):
     )
 
 
-def constant(T):
-    """Law for `newton`: tension T [N] at any length."""
-    return lambda L: (np.full(len(L), T), np.zeros(len(L)))
-
-
 def test_uniform_force_density_is_the_hypar(both_ways, compare):
     """Equal force densities over the hypar's boundary give the hypar itself, on nets of any size:
     three in one job.
@@ -319,7 +314,7 @@ def test_force_density_from_prestress_and_length(both_ways, compare):
     )
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     q = T0 / np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
-    x, N = newton(start, elements, lambda L: (q * L, q), held.astype(bool), np.zeros_like(start))
+    x, N = equilibrium(start, elements, lambda L: (q * L, q), held.astype(bool), np.zeros_like(start))
     compare(
         "saddle by force density, prestress / start length: largest distance",
         "Newton's method, N = q L",
@@ -348,7 +343,7 @@ def test_saddle_at_constant_tension(both_ways, compare):
     x, start, elements, held = (
         f[name][:] for name in ("form_finding/position", "net/particles", "net/elements", "net/fixed")
     )
-    shortest, _ = newton(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
+    shortest, _ = equilibrium(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
     compare(
         "saddle at constant tension: largest distance from the hypar at own x, y", "z = c (x^2 - y^2)", FORM
     ).figures(
@@ -391,7 +386,7 @@ def test_table_1_of_the_paper(both_ways, compare):
     z = both_ways.solve(
         STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n", *tables(x, held, elements)
     )["form_finding/position"][:, 2]
-    exact = newton(x, elements, constant(T0), held, np.zeros_like(x))[0][:, 2]
+    exact = equilibrium(x, elements, constant(T0), held, np.zeros_like(x))[0][:, 2]
     at = lambda X, Y: int(np.flatnonzero((np.abs(x[:, 0] - X) < 1e-6) & (np.abs(x[:, 1] - Y) < 1e-6))[0])
     # where the hypar has the height of the table's "analytical solutions"; then DR (Barnes), FEM (Tang), FPM
     for node, place, recomputed, published in (
@@ -428,7 +423,7 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     L = np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
     s = 1e-3 * EA
-    x, N = newton(
+    x, N = equilibrium(
         start, elements, lambda now: (T0 + s * (now / L - 1), s / L), held.astype(bool), np.zeros_like(start)
     )
     ours, case = f["form_finding/tension"][:], f"stadium, EA = {EA / 1e3:.4g} kN, tensions at E/1000"
@@ -589,12 +584,12 @@ def test_load_case_of_the_paper(both_ways, compare):
     )
     f = both_ways.solve(net)
     start, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:].astype(bool)
-    form, _ = newton(start, elements, constant(T), held, np.zeros_like(start))
+    form, _ = equilibrium(start, elements, constant(T), held, np.zeros_like(start))
     law = elastic(np.linalg.norm(form[elements[:, 1]] - form[elements[:, 0]], axis=1) / (1 + T / EA), EA)
     path, x = [], form
     load = f["net/tributary_area"][:][:, None] * (0.0, 0.0, -2000.0)  # of the surface
     for step in range(1, 11):
-        x, N = newton(x, elements, law, held, np.where(held, 0.0, load * step / 10))
+        x, N = equilibrium(x, elements, law, held, np.where(held, 0.0, load * step / 10))
         path.append((x - form, N))
     way, tension = (np.array(values) for values in zip(*path))
     ours, middle = f["statics/displacement"][1:], int(np.hypot(*start.T[:2]).argmin())
