@@ -6,12 +6,13 @@ import time
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
+from results import Report, assert_same_results
 from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
 from netfall.core.cache import choose_folder
+from netfall.ground.errors import Interrupted
 
 choose_folder()  # of compiled kernels: here, and in what is started
 
@@ -37,13 +38,6 @@ area = 683.08e-6
 density = 7850.0
 prestress = 100e3
 """
-
-# What is never reached, behind [cable], and a wind that presses on nothing, for a table of nodes with areas.
-NEVER_REACHED = "yield_stress = 1e12\nfracture_strain = 0.9\n"
-AREAS, ROOF = ",area,normal_x,normal_y,normal_z", ",1,0,0,1"  # of nodes: columns, and what stands there
-STILL_AIR = '[wind]\nonset = "sudden"\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = 0.0\n'
-STILL_AIR += "base_height = 10.0\n"
-WHOLE = "[dynamics]\nfragments = false\n"  # whose step is that of a net that cannot break
 
 
 def pytest_addoption(parser):
@@ -114,15 +108,16 @@ def run_netfall(*arguments, ranks=1, cwd=None, timeout=300, environment=None, co
 
     code : with which it has to end; None: any
     """
-    done = subprocess.run(
-        [*on_ranks(ranks), str(BIN / "netfall"), *map(str, arguments)],
-        cwd=cwd,
-        env=ENVIRONMENT | (environment or {}),
-        capture_output=True,
-        text=True,
-        timeout=timeout,
-        stdin=subprocess.DEVNULL,
+    line = [*on_ranks(ranks), BIN / "netfall", *arguments]
+    return run_process(
+        *line, cwd=cwd, timeout=timeout, environment=ENVIRONMENT | (environment or {}), code=code
     )
+
+
+def run_process(*line, cwd=None, timeout=300, environment=ENVIRONMENT, code=0) -> subprocess.CompletedProcess:
+    """A process of its own, finished, and its output. code : with which it has to end; None: any"""
+    streams = dict(capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    done = subprocess.run([*map(str, line)], cwd=cwd, env=environment, timeout=timeout, **streams)
     assert code is None or done.returncode == code, (done.returncode, done.stdout + done.stderr)
     return done
 
@@ -157,6 +152,12 @@ def run_on_standing_ranks(*arguments, ranks=1, cwd=None, timeout=300, code=0):
     return done
 
 
+def lines_with(words: str, *command, **how) -> list[str]:
+    """The lines of the output of a command that have these words."""
+    lines = run_on_standing_ranks(*command, **how).stdout.splitlines()
+    return [line for line in lines if words in line]
+
+
 def refused(*arguments, run=run_on_standing_ranks, **more) -> str:
     """The one line with which netfall refuses what is wrong."""
     (line,) = run(*arguments, **more, code=2).stderr.splitlines()
@@ -188,6 +189,40 @@ class Workshop:
         else:
             done = run_netfall(*line, ranks=ranks, cwd=self.folder, environment=environment, code=code)
         return self.open(output) if code == 0 else done
+
+    def solve(self, text: str, nodes: str = "", elements: str = "", *arguments, name="job", **how):
+        """Write a job and run it: as `job` and `run`."""
+        return self.run(self.job(text, nodes, elements, name), *arguments, **how)
+
+    def run_here(self, job: Path, output="result.vtkhdf", **how) -> h5py.File:
+        """Run a job in this process, silently; its result file, open."""
+        from netfall.ground.progress import Progress
+        from netfall.job.read import read_job
+        from netfall.parallel.mpi import MPI
+        from netfall.program.run import run_job
+
+        run_job(MPI.COMM_SELF, read_job(job), self.folder / output, Progress(False, False), **how)
+        return self.open(output)
+
+    def pause(self, job: Path, stop, output="result.vtkhdf") -> tuple[Path, str]:
+        """Begin a job in this process and stop it; the checkpoint that it leaves, and what is said then.
+
+        stop : a wish to stop, or after how many looks there is one
+        """
+        stop = StopAfter(stop) if isinstance(stop, int) else stop
+        with pytest.raises(Interrupted) as raised:
+            self.run_here(job, output, stop=stop)
+        (checkpoint,) = self.folder.glob(f"{output.partition('.')[0]}.checkpoint*")
+        return checkpoint, str(raised.value)
+
+    def info(self, result="result.vtkhdf") -> str:
+        """What `netfall info` tells of a result."""
+        return run_on_standing_ranks("info", self.folder / result).stdout
+
+    def report(self, result="result.vtkhdf", folder="report") -> Report:
+        """The report of a result, by the command."""
+        run_on_standing_ranks("report", self.folder / result, "-o", self.folder / folder)
+        return Report(self.folder / folder)
 
     def open(self, output: str = "result.vtkhdf") -> h5py.File:
         """A result file."""
@@ -276,24 +311,3 @@ def assert_same_bits_on(ranks: int, job: Path, one: h5py.File, workshop, name: s
     kept = sorted(workshop.folder.glob(f"{name}.checkpoint-*"))[0]
     with workshop.run(job, "--restart", kept, ranks=ranks, output=f"again{ranks}.vtkhdf") as again:
         assert_same_results(one, again)
-
-
-def assert_same_results(one: h5py.File, other: h5py.File) -> int:
-    """Every dataset but those of /provenance is equal to the last bit; how many there were."""
-    names = lambda f: {name for name in _datasets(f) if not name.startswith("provenance")}
-    assert names(one) == names(other)
-    for name in names(one):
-        a, b = one[name][()], other[name][()]
-        bits = lambda values: (
-            np.asarray(values).tolist()
-            if np.asarray(values).dtype == object
-            else np.asarray(values).tobytes()
-        )
-        assert np.shape(a) == np.shape(b) and bits(a) == bits(b), name
-    return len(names(one))
-
-
-def _datasets(f):
-    found = []
-    f.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
-    return found

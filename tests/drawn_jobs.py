@@ -4,7 +4,6 @@ A scene says what a job has; everything else (topology, tables, loads, wind, los
 it. Every key of a job file stands in some of them (test_random_nets.py looks).
 """
 
-import random
 from dataclasses import dataclass, field
 
 import hypothesis
@@ -40,7 +39,6 @@ FLAGS = (
 WINDS = (None, "steady", "gusts", "table", "points", "taps")
 SCENES = st.fixed_dictionaries({name: st.booleans() for name in FLAGS} | {"wind": st.sampled_from(WINDS)})
 QUIET = dict(deadline=None, database=None, suppress_health_check=list(hypothesis.HealthCheck))
-EACH = 4  # jobs of a scene of `some_jobs`
 RELAXED = {"modulus_factor": 0.01, "tolerance": 0.05, "max_iterations": 3000}
 FORMS = st.sampled_from(
     (None, None, {"method": "force_density"}, RELAXED, RELAXED | {"start": "force_density"})
@@ -220,7 +218,6 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
         own |= {"breaking_load": EA * limit} if by_load else {"fracture_strain": limit}
         if by_load and chance(draw):
             own["fracture_strain"] = 1.5 * limit
-        # With nearly everything there are always several limits: one scene to compile.
         if scene["bars"] and (chance(draw) or scene["sections"]):
             strut["fracture_strain"] = 0.9 * limit
         if scene["plastic"] and not scene["bars"] and chance(draw, 3):
@@ -505,20 +502,3 @@ def draw_dynamics(draw, scene: dict, dt: float, duration: float) -> dict:
     if not (scene["fragments"] and scene["fracture"]) and chance(draw, 3):
         keys["mass_scaling"] = 0.05
     return keys
-
-
-def some_jobs(count: int, seed: int) -> list[DrawnJob]:
-    """So many jobs, functions of the seed; EACH of them have the same scene, which is compiled once."""
-    rng, found = random.Random(seed), []
-    while len(found) < count:
-        scene, drawn = {name: rng.random() < 0.5 for name in FLAGS} | {"wind": rng.choice(WINDS)}, []
-
-        @hypothesis.seed(seed)
-        @hypothesis.settings(max_examples=EACH + 1, phases=[hypothesis.Phase.generate], **QUIET)
-        @hypothesis.given(jobs(st.just(scene)))
-        def collect(job):
-            drawn.append(job)
-
-        collect()
-        found += drawn[1:]  # the first is the simplest, of any scene
-    return found[:count]

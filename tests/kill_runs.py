@@ -23,7 +23,8 @@ from pathlib import Path
 import h5py
 
 sys.path.insert(0, str(Path(__file__).parent))
-from conftest import BIN, ENVIRONMENT, assert_same_results
+from conftest import BIN, ENVIRONMENT
+from results import assert_same_results
 
 JOB = """[net]
 generator = "saddle"
@@ -63,18 +64,9 @@ HANG = 60.0  # s after which what is left of a killed run counts as hanging
 
 def command(folder: Path, ranks: int, restart: Path | None) -> list[str]:
     """The command line of a run."""
-    line = [
-        str(BIN / "mpirun"),
-        "-n",
-        str(ranks),
-        str(BIN / "netfall"),
-        "run",
-        str(folder / "job.toml"),
-        "-o",
-        str(folder / "result.vtkhdf"),
-        "--quiet",
-    ]
-    return line + (["--restart", str(restart)] if restart else [])
+    line = [BIN / "mpirun", "-n", ranks, BIN / "netfall", "run", folder / "job.toml"]
+    line += ["-o", folder / "result.vtkhdf", "--quiet"]
+    return list(map(str, line + (["--restart", restart] if restart else [])))
 
 
 def processes_of(folder: Path) -> list[int]:

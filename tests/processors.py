@@ -21,8 +21,10 @@ import tomllib
 from pathlib import Path
 
 import h5py
-from same_bits import MPIRUN, ROOT, contents
+from results import contents
 
+ROOT = Path(__file__).resolve().parents[1]
+MPIRUN = ROOT / ".venv" / "bin" / "mpirun"
 DIGESTS = Path(__file__).with_name("digests.toml")
 JOBS = {path.stem: path for path in sorted((ROOT / "jobs").glob("*.toml"))}
 LEFT_OUT = ("provenance", "modes")

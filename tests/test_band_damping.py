@@ -15,9 +15,7 @@ def struck(workshop, frequencies, keys, duration, step=5e-4):
     text, nodes, elements = oscillators([1.0 / f for f in frequencies], "", step, duration)
     rows = nodes.splitlines()
     rows = [rows[0] + ",load_x"] + [f"{row},{100.0 * (k % 2)}" for k, row in enumerate(rows[1:])]
-    return workshop.run(
-        workshop.job(text.replace("[dynamics]", "[dynamics]\n" + keys), "\n".join(rows), elements)
-    )
+    return workshop.solve(text.replace("[dynamics]", "[dynamics]\n" + keys), "\n".join(rows), elements)
 
 
 def test_the_ratio_in_free_vibration_is_that_asked_over_the_band(workshop):
@@ -50,10 +48,8 @@ def test_two_branches_hold_the_ratio_over_thirty_times_and_three_over_more(high,
         assert 1 / (2 * np.pi * tau * np.sqrt(1 + alpha)) == pytest.approx([0.4515, 5.980], rel=1e-3)
 
 
-HUNG_NODES, HUNG_ELEMENTS = (
-    "id,x,y,z,fixed,load_z,mass\n4,0,0,0,1,,\n9,0,0,-10,0,-20000,1000\n",
-    "start,end\n4,9\n",
-)
+HUNG_NODES = "id,x,y,z,fixed,load_z,mass\n4,0,0,0,1,,\n9,0,0,-10,0,-20000,1000\n"
+HUNG_ELEMENTS = "start,end\n4,9\n"
 HUNG = (
     "[cable]\nmodulus = 1.6e11\narea = 100e-6\ndensity = 0.001\n[dynamics]\nduration = {duration}\n"
     "time_step = 2e-4\n{keys}[output]\nprobes = [9]\nelements = [0]\nhistory = 2e-4\n"
@@ -63,7 +59,7 @@ HUNG = (
 def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
     """The stable step is that of elements stiffer by 1 + sum alpha: times 0.964."""
     job = [HUNG.format(keys=keys, duration=0.01) for keys in ("", BAND)]
-    results = [workshop.run(workshop.job(text, HUNG_NODES, HUNG_ELEMENTS)) for text in job]
+    results = [workshop.solve(text, HUNG_NODES, HUNG_ELEMENTS) for text in job]
     limits = [f["provenance"].attrs["limit_assembled"] for f in results]
     assert limits[1] / limits[0] == pytest.approx(
         1 / np.sqrt(stiffening(band_branches(0.01, 0.3, 9.0))), rel=1e-9
@@ -74,7 +70,7 @@ def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
 def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how_much(workshop):
     """A weight let go on a cable is stopped by more force than is written, by what the note bounds."""
     keys = "damping_ratio = 0.02\ndamping_band = [1.0, 20.0]\n"
-    f = workshop.run(workshop.job(HUNG.format(keys=keys, duration=0.2), HUNG_NODES, HUNG_ELEMENTS))
+    f = workshop.solve(HUNG.format(keys=keys, duration=0.2), HUNG_NODES, HUNG_ELEMENTS)
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
     carried = 20e3 + 1000.0 * np.gradient(np.gradient(z, t), t)
     written, carried = f["history/probe_tension"][:, 0].max(), carried[3:-3].max()
@@ -86,12 +82,10 @@ def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how
 def test_a_cable_that_goes_slack_is_never_in_compression_and_balances(workshop):
     """A mass thrown towards the support of its cable, and back into it: both audits hold."""
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n0,0,0,0,1,1,1,0\n1,0,0,-10,1,1,0,100\n2,0,0,-20,1,1,1,0\n"
-    text = (
-        BAR.replace('kind = "bar"\n', "")
-        + "prestress = 200.0\n[load]\nself_weight = false\n[[remove]]\nelements = [1]\ntime = 0.02\n"
-        + f"[dynamics]\nduration = 3.0\ntime_step = 2e-4\n{BAND}[output]\nhistory = 0.002\n"
-    )
-    f = workshop.run(workshop.job(text, nodes, "id,start,end\n0,0,1\n1,1,2\n"))
+    text = BAR.replace('kind = "bar"\n', "")
+    text += "prestress = 200.0\n[load]\nself_weight = false\n[[remove]]\nelements = [1]\ntime = 0.02\n"
+    text += f"[dynamics]\nduration = 3.0\ntime_step = 2e-4\n{BAND}[output]\nhistory = 0.002\n"
+    f = workshop.solve(text, nodes, "id,start,end\n0,0,1\n1,1,2\n")
     h = f["history"]
     assert h["slack"][:].max() == 1
     assert np.abs(h["identity_error"][:]).max() < 1e-10
@@ -110,9 +104,7 @@ def test_a_cable_that_goes_slack_is_never_in_compression_and_balances(workshop):
 def test_wrong_bands_are_refused(workshop, keys, message):
     """With exit code 2 and what is expected."""
     text, nodes, elements = oscillators([0.1], "", 1e-4, 0.01)
-    done = workshop.run(
-        workshop.job(text.replace("[dynamics]", "[dynamics]\n" + keys), nodes, elements), code=2
-    )
+    done = workshop.solve(text.replace("[dynamics]", "[dynamics]\n" + keys), nodes, elements, code=2)
     assert message in done.stderr
 
 
@@ -120,12 +112,10 @@ def test_modes_tell_what_the_branches_damp(workshop):
     """On bars all of the stiffness is stretch: the ratio that is asked; across a string it is prestress."""
     text, nodes, elements = oscillators([1.0], "", 1e-4, 0.01)
     text = text.replace("[dynamics]", "[dynamics]\n" + BAND).replace("[output]", "[output]\nmodes = 1")
-    f = workshop.run(workshop.job(text, nodes, elements))
+    f = workshop.solve(text, nodes, elements)
     assert f["modes/band_damping_ratio"][0] == pytest.approx(0.01, rel=0.08)
     nodes = "id,x,y,z,fixed,mass\n0,0,0,0,1,0\n1,10,0,0,0,100\n2,20,0,0,1,0\n"
-    text = (
-        BAR.replace('kind = "bar"\n', "prestress = 500.0\n")
-        + f"[dynamics]\nduration = 0.01\n{BAND}[output]\nmodes = 1\n"
-    )
-    f = workshop.run(workshop.job(text, nodes, "start,end\n0,1\n1,2\n"), output="string.vtkhdf")
+    text = BAR.replace('kind = "bar"\n', "prestress = 500.0\n")
+    text += f"[dynamics]\nduration = 0.01\n{BAND}[output]\nmodes = 1\n"
+    f = workshop.solve(text, nodes, "start,end\n0,1\n1,2\n", output="string.vtkhdf")
     assert abs(f["modes/band_damping_ratio"][0]) < 1e-9

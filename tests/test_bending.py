@@ -1,10 +1,9 @@
 """Chains of bars that resist bending: forces, tangent, critical loads, elastica, toggle, in jobs at rest."""
 
-import csv
-
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, assert_same_bits_on, assert_same_results, run_on_standing_ranks
+from conftest import ROOT, STEEL, assert_same_bits_on, run_on_standing_ranks
+from nets import pulls
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
@@ -23,7 +22,6 @@ from netfall.mechanics.bending import (
 from netfall.mechanics.elements import add_stiffness
 from netfall.net.build import build_net
 from netfall.net.cables import CHAIN_END, NO_BENDING, chains_of
-from netfall.report.report import Inputs, write_report
 
 # Critical pressure of rings of 12, 24, 36 bars, times r^3 / EI, r of the nodes: pressure that
 # follows, that keeps its direction, that points to the centre. Limits 3, 4, 4.5.
@@ -220,9 +218,8 @@ def test_an_end_moment_rolls_up_a_bar():
     joints = Joints(row_of(n + 1), np.full(n - 1, float(n)), np.zeros((n - 1, 3)))  # EI = L = 1
     f = forces(x, joints)
     couple = np.linalg.norm(f[0]) / n
-    assert np.linalg.norm(f[2:-2], axis=1).max() < 1e-11 * np.linalg.norm(
-        f[0]
-    )  # sums of terms n times larger
+    # sums of terms n times larger
+    assert np.linalg.norm(f[2:-2], axis=1).max() < 1e-11 * np.linalg.norm(f[0])
     assert couple == pytest.approx(2.0 * np.pi, rel=1e-10)
 
 
@@ -307,13 +304,8 @@ def test_the_search_for_buckling_knows_of_bending(workshop):
         assert not f["statics/stable"][-1] and f["statics"].attrs["state"] == "unstable"
 
 
-RING = (
-    STEEL
-    + "[cable.ring]\n"
-    + BAR.format(2.1e11, 1e-2, 1e-5)
-    + "[cable.other]\n"
-    + BAR.format(2e11, 1e-2, 1e-5)
-)
+RING = STEEL + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5) + "[cable.other]\n"
+RING += BAR.format(2e11, 1e-2, 1e-5)
 
 
 def chains(workshop, elements, parts=1):
@@ -362,13 +354,6 @@ def bicycle(shared_workshop):
         yield f
 
 
-@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
-def test_bits_do_not_depend_on_the_ranks(bicycle, workshop, ranks):
-    """The ring in snow on one half: every dataset; a chain cut between ranks has particles two bars away."""
-    with workshop.run(ROOT / "jobs" / "bicycle.toml", ranks=ranks) as several:
-        assert_same_results(bicycle, several)
-
-
 def test_moments_of_a_ring_balance_its_spokes(bicycle):
     """Under snow on one half: both sides of a joint have one moment, and nodes are in equilibrium."""
     g = bicycle["cases/snow east"]
@@ -383,11 +368,7 @@ def test_moments_of_a_ring_balance_its_spokes(bicycle):
             bicycle["form_finding/position"][:], np.column_stack([np.roll(ends[:24, 0], 1), ends[:24]])
         ),
     )
-    along = x[ends[:, 1]] - x[ends[:, 0]]
-    pull = g["tension"][:][:, None] * along / np.linalg.norm(along, axis=1)[:, None]
-    f = forces(x, joints)
-    np.add.at(f, ends[:, 0], pull)
-    np.subtract.at(f, ends[:, 1], pull)
+    f = forces(x, joints) + pulls(x, ends, g["tension"][:])
     free = np.isin(np.arange(24) % 6, (1, 2, 3, 4, 5))
     assert np.abs(f[:24][free, :2]).max() < 1e-5 * np.abs(g["tension"][:]).max()  # no load in plan
     assert np.nanmax(moment) > 100.0 * np.nanmax(bicycle["cases/snow/bending_moment"][:])
@@ -395,15 +376,13 @@ def test_moments_of_a_ring_balance_its_spokes(bicycle):
 
 def test_the_report_has_moments(bicycle, shared_workshop):
     """The largest of each element with its state, the page, its picture; parts of a chain have no check."""
-    write_report(shared_workshop.folder / "result.vtkhdf", shared_workshop.folder / "report", Inputs())
-    with open(shared_workshop.folder / "report" / "elements.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    report = shared_workshop.report()
+    rows = report.rows("elements")
     most = np.max([bicycle[f"cases/{name}/bending_moment"][:].max(1) for name in bicycle["cases"]], axis=0)
     assert [float(row["bending_moment_max"]) for row in rows[:24]] == pytest.approx(most[:24].tolist())
     assert rows[30]["bending_moment_max"] == rows[30]["case_moment"] == ""
     assert "result_en1993_buckling" not in rows[0] and rows[30]["result_en1993"] in ("", "passes")
-    page = (shared_workshop.folder / "report" / "summary.md").read_text()
-    assert "## Bending" in page and (shared_workshop.folder / "report" / "moments.png").exists()
+    assert "## Bending" in report.page and (report.folder / "moments.png").exists()
 
 
 def test_a_beam_vibrates_about_its_sag(workshop):
@@ -467,17 +446,14 @@ def test_a_ring_bends_as_it_loses_spokes(torn):
     most = f["envelope/bending_moment_max"][:]
     assert np.isfinite(most[:24]).all() and np.isnan(most[24:]).all()
     assert (most[:24] >= f["final/bending_moment"][:24].max(1) * (1.0 - 1e-12)).all()
-    assert (
-        most[:24] >= f["VTKHDF/CellData/bending_moment"][: len(most)].max(1)[:24] * (1.0 - 1e-6)
-    ).all()  # single
+    # single
+    assert (most[:24] >= f["VTKHDF/CellData/bending_moment"][: len(most)].max(1)[:24] * (1.0 - 1e-6)).all()
     assert np.nanmax(most) > 100.0 * np.nanmax(f["rest/bending_moment"][:])
 
 
 def test_the_report_has_moments_of_the_dynamic_stage(torn, shared_workshop):
     """Where they are larger than at rest: everywhere in the torn ring."""
-    write_report(shared_workshop.folder / "torn.vtkhdf", shared_workshop.folder / "of_torn", Inputs())
-    with open(shared_workshop.folder / "of_torn" / "elements.csv", newline="") as file:
-        rows = list(csv.DictReader(file))[:24]
+    rows = shared_workshop.report("torn.vtkhdf", "of_torn").rows("elements")[:24]
     most = torn[1]["envelope/bending_moment_max"][:24].tolist()
     assert [float(row["bending_moment_max"]) for row in rows] == pytest.approx(most)
     assert {row["case_moment"] for row in rows} == {"dynamics"}
@@ -530,20 +506,14 @@ def test_bars_that_bend_are_there_in_each_stage(workshop):
 def test_what_bending_is_not_computed_in_is_refused(workshop):
     """Targets, bars that can break, are lost, or lack a second moment: exit code 2."""
     more = '[[target]]\ngroup = "ring"\nforce = 1e3\nby = "ring"\n[dynamics]\nduration = 1.0\n'
-    nodes, elements = (
-        "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n",
-        "start,end,group\n1,2,ring\n2,3,ring\n",
-    )
+    nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
+    elements = "start,end,group\n1,2,ring\n2,3,ring\n"
     ring = STEEL.replace("100e3", "0.0") + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
-    lines = workshop.run(
-        workshop.job(ring + "fracture_strain = 0.1\n" + more, nodes, elements), code=2
-    ).stderr
-    assert (
-        "[[target]]: lengths are not changed where bars bend" in lines
-        and "bending = true, and it can break" in lines
-    )
+    lines = workshop.solve(ring + "fracture_strain = 0.1\n" + more, nodes, elements, code=2).stderr
+    assert "[[target]]: lengths are not changed where bars bend" in lines
+    assert "bending = true, and it can break" in lines
     lost = '[[remove]]\ngroup = "ring"\ntime = 0.1\n[dynamics]\nduration = 1.0\n'
-    lines = workshop.run(workshop.job(ring + lost, nodes, elements), code=2).stderr
+    lines = workshop.solve(ring + lost, nodes, elements, code=2).stderr
     assert "bars of a chain that bends, whose loss is not computed" in lines
     bare = ring.replace("second_moment = 1e-05\n", "")
-    assert "needs the second moment" in workshop.run(workshop.job(bare, nodes, elements), code=2).stderr
+    assert "needs the second moment" in workshop.solve(bare, nodes, elements, code=2).stderr

@@ -70,7 +70,7 @@ def ring_moments(f, x):
 def test_a_ring_that_bends_stands_for_the_ring_truss(shared_workshop):
     """Under snow that drifts: cables within 0.5 % of the largest of their group, moments within 2 %."""
     folder = shared_workshop
-    with folder.run(folder.job(STATICS, name="truss"), output="truss.vtkhdf") as truss:
+    with folder.solve(STATICS, name="truss", output="truss.vtkhdf") as truss:
         text, nodes, elements = bent_job(truss)
         with folder.run(folder.job(text, nodes, elements, "bent"), output="bent.vtkhdf") as bent:
             compare(truss, bent)

@@ -2,13 +2,12 @@
 
 import hashlib
 import itertools
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ENVIRONMENT, on_ranks
+from conftest import on_ranks, run_process
 from mpi4py import MPI
 
 from netfall.multigrid.distributed import DistributedMatrix
@@ -103,10 +102,7 @@ def test_products_are_those_of_dense_matrices_with_the_same_bits_on_any_number_o
     alone = [products(MPI.COMM_SELF, seed) for seed in range(SEEDS)]
     assert max(double for double, _, _ in alone) < 1e-13 and max(single for _, single, _ in alone) < SINGLE
     command = [*on_ranks(ranks), sys.executable, "-c", "import test_block_matrices as t; t.digests()"]
-    done = subprocess.run(
-        command, cwd=Path(__file__).parent, env=ENVIRONMENT, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
+    done = run_process(*command, cwd=Path(__file__).parent)
     assert done.stdout.split() == [digest for _, _, digest in alone]
 
 

@@ -1,7 +1,5 @@
 """Compressed bars: Euler's load and the check of EN 1993-1-1, 6.3.1, in the report."""
 
-import csv
-
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_bits_on, run_on_standing_ranks
@@ -13,7 +11,6 @@ from netfall.ground.errors import InputError
 from netfall.job.memory import Memory
 from netfall.job.read import read_job
 from netfall.program.member import run_member
-from netfall.report.report import Inputs, write_report
 
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.
 NODES = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,1,1,0,-200e3\n3,5,0,4,1,1,1,0\n"
@@ -44,9 +41,7 @@ def rows_of(workshop, more="", parts=1):
     """Rows of the table of elements in the report on the post, by the element."""
     job = workshop.job(STATICS + POST + more, NODES, ELEMENTS)
     workshop.run(job, "--set", f"net.subdivide={parts}").close()
-    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
-    with open(workshop.folder / "report" / "elements.csv", newline="") as file:
-        return {int(row["element"]): row for row in csv.DictReader(file)}
+    return {int(row["element"]): row for row in workshop.report().rows("elements")}
 
 
 def test_a_post_is_checked_as_by_hand(workshop):
@@ -70,9 +65,8 @@ def test_a_post_is_checked_as_by_hand(workshop):
 
 def test_a_check_of_compression_of_a_post_that_is_pulled_says_why_it_is_empty(workshop):
     """It has a resistance, and no compression."""
-    workshop.run(workshop.job(STATICS + POST, NODES.replace("-200e3", "200e3"), ELEMENTS)).close()
-    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    workshop.solve(STATICS + POST, NODES.replace("-200e3", "200e3"), ELEMENTS).close()
+    page = workshop.report().page
     assert "gamma_M1: empty, no element that has a strength for it is in compression" in page
     assert "Empty: no element that has a strength for it is in compression." in page
 
@@ -115,22 +109,21 @@ def test_without_a_second_moment_the_report_is_as_before(workshop):
     job = workshop.job(STATICS + POST.replace("second_moment = 5e-6\n", ""), NODES, ELEMENTS)
     with workshop.run(job) as f:
         assert "second_moment" not in f["net"]
-    write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    page = workshop.report().page
     assert "en1993_buckling" not in page and "compression, not checked: largest 200 kN" in page
 
 
 def test_keys_of_bars_for_cables_are_refused(workshop):
     """With the group, the key, the value and what to do; also a bar whose modulus is not known."""
     cable = POST.replace('kind = "bar"\n', "")
-    error = workshop.run(workshop.job(STATICS + cable, NODES, ELEMENTS), code=2).stderr
+    error = workshop.solve(STATICS + cable, NODES, ELEMENTS, code=2).stderr
     assert "[cable.post] second_moment = 5e-06: of bars alone" in error
     nameless = POST.replace(
         "modulus = 2.1e11\narea = 3e-3\n", "axial_stiffness = 6e8\nmass_per_length = 20.0\n"
     )
     nameless = STATICS.replace("modulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n", "") + nameless
     nameless = nameless.replace("[cable]\n", "[cable]\naxial_stiffness = 1e8\nmass_per_length = 5.0\n")
-    error = workshop.run(workshop.job(nameless, NODES, ELEMENTS), code=2).stderr
+    error = workshop.solve(nameless, NODES, ELEMENTS, code=2).stderr
     assert "element 7: second_moment = 5e-06: needs the modulus" in error
 
 
@@ -147,12 +140,9 @@ def test_a_check_is_of_tension_or_of_compression(tmp_path):
 EA, EULER, M = 3e-3 * 2.1e11, np.pi**2 * 2.1e11 * 5e-6 / 16.0, 5e4  # N, N, kg
 STIFF, LOAD = EA / 4.0, 0.75 * EULER  # N/m, N
 FREE = NODES.replace("load_z", "mass,load_z").replace("1,0\n", "1,0,0\n").partition("2,0,0,4")[0]
-DROP = (
-    STEEL.replace("100e3", "0.0")
-    + "[dynamics]\nduration = 0.2\ndamping = 0.0\nsafety = 0.1\n"
-    + "[output]\nframes = 2\nhistory = 0.0005\ncheckpoint = 0.02\n"
-    + POST.replace("yield_stress = 355e6\n", "buckling = true\n")
-)
+DROP = STEEL.replace("100e3", "0.0") + "[dynamics]\nduration = 0.2\ndamping = 0.0\nsafety = 0.1\n"
+DROP += "[output]\nframes = 2\nhistory = 0.0005\ncheckpoint = 0.02\n"
+DROP += POST.replace("yield_stress = 355e6\n", "buckling = true\n")
 
 
 def dropped(workshop, more="", parts=1, **how):
@@ -181,7 +171,7 @@ def test_at_rest_a_cable_has_what_is_beyond_eulers_load(both_ways):
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n"
     post = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
     hung = nodes + "3,0,0,10,1,1,1,0,0\n", "id,start,end,group\n7,1,2,post\n8,2,3,\n"
-    f = both_ways.run(both_ways.job(STATICS + post, *hung))
+    f = both_ways.solve(STATICS + post, *hung)
     assert f["net/buckling"][:].tolist() == [1, 0]
     assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.5 * EULER], rel=1e-6)
     sunk = 0.5 * EULER * 6.0 / (1.95e11 * 683.08e-6)
@@ -196,11 +186,9 @@ def test_a_bar_that_has_buckled_has_no_stiffness_in_modes(workshop, load, stiffn
         f"2,0,0,4,1,1,0,1e5,2000,{-load}\n"
     )
     post = '[cable]\nkind = "bar"\nmodulus = 2e11\narea = 1e-4\ndensity = 1e-3\nsecond_moment = 8.1e-9\n'
-    text = (
-        post + "buckling = true\n[load]\nself_weight = false\n"
-        "steps = 1\n[dynamics]\nduration = 1e-3\n[output]\nmodes = 1\n"
-    )
-    with workshop.run(workshop.job(text, nodes, "start,end\n1,2\n")) as f:
+    text = post + "buckling = true\n[load]\nself_weight = false\n"
+    text += "steps = 1\n[dynamics]\nduration = 1e-3\n[output]\nmodes = 1\n"
+    with workshop.solve(text, nodes, "start,end\n1,2\n") as f:
         period = f["modes/period"][0]
     assert period == pytest.approx(2.0 * np.pi * np.sqrt(2000.0 / stiffness), rel=1e-6)
 
@@ -219,23 +207,17 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
         assert f["statics/tension"][-1] == pytest.approx([-EULER, 0.3 * EULER, 0.2 * EULER], rel=1e-6)
         named = {name: f["statics"].attrs[name].tolist() for name in ("buckled", "yielding")}
         assert named == {"buckled": [7], "yielding": [9]} and "over_strength" not in f["statics"].attrs
-    result, report = both_ways.folder / "again.vtkhdf", both_ways.folder / "report"
-    told = [run_on_standing_ranks("run", job, "-o", result).stdout]
-    told.append(run_on_standing_ranks("info", result).stdout)
-    run_on_standing_ranks("report", result, "-o", report)
-    told.append((report / "summary.md").read_text())
-    with open(report / "checks.csv", newline="") as file:
-        at_euler = [row for row in csv.DictReader(file) if row["check"] == "euler" and row["group"] == "post"]
+    told = [run_on_standing_ranks("run", job, "-o", both_ways.folder / "again.vtkhdf").stdout]
+    report = both_ways.report("again.vtkhdf")
+    told += [both_ways.info("again.vtkhdf"), report.page]
+    at_euler = [row for row in report.rows("checks") if (row["check"], row["group"]) == ("euler", "post")]
     assert [row["result"] for row in at_euler] == ["FAILS"]  # used by 1.000
     for text in told:
         assert "ote: statics: element 7 at Euler's load: buckled, and a bar that is not quite" in text
         assert "ote: statics: element 9 at the yield force" in text
     less = [f"{name}={value}" for name, value in (("load.steps", 2), ("cable.soft.yield_stress", 1e12))]
-    job = both_ways.job(
-        STATICS.replace("[load]", f"{post}{soft}[load]"),
-        nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"),
-        hung[1],
-    )
+    tables = nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"), hung[1]
+    job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *tables)
     with both_ways.run(job, "--set", less[0], "--set", less[1]) as f:
         assert not {"buckled", "yielding"} & set(f["statics"].attrs)
 
@@ -243,7 +225,7 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
 def test_a_post_that_starts_beyond_eulers_load_is_refused(workshop):
     """Exit code 2, in words."""
     post = POST.replace("prestress = 0.0", f"prestress = {-1.01 * EULER}\nbuckling = true")
-    done = workshop.run(workshop.job(STATICS + post, NODES, ELEMENTS), code=2)
+    done = workshop.solve(STATICS + post, NODES, ELEMENTS, code=2)
     assert "beyond Euler's load 6.477e+05 N" in done.stderr
 
 
@@ -318,4 +300,4 @@ def test_a_bar_that_bends_does_not_buckle_besides(workshop):
         ("second_moment", "needs the second moment"),
     ):
         text = DROP.replace("second_moment = 5e-6\n", "") if more == "second_moment" else DROP + more
-        assert words in workshop.run(workshop.job(text, NODES, ELEMENTS), code=2).stderr
+        assert words in workshop.solve(text, NODES, ELEMENTS, code=2).stderr

@@ -11,9 +11,8 @@ from conftest import (
     assert_same_results,
 )
 from mpi4py import MPI
-from plain_step import Plain
 from scipy.optimize import brentq
-from test_loads import CABLE, CROSS, EA, ELEMENTS, nodes
+from test_loads import CABLE, EA, ELEMENTS, nodes
 from test_manufactured import (
     DT,
     JOB,
@@ -24,15 +23,11 @@ from test_manufactured import (
 )
 
 from netfall.checks.reactions import reaction_columns
-from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.mechanics.fields import Features
-from netfall.mechanics.stability import any_shape_limits
 from netfall.mechanics.state import State
 from netfall.net.build import build_net
-from netfall.net.net import Net, subdivide
 from netfall.parallel.halo import buffers_alone, exchange_rows
-from netfall.program.run import run_job
 from netfall.results.states import envelope_of
 from netfall.stages.step_limit import long_step_allowed
 from netfall.study.answers.info import _losses
@@ -212,8 +207,7 @@ def test_a_fading_cable_between_two_weights(workshop):
     dt, fade = period / 400, 0.3 * period
     rows = dict(duration=1.6 * period, dt=dt, history=40 * dt, checkpoint=130 * dt, time=100 * dt, fade=fade)
     job = workshop.job(FADE.format(**rows), LINE.format(W=W), "start,end\n0,1\n1,2\n2,3\n")
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "whole.vtkhdf", Progress(False))
-    f = workshop.open("whole.vtkhdf")
+    f = workshop.run_here(job, "whole.vtkhdf")
     before, after, peak, factor = (
         f[f"removal/{name}"][0]
         for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
@@ -225,130 +219,22 @@ def test_a_fading_cable_between_two_weights(workshop):
     assert factor[[0, 2]] == pytest.approx(1 + np.sin(turn) / turn, abs=1e-4)
     assert factor[0] == pytest.approx(factor[2], rel=1e-12)
     (checkpoint, *_) = sorted(workshop.folder.glob("whole.checkpoint*"))
-    again = workshop.folder / "again.vtkhdf"
-    run_job(MPI.COMM_WORLD, read_job(job), again, Progress(False), restart=checkpoint)
-    assert_same_results(f, workshop.open("again.vtkhdf"))
-
-
-PANELS = """
-[cable.weak]
-fracture_strain = 2e-4
-[load]
-self_weight = false
-dead = 50.0
-pressure = [3.0, -2.0, 90.0]
-[wind]
-speed = 20.0
-roughness = 0.0
-shape_coefficient = -1.0
-base_height = 10.0
-onset = "sudden"
-after_fracture = "panels"
-[dynamics]
-duration = 0.16
-time_step = 4e-4
-damping = 1.0
-[output]
-history = 0.02
-"""
-
-
-class Panelled(Plain):
-    """A cross with two panels at each arm: with the first arm half of what the middle carries goes."""
-
-    def split(self, elements, n, force):
-        """As ever, and what leaves with the panels."""
-        super().split(elements, n, force)
-        for _ in elements:
-            gone = 0.5 * self.panels["mass"]
-            self.mass[0] -= gone
-            self.load[0] -= 0.5 * self.panels["pressure"]
-            self.load[0, 2] += 9.81 * gone
-            self.wind[0] *= 0.5
-
-
-def test_a_panel_takes_its_pressure_along(workshop):
-    """Wind, pressure and mass, in the step of the fracture: the motion after it against the plain step."""
-    job = workshop.job(CABLE + PANELS, *CROSS)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    f = workshop.open()
-    rows = np.array([line.split(",")[1:] for line in CROSS[0].split()[1:]], float)
-    x, fixed = rows[:, :3], rows[:, 3]
-    ends = np.array([line.split(",")[:2] for line in CROSS[1].split()[1:]], int)
-    L0 = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-    half, area = 0.5 * 1000.0 * 1e-4 * L0, np.array([50.0, *[25.0] * 4]) / 3.0
-    up, carried = np.array([0.0, 0.0, 1.0]), 50.0 * area / 9.81
-    pressure = area[:, None] * np.array([3.0, -2.0, 90.0])
-    plain = Panelled(
-        x=x, free=np.repeat(fixed[:, None] == 0, 3, 1), zeta=1.0, stable_dt=1e-3,
-        after="none", weighs=False, ramp=1.0,
-        mass=np.bincount(ends.ravel(), np.repeat(half, 2)) + carried, growing=np.zeros((5, 3)),
-        load=pressure - 9.81 * carried[:, None] * up, wind=0.5 * 1.25 * area[:, None] * up,
-        speed=np.array([[0.0, 20.0], [9.0, 20.0]]), spring=np.zeros((5, 3)), ends=ends.copy(), L0=L0,
-        EA=np.full(8, 1e6), limit=np.full(8, np.inf), half=half, bar=np.zeros(8, bool),
-        eps_u=np.array([2e-4, *[np.inf] * 7]),
-    )  # fmt: skip
-    plain.panels = {"mass": carried[0], "pressure": pressure[0].copy()}
-    plain.run(4e-4, 400)
-    assert f["events/step"][:].tolist() == [event[0] for event in plain.events] and len(plain.events) == 1
-    assert f["events/time"][0] < 0.1
-    # profile and areas are rounded, nothing else
-    assert f["final/position"][0] == pytest.approx(plain.x[0], rel=1e-9)
+    assert_same_results(f, workshop.run_here(job, "again.vtkhdf", restart=checkpoint))
 
 
 def test_what_has_yielded_at_rest_yields_no_more(workshop):
     """Dead load beyond yield, found at rest, then most of it lifted: the sag that plastic strain leaves."""
-    text = (
-        CABLE
-        + "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
-    )
+    text = CABLE
+    text += "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
     text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory = 0.01\n"
     job = workshop.job(text, nodes(), ELEMENTS)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    f = workshop.open()
+    f = workshop.run_here(job)
     sine = 0.5 * 1600.0 / 2000.0
     plastic = 1 / np.sqrt(1 - sine**2) - 1 - 2e-3
     assert f["final/plastic_strain"][:] == pytest.approx(plastic, rel=1e-6)
     pull = lambda w: 2 * EA * (np.hypot(5, w) / 5 - 1 - plastic) * w / np.hypot(5, w) - 600.0
     assert -f["statics/displacement"][-1, 1, 2] == pytest.approx(brentq(pull, 0.1, 5.0), rel=1e-6)
     assert np.abs(f["history/plastic_dissipation"][:]).max() < 1e-5  # of 2 kN 5 m 0.09, at rest to 1e-9
-
-
-def test_what_comes_loose_at_a_cut_is_the_same_on_two_ranks(workshop):
-    """A chain that is pulled apart; a node that has lost one cable is a loose end of the other."""
-    rows = [
-        f"{k},{5 * k},0,0,{int(k in (0, 11))},{(-1) ** k * (1 + k % 2) * (2e4 + 1e3 * k)}" for k in range(12)
-    ]
-    table = "\n".join(["id,x,y,z,fixed,load_y", *rows]) + "\n"
-    elements = "start,end,group\n" + "".join(f"{k},{k + 1},{'weak' * (k % 2)}\n" for k in range(11))
-    text = CABLE + "fracture_strain = 3e-3\n[cable.weak]\nfracture_strain = 2e-3\n"
-    text += "[dynamics]\nduration = 0.04\ntime_step = 2e-4\n[output]\nhistory = 0.01\n"
-    job = workshop.job(text, table, elements)
-    one = workshop.run(job, output="one.vtkhdf")
-    for ranks in (2, 3):
-        assert_same_results(one, workshop.run(job, ranks=ranks, output=f"{ranks}.vtkhdf"))
-    new = one["events/new_particle"][:]
-    assert (new < 0).sum() > 2 and (new >= 0).sum() > 2
-
-
-def test_parts_share_the_unstressed_length():
-    """A third each; of the force density three times as much."""
-    x, ends = np.array([[0.0, 0, 0], [6.0, 0, 0]]), np.array([[0, 1]])
-    column = lambda value: np.array([value])
-    net = Net(x, np.zeros((2, 3), bool), ends, np.zeros(1, int), [""])
-    net.unstressed_length, net.force_density = column(5.7), column(4e3)
-    parts = subdivide(net, 3)
-    assert parts.unstressed_length == pytest.approx([1.9] * 3) and (parts.force_density == 12e3).all()
-
-
-def test_limits_of_two_masses_on_one_cable():
-    """omega^2 = 2 k / M: stable below 2 / omega, and half of that where the cable may go slack."""
-    ends, stiff, L0, mass = np.array([[0, 1]]), np.array([1e6]), np.array([5.0]), np.array([20.0, 20.0])
-    found = any_shape_limits(ends, stiff, L0, mass, np.ones(2, bool), np.zeros(1, bool), np.zeros(2))
-    omega = np.sqrt(2 * 2e5 / 20.0)
-    assert {limit.name: limit.dt for limit in found} == pytest.approx(
-        {"any_shape": 2 / omega, "slackening": 1 / omega}, rel=1e-14
-    )
 
 
 @pytest.mark.parametrize("bar, most", [(0, 1.0), (1, 2.0)])
@@ -371,8 +257,7 @@ def test_a_spring_holds_the_form_that_was_found(workshop):
     table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
     text = CABLE + "prestress = 20e3\n[form_finding]\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
     job = workshop.job(text + "[output]\nhistory = 0.002\n", table, "start,end\n1,2\n")
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    f = workshop.open()
+    f = workshop.run_here(job)
     assert np.abs(f["final/position"][1] - [5.0, 0.0, 0.0]).max() < 1e-14  # rounding: 20 kN over 4e5 N/m
     assert f["net/spring"][1, 0] == 4e5
 
@@ -382,8 +267,7 @@ def test_form_finding_gives_way_by_a_share_of_the_modulus(workshop):
     text = CABLE + "[form_finding]\nmodulus_factor = 0.01\nmax_iterations = 2000\ntolerance = 1e-10\n"
     elements = "start,end,prestress\n1,2,20e3\n2,3,21e3\n"
     job = workshop.job(text, nodes(), elements)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    assert workshop.open()["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
+    assert workshop.run_here(job)["form_finding/position"][1] == pytest.approx([0.25, 0.0, 0.0], abs=1e-7)
 
 
 def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
@@ -397,8 +281,7 @@ def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
         )
     )
     job = workshop.job(text, nodes(), ELEMENTS)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(False))
-    f = workshop.open()
+    f = workshop.run_here(job)
     of_cases = [f[f"cases/{name}/tension"][:] for name in ("first", "heavy", "again")]
     whole = envelope_of(f, np.full(2, np.nan))
     assert (whole.most == np.max(of_cases, axis=0)).all() and (whole.least == 0.0).all()  # as given

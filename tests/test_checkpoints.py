@@ -34,19 +34,6 @@ def test_the_checkpoint_that_was_given_stays(workshop):
     assert steps(workshop.folder) == [4000, 5000]
 
 
-def test_a_fresh_run_removes_no_checkpoint_of_another_job(workshop):
-    """Nor does one that goes on: with the same result name, the files of a changed job are not its own."""
-    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
-    other = ("--set", "dynamics.damping=2.0")
-    workshop.run(job, *other, *AT_ONCE, code=4)
-    (kept,) = workshop.folder.glob("result.checkpoint-*")
-    kept = kept.rename(kept.with_name("result.checkpoint-5-000000000500.h5"))  # between those of the job
-    workshop.run(job, *AT_ONCE, code=4)
-    given = workshop.folder / "result.checkpoint-5-000000000000.h5"
-    workshop.run(job, "--restart", given).close()
-    assert steps(workshop.folder) == [0, 500, 4000, 5000]
-
-
 def test_requeued_runs_leave_the_last_two_checkpoints(workshop):
     """Stopped at its first look again and again, given the newest each time: that and one more stay."""
     job = tiny_job(workshop, 0.45)

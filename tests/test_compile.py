@@ -2,12 +2,11 @@
 
 import ast
 import re
-import subprocess
 import sys
 from collections import Counter
 
 import pytest
-from conftest import ENVIRONMENT, ROOT, run_netfall
+from conftest import ENVIRONMENT, ROOT, run_netfall, run_process
 
 from netfall.core import cache
 
@@ -68,9 +67,8 @@ def test_kernels_that_are_kept_have_one_signature(compiled):
     """
     folder, _ = compiled
     own = ENVIRONMENT | {"NUMBA_CACHE_DIR": str(folder)}
-    line = [sys.executable, "-c", IN_ONE_PROCESS]
-    done = subprocess.run(line, env=own, capture_output=True, text=True, cwd=folder)
-    assert done.returncode == 0 and done.stdout == "", done.stdout + done.stderr
+    done = run_process(sys.executable, "-c", IN_ONE_PROCESS, environment=own, cwd=folder)
+    assert done.stdout == ""
     assert [path.name for path in kept(folder) if not path.name.endswith(".1.nbc")] == []
 
 

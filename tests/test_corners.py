@@ -1,7 +1,5 @@
 """Bending chains with corners or curves without moment: moments, deflections, limits, frequencies."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
@@ -46,19 +44,6 @@ def test_the_moment_at_a_corner_is_that_of_statics(workshop, n, degrees, by_hand
     assert moment[n, 1] == pytest.approx(by_hand, rel=2e-3)  # the arm changes by a thousandth
 
 
-@pytest.mark.parametrize("n", [2, 8])
-def test_a_frame_sinks_by_its_moments(workshop, n):
-    """delta = sum of M^2 l / (P EI) over the joints: P L^3 / EI (4/3 + 1 / 6 n^2), of second order in 1 / n.
-
-    The stub adds half of its length at the clamp, and the leg that stands gets shorter by P L / EA.
-    """
-    P = 1.0  # small: of first order
-    with bent_frame(workshop, n, 90.0, P) as f:
-        sinks = -f["statics/displacement"][-1, -1, 2]
-    by_hand = P / 1e5 * (4.0 / 3.0 + 1.0 / (6.0 * n * n) + 0.5e-3 / n) + P / 1e8
-    assert sinks == pytest.approx(by_hand, rel=2e-5)  # of second order in the deflection
-
-
 def independent_frame(n, P, section, phi0):
     """Angles of the bars (2 n,) from vertical, and their lengths, that make the energy of a frame least.
 
@@ -99,36 +84,6 @@ def test_a_frame_bends_as_the_least_energy_of_an_independent_chain(workshop, deg
     assert np.abs(places[-1] - frame(n, degrees)[-1]).max() > 0.3  # m: large
 
 
-def ring_job(workshop, n, P):
-    """A ring of n bars in the plane z = 0, r = 1 m, EI = 1e5 N m2, between two forces P [N] along y."""
-    turn, load = (
-        2.0 * np.pi * np.arange(n) / n - 0.5 * np.pi,
-        np.where(np.arange(n) == n // 2, -float(P), 0.0),
-    )
-    x, y, load = np.cos(turn).tolist(), np.sin(turn).tolist(), load.tolist()
-    rows = [f"{k},{x[k]},{y[k]},0,{int(k in (0, n // 2))},{int(k == 0)},1,{load[k]}" for k in range(n)]
-    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_y\n" + "\n".join(rows) + "\n"
-    elements = "start,end\n" + "".join(f"{k},{(k + 1) % n}\n" for k in range(n))
-    return workshop.job("[cable]\n" + BAR.format(*STIFF_LEG) + EXACT, nodes, elements)
-
-
-def test_a_ring_between_two_forces_is_right_to_the_second_order(workshop):
-    """M = P r mean(|cos|) / 2 at the forces by the sum of all angles, which is 0: P r / pi of a circle.
-
-    Its diameter gets shorter by P r^3 / EI (pi / 4 - 2 / pi), and pi / 4 P r / EA.
-    """
-    P, exact, errors = 10.0, np.array([1.0 / np.pi, 0.25 * np.pi * (1.0 + 1e-3) - 2.0 / np.pi]), []
-    for n in (12, 24, 48):
-        with workshop.run(ring_job(workshop, n, P)) as f:
-            moment, d = f["statics/bending_moment"][-1], f["statics/displacement"][-1]
-        found = np.array([moment[0, 0] / P, -d[n // 2, 1] * 1e5 / P])
-        by_sum = 0.5 * np.abs(np.cos(2.0 * np.pi * np.arange(n) / n - 0.5 * np.pi)).mean()
-        assert found[0] == pytest.approx(by_sum, rel=1e-4)  # the arm changes by the deflection
-        errors.append(found / exact - 1.0)
-    for coarse, fine in pairwise(errors):
-        assert coarse / fine == pytest.approx(4.0, rel=0.05)  # what is left is of the fourth order
-
-
 def test_a_ring_vibrates_as_an_oval(workshop):
     """omega^2 = 36 / 5 EI / (m r^4) in its plane (Hoppe 1871), by the tangent, extrapolated."""
     found = []
@@ -145,54 +100,6 @@ def test_a_ring_vibrates_as_an_oval(workshop):
         assert np.abs(omega2[:3]).max() < 1e-3  # rigid motions in the plane, of which none has stiffness
         found.append(omega2[3:5].mean())
     assert (4.0 * found[1] - found[0]) / 3.0 == pytest.approx(7.2, rel=1e-4)  # of the fourth order
-
-
-SNAP = (400.0, 1.0, 1.0 / 400.0)  # modulus, area, second moment: EI = 1, EA = 400; limit load 30.9 N
-STUB = 2.0**-10  # of a bar
-
-
-def shallow_frame(workshop, n, P):
-    """How far the apex of two clamped legs sinks under P [N]; a leg of n bars spans 1 m, rises by 3/4 m."""
-    s = np.linspace(-1.0, 1.0, 2 * n + 1)
-    places = np.column_stack([s, 0.75 * (1.0 - np.abs(s))])
-    stubs = STUB * (places[[1, -2]] - places[[0, -1]])
-    places = np.concatenate([[places[0] - stubs[0]], places, [places[-1] - stubs[1]]])
-    clamped = np.isin(np.arange(2 * n + 3), (0, 1, 2 * n + 1, 2 * n + 2))
-    load = np.where(np.arange(2 * n + 3) == n + 1, P, 0.0)
-    job = chain_job(workshop, places, np.column_stack([clamped, clamped]), load, SNAP, EXACT)
-    with workshop.run(job) as f:
-        return -f["statics/displacement"][-1, n + 1, 2]
-
-
-def independent_shallow(n, depths):
-    """The forces P [N] at depths of the apex by half of the frame, by equilibrium of angles and lengths."""
-    side, slope, EI, EA = 1.25 / n, np.arctan2(3.0, 4.0), 1.0, 400.0
-    k = np.concatenate([[2.0 * EI / (side + STUB * side)], np.full(n - 1, EI / side), [2.0 * EI / side]])
-
-    def left(unknown, depth):
-        theta, L, (H, V) = unknown[:n], unknown[n : 2 * n], unknown[2 * n :]
-        m = k * np.diff(np.concatenate([[slope], theta, [slope]]))  # the apex does not turn
-        c, s = np.cos(theta), np.sin(theta)
-        closure = [(L * c).sum() - 1.0, (L * s).sum() - 0.75 + depth]
-        along = EA / side * (L - side) - (H * c + V * s)
-        return np.concatenate([m[:-1] - m[1:] - L * (V * c - H * s), along, closure])
-
-    unknown, found = np.concatenate([np.full(n, slope), np.full(n, side), [0.0, 0.0]]), []
-    for depth in depths:
-        unknown = root(left, unknown, (depth,), tol=1e-12).x
-        assert np.abs(left(unknown, depth)).max() < 1e-8
-        found.append(-2.0 * unknown[-1])
-    return np.array(found)
-
-
-def test_a_shallow_frame_sinks_as_an_independent_chain_of_second_order(workshop):
-    """A corner of 106 degrees at the apex, up to 0.6 of the limit load, which errs by 1 / n^2."""
-    depths = np.linspace(0.01, 0.26, 26)
-    limits = np.array([independent_shallow(n, depths).max() for n in (8, 16, 32)])
-    assert (limits[0] - limits[1]) / (limits[1] - limits[2]) == pytest.approx(4.0, rel=0.1)
-    for n, depth in ((4, 0.05), (8, 0.08)):
-        (P,) = independent_shallow(n, np.linspace(0.01, depth, 15))[-1:].tolist()
-        assert shallow_frame(workshop, n, P) == pytest.approx(depth, rel=1e-6)
 
 
 def rotated(x, axis, angle):
@@ -310,7 +217,7 @@ def test_the_corner_of_a_frame_that_swings_has_the_moment_of_statics(workshop):
     bar = BAR.format(1e7, 1.0, 1e-2).replace("7850.0", "5.0")
     more = f"[load]\nself_weight = false\n[dynamics]\nduration = {end}\ndamping = 0.0\n"
     more += f"[output]\nhistory = {end / 500}\nmodes = 2\n"
-    with workshop.run(workshop.job("[cable]\n" + bar + more, nodes, elements)) as f:
+    with workshop.solve("[cable]\n" + bar + more, nodes, elements) as f:
         periods = np.sort(f["modes/period"][:])
         assert periods == pytest.approx(2.0 * np.pi / omega, rel=0.01)  # the mass of the bars
         most = f["envelope/bending_moment_max"][n]

@@ -50,7 +50,7 @@ def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
     rounding, also where one kick alone brings it to nine tenths of u (k u dt = 9). The work of the drag is
     all of the kinetic energy, and external; nothing is attached any more.
     """
-    f = workshop.run(workshop.job(flight(STEADY, 100), plates(area), CABLES))
+    f = workshop.solve(flight(STEADY, 100), plates(area), CABLES)
     u, k = 30.0, 0.5 * RHO * area / MASS
     y = f["history/probe_displacement"][:, :, 1]
     kicks = np.maximum(0, np.arange(101) - SEEN)
@@ -67,31 +67,6 @@ def test_a_free_plate_is_blown_along_as_the_closed_form_says(workshop, area):
     assert (h["attached_energy"][SEEN + 1 :] == 0.0).all()
 
 
-def test_a_free_plate_falls_with_drag_as_the_closed_form_says(workshop):
-    """M dv/dt = M g - rho A v^2 / 2: v = V tanh(g t / V), V^2 = 2 M g / rho A, in nearly still air.
-
-    Of first order in the step, for the force of a kick is that without gravity: at the end of the fall
-    M g = k V^2 / (1 + b), b = k V dt / M, here 0.011, so V is half of b too large.
-    """
-    area, steps = 1000.0, 3000
-    wind = STEADY.replace("30.0", "0.1")
-    text = flight(wind, steps, f"self_weight = true\ndead = {OWN * 9.81 / area}\n")
-    nodes = plates(area).replace(f",{OWN},", ",0,").replace(f",{OWN + 5.25 * LINE},", ",0,")
-    f = workshop.run(workshop.job(text, nodes, CABLES))
-    mass = OWN + 4.0 * LINE
-    V = np.sqrt(2 * mass * 9.81 / (RHO * area))
-    d = f["detached"]
-    t0, v0 = d["time"][0], -d["velocity"][0, 2]  # when it is cut free it falls already
-    expected = V * np.tanh(9.81 * (d["time"][:] - t0) / V + np.arctanh(v0 / V))
-    b = 9.81 * STEP / V
-    assert np.abs(-d["velocity"][:, 2] - expected).max() < 0.51 * b * V
-    last = -d["velocity"][-1, 2]
-    assert np.isclose(
-        0.5 * RHO * area * last**2, mass * 9.81 + 0.5 * RHO * area * last * 9.81 * STEP, rtol=1e-3
-    )
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-12 and expected[-1] > 0.999 * V
-
-
 PRESSURES = 'pressures = "p.csv"\ntaps = "taps.csv"\n'
 
 
@@ -104,7 +79,7 @@ def test_pressures_end_and_drag_needs_a_speed(workshop, speed):
     (workshop.folder / "p.csv").write_text("time,a\n0,-100\n9,-100\n")
     (workshop.folder / "taps.csv").write_text("name,x,y\na,0,0\n")
     wind = PRESSURES + (f"speed = {speed}\n" if speed else "")
-    f = workshop.run(workshop.job(flight(wind, 60), plates(), CABLES))
+    f = workshop.solve(flight(wind, 60), plates(), CABLES)
     v, x, places = np.zeros(3), np.zeros(3), []
     u = np.array([0.0, speed or 0.0, 0.0])
     for n in range(61):
@@ -130,17 +105,16 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
     """
     wind = "speed = 5.0\nturbulence = 0.0\nshape_coefficient = -64.0\n"  # 1000 N/m2
     lift = 64.0 * 0.5 * RHO * 25.0 * AREA / MASS  # m/s2
-    f = workshop.run(workshop.job(flight(wind, 200, after="none"), plates(), CABLES))
+    f = workshop.solve(flight(wind, 200, after="none"), plates(), CABLES)
     passed = np.ceil(5.0 / lift / 0.01) * 0.01  # the next evaluation
     (said,) = detached_notes_of(f)
     assert said.startswith(
         f"warning: dynamics: from t = {passed:.4g} s the centre of mass of a detached part"
     )
     assert said in run_on_standing_ranks("info", f.filename).stdout
-    f = workshop.run(workshop.job(flight(wind, 200), plates(), CABLES), output="other.vtkhdf")
-    assert (
-        detached_notes_of(f) == [] and "faster than" not in run_on_standing_ranks("info", f.filename).stdout
-    )
+    f = workshop.solve(flight(wind, 200), plates(), CABLES, output="other.vtkhdf")
+    assert detached_notes_of(f) == []
+    assert "faster than" not in run_on_standing_ranks("info", f.filename).stdout
 
 
 def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
@@ -150,7 +124,7 @@ def test_the_energy_of_what_is_attached_leaves_out_what_flies(workshop):
     """
     nodes = plates() + "7,0,9,0,1,0,0,0,0,1\n8,4,9,0,0,1,0,0,0,1\n9,8,9,0,1,0,0,0,0,1\n"
     cables = CABLES + "3,7,8,3.99\n4,8,9,3.99\n"
-    f = workshop.run(workshop.job(flight(STEADY, 100), nodes, cables))
+    f = workshop.solve(flight(STEADY, 100), nodes, cables)
     h = {name: column[:] for name, column in f["history"].items() if column.ndim == 1 and len(column) == 101}
     EA = 1.95e11 * 1e-7
     stored = 2 * 0.5 * EA * (0.01 / 3.99) ** 2 * 3.99

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, StopAfter
 from mpi4py import MPI
-from scipy.sparse import coo_array
-from scipy.sparse.linalg import spsolve
+from nets import elastic, equilibrium
 
 from netfall.equilibrium import find, goals, mixed, newton
 from netfall.equilibrium import increments as path
@@ -49,52 +48,7 @@ steps = 2
 """
 EA = 1.95e11 * 3600e-6
 AREA_LOAD = 2000.0
-
-
-class Exact:
-    """The equilibrium of a net under nodal loads, from a start near it: positions x (n, 3)."""
-
-    def __init__(self, x, elements, free, L0, load, yield_force=np.inf):
-        self.elements, self.L0, self.yield_force = elements, L0, yield_force
-        self.x = x.copy()
-        moves = np.flatnonzero(free.ravel())
-        for _ in range(30):
-            residual = (self.forces() + load).ravel()[moves]
-            step = spsolve(self.stiffness()[moves][:, moves].tocsc(), residual)
-            self.x.ravel()[moves] += step
-            if np.abs(step).max() < 1e-13 * np.abs(x).max():
-                break
-        self.residual = np.abs((self.forces() + load).ravel()[moves]).max()
-
-    def lengths(self):
-        """Directions (m, 3), lengths (m,), tensions (m,)."""
-        d = self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]]
-        L = np.linalg.norm(d, axis=1)
-        return d / L[:, None], L, np.clip(EA * (L - self.L0) / self.L0, 0.0, self.yield_force)
-
-    def forces(self):
-        """Of the elements on the particles, (n, 3)."""
-        d, _, N = self.lengths()
-        f = np.zeros_like(self.x)
-        np.add.at(f, self.elements[:, 0], N[:, None] * d)
-        np.add.at(f, self.elements[:, 1], -N[:, None] * d)
-        return f
-
-    def stiffness(self):
-        """Sparse (3 n, 3 n); what has none gets so little that it moves nothing else."""
-        d, L, N = self.lengths()
-        axial = np.where((N > 0.0) & (N < self.yield_force), EA / self.L0, 0.0)
-        block = (axial - N / L)[:, None, None] * d[:, :, None] * d[:, None, :]
-        block += (N / L + 1e-9 * EA / self.L0)[:, None, None] * np.eye(3)
-        parts = []
-        for i, j, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
-            row = 3 * self.elements[:, i, None, None] + np.arange(3)[None, :, None] + np.zeros((1, 1, 3), int)
-            column = (
-                3 * self.elements[:, j, None, None] + np.arange(3)[None, None, :] + np.zeros((1, 3, 1), int)
-            )
-            parts.append((row.ravel(), column.ravel(), sign * block.ravel()))
-        row, column, value = (np.concatenate(each) for each in zip(*parts))
-        return coo_array((value, (row, column)), shape=(self.x.size, self.x.size)).tocsr()
+LEFT = 1e-4  # N, of some 1e6: what the reference leaves of equilibrium
 
 
 def errors(f: h5py.File, pressure, yield_force=np.inf) -> tuple[float, float, int]:
@@ -106,11 +60,9 @@ def errors(f: h5py.File, pressure, yield_force=np.inf) -> tuple[float, float, in
     np.add.at(load[:, 2], elements.ravel(), -0.5 * np.repeat(weight, 2))
     start = form["position"][:]
     x = start + f["statics/displacement"][-1]
-    exact = Exact(x, elements, net["fixed"][:] == 0, L0, load, yield_force)
-    assert exact.residual < 1e-4  # N, of some 1e6: the reference itself is in equilibrium
-    N = exact.lengths()[2]
-    largest = np.linalg.norm(exact.x - start, axis=1).max()
-    moved = np.linalg.norm(exact.x - x, axis=1).max() / largest
+    exact, N = equilibrium(x, elements, elastic(L0, EA, yield_force), net["fixed"][:] > 0, load, LEFT)
+    largest = np.linalg.norm(exact - start, axis=1).max()
+    moved = np.linalg.norm(exact - x, axis=1).max() / largest
     return moved, np.abs(N - f["statics/tension"][-1]).max() / N.max(), int((N == 0.0).sum())
 
 
@@ -129,7 +81,7 @@ def test_any_net_is_as_near_to_its_equilibrium_as_is_told(workshop, cells, case)
     """The default tolerance, 1e-6, holds at any refinement; and the error is about what is told."""
     pressure, cable, yield_force = CASES[case]
     pressure = [each * cells / 8 for each in pressure]  # so that each cable carries the same
-    f = workshop.run(workshop.job(SADDLE.format(cells=cells, cable=cable, pressure=pressure)))
+    f = workshop.solve(SADDLE.format(cells=cells, cable=cable, pressure=pressure))
     moved, tension, slack = errors(f, pressure, yield_force)
     told = f["statics/displacement_error"][-1], f["statics/tension_error"][-1]
     assert max(told) <= 1e-6
@@ -168,7 +120,7 @@ def test_a_strut_that_nothing_holds_sideways_is_told(workshop, share, stable):
     """
     nodes = "id,x,y,z,fixed,load_z\n" + f"1,0,0,0,1,0\n2,0,-5,3,1,0\n3,0,5,3,1,0\n4,0,0,3,0,{-12e3 * share}\n"
     elements = "start,end,group\n1,4,strut\n2,4,tie\n4,3,tie\n"
-    done = workshop.run(workshop.job(STRUT, nodes, elements), code=None)
+    done = workshop.solve(STRUT, nodes, elements, code=None)
     assert done.returncode == 0, done.stderr
     f = workshop.open()
     assert bool(f["statics/stable"][-1]) == stable
@@ -194,10 +146,11 @@ class Statics:
         """Of the last: displacement and tension off the exact ones, shares of the largest."""
         model = self.scene.model
         net, load = model.net, model.loading.permanent + model.loading.live
-        exact = Exact(self.scene.state.x, net.elements, ~net.fixed, model.L0, load, yield_force)
-        N, tension = exact.lengths()[2], self.seen[-1][0].equilibrium.snapshot.N
-        moved = np.linalg.norm(exact.x - self.scene.state.x, axis=1).max()
-        far = np.linalg.norm(exact.x - model.x, axis=1).max()
+        x, law = self.scene.state.x, elastic(model.L0, EA, yield_force)
+        exact, N = equilibrium(x, net.elements, law, net.fixed, load, LEFT)
+        tension = self.seen[-1][0].equilibrium.snapshot.N
+        moved = np.linalg.norm(exact - x, axis=1).max()
+        far = np.linalg.norm(exact - model.x, axis=1).max()
         return moved / far, np.abs(N - tension).max() / N.max()
 
 
@@ -282,43 +235,6 @@ def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yiel
     assert (state.elements_now().eps_p[:2] > 0.01).all() == yields
 
 
-def test_few_cables_do_not_shorten_a_step(workshop, monkeypatch):
-    """A step goes as far beyond where a cable's tension would be zero as `BEYOND`; but for a few of them."""
-    method, state, _ = hung(workshop, "engineering", False)
-    way = mixed.Mixed(method, state, NEVER)
-    way.part[:] = 0.3, np.inf, 0.4
-    assert way.longest() == pytest.approx(0.5**1.5)  # of the parts below 0.45
-    monkeypatch.setattr(mixed, "FEW", 0.4)  # one of the three cables
-    assert way.longest() == pytest.approx(0.5)  # below 0.6
-    way.part[:] = 0.6, np.inf, 0.7
-    assert way.longest() == 1.0
-
-
-def test_few_cables_do_not_keep_the_gap(workshop, monkeypatch):
-    """It is made smaller where all but a few are settled: not kept from half a step, tensions nearly so."""
-    method, state, _ = hung(workshop, "engineering", False)
-    way, little, much = mixed.Mixed(method, state, NEVER), np.full(3, 50.0), np.array([50.0, 70.0, -70.0])
-    way.part[:] = 0.4, np.inf, 0.6
-    assert not way.settled(little, 100.0)
-    monkeypatch.setattr(mixed, "FEW", 0.4)  # one of the three cables
-    assert way.settled(little, 100.0)
-    assert not way.settled(much, 100.0)
-    monkeypatch.setattr(mixed, "FEW", 0.7)
-    way.part[:] = np.inf
-    assert way.settled(much, 100.0)
-
-
-def test_tensions_off_the_law_are_missing(workshop, monkeypatch):
-    """With a gap that stays steps become small, and tensions remain those of cables that are never slack."""
-    method, state, _ = hung(workshop, "engineering", False)
-    monkeypatch.setattr(mixed, "LARGE", 0.0)  # no step is so small that the gap becomes smaller
-    way = mixed.Mixed(method, state, NEVER)
-    way.narrow(1e-12, 0.0)
-    N = state.elements_now().N
-    off = np.abs(N - way.now[:, 0]).max() / N.max()
-    assert off > 1e-5 and way.missing[1] == pytest.approx(off)
-
-
 GIVEN = """
 [net]
 generator = "saddle"
@@ -368,28 +284,6 @@ def given(workshop, cells):
     return scene.finder.newton(scene.model.loading.permanent), scene.state
 
 
-def test_a_rough_correction_tells_that_a_net_is_far(workshop, monkeypatch):
-    """That takes fewer iterations than the correction, which it spares."""
-    method, state = given(workshop, 24)
-    method.begin()
-    K, tried, times = method.tangent(), [], method.stiffness_times
-    _, whole = method.solve(K, method.cycle(K), method.residual())
-    monkeypatch.setattr(method, "stiffness_times", lambda *to: tried.append(1) or times(*to))
-    with pytest.raises(path.NoConvergence):
-        path.at_once(method, state.x_start, NEVER)
-    assert 0 < len(tried) < whole
-
-
-def test_newtons_method_leaves_a_net_that_is_not_near(workshop, monkeypatch):
-    """The first correction of which little can be gone is the last one."""
-    method, state = given(workshop, 8)
-    gone, go = [], method.go
-    monkeypatch.setattr(method, "go", lambda *to: gone.append(go(*to)) or gone[-1])
-    with pytest.raises(path.NoConvergence):
-        method.find(1e-6, state.x_start, near=True, begun=newton.StartPoint(size=1e-3))
-    assert [part < newton.SHORT for part in gone] == [False] * (len(gone) - 1) + [True]
-
-
 @pytest.mark.parametrize("large", [0, 10**9])
 def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
     """Cables that flow until the saddle bulges by a third of its span: right, at any size."""
@@ -399,17 +293,6 @@ def test_what_yields_is_not_relaxed(workshop, monkeypatch, large):
     monkeypatch.setattr(find, "FEWEST", 0)
     found.find()
     assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1
-
-
-def test_a_rough_search_goes_on_where_a_finer_one_was(workshop):
-    """A finer search may have relaxed to more residuals than a rough one has: that takes its last."""
-    job = read_job(workshop.job(SADDLE.format(cells=8, cable="", pressure=[0.0, 0.0, AREA_LOAD])))
-    scene, _ = prepare(MPI.COMM_SELF, job, Phases())
-    load = scene.model.loading.permanent + scene.model.loading.live
-    for goal in (2, 7, 10):
-        scene.state.x[:] = scene.state.x_start
-        found = scene.finder.find(load, 1e-3, 1.8e6, 20_000, "load", goal=goal)
-        assert found.iterations > 0 and found.error <= 1e-3
 
 
 def test_check_tells_near_equilibria_of_large_nets_from_far_ones(workshop, monkeypatch):

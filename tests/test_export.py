@@ -1,12 +1,12 @@
 """Results for other programs: what they read is what the result file holds."""
 
-import csv
 import json
 
 import ezdxf
 import numpy as np
 import pytest
 from conftest import ROOT, run_netfall
+from results import rows_of as rows
 from test_python import cross
 from test_validation_opensees import shipped, tensions_in_opensees
 
@@ -33,11 +33,6 @@ def written(result, target, time=None, case=None, unit="m"):
     lines = []
     export(result, target, Wanted(time, case, unit), lines.append)
     return lines
-
-
-def rows(path):
-    with open(path, newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_tables_give_the_same_net_again(broken, tmp_path):
@@ -306,9 +301,8 @@ def test_a_folder_of_tables_that_is_the_users_own_is_left_alone(broken, tmp_path
         written(broken, tmp_path / "mine")
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["nodes.csv"]
     written(broken, tmp_path / "ours")
-    written(
-        broken, tmp_path / "ours", 0.1
-    )  # its own it replaces, and the job of the form does not stay beside
+    # its own it replaces, and the job of the form does not stay beside
+    written(broken, tmp_path / "ours", 0.1)
     names = {path.name for path in (tmp_path / "ours").iterdir()}
     assert names == {"nodes.csv", "elements.csv", "history.csv", "events.csv", "README.txt"}
 

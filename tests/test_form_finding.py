@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import STEEL, StopAfter, run_on_standing_ranks
 from mpi4py import MPI
+from nets import along, pulls
 
 from netfall.equilibrium import newton
 from netfall.equilibrium.newton import NoConvergence
@@ -22,11 +23,9 @@ from netfall.program.setup import prepare
 @pytest.mark.parametrize("start", ["given", "force_density"])
 def test_start_does_not_matter_at_constant_tension(workshop, start):
     """The same form from the flat start and from the force-density one."""
-    f = workshop.run(
-        workshop.job(
-            f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\n'
-            f'modulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
-        )
+    f = workshop.solve(
+        f'[net]\ngenerator = "saddle"\n{STEEL}[form_finding]\n'
+        f'modulus_factor = 0\ntolerance = 1e-10\nstart = "{start}"\n'
     )
     x = f["form_finding/position"][:]
     row = np.flatnonzero((np.abs(x[:, 0]) < 1e-6) & (x[:, 1] > 26) & (x[:, 1] < 30))
@@ -40,9 +39,7 @@ LINEAR = '[form_finding]\nmethod = "force_density"\n'
 
 def told(workshop, result):
     """What the run, `info` and the report say of the form."""
-    info = run_on_standing_ranks("info", result).stdout
-    run_on_standing_ranks("report", result, "-o", workshop.folder / "report")
-    return info, (workshop.folder / "report" / "summary.md").read_text()
+    return workshop.info(result), workshop.report(result).page
 
 
 @pytest.mark.parametrize("top, far", [(5.0, True), (0.4, False)])
@@ -89,7 +86,7 @@ def test_densities_that_cancel_are_refused_with_the_nodes(workshop):
     """0.1 + 0.2 - 0.3 is 5.6e-17: the node would stand anywhere; none of its axes is held."""
     elements = "start,end,force_density\n1,5,0.1\n2,5,0.2\n3,5,-0.3\n4,1,1\n"
     bars = '[cable]\nkind = "bar"\nmodulus = 1.6e11\narea = 1e-3\ndensity = 7850.0\n'
-    done = workshop.run(workshop.job(bars + LINEAR, PYRAMID.format(top=5.0), elements), code=2)
+    done = workshop.solve(bars + LINEAR, PYRAMID.format(top=5.0), elements, code=2)
     assert "do not hold node 5 along x and y and z, which could stand anywhere" in done.stderr
 
 
@@ -98,25 +95,6 @@ def test_nodes_that_nothing_holds_along_an_axis_are_refused(workshop):
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z\n1,0,0,0,0,1,1\n2,5,1,0,0,0,0\n3,10,0,0,0,1,1\n"
     job = workshop.job(STEEL + LINEAR, nodes, "start,end,force_density\n1,2,3\n2,3,3\n")
     assert "do not hold 3 nodes (1, 2, 3) along x, which" in workshop.run(job, code=2).stderr
-
-
-def test_unstressed_lengths_in_closed_form(workshop):
-    """L0 = L / (1 + N / EA), and L exp(-N / EA) for the logarithmic strain."""
-    for strain, law in (
-        ("engineering", lambda L, e: L / (1 + e)),
-        ("logarithmic", lambda L, e: L * np.exp(-e)),
-    ):
-        f = workshop.run(
-            workshop.job(
-                f'[net]\ngenerator = "saddle"\ncells = 4\n{STEEL}strain = "{strain}"\n'
-                f"[form_finding]\nmodulus_factor = 0\n"
-            )
-        )
-        x, elements = f["form_finding/position"][:], f["net/elements"][:]
-        L = np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1)
-        assert np.allclose(
-            f["form_finding/unstressed_length"][:], law(L, 100e3 / (1.95e11 * 683.08e-6)), rtol=1e-14
-        )
 
 
 def test_nodes_that_run_together_at_constant_tension_are_told(workshop):
@@ -160,13 +138,9 @@ def test_nodes_within_straight_cables_at_constant_tension(workshop):
     )
     f = workshop.run(job)
     x, ends, free = f["form_finding/position"][:], f["net/elements"][:], f["net/fixed"][:, 0] == 0
-    way = x[ends[:, 1]] - x[ends[:, 0]]
-    L = np.linalg.norm(way, axis=1)
-    pull, meet = np.zeros_like(x), np.bincount(ends.ravel())
-    for end, sign in (0, 1.0), (1, -1.0):
-        np.add.at(pull, ends[:, end], sign * way / L[:, None])
+    pull, L = pulls(x, ends, np.ones(len(ends))), along(x, ends)[1]
     assert np.linalg.norm(pull[free], axis=1).max() < 1e-6
-    assert np.sum(meet == 2) > 3000 and L.min() > 0.05
+    assert np.sum(np.bincount(ends.ravel()) == 2) > 3000 and L.min() > 0.05
 
 
 def test_iterations_that_run_out_end_the_run(workshop):
@@ -188,8 +162,8 @@ def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
     """At constant tension nothing keeps the new nodes apart: they are spaced evenly on straight lines."""
     job = '[net]\ngenerator = "saddle"\nside = 20.0\nrise = 2.0\ncells = 4\nsubdivide = {}\n' + STEEL
     form = "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
-    whole = both_ways.run(both_ways.job(job.format(1) + form, name="whole"))
-    parts = both_ways.run(both_ways.job(job.format(40) + form, name="parts"), output="parts.vtkhdf")
+    whole = both_ways.solve(job.format(1) + form, name="whole")
+    parts = both_ways.solve(job.format(40) + form, name="parts", output="parts.vtkhdf")
     x, elements = parts["form_finding/position"][:], parts["net/elements"][:]
     given = whole["form_finding/position"][:]
     assert np.array_equal(x[: len(given)], given)

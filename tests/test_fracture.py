@@ -33,26 +33,10 @@ def events(f):
     ]
 
 
-@pytest.mark.parametrize("weakest", [0, 3, 7])
-def test_chain_breaks_at_its_weakest_element(workshop, weakest):
-    """A chain pulled at its end breaks where its area is least."""
-    n = 8
-    nodes = "id,x,y,z,fixed,load_z\n" + "".join(
-        f"{k},0,0,{k},{int(k == 0)},{150000 if k == n else 0}\n" for k in range(n + 1)
-    )
-    elements = "start,end,area\n" + "".join(
-        f"{k},{k + 1},{4e-4 if k == weakest else 8e-4}\n" for k in range(n)
-    )
-    f = workshop.run(
-        workshop.job(BRITTLE.replace("1e-3", "2e-3") + DYNAMICS.format(0.05, 10), nodes, elements)
-    )
-    assert events(f)[0][1] == weakest
-
-
 def test_loose_end_only_counts_as_broken(workshop):
     """Two free ends of one element, which carry nothing: nothing is left to split."""
     nodes = "id,x,y,z,load_z\n1,0,0,0,-200000\n2,0,0,1,200000\n"
-    f = workshop.run(workshop.job(BRITTLE + DYNAMICS.format(0.001, 5), nodes, "start,end\n1,2\n"))
+    f = workshop.solve(BRITTLE + DYNAMICS.format(0.001, 5), nodes, "start,end\n1,2\n")
     assert [e[3] for e in events(f)] == [-1, -1]
     assert f["history/broken"][-1] == 1 and len(f["final/position"]) == 2
 
@@ -61,7 +45,7 @@ def test_loose_end_only_counts_as_broken(workshop):
 def test_what_a_loose_end_carries_falls_off(workshop, ranks):
     """Two masses on one element part from it, at both ends, and fly on; none hangs on a broken element."""
     nodes = "id,x,y,z,mass,load_z\n1,0,0,0,500,-200000\n2,0,0,1,500,200000\n"
-    f = workshop.run(workshop.job(BRITTLE + DYNAMICS.format(0.05, 5), nodes, "start,end\n1,2\n"), ranks=ranks)
+    f = workshop.solve(BRITTLE + DYNAMICS.format(0.05, 5), nodes, "start,end\n1,2\n", ranks=ranks)
     assert [e[3] for e in events(f)] == [2, 3]
     assert abs(f["final/tension"][0]) < 1e5 and len(f["final/position"]) == 4
     acceleration = 200000 / 500
@@ -86,20 +70,6 @@ frames = 10
 )
 
 
-def test_mass_and_energy_through_a_collapse(workshop):
-    """Through many fractures the work identity holds to 1e-10 and the physical balance to 1e-3 of the
-    external work.
-    """
-    f = workshop.run(workshop.job(PULLED.format(0.6)), "--set", "dynamics.safety=0.4")
-    assert f["history/broken"][-1] > 10
-    assert np.abs(f["history/identity_error"][:]).max() < 1e-10
-    assert np.abs(f["history/balance_error"][:]).max() < 1e-3
-    # each new particle is one that an event names, and the final numbering is complete
-    new = f["events/new_particle"][:]
-    n = len(f["net/particles"])
-    assert sorted(f["final/particle_id"][:].tolist()) == sorted(list(range(n)) + [p for p in new if p >= 0])
-
-
 LIGHT = ("--set", "load.dead=500", "--set", "dynamics.fragment_mass=0")  # fragments on a heavy roof
 
 
@@ -114,7 +84,7 @@ def test_the_step_is_that_of_fragments_only_where_elements_break(workshop):
     """Rows before the first fracture have the long step, those after it the short one; it breaks as with
     steps of a fifth, and a fixed step stays as it is.
     """
-    f = workshop.run(workshop.job(PULLED.format(0.6)), *LIGHT)
+    f = workshop.solve(PULLED.format(0.6), "", "", *LIGHT)
     attributes, first = f["provenance"].attrs, f["events/time"][0]
     time, step = f["history/time"][1:], f["history/time_step"][1:]
     long, short = attributes["time_step"], attributes["shortest_time_step"]
@@ -149,7 +119,7 @@ def test_the_long_step_is_so_many_short_ones(ratio, stride):
 
 def test_refused_step_names_the_fragments(workshop):
     """A step that only the intact net would stand is refused, with the element that sets the limit."""
-    done = workshop.run(workshop.job(PULLED.format(0.3)), "--set", "dynamics.time_step=2e-3", code=2)
+    done = workshop.solve(PULLED.format(0.3), "", "", "--set", "dynamics.time_step=2e-3", code=2)
     assert "fragments that a fracture leaves" in done.stderr and "set by element" in done.stderr
 
 
@@ -160,18 +130,12 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
     is that of the intact net.
     """
     text = PULLED.format(0.6).replace("fracture_strain", f'strain = "{strain}"\nfracture_strain')
-    f = both_ways.run(
-        both_ways.job(text), "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1"
-    )
-    assert (
-        f["history/broken"][-1] > 10
-        and (f["events/new_particle"][:] == -1).all()
-        and not f["events/mass"][:].any()
-    )
-    assert (
-        len(f["final/position"]) == len(f["net/particles"])
-        and "limit_after_fracture" not in f["provenance"].attrs
-    )
+    f = both_ways.solve(text, "", "", "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1")
+    assert f["history/broken"][-1] > 10
+    assert (f["events/new_particle"][:] == -1).all()
+    assert not f["events/mass"][:].any()
+    assert len(f["final/position"]) == len(f["net/particles"])
+    assert "limit_after_fracture" not in f["provenance"].attrs
     assert np.abs(f["history/identity_error"][:]).max() < 1e-10
     assert np.abs(f["history/balance_error"][:]).max() < 1e-3
     broken = np.unique(f["events/element"][:])
@@ -180,9 +144,8 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
         np.array_equal(np.flatnonzero(last[:, 0] == last[:, 1]), broken)
         and f["VTKHDF/CellData/strain"][-len(last) :].max() < 0.0405
     )  # drawn as points
-    assert not f["final/tension"][:][broken].any() and f["VTKHDF/CellData/broken"][
-        -len(f["net/elements"]) :
-    ].sum() == len(broken)
+    assert not f["final/tension"][:][broken].any()
+    assert f["VTKHDF/CellData/broken"][-len(f["net/elements"]) :].sum() == len(broken)
 
 
 def test_an_elastic_element_taken_out_balances(workshop):
@@ -190,12 +153,10 @@ def test_an_elastic_element_taken_out_balances(workshop):
     nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
         f"{k},0,0,{k},{int(k == 0)},50,{150000 if k == 8 else 0}\n" for k in range(9)
     )
-    f = workshop.run(
-        workshop.job(
-            BRITTLE.replace("yield_stress = 1e12\n", "") + DYNAMICS.format(0.05, 10),
-            nodes,
-            "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(8)),
-        ),
+    f = workshop.solve(
+        BRITTLE.replace("yield_stress = 1e12\n", "") + DYNAMICS.format(0.05, 10),
+        nodes,
+        "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(8)),
         *("--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.05"),
     )
     assert f["history/broken"][-1] >= 1 and f["history/plastic_dissipation"][-1] > 0.0
@@ -261,24 +222,6 @@ def test_slots_mended_where_elements_break_are_those_filled_anew(fragments):
     mended = slots_of(state)
     plan.attach(state)
     assert mended == slots_of(state)
-
-
-@pytest.mark.parametrize("fragments", [True, False])
-def test_the_size_of_chunks_changes_no_bit(fragments, monkeypatch):
-    """A lattice tears; then what has split off is sorted anew."""
-    found = []
-    for size in (64, 256, 2048):
-        monkeypatch.setattr("netfall.step.plan.CHUNK", size)
-        state, plan = torn_lattice(fragments)
-        state.sort_splits()
-        plan.attach(state, filled=True)
-        advance(plan, 400, 600)
-        plan.collect_yield()
-        by_number = np.argsort(state.gid[: state.n_local])
-        found.append([a[by_number].tobytes() for a in (state.gid, state.x, state.v, state.work)])
-        kept = state.broken, state.eps_p, state.dissipated, state.highest
-        found[-1] += [a.tobytes() for a in kept if a is not None]
-    assert found[0] == found[1] == found[2]
 
 
 def slots_of(state: State) -> list:

@@ -10,7 +10,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, STEEL, assert_same_results, run_netfall, run_on_standing_ranks
+from conftest import (
+    BIN,
+    ENVIRONMENT,
+    STEEL,
+    assert_same_results,
+    run_netfall,
+    run_on_standing_ranks,
+    run_process,
+)
 from kill_runs import JOB
 from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
@@ -50,11 +58,7 @@ def disk(tmp_path):
     """A disk in memory, where this process may mount one."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={DISK}m", "netfall", str(folder)],
-        capture_output=True,
-        text=True,
-    )
+    mounted = run_process("mount", "-t", "tmpfs", "-o", f"size={DISK}m", "netfall", folder, code=None)
     if mounted.returncode:
         pytest.skip(f"no disk can be mounted here: {mounted.stderr.strip()}")
     yield Disk(folder)
@@ -145,7 +149,7 @@ def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stag
 def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
     """What is whole stays, of what is not there is nothing: neither a part of a picture nor of a table."""
     result = workshop.folder / "result.vtkhdf"
-    workshop.run(workshop.job(LOADED.replace("METHOD", 'method = "force_density"') + STEEL)).close()
+    workshop.solve(LOADED.replace("METHOD", 'method = "force_density"') + STEEL).close()
     for command in ("plot", "report", "check"):
         for kilobytes in (0, 20) if command == "plot" else (20,):
             disk.leave(kilobytes)
@@ -164,7 +168,7 @@ def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
     for kilobytes, *words in ((4, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
         command = ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', BIN / "netfall", *words]
         there = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python leaves what it cannot write, cut off
-        done = subprocess.run(command, cwd=tmp_path, env=there, capture_output=True, text=True)
+        done = run_process(*command, cwd=tmp_path, environment=there, code=None)
         without_room(done, "File too large")
         assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["roof.toml"]
 
@@ -174,7 +178,7 @@ def test_exports_and_imports_end_where_the_disk_is_full(disk, workshop):
     it was, and with room again the same command runs.
     """
     result = workshop.folder / "result.vtkhdf"
-    workshop.run(workshop.job(LOADED.replace("METHOD", 'method = "force_density"') + STEEL)).close()
+    workshop.solve(LOADED.replace("METHOD", 'method = "force_density"') + STEEL).close()
     drawn = workshop.folder / "net.vtu"
     run_on_standing_ranks("export", result, "-o", drawn)
     commands = [

@@ -2,20 +2,18 @@
 
 import os
 import re
-import subprocess
 import sys
 
 import llvmlite.binding as llvm
 import pytest
+from conftest import run_process
 from numba import cfunc, types
-from processors import JOBS, digest, kept
-from same_bits import ROOT
+from processors import JOBS, ROOT, digest, kept
 
 from netfall.core.kernels import OPTIONS
 from netfall.step.loop import step_chunks
 
 VECTOR = r"<\d+ x double>"
-FUSED = re.compile(r"llvm\.fma\.")
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +36,6 @@ def products_that_are_added(text: str) -> list[str]:
         if added and products & set(re.findall(r"%[\w.]+", added[1])):
             found.append(line.strip())
     return found
-
-
-def test_a_product_that_is_added_is_found():
-    """The search itself: one line of three adds a product the plain way."""
-    lines = "define x\n %a = fmul <8 x double> %x, %y\n %b = fadd <8 x double> %a, %z\n"
-    lines += " %c = fadd <8 x double> %x, %z"
-    assert products_that_are_added(lines) == ["%b = fadd <8 x double> %a, %z"]
 
 
 def test_no_product_is_added_but_by_fma(text):
@@ -86,9 +77,7 @@ main()
 def test_the_bits_do_not_depend_on_the_width_of_vectors_or_the_size_of_chunks(lanes, chunk, tmp_path):
     """A storm in which cables yield and break, and parts fly off, in other registers and other chunks."""
     result = tmp_path / "result.vtkhdf"
-    subprocess.run(
-        [sys.executable, "-c", OTHER.format(lanes=lanes, chunk=chunk), str(JOBS["saddle"]), str(result)],
-        env=os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)},
-        check=True,
-    )
+    there = os.environ | {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path)}
+    text = OTHER.format(lanes=lanes, chunk=chunk)
+    run_process(sys.executable, "-c", text, JOBS["saddle"], result, environment=there)
     assert digest(result) == kept()["saddle"]

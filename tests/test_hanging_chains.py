@@ -7,12 +7,6 @@ import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
 from scipy.optimize import brentq, root
 
-from netfall.ground.errors import Interrupted
-from netfall.ground.progress import Progress
-from netfall.job.read import read_job
-from netfall.parallel.mpi import MPI
-from netfall.program.run import run_job
-
 EA, WEIGHT = 1.6e11 * 5e-4, 7850.0 * 5e-4 * 9.81  # N, N/m of unstressed length
 CABLE = "[cable]\nmodulus = 1.6e11\narea = 5e-4\ndensity = 7850.0\n[load]\nself_weight = true\nsteps = 1\n"
 
@@ -187,16 +181,10 @@ def test_a_pause_changes_no_bit(workshop, before_the_end):
     """Stopped so many looks before the end, while it is relaxed or hangs; taken up on other ranks."""
     net = Chains()
     net.chain(net.node((0.0, 0.0, 0.0), 1), net.node((60.0, 0.0, 20.0), 1), 150, 1.05)
-    job, quiet = net.job(workshop), Progress(False, False)
-    looks = StopAfter(10**9)
-    run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "whole.vtkhdf", quiet, stop=looks)
-    result, looked = workshop.folder / "result.vtkhdf", 10**9 - looks.left
-    with pytest.raises(Interrupted):
-        run_job(MPI.COMM_WORLD, read_job(job), result, quiet, stop=StopAfter(looked - before_the_end))
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
-    workshop.run(job, "--restart", checkpoint, ranks=2)
-    with workshop.open("whole.vtkhdf") as whole, workshop.open() as again:
-        assert_same_results(whole, again)
+    job, looks = net.job(workshop), StopAfter(10**9)
+    whole = workshop.run_here(job, "whole.vtkhdf", stop=looks)
+    checkpoint, _ = workshop.pause(job, 10**9 - looks.left - before_the_end)
+    assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
 LINKS = CABLE.replace("[cable]\n", '[cable]\nkind = "bar"\n') + "max_iterations = 100\n"
@@ -222,10 +210,8 @@ def test_a_search_that_ends_is_undecided(workshop):
         assert words in done.stderr
     everything = done.stdout + done.stderr
     assert "NO EQUILIBRIUM" not in everything and "no static equilibrium" not in everything
-    info = run_on_standing_ranks("info", workshop.folder / "result.vtkhdf").stdout
-    assert "statics: UNDECIDED: not in equilibrium after 100 iterations" in info
-    run_on_standing_ranks("report", workshop.folder / "result.vtkhdf", "-o", workshop.folder / "report")
-    page = (workshop.folder / "report" / "summary.md").read_text()
+    assert "statics: UNDECIDED: not in equilibrium after 100 iterations" in workshop.info()
+    page = workshop.report().page
     assert "is undecided (there may be an equilibrium)" in page and "has no equilibrium" not in page
 
 
@@ -246,10 +232,8 @@ def test_an_undecided_case_is_one_among_others(workshop):
     case = '[[case]]\nname = "slack"\nset = {"load.temperature" = 500.0}\n'
     text = LINKS.replace("steps = 1\n", "steps = 0\n").replace("[load]", "expansion = 1e-4\n[load]") + case
     with workshop.run(net.job(workshop, text)) as f:
-        assert (
-            f["cases/slack"].attrs["state"] == "undecided"
-            and f["provenance"].attrs["exit_state"] == "finished"
-        )
+        assert f["cases/slack"].attrs["state"] == "undecided"
+        assert f["provenance"].attrs["exit_state"] == "finished"
     job = workshop.folder / "job.toml"
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "again.vtkhdf")
     assert "case slack: UNDECIDED: not in equilibrium after 100 iterations" in done.stdout

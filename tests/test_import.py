@@ -1,6 +1,5 @@
 """Drawings and meshes become nets: what other libraries draw comes back, and what is wrong in it is told."""
 
-import csv
 import itertools
 import json
 import re
@@ -12,6 +11,7 @@ import pytest
 from conftest import run_netfall, run_on_standing_ranks
 from drawings import FIELD, Sketch, places
 from ezdxf.xclip import XClip
+from results import rows_of
 from scipy.interpolate import BSpline
 from scipy.spatial import cKDTree
 from vtkmodules.util.numpy_support import numpy_to_vtk
@@ -201,9 +201,8 @@ def test_a_straight_curve_is_one_segment_and_a_shallow_one_keeps_its_depth(tmp_p
     arc = dict(radius=radius, start_angle=90 - half, end_angle=90 + half, dxfattribs={"layer": "arc"})
     sketch.space.add_arc((50, 60 - radius), **arc)
     reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
-    assert lengths(reading, "cubic") == pytest.approx([9 * 3**0.5]) and lengths(
-        reading, "fit"
-    ) == pytest.approx([9])
+    assert lengths(reading, "cubic") == pytest.approx([9 * 3**0.5])
+    assert lengths(reading, "fit") == pytest.approx([9])
     assert lengths(reading, "bulge")[:2].tolist() == [10.0, 10.0]
     assert np.pi * (1 - 0.01) < lengths(reading, "bulge")[2:].sum() < np.pi  # half a circle of 1 m
     assert len(lengths(reading, "arc")) == 4 and has_nodes(reading, (50, 60, 0))
@@ -274,9 +273,8 @@ def test_the_frame_of_a_fitted_polyline_is_no_cable(tmp_path):
         mesh.append_vertex((20 * i, 40 + 5 * j, 1), dxfattribs={"flags": 8 | 64})
     reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
     sides = [10**0.5, 2**0.5, 2**0.5, 10**0.5]
-    assert lengths(reading, "at 0") == pytest.approx(sides) and lengths(reading, "at 20") == pytest.approx(
-        sides
-    )
+    assert lengths(reading, "at 0") == pytest.approx(sides)
+    assert lengths(reading, "at 20") == pytest.approx(sides)
     assert sorted(lengths(reading, "mesh")) == [5.0] * 6 + [20.0] * 4
     frames = "left out: 15 vertex of the frame of a fitted polyline, which is not drawn"
     assert frames in reading.lines
@@ -322,12 +320,8 @@ def test_a_faulty_entity_is_a_line_of_the_report(tmp_path):
     assert lengths(reading).tolist() == [5.0] * 4
     left = [line for line in reading.lines if line.startswith("left out")]
     assert len(left) == 4 and all("which cannot be read" in line for line in left)
-    assert [line.split(":")[1].split(",")[0] for line in left] == [
-        " 2 CIRCLE",
-        " 2 LINE",
-        " 2 SPLINE",
-        " 2 SPLINE",
-    ]
+    kinds = [line.split(":")[1].split(",")[0] for line in left]
+    assert kinds == [" 2 CIRCLE", " 2 LINE", " 2 SPLINE", " 2 SPLINE"]
 
 
 def test_what_is_stored_but_not_drawn_is_counted(tmp_path):
@@ -462,48 +456,28 @@ def far_away(s):
         line.translate(*s.at(4.5e5, 5.4e6))
 
 
+TWICE = ["duplicate: 1", '(4, 2, -0.025) to (2, 2, 0.075), layer "copy", as']
+CROSSED = ["crossing: 1", "at (3, 3, 0.025), layer", '"diagonal" and layer "other"']
+TOO_MANY = [
+    "loose part: 1",
+    "4 elements at (-5, -5, 0) m",
+    "layer title block",
+    '1 on layer "axes", which is off',
+]
+LOOSE = ["without a support: LEFT OUT", "1 elements at (20, 0, 1), layer x"]
+NESTED = ["27 blocks exploded, blocks in blocks to depth 2", "extent 6 x 6 x 0"]
 FAULTS = {  # unit, how it is drawn, options, what is told of it (with the place)
     "a gap of 1 mm": ("mm", gaps, {}, ["gap: 1 ends", "1 mm at (2.0006, -0.0008, -0.125) m"]),
     "a gap of 6 mm": ("mm", wide_gap, {}, ["near miss: 1 pairs", "6 mm at (2, 2, 0.075) m"]),
-    "a line twice": (
-        "m",
-        duplicates,
-        {},
-        ["duplicate: 1", '(4, 2, -0.025) to (2, 2, 0.075), layer "copy", as'],
-    ),
-    "a crossing": (
-        "m",
-        crossing,
-        {},
-        ["crossing: 1", "at (3, 3, 0.025), layer", '"diagonal" and layer "other"'],
-    ),
+    "a line twice": ("m", duplicates, {}, TWICE),
+    "a crossing": ("m", crossing, {}, CROSSED),
     "an end on a line": ("mm", touching, {}, ["touch: 1", "at (3, 2, 0.025) m, (3000, 2000, 25) mm"]),
-    "blocks in blocks": (
-        "mm",
-        blocks,
-        {},
-        ["27 blocks exploded, blocks in blocks to depth 2", "extent 6 x 6 x 0"],
-    ),
-    "a layer too many": (
-        "mm",
-        layer_too_many,
-        {},
-        [
-            "loose part: 1",
-            "4 elements at (-5, -5, 0) m",
-            "layer title block",
-            '1 on layer "axes", which is off',
-        ],
-    ),
+    "blocks in blocks": ("mm", blocks, {}, NESTED),
+    "a layer too many": ("mm", layer_too_many, {}, TOO_MANY),
     "inches": ("in", inches, {}, ["extent 315 x 236.2 x", "unit: m (from $INSUNITS = 6)"]),
     "inches, said": ("in", inches, {"unit": "in"}, ["extent 8 x 6", "from --unit; the file says m"]),
     "millimetres for metres": ("mm", inches, {}, ["8000 x 6000"]),
-    "a loose part": (
-        "m",
-        loose_part,
-        {"supports": "outline"},
-        ["without a support: LEFT OUT", "1 elements at (20, 0, 1), layer x"],
-    ),
+    "a loose part": ("m", loose_part, {"supports": "outline"}, LOOSE),
     "a line without length": ("mm", no_length, {}, ["no length: 1", "at (2, 2, 0.075) m"]),
     "a loose end": ("mm", loose_end, {"supports": "marks"}, ["loose end: 1", "at (4, 3.1, 1) m"]),
     "far from the origin": ("mm", far_away, {}, ["the drawing lies 5.4e+06 m from the origin"]),
@@ -539,9 +513,8 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
     assert "crossing: 20 elements cross without a joint; --split makes joints" in report(path)
     reading = read_net(path, Options(split=True))
     assert len(reading.net.ends) == 4 * 6 + 5 * 5 and len(reading.net.x) == 20 + 18
-    assert reading.fixed.sum() == 18 and "split: joints at 0 touches and 20 crossings" in "\n".join(
-        reading.lines
-    )
+    assert reading.fixed.sum() == 18
+    assert "split: joints at 0 touches and 20 crossings" in "\n".join(reading.lines)
 
 
 def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
@@ -584,8 +557,7 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     )
     assert 'springs: 2 nodes of layer "elastic" stand on 1e+06 x 2e+06 x 0 N/m' in done.stdout
     assert 'group "post": upright, taken as kind = "bar"' in done.stdout
-    with open(tmp_path / "roof" / "nodes.csv") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(tmp_path / "roof" / "nodes.csv")
     sprung = [row for row in rows if float(row["spring_y"])]
     assert [(row["spring_x"], row["fixed"]) for row in sprung] == [("1000000.0", "0")] * 2
     places = sorted([float(row[k]) for k in "xyz"] for row in sprung)
@@ -728,21 +700,30 @@ def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
     ]
 
 
+def data_array(name: str, text, kind="Int64", components=1) -> str:
+    """An array of a VTU file."""
+    head = f'type="{kind}" Name="{name}" NumberOfComponents="{components}" format="ascii"'
+    return f"<DataArray {head}>{text}</DataArray>"
+
+
+def vtu(points: int, cells: int, places: str, of_cells, more="") -> str:
+    """A VTU file with so many points at these places and cells. more : arrays of values of cells"""
+    piece = f'<Piece NumberOfPoints="{points}" NumberOfCells="{cells}">'
+    places = f"<Points>{data_array('Points', places, 'Float64', 3)}</Points>"
+    data = f"<Cells>{''.join(of_cells)}</Cells><CellData>{more}</CellData></Piece>"
+    grid = f"<UnstructuredGrid>{piece}{places}{data}</UnstructuredGrid>"
+    return f'<VTKFile type="UnstructuredGrid">{grid}</VTKFile>'
+
+
 @pytest.mark.parametrize(
     "connectivity, types, words",
     [("0 9", "3", "cells name points from 0 to 9 of 2"), ("0", "3", "cell 0 has 1 points; expected 2")],
 )
 def test_a_grid_whose_cells_are_wrong_is_refused(tmp_path, connectivity, types, words):
     """Points that there are not, lines of one point."""
-    array = lambda name, text, kind="Int64", width=1: (
-        f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{width}">{text}</DataArray>'
-    )
-    (tmp_path / "a.vtu").write_text(
-        '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="2" NumberOfCells="1">'
-        f"<Points>{array('Points', '0 0 0 1 0 0', 'Float64', 3)}</Points>"
-        f"<Cells>{array('connectivity', connectivity)}{array('offsets', len(connectivity.split()))}"
-        f"{array('types', types)}</Cells></Piece></UnstructuredGrid></VTKFile>"
-    )
+    offsets = data_array("offsets", len(connectivity.split()))
+    cells = data_array("connectivity", connectivity), offsets, data_array("types", types)
+    (tmp_path / "a.vtu").write_text(vtu(2, 1, "0 0 0 1 0 0", cells))
     with pytest.raises(InputError, match=words):
         report(tmp_path / "a.vtu")
 
@@ -833,29 +814,20 @@ def test_what_is_invisible_is_left_out_and_counted(tmp_path):
 
 def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
     """Three quadrangles in a row, of groups 5, 6 and 7: the middle one is a ghost of another piece."""
-    cells = [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6]]
+    corners = "0 1 5 4 1 2 6 5 2 3 7 6"
     points = " ".join(f"{i} {j} 0" for j in range(2) for i in range(4))
-    array = lambda kind, name, text: (
-        f'<DataArray type="{kind}" Name="{name}" format="ascii">{text}</DataArray>'
+    arrays = (
+        data_array("connectivity", corners),
+        data_array("offsets", "4 8 12"),
+        data_array("types", "9 9 9"),
     )
-    text = (
-        '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><Piece NumberOfPoints="8" NumberOfCells="3">'
-        '<Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">'
-        f"{points}</DataArray></Points>"
-        "<Cells>"
-        + array("Int64", "connectivity", " ".join(str(k) for cell in cells for k in cell))
-        + array("Int64", "offsets", "4 8 12")
-        + array("UInt8", "types", "9 9 9")
-        + "</Cells><CellData>"
-        + array("Int32", "group", "5 6 7")
-        + "{}</CellData></Piece></UnstructuredGrid></VTKFile>"
-    )
+    groups = data_array("group", "5 6 7", "Int32")
     path = tmp_path / "faces.vtu"
-    path.write_text(text.format(""))
+    path.write_text(vtu(8, 3, points, arrays, groups))
     of = lambda drawing: [drawing.layers[k] for k in drawing.layer.tolist()]
     drawing = read_net(path, Options(supports="outline")).drawing
     assert sorted(of(drawing)) == ["group 5"] * 4 + ["group 6"] * 3 + ["group 7"] * 3
-    path.write_text(text.format(array("UInt8", "vtkGhostType", "0 1 0")))
+    path.write_text(vtu(8, 3, points, arrays, groups + data_array("vtkGhostType", "0 1 0", "UInt8")))
     reading = read_net(path, Options(supports="outline"))
     assert sorted(of(reading.drawing)) == ["group 5"] * 4 + ["group 7"] * 4
     assert "left out: 1 cells, ghosts or hidden" in reading.lines

@@ -1,12 +1,12 @@
 """Wrong input gives one clear line for each error, and nothing is computed or left behind."""
 
-import math
 import re
-import subprocess
 import sys
 
+import bad_inputs
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, STEEL, run_netfall, run_on_standing_ranks
+from bad_inputs import BAD_TABLES, wrong_values
+from conftest import STEEL, on_ranks, run_netfall, run_on_standing_ranks, run_process
 
 from netfall.ground.errors import InputError
 from netfall.job.entries import LISTS
@@ -44,35 +44,6 @@ NAMES = [f"{section}.{key.name}".lstrip(".") for section, key in ALL_KEYS]
 
 
 OTHER_DIMENSIONS = {name for names in GENERATOR_KEYS.values() for name in names} - {"side", "rise", "cells"}
-
-
-def wrong_values(key):
-    """Values that the key's own row of the schema forbids."""
-    values = ["[[1]]", "{a = 1}"]
-    if key.kind in ("number", "integer", "vector", "points"):
-        values += ['"fast"', "true", "nan", "inf", "-inf", "1979-05-27"]
-    if key.kind == "integer":
-        values += ["1.5", "1e3"]
-    if key.kind in ("number", "integer"):
-        if key.low is not None:
-            values += [str(key.low - 1)] + ([str(key.low)] if key.low_open else [])
-        if key.high is not None:
-            values += [str(key.high + 1 if key.kind == "integer" else math.nextafter(key.high, math.inf))]
-    if key.kind == "vector":
-        values += ["[1, 2]", '[1, 2, "x"]', "[1, 2, nan]", "[1, 2, 1e300]"]
-    if key.kind == "pressure":
-        values += ["[1, 2]", "nan", '"up"', "true", "1e300", "[1e300, 0, 0]"]
-    if key.kind == "points":
-        values += ["[1, 2]", "[[1, 2, 3]]", "[[1, inf]]", "[[1, 1e300]]"]
-    if key.kind == "places":
-        values += ["[true]", "[1.5]", '["a"]', "[[1, 2, 3, 4]]", "[[1, inf]]", "3"]
-    if key.kind == "choice":
-        values += ['"nonsense"', "1", "true", '""']
-    if key.kind == "flag":
-        values += ["1", '"yes"']
-    if key.kind in ("text", "path"):
-        values += ["1", "true"] + ([] if key.name == "title" else ['""'])
-    return values
 
 
 def errors_of(path, overrides):
@@ -190,42 +161,9 @@ def test_malformed_override_is_refused(workshop, override):
     assert errors_of(workshop.job(WHOLE), [override])
 
 
-NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
-ELEMENTS = "start,end\n1,2\n2,3\n"
-BAD_TABLES = {
-    "duplicate id": (NODES + "2,5,5,5,0\n", ELEMENTS, "stands on line 3 already"),
-    "dangling end": (NODES, ELEMENTS + "2,9\n", "no such node"),
-    "loop": (NODES, ELEMENTS + "2,2\n", "both node 2"),
-    "word for number": (NODES.replace("2,1,0", "2,one,0"), ELEMENTS, "x = 'one': expected a number of m"),
-    "nan": (NODES.replace("2,1,0", "2,nan,0"), ELEMENTS, "x = 'nan'"),
-    "infinite": (NODES.replace("2,1,0", "2,1e999,0"), ELEMENTS, "x = '1e999'"),
-    "empty cell": (NODES.replace("2,1,0", "2,,0"), ELEMENTS, "x is empty"),
-    "missing column": (NODES.replace("id,x,y,z", "id,x,y,h"), ELEMENTS, "column z is missing"),
-    "unknown column": (NODES.replace("fixed", "fixd"), ELEMENTS, 'unknown column; did you mean "fixed"?'),
-    "short row": (NODES + "4,1\n", ELEMENTS, "2 values, but the header has 5 columns"),
-    "fixed is 2": (NODES.replace("1,0,0,0,1", "1,0,0,0,2"), ELEMENTS, "expected 0 or 1"),
-    "no length": (NODES.replace("2,1,0", "2,0,0"), ELEMENTS, "has no length"),
-    "lonely node": (NODES + "4,1,1,1,0\n", ELEMENTS, "belongs to no element"),
-    "no rows": ("id,x,y,z\n", ELEMENTS, "no rows below the header"),
-    "empty file": ("\n", ELEMENTS, "empty; expected a header"),
-    "id not an integer": (NODES.replace("\n2,", "\n2.5,"), ELEMENTS, "expected an integer"),
-    "negative area": (
-        NODES,
-        "start,end,area\n1,2,-1\n2,3,1\n",
-        "area = '-1': expected a number of m2 >= 1e-12",
-    ),
-    "cable pushed": (NODES, "start,end,prestress\n1,2,-5\n2,3,-5\n", "a cable carries no compression"),
-    "no support": (NODES.replace(",1\n", ",0\n"), ELEMENTS, "has no support"),
-    "part without support": (NODES + "4,5,5,0,0\n5,6,5,0,0\n", ELEMENTS + "4,5\n", "has no support"),
-    "binary": ("\x00\x01\x02", ELEMENTS, "nodes.csv"),
-}
-
-
 @pytest.mark.parametrize("name", BAD_TABLES)
 def test_malformed_table_is_refused_with_its_line(workshop, name):
     """Each mistake in a table is named with file and line or element."""
-    from netfall.net.build import build_net
-
     nodes, elements, message = BAD_TABLES[name]
     job = read_job(workshop.job(STEEL + "[form_finding]\n", nodes, elements))
     with pytest.raises(InputError) as raised:
@@ -254,8 +192,6 @@ def test_malformed_table_is_refused_with_its_line(workshop, name):
 )
 def test_impossible_combinations_are_refused(workshop, overrides, message):
     """Values that are fine alone but not together, and sizes that no machine holds."""
-    from netfall.net.build import build_net
-
     text = WHOLE.replace("cells = 4", "") if "net.generator" in str(overrides) else WHOLE
     with pytest.raises(InputError) as raised:
         build_net(read_job(workshop.job(text), overrides))
@@ -293,22 +229,11 @@ def test_unwritable_place_is_refused(workshop):
 
 @pytest.mark.parametrize("ranks, cases", [(1, 400), (2, 80)])
 def test_malformed_inputs_made_from_the_schema_are_refused(ranks, cases):
-    """Jobs and tables by hypothesis (bad_inputs.py):
+    """Jobs and tables at random (bad_inputs.py):
     exit code 2 on each rank, a line for each error on one, no file left.
     """
-    command = [
-        str(BIN / "mpirun"),
-        "-n",
-        str(ranks),
-        sys.executable,
-        str(ROOT / "tests" / "bad_inputs.py"),
-        "--cases",
-        str(cases),
-    ]
-    done = subprocess.run(
-        command, env=ENVIRONMENT, capture_output=True, text=True, timeout=300, stdin=subprocess.DEVNULL
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    command = [*on_ranks(ranks), sys.executable, bad_inputs.__file__, "--cases", str(cases)]
+    done = run_process(*command)
     assert done.stdout.splitlines()[-1] == f"{cases} malformed inputs on {ranks} ranks, 0 answered wrong"
 
 

@@ -7,12 +7,10 @@ import pytest
 
 from netfall.core.kernels import kernel
 from netfall.core.vectors import LANES
-from netfall.ground.columns import LINE, PAGE
 from netfall.mechanics.elements import add_tensions
-from netfall.mechanics.fields import FIELDS, Features
+from netfall.mechanics.fields import Features
 from netfall.mechanics.state import State
 from netfall.parallel.halo import buffers_alone
-from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import cut_net
 from netfall.step.forces import chunk_forces
 from netfall.step.loop import Chunks
@@ -104,10 +102,8 @@ def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
 def lattice(side: int) -> np.ndarray:
     """Elements (m, 2) of a square lattice, in ascending order."""
     number = np.arange(side * side).reshape(side, side)
-    along, across = (
-        np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
-        np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
-    )
+    along = np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()])
+    across = np.column_stack([number[:-1].ravel(), number[1:].ravel()])
     elements = np.concatenate([along, across])
     return elements[np.lexsort((elements[:, 1], elements[:, 0]))]
 
@@ -219,47 +215,3 @@ def test_particles_that_lack_elements_have_empty_slots(scene):
         expected = law_forces(state)
         assert_close(forces_of(state)[0], expected)
         assert (state.inv_L0[:, : state.n_owned] == 0.0).any()
-
-
-def test_a_net_numbered_at_random_is_stepped_in_layers():
-    """Neighbours then stand near each other in a rank's rows; a net in good order keeps it."""
-    elements = lattice(40)
-    shuffled = np.random.default_rng(5).permutation(1600)[elements]
-    for given, in_order in ((elements, True), (shuffled, False)):
-        (subdomain,) = cut_net(1600, given, np.zeros(1600, np.int32), 1)
-        assert np.array_equal(subdomain.particle_gid, np.arange(1600)) == in_order
-        rows = subdomain.ends.astype(np.int64)
-        assert np.abs(rows[:, 0] - rows[:, 1]).mean() < 60
-        assert np.array_equal(subdomain.particle_gid[rows], given)
-
-
-def test_a_cut_leaves_the_rows_of_a_lattice_whole():
-    """METIS's halves of a lattice: almost no element along the rows is cut, and most vectors are in line."""
-    side = 120
-    part = metis_partition(side**2, lattice(side), 2)
-    cut = lattice(side)[(part[lattice(side)] != part[lattice(side)[:, :1]]).any(1)]
-    assert len(cut) < 1.2 * side and (np.diff(cut) == 1).sum() < 0.1 * side
-    for subdomain in cut_net(side**2, lattice(side), part, 2):
-        state = State(Features(), subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid))
-        state.ends[:], state.EA[:], state.L0[:] = subdomain.ends, 1.0, 1.0
-        halo = NoHalo()
-        halo.boundary = int(subdomain.send_index.max()) + 1
-        Plan(state, halo)
-        assert share_in_line(state, halo.boundary) > 0.8
-
-
-@pytest.mark.parametrize("n", [512, 4096, 66049])
-def test_columns_of_a_step_begin_apart_within_a_page(n):
-    """Those of eight bytes a number at the begin of a line, of each table the first one."""
-    state = State(Features(plastic=True, fracture=True, wind=True, energy=True, air=True), n, 0, 2 * n)
-    grown = state.copy()
-    grown.reserve(n // 4)
-    for each in (state, state.copy(), grown):
-        arrays = [(f, getattr(each, f.name)) for f in FIELDS if f.entity != "element"]
-        tables = [a if f.entity == "slot" else a.reshape(len(a), -1).T for f, a in arrays if a is not None]
-        begin = np.array([column.ctypes.data for table in tables for column in table])
-        wide = np.array([table.itemsize == 8 for table in tables for column in table])
-        first = np.array([k == 0 for table in tables for k in range(len(table))])
-        assert (begin[wide | first] % LINE == 0).all()
-        assert len(begin) > 40
-        assert np.bincount(begin % PAGE // LINE).max() <= 3  # the cache has room for eight

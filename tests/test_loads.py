@@ -5,17 +5,13 @@ the mean wind, from which gusts grow in.
 import h5py
 import numpy as np
 import pytest
-from conftest import StopAfter, assert_same_results, run_on_standing_ranks
-from mpi4py import MPI
+from conftest import assert_same_results, run_on_standing_ranks
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
 from netfall.checks.reactions import reaction_columns
-from netfall.ground.errors import Interrupted
-from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
-from netfall.program.run import run_job
 
 EA, L0 = 1e6, 5.0  # N, m: two cables from the middle node to supports 5 m away at either side
 CABLE = "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\n"
@@ -40,11 +36,9 @@ def sag(force, stiffness=EA, unstressed=L0, half=5.0):
 
 def test_permanent_loads_act_whole_before_the_rest_comes_in_steps(both_ways):
     """Dead load and self weight, then in two steps snow of 500 N/m2 and a load of the node of 300 N."""
-    job = both_ways.job(
-        CABLE + "[load]\nself_weight = true\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n",
-        nodes(",load_z", (",", ",-300", ",")),
-        ELEMENTS,
-    )
+    text = CABLE + "[load]\nself_weight = true\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
+    tables = nodes(",load_z", (",", ",-300", ",")), ELEMENTS
+    job = both_ways.job(text, *tables)
     f = both_ways.run(job)
     own = 1000.0 * 1e-4 * 5.0 * 9.81  # half of each of two cables
     forces = own + 1000.0 + np.array([0.0, 0.5, 1.0]) * (2000.0 + 300.0)
@@ -104,7 +98,7 @@ def test_a_spring_begins_with_the_reaction_of_the_form_and_shares_what_follows(b
         sprung(4e5, 3000.0),
         "start,end\n1,2\n",
     )
-    f = both_ways.run(job, ranks=2)
+    f = both_ways.run(job)
     unstressed = 5.0 / (1.0 + 20e3 / EA)
     u = 3000.0 / (4e5 + EA / unstressed)
     assert f["statics/displacement"][:, 1, 0] == pytest.approx([0.0, u], rel=1e-8, abs=1e-12)
@@ -121,7 +115,7 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
     """A step load of 3 kN: u = u_s (1 - cos omega t), omega^2 = (k + EA / L0) / m; the energies balance."""
     k, unstressed = 4e5, 5.0 / (1.0 + 20e3 / EA)
     omega = np.sqrt((k + EA / unstressed) / (50.0 + 0.5 * 0.1 * unstressed))
-    table = (  # along z, as loads of other tests are; of the two at [0, 0] the first is the probe
+    table = (  # of the two at [0, 0] the first is the probe
         "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_z,load_z,mass\n"
         f"2,0,0,-5,1,1,0,{k},-3000,50\n1,0,0,0,1,1,1,,,\n"
     )
@@ -131,7 +125,7 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
         table,
         "start,end\n1,2\n",
     )
-    f = both_ways.run(job, ranks=2)
+    f = both_ways.run(job)
     t, u = f["history/time"][:], -f["history/probe_displacement"][:, 0, 2]
     static = 3000.0 / (k + EA / unstressed)
     # central difference: (omega dt)^2 / 24 of the phase, 1e-7
@@ -141,11 +135,9 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
 
 def test_a_stiff_support_is_in_the_step_limit(workshop):
     """One free axis: 2 / omega with the spring; a longer step is refused."""
-    job = workshop.job(
-        CABLE + "[dynamics]\nduration = 0.1\ntime_step = 2e-3\n",
-        sprung(1e8, 0.0),
-        "start,end,unstressed_length\n1,2,5\n",
-    )
+    text = CABLE + "[dynamics]\nduration = 0.1\ntime_step = 2e-3\n"
+    tables = sprung(1e8, 0.0), "start,end,unstressed_length\n1,2,5\n"
+    job = workshop.job(text, *tables)
     limit = 2.0 / np.sqrt((1e8 + EA / 5.0) / 0.25)
     assert f"above the stable step {limit:.4g} s" in workshop.run(job, code=2).stderr
     workshop.run(job, "--set", f"dynamics.time_step={0.99 * limit}")
@@ -154,12 +146,11 @@ def test_a_stiff_support_is_in_the_step_limit(workshop):
 def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways):
     """Two cases beside load steps: each has its own equilibrium, the steps have theirs as without cases."""
     base = CABLE + "[load]\nself_weight = false\ndead = 250.0\nsnow = 500.0\nsteps = 2\ntolerance = 1e-10\n"
-    cases = '[[case]]\nname = "none"\nset = {"load.snow" = 0.0}\n[[case]]\nname = "lift"\n' + (
-        'set = {"load.snow" = 0.0, "load.pressure" = -1000.0}\n'
-    )
-    with both_ways.run(both_ways.job(base, nodes(), ELEMENTS)) as alone:
+    cases = '[[case]]\nname = "none"\nset = {"load.snow" = 0.0}\n[[case]]\nname = "lift"\n'
+    cases += 'set = {"load.snow" = 0.0, "load.pressure" = -1000.0}\n'
+    with both_ways.solve(base, nodes(), ELEMENTS) as alone:
         steps = alone["statics/displacement"][:]
-    f = both_ways.run(both_ways.job(base + cases, nodes(), ELEMENTS))
+    f = both_ways.solve(base + cases, nodes(), ELEMENTS)
     assert np.array_equal(f["statics/displacement"][:], steps)
     assert -f["cases/none/displacement"][1, 2] == pytest.approx(sag(1000.0), rel=1e-8)
     assert f["cases/lift/displacement"][1, 2] == pytest.approx(sag(3000.0), rel=1e-8)
@@ -174,13 +165,9 @@ FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 
 def test_a_steady_wind_begins_at_rest_and_stays_there(both_ways):
     """Dead load and suction: the rest by hand, kept for 2 s; at once it would swing far beyond it."""
-    text = (
-        CABLE
-        + "[load]\nself_weight = false\ndead = 100.0\ntolerance = 1e-10\n"
-        + WIND.format(k=0, more="")
-        + MOVES.format(time=2)
-    )
-    f = both_ways.run(both_ways.job(text, nodes(), ELEMENTS))
+    text = CABLE + "[load]\nself_weight = false\ndead = 100.0\ntolerance = 1e-10\n"
+    text += WIND.format(k=0, more="") + MOVES.format(time=2)
+    f = both_ways.solve(text, nodes(), ELEMENTS)
     lift = sag(FORCE - 400.0)
     assert f["rest/position"][1, 2] == pytest.approx(lift, rel=1e-8)
     assert f["rest/tension"][0] == pytest.approx(EA * (np.hypot(5, lift) / 5 - 1), rel=1e-8)
@@ -193,15 +180,11 @@ def test_a_steady_wind_begins_at_rest_and_stays_there(both_ways):
 
 def test_gusts_grow_in_by_half_a_cosine(both_ways):
     """Against the same seed at once: the mean, then (1 - cos(pi t / ramp)) / 2 of the gust, then all."""
-    text = (
-        CABLE
-        + "[load]\nself_weight = false\ndead = 100.0\n"
-        + WIND.format(k=0.005, more="{onset}")
-        + MOVES.format(time=2)
-    )
+    text = CABLE + "[load]\nself_weight = false\ndead = 100.0\n" + WIND.format(k=0.005, more="{onset}")
+    text += MOVES.format(time=2)
     speed = {}
     for onset in ('onset = "static"\nramp = 1.0\n', 'onset = "sudden"\n'):
-        f = both_ways.run(both_ways.job(text.replace("{onset}", onset), nodes(), ELEMENTS))
+        f = both_ways.solve(text.replace("{onset}", onset), nodes(), ELEMENTS)
         speed[onset[9:15]] = f["wind/speed"][:]
         t, mean = f["wind/time"][:], f["wind/mean_speed"][:]
     share = np.where(t < 1.0, 0.5 * (1 - np.cos(np.pi * t)), 1.0)[:, None]
@@ -213,7 +196,7 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     """Two rows, 20 m/s rising to 40 over 4 s: mean 30; samples are put in while what differs grows in."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
     text = CABLE + '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n' + MOVES.format(time=4)
-    f = workshop.run(workshop.job(text, nodes(), ELEMENTS))
+    f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["wind/mean_speed"][:] == pytest.approx([30.0])
     assert f["rest/position"][1, 2] == pytest.approx(sag(FORCE), rel=1e-4)
     t, speed = f["wind/time"][:], f["wind/speed"][:, 0]
@@ -222,39 +205,35 @@ def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     assert (t <= 2.0).sum() >= 16
 
 
-def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop):
-    """Fracture at a strain of 1e-3: it is borne up to the force at that strain, by hand, to a 64th."""
-    text = CABLE + "fracture_strain = 1e-3\n" + WIND.format(k=0, more="") + MOVES.format(time=1)
-    done = workshop.run(workshop.job(text, nodes(), ELEMENTS), code=3)
-    L = 5.0 * 1.001
-    borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / FORCE
-    told = float(done.stderr.split("up to ")[1].split(" of its pressure")[0])
-    assert told == pytest.approx(borne, abs=1 / 64 + 0.005)  # halved six times, two digits shown
-    assert "under the mean wind element 0 breaks" in done.stderr
+@pytest.mark.parametrize(
+    "wind, force, remedy",
+    [
+        (WIND.format(k=0, more=""), FORCE, "of its pressure"),
+        ('[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n', 1000.0, "of its pressure; lower the pressures"),
+    ],
+)
+def test_a_mean_wind_that_breaks_a_cable_is_told_with_what_is_borne(workshop, wind, force, remedy):
+    """Fracture at a strain of 1e-3: it is borne up to the force at that strain, by hand, to a 64th.
 
-
-def test_a_mean_of_pressures_that_breaks_a_cable_has_no_speed(workshop):
-    """The share of the pressure is told, by hand as above, and no speed, which a job with taps has not."""
+    Of pressures at taps the share is told, and no speed, which such a job has not.
+    """
     (workshop.folder / "taps.csv").write_text("name,x,y\nA,0,0\n")
     (workshop.folder / "p.csv").write_text("time,A\n0,-250\n1,-250\n")
-    text = CABLE + 'fracture_strain = 1e-3\n[wind]\npressures = "p.csv"\ntaps = "taps.csv"\n'
-    done = workshop.run(workshop.job(text + MOVES.format(time=1), nodes(), ELEMENTS), code=3)
+    text = CABLE + "fracture_strain = 1e-3\n" + wind + MOVES.format(time=1)
+    said = workshop.solve(text, nodes(), ELEMENTS, code=3).stderr
     L = 5.0 * 1.001
-    borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / 1000.0
-    told = float(done.stderr.split("up to ")[1].split(" of its pressure; lower the pressures")[0])
-    assert told == pytest.approx(borne, abs=1 / 64 + 0.005)
-    assert "speed" not in done.stderr
+    borne = 2 * EA * 1e-3 * np.sqrt(L * L - 25.0) / L / force
+    told = float(said.split("up to ")[1].split(f" {remedy}")[0])
+    assert told == pytest.approx(borne, abs=1 / 64 + 0.005)  # halved six times, two digits shown
+    assert "under the mean wind element 0 breaks" in said
+    assert ("speed" in said) == ("speed" in wind)
 
 
 def test_what_yields_under_the_mean_wind_stays_longer(workshop):
     """Yield at 2 kN: at rest the cables carry just that; their plastic strain is what the sag asks for."""
-    text = (
-        CABLE
-        + "yield_stress = 2e7\nfracture_strain = 0.9\n"
-        + WIND.format(k=0, more="")
-        + MOVES.format(time=0.5)
-    )
-    f = workshop.run(workshop.job(text, nodes(), ELEMENTS))
+    text = CABLE + "yield_stress = 2e7\nfracture_strain = 0.9\n" + WIND.format(k=0, more="")
+    text += MOVES.format(time=0.5)
+    f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["rest/tension"][:] == pytest.approx([2000.0, 2000.0], rel=1e-12)
     sine = FORCE / 4000.0
     assert f["rest/position"][1, 2] == pytest.approx(5 * sine / np.sqrt(1 - sine**2), rel=1e-4)
@@ -293,7 +272,7 @@ def on_three_cables(force):
 @pytest.mark.parametrize("after, share", [("panels", 0.5), ("none", 1.0)])
 def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, after, share):
     """Four triangles around a node, of which two hang on the cable that breaks: half of it all is left."""
-    f = both_ways.run(both_ways.job(TORN.format(after), *CROSS))
+    f = both_ways.solve(TORN.format(after), *CROSS)
     assert f["events/element"][:].tolist() == [0] and f["net/tributary_area"][0] == pytest.approx(50.0 / 3.0)
     q = 0.5 * 1.25 * 20.0**2
     rest = on_three_cables(share * (q - 50.0) * 50.0 / 3.0)
@@ -314,7 +293,7 @@ def test_panels_take_their_energy_along_whatever_tears(both_ways):
         "base_height = 10.0\ngusts = 'points'\n"
         "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
     )
-    f = both_ways.run(both_ways.job(text))
+    f = both_ways.solve(text)
     assert len(f["events/time"]) > 3
     assert np.abs(f["history/identity_error"][:]).max() < 1e-9
     assert np.abs(f["history/balance_error"][:]).max() < 1e-2
@@ -336,7 +315,7 @@ def test_pressures_at_taps_rest_under_their_mean_and_act_as_they_are(both_ways, 
         with h5py.File(both_ways.folder / "p.h5", "w") as file:
             file["time"], file["value"] = time, value
     text = CABLE + f'[wind]\npressures = "p.{suffix}"\ntaps = "taps.csv"\nramp = 0.5\n' + MOVES.format(time=2)
-    f = both_ways.run(both_ways.job(text, nodes(), ELEMENTS))
+    f = both_ways.solve(text, nodes(), ELEMENTS)
     mean = -700.0  # of both taps over two seconds
     assert f["rest/position"][1, 2] == pytest.approx(sag(-mean * 4.0), rel=1e-4)
     assert f["wind/mean_pressure"][1] == pytest.approx(mean)
@@ -413,9 +392,8 @@ def test_nothing_is_told_of_speeds_where_pressures_are_given(workshop):
     """No damping by the air, whose speed is not known, and no height in its profile; periods all the same."""
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A,B\n0,-400,-400\n2,-400,-400\n")
-    text = (
-        CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\nbase_height = 0.0\n' + MOVES.format(time=2)
-    )
+    text = CABLE + '[wind]\npressures = "p.csv"\ntaps = "taps.csv"\nbase_height = 0.0\n'
+    text += MOVES.format(time=2)
     done = run_on_standing_ranks("check", workshop.job(text, nodes(), ELEMENTS))
     assert "modes at rest under the mean wind" in done.stdout
     assert "the air" not in done.stdout and "above ground" not in done.stdout
@@ -441,9 +419,7 @@ def test_wrong_pressures_are_refused(workshop, lines, message):
     """With the place and what to do; nothing is computed."""
     (workshop.folder / "taps.csv").write_text(TAPS)
     (workshop.folder / "p.csv").write_text("time,A\n0,1\n2,1\n")
-    done = workshop.run(
-        workshop.job(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS), code=2
-    )
+    done = workshop.solve(CABLE + "[wind]\n" + lines + MOVES.format(time=2), nodes(), ELEMENTS, code=2)
     assert message in done.stderr
 
 
@@ -481,12 +457,8 @@ def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after
 
     With cases alone the loads act at once after them, from the state of the start.
     """
-
     job = workshop.job(text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint = 0.31\n", ""))
     whole = workshop.run(job, output="whole.vtkhdf")
-    path = workshop.folder / "result.vtkhdf"
-    with pytest.raises(Interrupted) as raised:
-        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=StopAfter(after))
-    assert "in statics, " in str(raised.value)
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    checkpoint, said = workshop.pause(job, after)
+    assert "in statics, " in said
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))

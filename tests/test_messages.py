@@ -1,10 +1,9 @@
 """What a user gets wrong at the command line or in single values: one clear line, exit code 2, no hang."""
 
-import subprocess
 import sys
 
 import pytest
-from conftest import BIN, ENVIRONMENT, refused, run_netfall, run_on_standing_ranks
+from conftest import BIN, refused, run_netfall, run_on_standing_ranks, run_process
 from test_long_runs import ELEMENTS, JOB, NODES
 
 TINY = JOB.replace("16.2", "0.001")
@@ -37,7 +36,7 @@ def test_a_wind_beyond_all_winds_is_refused(workshop, speed, roughness, says):
 
 def test_a_slow_wind_without_gusts_runs(workshop):
     """What is refused is the model of the gusts alone."""
-    workshop.run(workshop.job(TINY, NODES, ELEMENTS), "--set", "wind.speed=0.5")
+    workshop.solve(TINY, NODES, ELEMENTS, "--set", "wind.speed=0.5")
 
 
 def test_a_job_file_with_a_byte_order_mark_is_read(workshop):
@@ -99,8 +98,8 @@ def test_mpirun_adds_nothing_to_the_line_of_a_wrong_input(workshop):
 def test_mpirun_tells_of_other_failures(end, told):
     """A rank that is killed, or ends with a code that netfall does not give, is mpirun's to report."""
     code = f"import os; from mpi4py import MPI; MPI.COMM_WORLD.rank == 1 and {end}; MPI.COMM_WORLD.Barrier()"
-    line = [str(BIN / "mpirun"), "-n", "2", sys.executable, "-c", code]
-    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    line = [BIN / "mpirun", "-n", "2", sys.executable, "-c", code]
+    done = run_process(*line, timeout=60, code=None)
     assert done.returncode != 0 and told in done.stderr
 
 
@@ -108,8 +107,8 @@ def test_mpirun_passes_on_what_a_rank_writes():
     """Rules of dashes among the lines, a last line without an end: nothing of a program's own is lost."""
     text = "one\n" + "-" * 74 + "\ntwo\n" + "-" * 74 + "\n" + "-" * 74 + "\nopen\nlast"
     code = f"import sys; sys.stderr.write({text!r}); sys.exit(2)"
-    line = [str(BIN / "mpirun"), "-n", "1", sys.executable, "-c", code]
-    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    line = [BIN / "mpirun", "-n", "1", sys.executable, "-c", code]
+    done = run_process(*line, timeout=60, code=None)
     assert done.returncode == 2 and done.stderr.startswith(text)
 
 

@@ -107,7 +107,7 @@ def test_a_mode_along_a_cable_has_the_tangent_of_the_law(workshop, strain):
     nodes = f"id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,{A},0,0,0,{M}\n3,{2 * A},0,0,1,\n"
     text = f'[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\nstrain = "{strain}"\n'
     text += "[form_finding]\n[dynamics]\nduration = 1e-3\n[output]\nmodes = 3\nframes = 1\n"
-    with workshop.run(workshop.job(text, nodes, "start,end\n1,2\n2,3\n")) as f:
+    with workshop.solve(text, nodes, "start,end\n1,2\n2,3\n") as f:
         period = f["modes/period"][-1]
     length = A if strain == "logarithmic" else A / (1.0 + T / EA)
     # the cables' own mass is 4e-9 of M; L0 for L is 5e-3 of the period
@@ -123,7 +123,7 @@ def test_a_prop_that_was_struck_has_no_stiffness_in_modes(workshop):
     text += 'prestress = 0.0\n[[stage]]\nname = "struck"\nactive = ["rope"]\n[dynamics]\nduration = 1e-3\n'
     text += "[output]\nmodes = 1\nframes = 1\n"
     pairs = "start,end,group\n1,2,rope\n2,3,rope\n2,4,prop\n"
-    with workshop.run(workshop.job(text, nodes + "4,0,0,-3,1,1,1,\n", pairs)) as f:
+    with workshop.solve(text, nodes + "4,0,0,-3,1,1,1,\n", pairs) as f:
         assert f["modes/period"][0] == pytest.approx(2.0 * np.pi * np.sqrt(M * A / (2.0 * T)), rel=1e-6)
 
 
@@ -137,7 +137,7 @@ def test_what_stands_still_in_a_mode_is_not_drawn_white_upon_the_net_at_rest(wor
     nodes = "id,x,y,z,fixed,mass\n" + row(1, 0, M) + row(4, 5, 2 * M)
     text = f"[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1e-3\nprestress = {T}\n[dynamics]\n"
     text += "duration = 1e-3\n[output]\nmodes = 1\nframes = 1\n"
-    with workshop.run(workshop.job(text, nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n")) as f:
+    with workshop.solve(text, nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n") as f:
         space, plan = modes(f).axes[:2]
     drawn = [
         [len(lines.get_array()) for lines in axes.collections if lines.get_array() is not None]

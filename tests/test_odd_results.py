@@ -104,7 +104,7 @@ def read_all(path) -> None:
 @pytest.mark.parametrize("name", JOBS)
 def test_every_odd_result_is_answered(workshop, name):
     text, *tables = JOBS[name]
-    workshop.run(workshop.job(text, *tables)).close()
+    workshop.solve(text, *tables).close()
     goes_through_everything(workshop.folder / "result.vtkhdf", workshop.folder)
 
 

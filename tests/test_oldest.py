@@ -6,7 +6,7 @@ import sys
 import tomllib
 
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT
+from conftest import BIN, ENVIRONMENT, ROOT, run_process
 from processors import JOBS, digest, kept
 
 DEPENDENCIES = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
@@ -41,6 +41,5 @@ def test_the_oldest_numba_and_numpy_give_the_same_bits(tmp_path):
     own = {"PYTHONPATH": str(ROOT / "src"), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     result = tmp_path / "result.vtkhdf"
     command = [python, "-m", "netfall", "run", JOBS[JOB], "-o", result, "--quiet"]
-    done = subprocess.run(command, env=ENVIRONMENT | own, cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
+    run_process(*command, environment=ENVIRONMENT | own, cwd=tmp_path)
     assert digest(result) == kept()[JOB]

@@ -1,116 +1,27 @@
-"""Plain numba: nothing of the user's process is changed; records and vectors, on which all kernels stand."""
+"""Records and vectors, on which all kernels stand."""
 
-import gc
 import pickle
-import subprocess
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, on_ranks
 from numba import njit
 
 from netfall.core.kernels import OPTIONS, call, inner_kernel, kernel, routine
-from netfall.core.records import Record, f8, f8_2, has, i8, real, u1, u4_2, whole
+from netfall.core.records import Record, f8, f8_2, has, real, u1, u4_2, whole
 from netfall.core.vectors import (
     LANES,
-    add,
-    any_of,
-    are_consecutive,
     as_number,
     bits_of,
     fma,
-    gather,
     load,
-    load_truths,
     maximum,
     minimum,
-    nowhere,
     number_of,
     put,
     sqrt,
-    store,
-    store_truths,
     where,
-    zeros,
 )
-
-# --- the user's process
-
-PROCESS = """
-import gc, os, signal, sys, warnings
-import numba, numpy as np
-from numba.core import compiler, registry, types
-
-def state():
-    classes = (registry.CPUDispatcher, types.Type, compiler.Compiler, compiler.CompilerBase, types.Array)
-    of_pickle = "__slotnames__"
-    own = lambda one: {name: value for name, value in vars(one).items() if name != of_pickle}
-    return {
-        "numba": {name: getattr(numba.config, name) for name in dir(numba.config) if name[0] != "_"},
-        "classes": [own(one) for one in classes],
-        "methods": [registry.CPUDispatcher.compile, type(types.Type).__call__, types.Type.__init__],
-        "njit": numba.njit,
-        "gc": (gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), len(gc.callbacks)),
-        "environment": dict(os.environ),
-        "handlers": [signal.getsignal(number) for number in signal.valid_signals()],
-        "folder": os.getcwd(), "path": list(sys.path), "warnings": repr(warnings.filters),
-        "errors": np.geterr(),
-    }
-
-@numba.njit(cache=True)
-def before(x):
-    return 2.0 * x
-
-assert before(1.0) == 2.0
-first = state()
-import netfall
-net = {"nodes": np.array([[-10.0, 0, 2], [10, 0, 2], [0, 0, 0]]), "elements": [[0, 2], [1, 2]]}
-net |= {"fixed": [True, True, False], "node_columns": {"mass": [0.0, 0.0, 1000.0]}}
-cable = {"modulus": 1.6e11, "area": 500e-6, "density": 7850.0, "prestress": 100e3}
-with netfall.run({"net": net, "cable": cable, "dynamics": {"duration": 0.01}}, output="r.vtkhdf") as result:
-    assert result.tension(element=0)[0] > 0.0
-
-@numba.njit(cache=True)
-def after(x):
-    return np.sort(np.zeros(x))[-1]
-
-assert after(3) == 0.0
-try:
-    after(-1)
-except ValueError as error:
-    assert "negative dimensions" in str(error)
-else:
-    raise AssertionError("an error of a user's kernel is lost")
-folders = {os.path.dirname(str(one._cache.cache_path)) for one in (before, after)}
-given = os.environ.get("NUMBA_CACHE_DIR")
-print(folders == {os.path.dirname(os.path.abspath(__file__))} if given is None else
-      all(folder.startswith(given) for folder in folders))
-second = state()
-print([name for name in first if first[name] != second[name]])
-print("netfall.core.kernels" in sys.modules)
-"""
-
-
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_a_run_changes_nothing_of_numba_or_the_users_process(tmp_path, ranks):
-    """A user's kernels are kept beside their file, if nothing else is asked for, and work as ever.
-
-    On the ranks of mpirun it computes in them: netfall's kernels stand beside the user's.
-    """
-    (tmp_path / "process.py").write_text(PROCESS)
-    mine = {name: value for name, value in ENVIRONMENT.items() if name != "NUMBA_CACHE_DIR" or ranks > 1}
-    done = subprocess.run(
-        [*on_ranks(ranks), BIN / "python", "process.py"],
-        env=mine,
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=500,
-    )
-    lines = done.stdout.splitlines()
-    assert sorted(lines) == sorted(["True", "[]", str(ranks > 1)] * ranks), done.stdout + done.stderr
-
 
 # --- records
 
@@ -173,14 +84,6 @@ def test_compiled_code_reads_what_a_record_was_given():
     assert np.isnan(found(outer(factor=np.nan))[0])
 
 
-def test_a_record_keeps_its_arrays():
-    """They are nobody else's."""
-    record = outer(inner=Inner(np.full(3, 2.0), np.full((1000, 3), 0.5)))
-    gc.collect()
-    others = [np.full((1000, 3), -1.0) for _ in range(20)]
-    assert found(record)[7] == 3000.0 and len(others) == 20
-
-
 def test_absent_fields_are_seen_as_absent():
     """Arrays without elements, also those within records that are absent."""
     nothing = Outer.absent()
@@ -216,28 +119,6 @@ def test_what_does_not_fit_is_named(name, value):
     """By the name of its field, when the record is made."""
     with pytest.raises(TypeError, match=f"^{name}: "):
         outer(**{name: value})
-
-
-@pytest.mark.parametrize("name", ["factor", "pairs", "inner"])
-def test_what_is_missing_is_named(name):
-    given = {field: getattr(outer(), field) for field in Outer.kind.fields if field != name}
-    with pytest.raises(TypeError, match=f"^Outer: .*{name}"):
-        Outer(**given)
-
-
-def test_what_is_unknown_or_given_twice_is_named():
-    with pytest.raises(TypeError, match=r"^Outer: .*colour"):
-        outer(colour=1.0)
-    with pytest.raises(TypeError, match=r"^Outer: .*factor"):
-        Outer(*(getattr(outer(), name) for name in Outer.kind.fields), factor=1.0)
-
-
-def test_the_type_of_a_record_is_that_of_its_fields():
-    """Not of what a scene has: one compiled kernel for all; another for a record with other fields."""
-    assert Outer.absent().kind is outer().kind and Inner.kind != Outer.kind
-    assert len(read.signatures) == 1
-    other = type("Inner", (Record,), {"__annotations__": {"numbers": f8, "table": i8}})
-    assert other.kind.name != Inner.kind.name and other.kind != Inner.kind
 
 
 @routine(whole, real, Outer.kind)
@@ -360,99 +241,7 @@ def test_functions_of_one_number_are_what_they_say():
             assert fused[k] == float(a * b + c)
 
 
-@kernel
-def single(a, b, c):
-    return fma(np.float32(a), np.float32(b), np.float32(c))
-
-
-def test_fused_in_single_precision_is_rounded_to_it():
-    one = 1.0 + 2.0**-23
-    assert single(one, one, -1.0) == np.float32(2.0**-22 + 2.0**-46)
-
-
 # --- vectors in memory
 
 
 ROWS = 3
-LENGTHS = [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES - 2, 3 * LANES]
-
-
-def padded(n: int) -> int:
-    """Places with room for a whole vector behind the last of n, so that none reads or writes beyond."""
-    return n + LANES
-
-
-@kernel
-def through_memory(high, numbers, truths, other, copied, partly, added, told, gathered, consecutive):
-    """Each access to memory, at all places up to `high`; what is read goes into other arrays."""
-    for p in range(0, high, LANES):
-        for row in range(ROWS):
-            value, truth = load(numbers, row, p), load_truths(truths, row, p)
-            store(copied, row, p, value)
-            put(p, high, partly, row, value)
-            add(p, high, added, row, value)
-            store_truths(told, row, p, truth)
-            put(p, high, gathered, row, gather(numbers, row, other, row, p))
-            consecutive[row, p // LANES] = are_consecutive(other, row, p)
-
-
-@pytest.mark.parametrize("n", LENGTHS)
-def test_memory_is_read_and_written_as_one_number_at_a_time(n):
-    """In any row, and at its end: nothing behind the last particle but by whole stores, which say so."""
-    rng, width = np.random.default_rng(n), padded(n)
-    numbers, truths = rng.normal(size=(ROWS, width)), rng.choice([0, 1, 255], (ROWS, width)).astype(np.uint8)
-    other = rng.integers(0, n, (ROWS, width)).astype(np.uint32)
-    other[1] = np.minimum(np.arange(width) + 1, n - 1)
-    if n > LANES:
-        other[2, :LANES] = np.arange(LANES)
-    copied, partly, added, gathered = np.full((4, ROWS, width), -9.0)
-    told, consecutive = np.full((ROWS, width), 77, np.uint8), np.zeros((ROWS, width), np.uint8)
-    through_memory(n, numbers, truths, other, copied, partly, added, told, gathered, consecutive)
-    whole = -(-n // LANES) * LANES  # a whole store writes so far
-    assert np.array_equal(copied[:, :whole], numbers[:, :whole]) and (copied[:, whole:] == -9.0).all()
-    assert np.array_equal(told[:, :whole], truths[:, :whole] != 0) and (told[:, whole:] == 77).all()
-    assert np.array_equal(partly[:, :n], numbers[:, :n]) and (partly[:, n:] == -9.0).all()
-    assert np.array_equal(added[:, :n], -9.0 + numbers[:, :n]) and (added[:, n:] == -9.0).all()
-    expected = np.array([numbers[row, other[row, :n]] for row in range(ROWS)])
-    assert np.array_equal(gathered[:, :n], expected) and (gathered[:, n:] == -9.0).all()
-    for row in range(ROWS):
-        for p in range(0, n, LANES):
-            steps = np.diff(other[row, p : p + LANES].astype(int))
-            assert consecutive[row, p // LANES] == (steps == 1).all()
-
-
-@kernel
-def one_row(high, numbers, truths, copied, told):
-    for p in range(0, high, LANES):
-        put(p, high, copied, 0, load(numbers, 0, p))
-        store_truths(told, 0, p, load_truths(truths, 0, p))
-
-
-def test_arrays_of_one_axis_have_one_row():
-    numbers, truths = np.arange(40.0), (np.arange(40) % 3).astype(np.uint8)
-    copied, told = np.zeros(40), np.zeros(40, np.uint8)
-    one_row(21, numbers, truths, copied, told)
-    assert np.array_equal(copied, np.where(np.arange(40) < 21, numbers, 0.0))
-    whole = -(-21 // LANES) * LANES
-    assert np.array_equal(told, np.where(np.arange(40) < whole, truths != 0, False))
-
-
-@kernel
-def any_in(truths, out):
-    """Whether any is true; and of nowhere, alone and with these; a sum that begins with zeros."""
-    truth = load_truths(truths, 0, 0)
-    out[0], out[1], out[2] = any_of(truth), any_of(nowhere()), any_of(nowhere() | truth)
-    out[3], out[4] = any_of(zeros() != zeros()), any_of(zeros() == zeros())
-
-
-def test_any_of_is_that_of_its_lanes():
-    """None, each alone, and all."""
-    for rows in (
-        np.zeros((1, LANES), np.uint8),
-        np.eye(LANES, dtype=np.uint8),
-        np.ones((1, LANES), np.uint8),
-    ):
-        for truths in rows:
-            out = np.full(5, 7.0)
-            any_in(truths, out)
-            assert out.tolist() == [truths.any(), 0.0, truths.any(), 0.0, 1.0]

@@ -1,12 +1,11 @@
 """netfall from Python: results by the ids of the tables, nets from arrays, ranks started for the user."""
 
-import subprocess
 import sys
 
 import h5py
 import numpy as np
 import pytest
-from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, on_ranks, run_netfall
+from conftest import BIN, ROOT, assert_same_results, on_ranks, run_netfall, run_process
 from test_readme import blocks
 
 import netfall
@@ -46,7 +45,7 @@ def test_importing_netfall_loads_neither_compiler_nor_mpi():
     """Not even numpy and h5py: they come with the first call."""
     heavy = "numba, mpi4py, numpy, h5py, matplotlib"
     text = f"import netfall, sys; print([n for n in '{heavy}'.split(', ') if n in sys.modules])"
-    done = subprocess.run([BIN / "python", "-c", text], env=ENVIRONMENT, capture_output=True, text=True)
+    done = run_process(BIN / "python", "-c", text)
     assert done.stdout.strip() == "[]", done.stderr
 
 
@@ -131,7 +130,7 @@ def test_under_mpirun_every_rank_gets_the_result(here):
         "except netfall.InputError as error: print(error.lines[0], file=told)\n"
     )
     command = [*on_ranks(2), sys.executable, "script.py", str(ROOT / "tests")]
-    done = subprocess.run(command, env=ENVIRONMENT, cwd=here, capture_output=True, text=True, timeout=120)
+    done = run_process(*command, cwd=here, code=None)
     for rank in (0, 1):
         ran, refused, wrong = (here / f"rank{rank}").read_text().splitlines()
         assert ran == "2 100000.0" and refused.endswith("leave ranks out"), done.stderr
@@ -144,8 +143,7 @@ def test_the_worked_example_runs_as_it_stands(here):
     page = ROOT / "jobs" / "notebook.md"
     (here / "notebook.py").write_text("\n".join(blocks(page, "python")))
     command = [BIN / "python", "notebook.py"]
-    done = subprocess.run(command, env=ENVIRONMENT, cwd=here, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
+    done = run_process(*command, cwd=here)
     assert done.stdout.splitlines() == "".join(blocks(page, "text")).splitlines()
     assert (here / "prestress.png").stat().st_size > 10_000
 

@@ -12,7 +12,7 @@ import hypothesis.strategies as st
 import pytest
 from conftest import run_on_standing_ranks
 from drawn_jobs import FULL, OTHER, QUIET, jobs
-from same_bits import differences, figures, without_mpirun
+from results import differences, figures
 
 from netfall.job.entries import LISTS
 from netfall.job.schema import SECTIONS
@@ -33,13 +33,13 @@ class Runs:
         """Exit code and messages of a run, whose result has this name."""
         line = ["run", "job.toml", "-o", f"{name}.vtkhdf", "--quiet", *more]
         done = self._run(*line, ranks=ranks, cwd=self.folder)
-        return done.returncode, re.sub(r"\w+\.checkpoint\S*", "", without_mpirun(done.stderr))
+        return done.returncode, re.sub(r"\w+\.checkpoint\S*", "", done.stderr).strip()
 
     def same(self, what: str, first, other, name: str) -> None:
         """Both ended alike: by exit code and message, or with equal results."""
         assert other == first, f"{what}: {other}, on one rank {first}"
         if first[0] == 0:
-            lines = differences(self.folder / "one.vtkhdf", self.folder / f"{name}.vtkhdf")[1]
+            lines = differences(self.folder / "one.vtkhdf", self.folder / f"{name}.vtkhdf")
             assert not lines, f"{what}: " + "; ".join(lines[:8])
 
     def compare(self) -> int:

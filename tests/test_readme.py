@@ -1,13 +1,12 @@
 """The pages: links lead somewhere, the commands are those of the program, the examples run as told."""
 
 import re
-import subprocess
 import tomllib
 
 import numpy as np
 import pages
 import pytest
-from conftest import ROOT, run_on_standing_ranks
+from conftest import BIN, ROOT, run_on_standing_ranks, run_process
 
 import netfall
 from netfall.checks.reactions import pull_at
@@ -193,15 +192,9 @@ def test_python_of_the_readme_files_runs(workshop):
         (cross / name).write_text(text)
     (cross / "cross.toml").write_text(blocks(page, "toml")[0])
     for name, options in (("cross", ()), ("sudden", ("--set", "load.steps=0"))):
-        done = run_on_standing_ranks("run", cross / "cross.toml", "-o", cross / f"{name}.vtkhdf", *options)
+        run_on_standing_ranks("run", cross / "cross.toml", "-o", cross / f"{name}.vtkhdf", *options)
     for text in blocks(page, "python"):
-        done = subprocess.run(
-            [str(ROOT / ".venv" / "bin" / "python"), "-c", text],
-            cwd=workshop.folder,
-            capture_output=True,
-            text=True,
-        )
-        assert done.returncode == 0 and done.stdout, done.stderr
+        assert run_process(BIN / "python", "-c", text, cwd=workshop.folder).stdout
 
 
 def test_the_dome_of_the_page_collapses_as_it_tells(tmp_path):

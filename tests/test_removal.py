@@ -1,14 +1,11 @@
 """Loss of members: by hand calculation, its energies, its bits, and what is said of it."""
 
-import csv
 import re
 from types import SimpleNamespace
 
-import h5py
 import numpy as np
 import pytest
 from conftest import StopAfter, assert_same_results, run_on_standing_ranks
-from mpi4py import MPI
 from test_validation_opensees import (
     SADDLE,
     compare_histories,
@@ -20,11 +17,9 @@ from test_validation_opensees import (
 )
 
 from netfall.ground.errors import InputError, Interrupted
-from netfall.ground.progress import Progress
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout
-from netfall.program.run import run_job
 from netfall.report.report import Inputs, write_report
 from netfall.results.loss_lines import loss_lines, telling_factor
 from netfall.stages.rests import words_of
@@ -81,7 +76,7 @@ def test_a_fading_tension_swings_the_weight_as_in_closed_form(both_ways):
     steps = 400
     text = CABLE + dynamics(8 * PERIOD, steps)
     text += "".join(entry([2 * i], 0.5 * PERIOD, s * PERIOD) for i, s in enumerate(shares))
-    result = both_ways.run(both_ways.job(text, nodes, elements), ranks=3)
+    result = both_ways.solve(text, nodes, elements, ranks=3)
     before, after, peak, factor = (
         result[f"removal/{name}"][:]
         for name in ("tension_before", "tension_after", "tension_peak", "dynamic_factor")
@@ -106,14 +101,12 @@ def test_a_weight_whose_cable_is_lost_at_once_swings_to_twice_the_rest(both_ways
     steps = 1000
     text = CABLE + dynamics(2 * PERIOD, steps) + entry([0], 0.1 * PERIOD)
     nodes, elements = weights(1)
-    result = both_ways.run(both_ways.job(text, nodes, elements))
+    result = both_ways.solve(text, nodes, elements)
     peak, factor = result["removal/tension_peak"][0], result["removal/dynamic_factor"][0]
-    rounding = (
-        2 * np.pi / steps
-    ) ** 2 / 4  # of a peak between two steps, and of the first one at half a kick
-    assert peak[1] == pytest.approx(1.5 * WEIGHT, rel=rounding) and factor[1] == pytest.approx(
-        2, abs=rounding
-    )
+    # of a peak between two steps, and of the first one at half a kick
+    rounding = (2 * np.pi / steps) ** 2 / 4
+    assert peak[1] == pytest.approx(1.5 * WEIGHT, rel=rounding)
+    assert factor[1] == pytest.approx(2, abs=rounding)
     assert result["removal/element"][:].tolist() == [0] and result["removal/entry"][:].tolist() == [0]
     stored = 0.5 * (WEIGHT / 2) ** 2 * L0 / EA
     assert result["history/plastic_dissipation"][-1] == pytest.approx(stored, rel=1e-9)  # at rest to 1e-10
@@ -141,7 +134,7 @@ def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, 
     for steps in (20, 60, 180):
         text = CABLE + dynamics(t * PERIOD, steps, t * PERIOD / 9, "damping = 0.0\n")
         text += "probes = [2]\n" + entry([0], time * PERIOD, d * PERIOD)
-        f = workshop.run(workshop.job(text, *weights(1)))
+        f = workshop.solve(text, *weights(1))
         y = f["history/probe_displacement"][:, 0, 2]
         errors.append(y[-1] - y[0] - exact)
         assert np.abs(f["history/identity_error"][:]).max() < 1e-13  # rounding
@@ -212,7 +205,7 @@ LOOKS = 60  # that each of many runs is given; the rest after the first loss tak
 @pytest.fixture(scope="module")
 def torn(shared_workshop):
     """A net in the wind that loses a few elements, then one, then a whole cable; others break and yield."""
-    return shared_workshop.run(shared_workshop.job(TORN, name="torn"), output="torn.vtkhdf")
+    return shared_workshop.solve(TORN, name="torn", output="torn.vtkhdf")
 
 
 def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
@@ -225,23 +218,22 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
         return settle(scene, each, *arguments, **options)
 
     text = CABLE + dynamics(PERIOD, 400) + entry([0], 0.1, 0.01) + entry([3], 0.11) + entry([5], 0.12)
-    job, path = workshop.job(text, *weights(3)), workshop.folder / "result.vtkhdf"
+    job = workshop.job(text, *weights(3))
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
     monkeypatch.setattr("netfall.stages.rests.settle", pausing)
-    with pytest.raises(Interrupted, match="in statics, the net without element 3"):
-        run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), stop=stop)
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    checkpoint, said = workshop.pause(job, stop)
+    assert "in statics, the net without element 3" in said
     with workshop.run(job, "--restart", checkpoint) as again:
         assert_same_results(whole, again)
 
 
 def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, torn):
     """Each run goes on where the last was, also within a rest that takes more looks than a run is given."""
-    job, path, restart, places = workshop.job(TORN), workshop.folder / "result.vtkhdf", None, []
+    job, restart, places = workshop.job(TORN), None, []
     while True:
         try:
-            run_job(MPI.COMM_WORLD, read_job(job), path, Progress(False, False), restart, StopAfter(LOOKS))
+            again = workshop.run_here(job, restart=restart, stop=StopAfter(LOOKS))
         except Interrupted as interrupted:
             places.append(str(interrupted).split(";")[0])
             assert len(places) < 30
@@ -250,8 +242,7 @@ def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, tor
             break
     first = "interrupted in statics, the net without elements 20, 21, 22"
     assert places.count(first) > 1 and len({where for where in places if "without" in where}) > 1
-    with h5py.File(path) as again:
-        assert_same_results(torn, again)
+    assert_same_results(torn, again)
 
 
 def test_what_is_lost_leaves_the_net_with_what_hangs_on_nothing_else(torn):
@@ -368,10 +359,7 @@ def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, 
         job += '[cable.strut]\nkind = "bar"\n'
     job += "[dynamics]\nduration = 0.5\ntime_step = 1e-3\ndamping = 0.5\n[output]\nhistory = "
     few, all_steps = (
-        {
-            name: rows[:]
-            for name, rows in workshop.run(workshop.job(job + at, nodes, elements))["envelope"].items()
-        }
+        {name: rows[:] for name, rows in workshop.solve(job + at, nodes, elements)["envelope"].items()}
         for at in ("0.25\n", "1e-3\n")
     )
     whole = np.arange(len(few["tension_max"])) != 2
@@ -463,7 +451,7 @@ def test_run_and_info_tell_of_losses(workshop):
         assert line in done.stdout and line in told, told
     assert "no rest: a part of the net without elements 0, 1 is connected to no support" in done.stdout
     assert "gusts blow on" not in told
-    report_tells_of_losses(workshop.folder)
+    report_tells_of_losses(workshop)
     with workshop.open() as result:  # the weight falls freely, with the weight and mass that it has
         fallen = result["history/time"][-1] - result["removal/time"][2]
         speed = WEIGHT / (MASS + 2 * HALF_CABLE) * fallen
@@ -549,7 +537,7 @@ def test_the_tensions_of_a_rest_in_which_something_breaks_are_given(workshop):
 def test_a_report_after_a_loss_without_a_rest_is_whole(workshop):
     """No element has a dynamic factor: the picture says so, and the table has the tensions."""
     text = CABLE + dynamics(PERIOD, 400) + entry([0, 1], 0.1)
-    workshop.run(workshop.job(text, *weights(2))).close()
+    workshop.solve(text, *weights(2)).close()
     paths = write_report(workshop.folder / "result.vtkhdf", workshop.folder / "report", Inputs())
     assert [path.name for path in paths][-1] == "dynamic_factors.png"
     assert all(path.stat().st_size > 0 for path in paths)
@@ -594,24 +582,22 @@ def test_a_factor_is_told_where_the_equilibrium_changes_by_a_tenth_of_the_larges
         assert np.isfinite(telling_factor(removal, 0)[1]) == told
 
 
-def report_tells_of_losses(folder):
+def report_tells_of_losses(workshop):
     """The peak of 3/2 W governs, of a step between two rows; what was lost is not slack."""
-    write_report(folder / "result.vtkhdf", folder / "report", Inputs())
-    with open(folder / "report" / "cables.csv", newline="") as file:
-        cables = {row["cable"]: row for row in csv.DictReader(file)}
+    report = workshop.report()
+    cables = {row["cable"]: row for row in report.rows("cables")}
     other = cables["e3"]
-    with h5py.File(folder / "result.vtkhdf") as f:
+    with workshop.open() as f:
         assert f["envelope/tension_max"][3] == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # of the steps
     assert float(other["tension_max"]) == pytest.approx(1.5 * WEIGHT, rel=2e-5)  # peak between two steps
     assert other["case_max"] == "loss 1, t = 0.1001 s" and other["lost_at"] == ""
     assert [cables[name]["lost_at"][:6] for name in ("e0", "e1", "e2")] == ["0.2356", "0.2356", "0.1000"]
     assert {row["slack_in"] for row in cables.values()} == {"as given"}  # before any load
-    assert (
-        float(other["dynamic_factor"]) == pytest.approx(2.0, abs=2e-5) and not cables["e2"]["dynamic_factor"]
-    )
+    assert float(other["dynamic_factor"]) == pytest.approx(2.0, abs=2e-5)
+    assert not cables["e2"]["dynamic_factor"]
     assert float(other["tension_ratio"]) == pytest.approx(3.0, rel=2e-5) and not cables["e2"]["tension_ratio"]
-    assert (folder / "report" / "dynamic_factors.png").stat().st_size > 20_000
-    text = (folder / "report" / "summary.md").read_text()
+    assert (report.folder / "dynamic_factors.png").stat().st_size > 20_000
+    text = report.page
     assert "| 1 | e3 | 3 | 5 kN | 15 kN | 10 kN | 3 | 2 |  |" in text  # no strength, so no utilisation
     assert "| e2 |  | 0.1001 s |  |" in text and "- loss 1, t = 0.1001 s: element 2; the rest" in text
 
@@ -638,7 +624,7 @@ time = 0.0
 history = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
-    f = both_ways.run(both_ways.job(text))
+    f = both_ways.solve(text)
     load, lost = vertical(f, 200.0), f["removal/element"][:]
     case = make_case(f, SADDLE, load, 0.0 * load, damping=0.5, every=250) | {"lost": lost}
     theirs = reference("loss", both_ways.folder, case)

@@ -12,10 +12,10 @@ import pytest
 from conftest import (
     ENVIRONMENT,
     ROOT,
-    StopAfter,
     assert_same_results,
     begun,
     run_on_standing_ranks,
+    run_process,
     wait_for,
 )
 from kill_runs import JOB
@@ -105,21 +105,6 @@ def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     assert "interrupted in form finding, iteration 0" in done.stderr
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
     assert_same_results(calm, workshop.run(job, "--restart", checkpoint, "--walltime", "01:00:00"))
-
-
-def test_statics_are_not_lost_in_a_restart(workshop):
-    """Load steps before the interruption are in the final file, with bars, plasticity and both ends of the
-    stage.
-    """
-    text = SLOW.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 3").replace(
-        "duration = 0.4", "duration = 0.15"
-    )
-    job = workshop.job(text)
-    whole = workshop.run(job, output="whole.vtkhdf")
-    (checkpoint,) = workshop.folder.glob("whole.checkpoint*")
-    again = workshop.run(job, "--restart", checkpoint, ranks=2, output="again.vtkhdf")
-    assert whole["statics/displacement"].shape[0] == 4  # the permanent state, three steps
-    assert_same_results(whole, again)
 
 
 @pytest.fixture(scope="module")
@@ -221,8 +206,7 @@ def test_kills_change_no_bit(kills):
     """
     line = [sys.executable, ROOT / "tests" / "kill_runs.py", "--kills", str(kills)]
     line += ["--seed", str(random.randrange(10**6)), "--ranks", "2" if kills < 20 else "4"]
-    done = subprocess.run(line, env=ENVIRONMENT, capture_output=True, text=True, timeout=900)
-    assert done.returncode == 0, (line, done.stdout[-3000:] + done.stderr[-3000:])
+    done = run_process(*line, timeout=900)
     assert done.stdout.splitlines()[-1].startswith(f"{kills} kills")
 
 
@@ -265,25 +249,10 @@ def test_a_pause_in_form_finding_or_statics_changes_no_bit(workshop, after, stag
     """Stopped after some looks at the residual, taken up on two ranks:
     the same file as from a run left alone.
     """
-    from mpi4py import MPI
-
-    from netfall.ground.errors import Interrupted
-    from netfall.ground.progress import Progress
-    from netfall.job.read import read_job
-    from netfall.program.run import run_job
-
     job = workshop.job(PAUSED)
     whole = workshop.run(job, output="whole.vtkhdf")
-    with pytest.raises(Interrupted) as raised:
-        run_job(
-            MPI.COMM_WORLD,
-            read_job(job),
-            workshop.folder / "result.vtkhdf",
-            Progress(False, False),
-            stop=StopAfter(after),
-        )
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
-    assert f"in {stage}" in str(raised.value) and str(checkpoint) in str(raised.value)
+    checkpoint, said = workshop.pause(job, after)
+    assert f"in {stage}" in said and str(checkpoint) in said
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
     assert {p.name for p in workshop.folder.iterdir() if p.name.startswith(".")} == set()
 

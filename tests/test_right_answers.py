@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import refused, run_on_standing_ranks
+from conftest import lines_with, refused, run_on_standing_ranks
 
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
@@ -46,11 +46,9 @@ def test_a_collapsed_form_is_refused(workshop):
 def test_a_form_a_thousand_times_smaller_than_its_start_is_found(workshop):
     """Force densities place the free node whatever the start: in the middle of 2 mm, from 2 m away."""
     nodes = "id,x,y,z,fixed\n1,-0.001,0,0,1\n2,0.001,0,0,1\n3,0,2,0,0\n"
-    job = workshop.job(
-        SECTION + '[form_finding]\nmethod = "force_density"\n',
-        nodes,
-        "start,end,force_density\n1,3,5\n2,3,5\n",
-    )
+    text = SECTION + '[form_finding]\nmethod = "force_density"\n'
+    tables = nodes, "start,end,force_density\n1,3,5\n2,3,5\n"
+    job = workshop.job(text, *tables)
     assert np.allclose(workshop.run(job)["form_finding/position"][2], 0.0, atol=1e-15)
 
 
@@ -70,7 +68,7 @@ def test_what_supports_take_does_not_loosen_statics(both_ways, on_support, backs
     job = both_ways.job(
         THIN + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-9\n", SPAN.format(on_support), elements
     )
-    sag = both_ways.run(job, ranks=2)["statics/displacement"][-1, 1, 2]
+    sag = both_ways.run(job)["statics/displacement"][-1, 1, 2]
     assert np.isclose(sag, -5e-4, rtol=5e-5)
 
 
@@ -79,7 +77,7 @@ def test_a_backstay_does_not_loosen_form_finding(both_ways):
     nodes = SPAN.format(0).replace("2,0,0,0,0", "2,0.3,0,0.5,0")
     elements = "start,end,prestress,area\n1,2,1000,\n2,3,1000,\n1,4,1e9,1\n"
     job = both_ways.job(THIN + "[form_finding]\n", nodes, elements)
-    f = both_ways.run(job, ranks=2)
+    f = both_ways.run(job)
     assert abs(f["form_finding/position"][1, 2]) < 1e-6 and f["form_finding/residual"][()] <= 1e-6
 
 
@@ -111,13 +109,10 @@ modulus_factor = 0
 [dynamics]
 duration = 0.01
 """
-WINDY = (
-    BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
-    + "[load]\nself_weight = false\n"
-    "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\n"
-    "base_height = 10\nroughness = 0.03\ngusts = 'points'\n"
-    "[output]\nhistory = 0.002\n"
-)
+WINDY = BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
+WINDY += "[load]\nself_weight = false\n"
+WINDY += "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\n"
+WINDY += "base_height = 10\nroughness = 0.03\ngusts = 'points'\n" + "[output]\nhistory = 0.002\n"
 
 
 def test_a_modulus_in_gigapascals_is_refused(workshop):
@@ -340,7 +335,7 @@ def swing(workshop, phase: float):
     mass = 2 * 1.6e7 / 0.99 / (phase / 1e-3) ** 2 - 7850 * 1e-4 * 0.99
     text = SECTION + "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n[output]\nhistory = 1e-3\nframes = 1\n"
     elements = "start,end,unstressed_length\n1,2,0.99\n2,3,0.99\n"
-    return workshop.run(workshop.job(text, SPRING.format(mass), elements))
+    return workshop.solve(text, SPRING.format(mass), elements)
 
 
 @pytest.mark.parametrize("phase, told", [(0.5, "0.067"), (0.06, None)])
@@ -390,13 +385,11 @@ def test_a_step_too_long_for_what_is_unstressed_is_refused(workshop, kind):
     elements = "start,end\n1,2\n2,3\n"
     line = refused("run", workshop.job(text + "3.2e-4\n", BAR, elements))
     assert "above the stable step 0.0003132 s of the intact net" in line
-    workshop.run(workshop.job(text + "3.1e-4\n", BAR, elements))
+    workshop.solve(text + "3.1e-4\n", BAR, elements)
 
 
-TWO = (
-    SECTION
-    + "[cable.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.05\nfragment_mass = 0\n"
-)
+TWO = SECTION
+TWO += "[cable.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.05\nfragment_mass = 0\n"
 
 
 def test_what_cannot_break_does_not_shorten_the_step(workshop):
@@ -428,7 +421,7 @@ def test_a_rim_between_supports_stays_when_subdivided(workshop):
         f"{a},{b},{1e5 if (a, b) in cross else 0}\n" for a, b in [*rim, *cross]
     )
     text = SECTION + "[load]\nself_weight = false\npressure = 100\nsteps = 1\ntolerance = 1e-9\n"
-    f = workshop.run(workshop.job(text, nodes, elements), "--set", "net.subdivide=2")
+    f = workshop.solve(text, nodes, elements, "--set", "net.subdivide=2")
     w, area = -f["statics/displacement"][-1, :, 2], f["net/tributary_area"][:]
     free = ~f["net/fixed"][:].astype(bool).any(1)
     assert free.sum() == 5 and not w[~free].any() and np.isclose(area.sum(), 16.0)
@@ -447,10 +440,8 @@ def test_a_compressed_bar_in_parts_is_noted(workshop):
 
 def test_a_run_that_ends_later_than_asked_says_so(workshop):
     """Two whole steps of 6 ms for 10 ms end at 12 ms."""
-    nodes, text = (
-        "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,9000\n3,2,0,0,1,0\n",
-        SECTION + "prestress = 1e3\n",
-    )
+    nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,0\n2,1,0,0,0,9000\n3,2,0,0,1,0\n"
+    text = SECTION + "prestress = 1e3\n"
     job = workshop.job(
         text + "[dynamics]\nduration = 0.01\ntime_step = 0.006\n", nodes, "start,end\n1,2\n2,3\n"
     )
@@ -478,11 +469,7 @@ def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
     text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 7850.0\n[dynamics]\nduration = 2.5\n"
     job = workshop.job(text + "[output]\nhistory = 0.05\n", nodes, "id,start,end\n7,1,2\n")
     line = ["run", job, "-o", workshop.folder / "r.vtkhdf"]
-    (note,) = [
-        said
-        for said in run_on_standing_ranks(*line, ranks=ranks).stdout.splitlines()
-        if "has a strain of" in said
-    ]
+    (note,) = lines_with("has a strain of", *line, ranks=ranks)
     # omega = sqrt(1e4 / 10 / 103.9) = 3.1 1/s: within 0.025 s of the lowest point, 1 - cos(0.08) = 0.3 %
     found = float(note.split("strain of ")[1].split()[0])
     assert note.startswith("note: element 7 (nodes 1-2, 10 m)") and abs(found / 0.88 - 1) < 4e-3
@@ -494,11 +481,9 @@ def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
 def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
     """3 kN on EA = 10 kN: 30 %; a slack cable of twice the length beside it counts for nothing."""
     nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,1,0\n2,0,0,-2,0,-3000\n"
-    job = workshop.job(
-        "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nself_weight = false\nsteps = 1\n",
-        nodes,
-        "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n",
-    )
+    text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 1000.0\n[load]\nself_weight = false\nsteps = 1\n"
+    tables = nodes, "id,start,end,unstressed_length\n7,1,2,2\n8,1,2,6\n"
+    job = workshop.job(text, *tables)
     done = run_on_standing_ranks("run", job, "-o", workshop.folder / "r.vtkhdf")
     (note,) = [line for line in done.stdout.splitlines() if "strain of 0.3, " in line]
     assert note.startswith("note: element 7 ") and " t = " not in note
@@ -507,15 +492,11 @@ def test_a_strain_that_no_cable_bears_is_said_of_statics(workshop):
 def test_nodes_below_the_wind_s_profile_are_noted(workshop):
     """Of a roof at z = -3, -2 and 5 m with z = 0 at 2 m above ground, two nodes in the wind are too low."""
     nodes = "id,x,y,z,fixed\n1,0,0,5,1\n2,2,0,5,1\n3,2,2,-2,0\n4,0,2,-3,0\n5,5,5,-9,1\n6,6,6,-9,1\n"
-    text = (
-        SECTION
-        + "[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\nroughness = 0\nbase_height = {}\n"
-    )
+    text = SECTION
+    text += "[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\nroughness = 0\nbase_height = {}\n"
     elements = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n"
     job = workshop.job(text.format(2) + "[dynamics]\nduration = 1e-3\n", nodes, elements)
-    (note,) = [
-        line for line in run_on_standing_ranks("check", job).stdout.splitlines() if "base_height" in line
-    ]
+    (note,) = lines_with("base_height", "check", job)
     assert "2 nodes in the wind are less than 1 m above ground, the lowest is node 4 at -1 m" in note
     assert "base_height" not in run_on_standing_ranks("check", job, "--set", "wind.base_height=4.0").stdout
 

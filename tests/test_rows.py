@@ -7,15 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import assert_same_results
-from mpi4py import MPI
 from test_dynamics import ELASTIC
 from test_restart import SLOW
 
-from netfall.ground.errors import DivergedError, Interrupted
-from netfall.ground.progress import Progress
-from netfall.job.read import read_job
+from netfall.ground.errors import DivergedError
 from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, rounded
-from netfall.program.run import run_job
 from netfall.record import rows
 from netfall.stages import dynamics
 
@@ -50,11 +46,8 @@ def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch
     monkeypatch.setattr(rows, "MOST_ROWS", 32)
     monkeypatch.setattr(dynamics, "LOOK_STEPS", 233)
     monkeypatch.setattr(dynamics.Simulation, "report", ask)
-    path = workshop.folder / "result.vtkhdf"
-    with pytest.raises(Interrupted) as raised:
-        run_job(MPI.COMM_SELF, read_job(job), path, Progress(False, False), stop=stop)
-    assert "(step 2097)" in str(raised.value)
-    (checkpoint,) = workshop.folder.glob("result.checkpoint*")
+    checkpoint, said = workshop.pause(job, stop)
+    assert "(step 2097)" in said
     assert_same_results(whole, workshop.run(job, "--restart", checkpoint, ranks=2))
 
 
@@ -108,6 +101,6 @@ def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatc
     for room in (128, 1):
         monkeypatch.setattr(rows, "MOST_ROWS", room)
         with pytest.raises(DivergedError) as raised:
-            run_job(MPI.COMM_SELF, read_job(job), workshop.folder / "r.vtkhdf", Progress(False, False))
+            workshop.run_here(job)
         told.append(str(raised.value))
     assert told[0] == told[1] and "diverged at t = 0.0" in told[0]

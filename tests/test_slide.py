@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
-from mpi4py import MPI
+from nets import table
 from scipy.optimize import brentq
-from test_slipping import table
 
 from netfall.checks.slides import slide_columns
-from netfall.ground.progress import Progress
-from netfall.job.read import read_job
 from netfall.plots.utilisation import slips
-from netfall.program.run import run_job
 from netfall.report.page import _slides
 from netfall.stages import statics
 
@@ -26,11 +22,8 @@ def rope(area=1e-3, density=1e-3):
 
 def weight_on_a_ring(slide):
     """1200 N on a ring that runs on a weightless cable of 10 m between (0, 0) and (8, -2)."""
-    nodes = table(
-        ("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "load_z"),
-        (1, 0, 0, 0, 1, 1, 1, 0),
-        (2, 4, 0, -3, 0, 1, 0, -1200),
-        (3, 8, 0, -2, 1, 1, 1, 0),
+    nodes = (
+        "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,4,0,-3,0,1,0,-1200\n3,8,0,-2,1,1,1,0\n"
     )
     elements = "start,end,group,unstressed_length\n2,1,rope,5\n2,3,rope,5\n"
     return rope(area=1e-2) + f"[load]\nself_weight = false\nsteps = 2\n[[slide]]\n{slide}", nodes, elements
@@ -38,7 +31,7 @@ def weight_on_a_ring(slide):
 
 def test_a_ring_with_a_weight_finds_its_place(workshop):
     """Both parts have one tension: 1000 N, and the ring is at x = 5.3333 m, z = -4 m; elastic to 2e-6."""
-    f = workshop.run(workshop.job(*weight_on_a_ring('group = "rope"\n')))
+    f = workshop.solve(*weight_on_a_ring('group = "rope"\n'))
     assert np.allclose(f["statics/tension"][-1], 1000.0, rtol=1e-5)
     x = f["net/particles"][1] + f["statics/displacement"][-1, 1]
     assert np.allclose(x, [16.0 / 3.0, 0.0, -4.0], atol=2e-5)
@@ -49,9 +42,9 @@ def test_a_ring_with_a_weight_finds_its_place(workshop):
 
 def test_a_clamp_that_holds_is_as_without_slip(workshop):
     """Up to its resistance nothing passes, and tensions are the same, to what Newton's method leaves."""
-    held = workshop.run(workshop.job(*weight_on_a_ring('group = "rope"\nresistance = 1e6\n')))
+    held = workshop.solve(*weight_on_a_ring('group = "rope"\nresistance = 1e6\n'))
     text, nodes, elements = weight_on_a_ring('group = "rope"\n')
-    fixed = workshop.run(workshop.job(text.partition("[[slide]]")[0], nodes, elements), output="fixed.vtkhdf")
+    fixed = workshop.solve(text.partition("[[slide]]")[0], nodes, elements, output="fixed.vtkhdf")
     assert not held["statics/slip"][:].any()
     assert np.allclose(held["statics/tension"][:], fixed["statics/tension"][:], rtol=1e-7)
 
@@ -61,19 +54,19 @@ def half_circle(n, slide, steps=4, force=1000.0):
     angle = np.pi * np.arange(n + 2) / (n + 1)
     x, z = -np.cos(angle), np.sin(angle)
     pull = force * np.array([x[-1] - x[-2], z[-1] - z[-2]]) / np.hypot(x[-1] - x[-2], z[-1] - z[-2])
-    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "load_x", "load_z")]
+    rows = []
     for k in range(n + 2):
         last = k == n + 1
         rows.append((k, x[k], 0, z[k], *((0, 1, 0) if last else (1, 1, 1)), *(pull if last else (0, 0))))
-    elements = table(("start", "end", "group"), *((k, k + 1, "rope") for k in range(n + 1)))
+    elements = table("start,end,group", ((k, k + 1, "rope") for k in range(n + 1)))
     text = rope() + f'[load]\nself_weight = false\nsteps = {steps}\n[[slide]]\ngroup = "rope"\n{slide}'
-    return text, table(*rows), elements
+    return text, table("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x,load_z", rows), elements
 
 
 @pytest.mark.parametrize("n, published", [(1, 1.170089), (5, 1.299266)])
 def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
     """Euler and Eytelwein, over n nodes that each turn it by pi / (n + 1); elasticity is in it to T / EA."""
-    f = workshop.run(workshop.job(*half_circle(n, f"friction = {MU}\n")))
+    f = workshop.solve(*half_circle(n, f"friction = {MU}\n"))
     N = f["statics/tension"][-1]
     assert N[-1] == pytest.approx(1000.0, rel=1e-6)
     assert np.allclose(N[1:] / N[:-1], np.exp(MU * np.pi / (n + 1)), rtol=1e-5)
@@ -83,7 +76,7 @@ def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
 
 def test_clamps_take_the_tension_one_after_the_other(both_ways):
     """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks."""
-    f = both_ways.run(both_ways.job(*half_circle(5, "resistance = 300.0\n")), ranks=3)
+    f = both_ways.solve(*half_circle(5, "resistance = 300.0\n"), ranks=3)
     assert np.allclose(f["statics/tension"][-1], [0, 0, 100, 400, 700, 1000], atol=1e-2)
     slip = f["statics/slip"][-1]
     assert not slip[:1].any() and (np.diff(slip) >= 0.0).all()
@@ -91,16 +84,15 @@ def test_clamps_take_the_tension_one_after_the_other(both_ways):
 
 def test_how_far_saddles_and_clamps_are_used(workshop):
     """As above: clamps at 1 but the last, 100 of 300 N; a saddle that slips, its friction over 1.65."""
-    f = workshop.run(workshop.job(*half_circle(5, "resistance = 300.0\n")))
+    f = workshop.solve(*half_circle(5, "resistance = 300.0\n"))
     used = slide_columns(f)
     passed, of_clamps = (panel.lines[5].get_ydata() for panel in slips(f).axes)  # of the last load step
     last = used["stage"] == "statics, load factor 1"
     assert used["node"][last].tolist() == [1, 2, 3, 4, 5]
     assert used["utilisation"][last] == pytest.approx([0.0, 1.0 / 3.0, 1.0, 1.0, 1.0], abs=1e-4)
-    assert passed == pytest.approx(1e3 * f["statics/slip"][-1]) and of_clamps[-1] == pytest.approx(
-        1.0, abs=1e-4
-    )
-    used = slide_columns(workshop.run(workshop.job(*half_circle(1, f"friction = {MU}\n"))))
+    assert passed == pytest.approx(1e3 * f["statics/slip"][-1])
+    assert of_clamps[-1] == pytest.approx(1.0, abs=1e-4)
+    used = slide_columns(workshop.solve(*half_circle(1, f"friction = {MU}\n")))
     turn = MU * np.pi / 2.0
     assert used["utilisation"][-1] == pytest.approx(np.expm1(turn) / np.expm1(turn / 1.65), rel=1e-4)
     assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)
@@ -113,7 +105,7 @@ def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, s
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,0,0,0,1,1,1,0\n2,0,0,10,1,1,1,0\n3,0,0,3,1,1,0,1000\n"
     job = rope() + f'[[slide]]\ngroup = "rope"\nnodes = [2]\n{slide}[dynamics]\nduration = 1e-3\n'
     job += "[output]\nmodes = 1\nframes = 1\n"
-    f = workshop.run(workshop.job(job, nodes, f"start,end,group,prestress\n1,2,rope,{T}\n2,3,rope,{T}\n"))
+    f = workshop.solve(job, nodes, f"start,end,group,prestress\n1,2,rope,{T}\n2,3,rope,{T}\n")
     expected = 2.0 * np.pi * np.sqrt(m * strand / (1.0 + T / EA) / EA)
     assert f["modes/period"][0] == pytest.approx(expected, rel=1e-6)  # half of the rope's mass is 4e-9 of m
 
@@ -139,10 +131,8 @@ def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkey
     nodes += "5,4,5,1,1\n6,4,-5,1,1\n7,10,5,1,1\n8,10,-5,1,1\n"
     pairs = "start,end,group,prestress\n1,2,rope,4e4\n2,3,rope,5e4\n3,4,rope,6e4\n2,5,side,2e4\n"
     pairs += "2,6,side,2e4\n3,7,side,2e4\n3,8,side,2e4\n"
-    job = (
-        rope() + "[form_finding]\n[load]\nself_weight = false\n"
-        'tolerance = 1e-2\n[[slide]]\ngroup = "rope"\nfriction = 0.05\n'
-    )
+    job = rope() + "[form_finding]\n[load]\nself_weight = false\n"
+    job += 'tolerance = 1e-2\n[[slide]]\ngroup = "rope"\nfriction = 0.05\n'
     for name, warm in ("first", 5), ("second", 10):
         job += f'[[case]]\nname = "{name}"\nset = {{"load.temperature" = {warm}.0}}\n'
     begins, settle = [], statics.settle
@@ -152,8 +142,7 @@ def test_each_case_begins_with_the_slips_of_the_permanent_state(workshop, monkey
         return settle(scene, each, *arguments, **more)
 
     monkeypatch.setattr(statics, "settle", noted)
-    job = read_job(workshop.job(job, nodes, pairs))
-    run_job(MPI.COMM_SELF, job, workshop.folder / "result.vtkhdf", Progress(False, False))
+    workshop.run_here(workshop.job(job, nodes, pairs)).close()
     slips = [slip for kind, slip in begins if kind == "case"]
     assert len(slips) == 2 and slips[0] == slips[1] != bytes(len(slips[0]))
 
@@ -171,17 +160,16 @@ def spans(points, tail, fixed, others=()):
 
     others : (group, node, x, z, held) of elements that hang on a node of it
     """
-    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z")]
-    for k, (x, z) in enumerate(points):
-        rows.append((k, x, 0, z, *((1, 1, 1) if k in fixed else (0, 1, 0))))
+    held = lambda k: (1, 1, 1) if k in fixed else (0, 1, 0)
+    rows = [(k, x, 0, z, *held(k)) for k, (x, z) in enumerate(points)]
     length = np.hypot(*np.diff(points, axis=0).T)
     length[-1] = tail
-    lines = [("start", "end", "group", "cable", "unstressed_length")]
-    lines += [(k, k + 1, "rope", "c", length[k]) for k in range(len(length))]
+    lines = [(k, k + 1, "rope", "c", length[k]) for k in range(len(length))]
     for group, node, x, z, held in others:
-        rows.append((len(rows) - 1, x, 0, z, held, 1, held))
-        lines.append((node, len(rows) - 2, group, group, abs(z - points[node][1])))
-    return table(*rows), table(*lines)
+        lines.append((node, len(rows), group, group, abs(z - points[node][1])))
+        rows.append((len(rows), x, 0, z, held, 1, held))
+    nodes = table("id,x,y,z,fixed_x,fixed_y,fixed_z", rows)
+    return nodes, table("start,end,group,cable,unstressed_length", lines)
 
 
 LINE = (
@@ -202,7 +190,7 @@ def test_a_line_over_two_pulleys_with_a_weight(workshop):
     nodes, elements = spans(points, 10.0, {0, 2 * count}, others)
     weight = (4700 - 30 * slipped) / 9.81e-2  # as a density
     sections = f"[cable.stay]\ndensity = 1.0\n[cable.weight]\narea = 1e-2\ndensity = {weight}\n"
-    f = workshop.run(workshop.job(sections + LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements))
+    f = workshop.solve(sections + LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements)
     z = f["net/particles"][:, 2] + f["statics/displacement"][-1, :, 2]
     sag = f["statics/displacement"][-1, count, 2] - z[: 2 * count].min()
     assert f["statics/slip"][-1, -1] == pytest.approx(slipped, abs=1e-4)
@@ -246,7 +234,7 @@ def test_a_line_whose_end_moves_in(workshop):
 )
 def test_what_cannot_slip_is_refused(workshop, slide, message):
     """With exit code 2, a line that says what is expected, and no result."""
-    done = workshop.run(workshop.job(*weight_on_a_ring(slide)), code=2)
+    done = workshop.solve(*weight_on_a_ring(slide), code=2)
     assert message in done.stderr and "Traceback" not in done.stderr
 
 
@@ -278,13 +266,11 @@ def test_slip_does_not_stop_at_the_first_part_of_a_cable(workshop, parts):
     elements = (
         f"start,end,group,unstressed_length\n1,2,rope,{100 / (1 + T / EA)}\n2,3,rope,{12 / (1 + T / EA)}\n"
     )
-    text = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n" + rope()
+    text = f"subdivide = {parts}\n" + rope()
     text += (
         "[load]\nself_weight = false\nsteps = 0\n[[case]]\nname = 'in'\nsettlement = {1 = [5.0, 0.0, 0.0]}\n"
     )
-    (workshop.folder / "nodes.csv").write_text(nodes)
-    (workshop.folder / "elements.csv").write_text(elements)
-    f = workshop.run(workshop.job(text + '[[slide]]\ngroup = "rope"\n'))
+    f = workshop.solve(text + '[[slide]]\ngroup = "rope"\n', nodes, elements)
     case = f["cases/in"]
     assert case["slip"][0] == pytest.approx(5.0 / (1.0 + T / EA), rel=1e-8)  # of the tolerance, 1e-6 of 12 m
     assert case["tension"][:] == pytest.approx([T] * 2 * parts, rel=1e-6)
@@ -313,10 +299,7 @@ def test_slip_in_unlike_spans_is_that_of_catenaries(workshop, parts):
     elements = "start,end,group,cable,unstressed_length\n" + "".join(
         f"{k},{k + 1},rope,c,{length / 2}\n" for k, length in zip((1, 2, 3, 4), (106.0, 106.0, 66.8, 66.8))
     )
-    (workshop.folder / "nodes.csv").write_text(nodes)
-    (workshop.folder / "elements.csv").write_text(elements)
-    net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
-    f = workshop.run(workshop.job(net + LINE + "nodes = [3]\n"))
+    f = workshop.solve(f"subdivide = {parts}\n{LINE}nodes = [3]\n", nodes, elements)
     assert f["statics/slip"][-1, 0] == pytest.approx(slip, rel=2e-4 * (8 / parts) ** 2)
     N = f["statics/tension"][-1].reshape(4, parts)
     for span, S, link in zip(spans_, (given[0] - slip, given[1] + slip), (N[1, -1], N[2, 0])):

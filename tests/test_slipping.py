@@ -5,14 +5,11 @@ import re
 import numpy as np
 import pytest
 from conftest import assert_same_bits_on
+from nets import table
 
 ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"
+NODES, LENGTHS = "id,x,y,z,fixed,mass,load_z", "start,end,group,unstressed_length"
 AUDIT = 1e-10  # of the work identity
-
-
-def table(*rows):
-    """Rows of a table as text."""
-    return "\n".join(",".join(str(value) for value in row) for row in rows) + "\n"
 
 
 HEAVY, LIGHT, HIGH, LOW, G = 1200.0, 500.0, 10.0, 12.0, 9.81  # kg, kg, m, m, m/s2
@@ -25,18 +22,14 @@ def atwood(mu, ends=1.0):
     inertia = 2.0 * DT**2 * EA * (1.0 / HIGH + 1.0 / LOW)
     a = G * (HEAVY - LIGHT * c) / (HEAVY + LIGHT * c + inertia)
     T = {"heavy": HEAVY * (G - a), "light": LIGHT * (G + a)}
-    rows = [("id", "x", "y", "z", "fixed", "mass", "load_z"), (1, 0, 0, 0, 1, 0, 0)]
-    rows.append((2, 0, 0, -HIGH, 0, HEAVY, -HEAVY * G))
-    rows.append((3, 0, 0, -LOW, 0, LIGHT, -LIGHT * G))
-    elements = table(
-        ("start", "end", "group", "unstressed_length"),
-        (3, 1, "rope", float(LOW / (1.0 + T["light"] / EA))),
-        (1, 2, "rope", float(HIGH / (1.0 + T["heavy"] / EA))),
-    )
+    rows = [(1, 0, 0, 0, 1, 0, 0), (2, 0, 0, -HIGH, 0, HEAVY, -HEAVY * G)]
+    nodes = table(NODES, [*rows, (3, 0, 0, -LOW, 0, LIGHT, -LIGHT * G)])
+    lengths = LOW / (1.0 + T["light"] / EA), HIGH / (1.0 + T["heavy"] / EA)
+    elements = table(LENGTHS, [(3, 1, "rope", lengths[0]), (1, 2, "rope", lengths[1])])
     text = ROPE.format(area=1e-3, density=1e-3)
     text += f"[dynamics]\nduration = {ends}\ntime_step = {DT}\ndamping = 0.0\n"
     text += "[output]\nframes = 1\nhistory = 0.1\n"
-    return text + f'[[slide]]\ngroup = "rope"\nfriction = {mu}\n', table(*rows), elements, a, T
+    return text + f'[[slide]]\ngroup = "rope"\nfriction = {mu}\n', nodes, elements, a, T
 
 
 @pytest.mark.parametrize("mu, published, heat", [(0.0, 4.039412, 0.0), (0.1, 2.683142, 3093.20)])
@@ -44,7 +37,7 @@ def test_two_weights_on_a_rope_over_a_pulley(both_ways, mu, published, heat):
     """Atwood's machine; with friction T1 = T2 exp(mu pi), and its heat is the difference times the way."""
     text, nodes, elements, a, _ = atwood(mu)
     assert a == pytest.approx(published, rel=1e-4)  # the inertia of the slip is little
-    f = both_ways.run(both_ways.job(text, nodes, elements), ranks=2 if mu else 1)
+    f = both_ways.solve(text, nodes, elements, ranks=2 if mu else 1)
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     assert 2.0 * fallen == pytest.approx(a, rel=1e-4)
     history = f["history"]
@@ -58,12 +51,10 @@ def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
 
     Strain and stored energy are those of the unstressed length at that time, not of what has run on since.
     """
-    text, nodes, elements, _, _ = atwood(0.0, 0.02)
+    text, nodes, _, _, _ = atwood(0.0, 0.02)
     text = text.replace(f"{DT}", "5e-4").replace("[dynamics]", "fracture_strain = 1e-4\n[dynamics]")
     text = text.replace("damping = 0.0", "fragments = false").replace("history = 0.1", "history = 5e-4")
-    rows = elements.splitlines()
-    elements = table(rows[0].split(","), (3, 1, "rope", LOW), (1, 2, "rope", HIGH))
-    f = workshop.run(workshop.job(text, nodes, elements))
+    f = workshop.solve(text, nodes, table(LENGTHS, [(3, 1, "rope", LOW), (1, 2, "rope", HIGH)]))
     strain, history = f["events/strain"][:], f["history"]
     assert len(strain) and (strain > 1e-4).all() and (strain < 1.1e-4).all()
     assert abs(history["balance_error"][-1]) < 1e-2, (strain, history["balance_error"][:])
@@ -75,7 +66,7 @@ def test_a_rope_that_runs_out_stops(both_ways):
     The other weight then falls on a rope that is held: N = W + sqrt(W^2 + k m v^2) at most, by energy.
     """
     text, nodes, elements, a, T = atwood(0.0, 2.4)
-    f = both_ways.run(both_ways.job(text.replace("history = 0.1", "history = 0.02"), nodes, elements))
+    f = both_ways.solve(text.replace("history = 0.1", "history = 0.02"), nodes, elements)
     at, way = f["slide/stopped"][0], 0.8 * LOW
     assert at == pytest.approx(np.sqrt(2.0 * way / a), abs=1e-3)  # s of a rope that stretches
     slip, time = f["slide/slip"][:, 0], f["history/time"][:]
@@ -96,11 +87,9 @@ def test_a_rope_that_has_run_out_comes_to_rest(both_ways):
     Each part has the weight at it; of the end of the rope, a hundred times as stiff, the rest is little.
     """
     text, nodes, elements, _, T = atwood(0.0)
-    text = (
-        text[: text.index("[dynamics]")]
-        + '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
-    )
-    f = both_ways.run(both_ways.job(text, nodes, elements))
+    text = text[: text.index("[dynamics]")]
+    text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\n'
+    f = both_ways.solve(text, nodes, elements)
     assert f["statics/tension"][-1] == pytest.approx([LIGHT * G, HEAVY * G], rel=1e-6)
     strand, EA = LOW / (1.0 + T["light"] / 1e8), 1e8
     left = 0.2 * strand - (HEAVY - LIGHT) * G * strand / (100.0 * EA)
@@ -117,17 +106,15 @@ CLAMPS, T0 = 36, 1e5  # around a ring; N
 def clamped_ring(resistance, duration=0.5, step=1e-4, density=1e-3):
     """A hoop through clamps that do not move; its first segment is lost. A weight hangs at rest."""
     angle = 2.0 * np.pi * np.arange(CLAMPS) / CLAMPS
-    rows = [("id", "x", "y", "z", "fixed", "mass", "load_z")]
-    rows += [(k, 20.0 * np.cos(t), 20.0 * np.sin(t), 0, 1, 0, 0) for k, t in enumerate(angle)]
+    rows = [(k, 20.0 * np.cos(t), 20.0 * np.sin(t), 0, 1, 0, 0) for k, t in enumerate(angle)]
     rows.append((CLAMPS, 20.0, 0, -2, 0, 100.0, -1000.0))
-    lines = [("id", "start", "end", "group", "prestress")]
-    lines += [(k, k, (k + 1) % CLAMPS, "hoop", T0) for k in range(CLAMPS)]
+    lines = [(k, k, (k + 1) % CLAMPS, "hoop", T0) for k in range(CLAMPS)]
     lines.append((CLAMPS, 0, CLAMPS, "line", 1000.0))
     text = ROPE.format(area=1e-3, density=density)
     text += f"[dynamics]\nduration = {duration + 0.1}\ntime_step = {step}\n"
     text += "[output]\nframes = 1\nhistory = 0.05\n[[remove]]\nelements = [0]\ntime = 0.0\n"
     text += f'duration = {duration}\n[[slide]]\ngroup = "hoop"\nresistance = {resistance}\n'
-    return text, table(*rows), table(*lines)
+    return text, table(NODES, rows), table("id,start,end,group,prestress", lines)
 
 
 @pytest.mark.parametrize("share, ranks", [(0.05, 1), (0.1, 3), (0.0, 2)])
@@ -136,7 +123,7 @@ def test_tension_is_rebuilt_from_clamp_to_clamp_beside_a_lost_segment(both_ways,
 
     The gap opens slowly: a slip that starts goes a little too far, by its inertia. At rest the same is found.
     """
-    f = both_ways.run(both_ways.job(*clamped_ring(share * T0)), ranks=ranks)
+    f = both_ways.solve(*clamped_ring(share * T0), ranks=ranks)
     k = np.minimum(np.arange(1, CLAMPS), np.arange(CLAMPS - 1, 0, -1))
     by_hand = np.minimum(T0, share * T0 * k)
     assert np.allclose(f["final/tension"][1:CLAMPS], by_hand, rtol=1e-2, atol=1e-4 * T0)
@@ -152,7 +139,7 @@ def test_a_sudden_loss_reaches_twice_as_many_clamps(workshop):
     So the k-th segment has k R / 2, over 2 T0 / R clamps; all stops at t = 2 T0 / (r c), c^2 = E / rho. By
     characteristics: along the front T + rho A c v = T0 and d(T - rho A c v) = r dx; behind it v is uniform.
     """
-    f = workshop.run(workshop.job(*clamped_ring(0.125 * T0, 0.0, 2e-5, 8000.0)))
+    f = workshop.solve(*clamped_ring(0.125 * T0, 0.0, 2e-5, 8000.0))
     N, k = f["final/tension"][1:15] / T0, np.arange(1, 15)
     assert np.allclose(N, 0.0625 * k, atol=0.13)  # links of mass, not a rod: ripples
     assert np.polyfit(k, N, 1)[0] == pytest.approx(0.0625, rel=0.05)
@@ -168,8 +155,7 @@ def torn(shared_workshop):
     Then another of its segments is lost, and cable slips.
     """
     angle = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    rows = [("id", "x", "y", "z", "fixed", "mass", "load_z")]
-    rows += [
+    rows = [
         (k, 10.0 * np.cos(t), 10.0 * np.sin(t), 0, 0, 60.0, -500.0 * (k < 5)) for k, t in enumerate(angle)
     ]
     rows += [(20 + k, 15.0 * np.cos(t), 15.0 * np.sin(t), 2, 1, 0, 0) for k, t in enumerate(angle)]
@@ -177,8 +163,7 @@ def torn(shared_workshop):
     rows.append((60, 0, 0, 0, 1, 0, 0))
     pull = 2.0 * T0 * np.sin(np.pi / SIDES) + 2e4 * (np.arange(SIDES) == 6)
     spoke = (0.5 * np.hypot(5.0, 2.0) / 5.0 * pull).tolist()
-    lines = [("start", "end", "group", "prestress", "fracture_strain")]
-    lines += [(k, (k + 1) % SIDES, "hoop", T0, 1.015e-3 if k == 6 else 2e-3) for k in range(SIDES)]
+    lines = [(k, (k + 1) % SIDES, "hoop", T0, 1.015e-3 if k == 6 else 2e-3) for k in range(SIDES)]
     lines += [(k, 20 + k, "spoke", spoke[k], 2e-3) for k in range(SIDES)]
     lines += [(k, 40 + k, "spoke", spoke[k], 2e-3) for k in range(SIDES)]
     lines.append((6, 60, "tie", 2e4, 2e-3))
@@ -188,7 +173,8 @@ def torn(shared_workshop):
     text += '[[remove]]\ngroup = "tie"\ntime = 0.02\nduration = 0.0\n'
     text += "[[remove]]\nelements = [0]\ntime = 0.2\nduration = 0.01\n"
     text += '[[slide]]\ngroup = "hoop"\nresistance = 8e3\nfriction = 0.02\n'
-    job = shared_workshop.job(text, table(*rows), table(*lines), name="torn")
+    elements = table("start,end,group,prestress,fracture_strain", lines)
+    job = shared_workshop.job(text, table(NODES, rows), elements, name="torn")
     return job, shared_workshop.run(job, output="torn.vtkhdf")
 
 
@@ -219,10 +205,7 @@ def test_the_automatic_step_follows_slip(both_ways, parts, safety):
     The nodes of a rope in parts are light: there the step is shorter for them, and nothing is added.
     """
     text, nodes, elements, _, _ = atwood(0.0)
-    net = f"[net]\nnodes = 'nodes.csv'\nelements = 'elements.csv'\nsubdivide = {parts}\n"
-    (both_ways.folder / "nodes.csv").write_text(nodes)
-    (both_ways.folder / "elements.csv").write_text(elements)
-    f = both_ways.run(both_ways.job(net + automatic(text, safety)))
+    f = both_ways.solve(f"subdivide = {parts}\n" + automatic(text, safety), nodes, elements)
     fallen = f["net/particles"][1, 2] - f["final/position"][1, 2]
     exact = 0.5 * G * (HEAVY - LIGHT) / (HEAVY + LIGHT)
     added = 0.02 * safety**2 * HEAVY / (HEAVY + LIGHT) if parts == 1 else 0.0
@@ -234,34 +217,29 @@ def pulleys_in_a_row(count):
     """600 and 500 kg on a rope over fixed pulleys, 1 m apart; which node falls by how much in 0.5 s."""
     EA, a = 1e8, G * 100.0 / 1100.0
     forces = 500.0 * (G + a), 600.0 * (G - a)
-    rows = [("id", "x", "y", "z", "fixed", "mass", "load_z")]
-    rows += [(k, float(k), 0, 0, 1, 0, 0) for k in range(count)]
+    rows = [(k, float(k), 0, 0, 1, 0, 0) for k in range(count)]
     rows.append((count, 0, 0, -10, 0, 500.0, -500.0 * G))
     rows.append((count + 1, count - 1.0, 0, -10, 0, 600.0, -600.0 * G))
-    lines = [("start", "end", "group", "unstressed_length")]
-    lines.append((count, 0, "rope", 10.0 / (1.0 + forces[0] / EA)))
+    lines = [(count, 0, "rope", 10.0 / (1.0 + forces[0] / EA))]
     lines += [(k, k + 1, "rope", 1.0 / (1.0 + sum(forces) / 2.0 / EA)) for k in range(count - 1)]
     lines.append((count - 1, count + 1, "rope", 10.0 / (1.0 + forces[1] / EA)))
-    return table(*rows), table(*lines), count + 1, -0.125 * a
+    return table(NODES, rows), table(LENGTHS, lines), count + 1, -0.125 * a
 
 
 def tackle():
     """400 kg pull up 600 kg on a loose pulley, twice as fast: T = m (g - 2 a), M a = 2 T - M g."""
     EA, a = 1e8, G * (2.0 * 400.0 - 600.0) / (600.0 + 4.0 * 400.0)
     strand = 10.0 / (1.0 + 400.0 * (G - 2.0 * a) / EA)
-    rows = [("id", "x", "y", "z", "fixed", "mass", "load_z"), (0, -0.001, 0, 0, 1, 0, 0)]
-    rows += [(1, 0, 0, -10, 0, 600.0, -600.0 * G), (2, 0.001, 0, 0, 1, 0, 0)]
+    rows = [(0, -0.001, 0, 0, 1, 0, 0), (1, 0, 0, -10, 0, 600.0, -600.0 * G), (2, 0.001, 0, 0, 1, 0, 0)]
     rows.append((3, 0.001, 0, -10, 0, 400.0, -400.0 * G))
-    lines = [(k, k + 1, "rope", strand) for k in range(3)]
-    return table(*rows), table(("start", "end", "group", "unstressed_length"), *lines), 1, 0.125 * a
+    return table(NODES, rows), table(LENGTHS, [(k, k + 1, "rope", strand) for k in range(3)]), 1, 0.125 * a
 
 
 @pytest.mark.parametrize("net", [pulleys_in_a_row(12), tackle()], ids=["row", "tackle"])
 def test_all_slips_together_are_slower_by_less_than_is_stated(workshop, net):
     """Each pulley adds inertia to the same weights, and in a tackle a weight moves with half of the slip."""
     nodes, elements, moved, exact = net
-    job = workshop.job(automatic(atwood(0.0)[0], 0.8, 0.5), nodes, elements)
-    log = workshop.run(job, code=None).stdout
+    log = workshop.solve(automatic(atwood(0.0)[0], 0.8, 0.5), nodes, elements, code=None).stdout
     f = workshop.open()
     way = f["final/position"][moved, 2] - f["net/particles"][moved, 2]
     stated = float(re.search(r"in all at most ([0-9.]+)% of the mass that moves", log)[1]) / 100.0
@@ -276,16 +254,18 @@ def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
     """
     n, safety = 8, 0.8
     angle = 2.0 * np.pi * np.arange(n) / n
-    rows = [("id", "x", "y", "z", "fixed_x", "fixed_y", "fixed_z", "mass")]
-    rows += [(k, 20.0 * np.cos(t), 20.0 * np.sin(t), 0, 0, 0, 1, 2000.0) for k, t in enumerate(angle)]
+    rows = [(k, 20.0 * np.cos(t), 20.0 * np.sin(t), 0, 0, 0, 1, 2000.0) for k, t in enumerate(angle)]
     rows += [(n + k, 45.0 * np.cos(t), 45.0 * np.sin(t), 0, 1, 1, 1, 0) for k, t in enumerate(angle)]
-    lines = [("id", "start", "end", "group", "prestress")]
-    lines += [(k, k, (k + 1) % n, "hoop", T0) for k in range(n)]
+    lines = [(k, k, (k + 1) % n, "hoop", T0) for k in range(n)]
     lines += [(n + k, k, n + k, "spoke", 2.0 * T0 * np.sin(np.pi / n)) for k in range(n)]
     text = automatic(atwood(0.0)[0], safety, 0.02).replace("density = 0.001", "density = 8000.0")
     text = text.replace("friction = 0.0", "resistance = 2e3").replace('"rope"', '"hoop"')
     text += "[[remove]]\nelements = [0]\ntime = 0.0\nduration = 0.001\n"
-    log = workshop.run(workshop.job(text, table(*rows), table(*lines)), code=None).stdout
+    tables = (
+        table("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", rows),
+        table("id,start,end,group,prestress", lines),
+    )
+    log = workshop.solve(text, *tables, code=None).stdout
     assert "slip: 8 slip points, with the inertia of the cable there" in log
     L0 = 40.0 * np.sin(np.pi / n) / (1.0 + T0 / 1e8)
     assert workshop.open()["provenance"].attrs["time_step"] <= safety * 0.5 * L0 * np.sqrt(8000.0 / 1e11)

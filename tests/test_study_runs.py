@@ -33,7 +33,7 @@ from netfall.study.file import read_plan
 from netfall.study.files import Watch, place_of
 from netfall.study.journal import Journal, read_journal
 from netfall.study.pool import Pool
-from netfall.study.runs import NET, Runs
+from netfall.study.runs import Runs
 from netfall.study.table import Table
 
 JOB = """
@@ -122,9 +122,8 @@ def test_members_are_the_runs_of_the_job(whole, tmp_path):
             assert members["balance_error"][2] == np.abs(run["history/balance_error"][:]).max()
             assert members["displacement_max"][2] == run["envelope/displacement_max"][:].max()
             assert members["tension_max"][2] == run["envelope/tension_max"][:].max()
-            assert (
-                broken == run["history/broken"][-1] and f["net/particles"].shape == run["net/particles"].shape
-            )
+            assert broken == run["history/broken"][-1]
+            assert f["net/particles"].shape == run["net/particles"].shape
 
 
 def test_what_a_worker_remembers_has_the_bits_of_what_it_finds(tmp_path):
@@ -320,19 +319,6 @@ def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, ke
     runs = SimpleNamespace(plan=SimpleNamespace(keep=keep), token="new", _kept=name)
     Runs._keep(runs, 7, {"broken": broken})
     assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
-
-
-def test_a_net_that_ends_its_workers_leaves_a_study_without_one():
-    """And no member's end says anything of the net."""
-    told = {}
-    runs = SimpleNamespace(finish=told.__setitem__)
-    for number in (NET, 3):
-        Runs.died(runs, number, "no memory", False)
-    assert told == {NET: {"net": {}}, 3: NOTHING | {"state": "failed", "reason": "no memory"}}
-    table = Table(4)
-    table.add(told[NET])
-    table.add({"done": 3, **told[3]})
-    assert table.net == {} and table.counts == {"failed": 1}
 
 
 def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
@@ -556,10 +542,8 @@ def test_a_file_that_changes_while_a_study_runs_ends_it(tmp_path):
 
 def test_a_run_that_failed_and_is_made_again_counts_once():
     """What comes later in the journal stands; other rows are never replaced."""
-    table, row = (
-        Table(2),
-        NOTHING,
-    )
+    table = Table(2)
+    row = NOTHING
     for number, state in ((0, "failed"), (1, "finished"), (0, "finished"), (1, "diverged")):
         table.add({"done": number, **row, "state": state})
     assert table.columns["state"].tolist() == ["finished"] * 2 and table.counts["finished"] == 2
@@ -708,11 +692,9 @@ def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
 
 def test_the_order_of_the_members(tmp_path):
     """As the file has it, the last key fastest, draws within."""
-    text = OF_STUDY + (
-        '[vary]\n"wind.seed" = [3, 1]\nwind.speed = [20.0, 30.0]\n'
-        '[sample]\ncount = 2\nmethod = "random"\n'
-        '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'
-    )
+    text = OF_STUDY + '[vary]\n"wind.seed" = [3, 1]\nwind.speed = [20.0, 30.0]\n'
+    text += '[sample]\ncount = 2\nmethod = "random"\n'
+    text += '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'
     plan = read_plan(write(tmp_path, text))
     found = [plan.member(k).values for k in range(len(plan))]
     first, second = plan.draws[:, 0].tolist()

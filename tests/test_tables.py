@@ -71,7 +71,7 @@ def test_a_spring_carries_nothing_at_its_rest(workshop):
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,spring_rest_x,load_x\n"
     nodes += "1,0,0,0,1,1,1,,,\n2,5,0,0,0,1,1,4e5,0.01,3000\n"
     text = STEEL + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-10\n"
-    with workshop.run(workshop.job(text, nodes, "start,end,unstressed_length\n1,2,5\n")) as f:
+    with workshop.solve(text, nodes, "start,end,unstressed_length\n1,2,5\n") as f:
         k = 4e5 + f["net/axial_stiffness"][0] / 5.0
         expected = (4e5 * 0.01 + 3000.0) / k
         assert f["statics/displacement"][-1, 1, 0] == pytest.approx(expected, rel=1e-9)
@@ -88,11 +88,8 @@ GIVEN = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,5,,,\n1,2,,,\n1,,9,3,0\n1,3,,,\n1,5,
 def roofed(workshop, faces, roof="", subdivide=1):
     """A job of four spokes whose faces a table names."""
     (workshop.folder / "faces.csv").write_text(faces)
-    text = (
-        f"subdivide = {subdivide}\n"
-        + STEEL
-        + f'[roof]\nfaces = "faces.csv"\n{roof}[load]\nself_weight = false\ndead = 1.0\n'
-    )
+    text = f"subdivide = {subdivide}\n" + STEEL
+    text += f'[roof]\nfaces = "faces.csv"\n{roof}[load]\nself_weight = false\ndead = 1.0\n'
     return read_job(workshop.job(text, SQUARE, SPOKES))
 
 

@@ -132,17 +132,11 @@ def test_a_bar_at_a_guide_with_a_spring_by_hand(workshop):
 
     The spring carries k d along the guide, the guide the rest of load and bar across it.
     """
-    (workshop.folder / "nodes.csv").write_text(
-        "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,angle,load_x\n"
-        "1,0,0,0,0,1,1,2e6,30,1000\n2,-4,0,0,1,1,1,0,0,0\n"
-    )
-    (workshop.folder / "elements.csv").write_text("start,end\n2,1\n")
-    text = '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nkind = "bar"\nmodulus = 1e10\n'
-    text += (
-        'area = 4e-4\ndensity = 1.0\n[load]\nself_weight = false\ntolerance = 1e-12\n[[case]]\nname = "a"\n'
-    )
-    text += 'set = {"load.snow" = 0.0}\n'
-    f = workshop.run(workshop.job(text))
+    nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x,angle,load_x\n"
+    nodes += "1,0,0,0,0,1,1,2e6,30,1000\n2,-4,0,0,1,1,1,0,0,0\n"
+    text = '[cable]\nkind = "bar"\nmodulus = 1e10\narea = 4e-4\ndensity = 1.0\n[load]\nself_weight = false\n'
+    text += 'tolerance = 1e-12\n[[case]]\nname = "a"\nset = {"load.snow" = 0.0}\n'
+    f = workshop.solve(text, nodes, "start,end\n2,1\n")
     c, s, k, bar = np.sqrt(0.75), 0.5, 2e6, 1e6
     d = 1000.0 * c / (k + c * c * bar)
     along, across = np.array([c, s, 0.0]), np.array([-s, c, 0.0])

@@ -10,6 +10,7 @@ import itertools
 
 import numpy as np
 from conftest import STEEL
+from nets import table
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
@@ -25,14 +26,6 @@ EA, HALF = E * A, 0.5 * RHO * A  # N; kg for each metre
 def soft(modulus: float) -> str:
     """The cable section with another modulus [Pa]."""
     return BARE.replace("1.95e11", repr(modulus))
-
-
-def csv(header: str, rows) -> str:
-    """A table, every number to its last bit."""
-    word = lambda value: (
-        value if isinstance(value, str) else repr(value.item() if isinstance(value, np.generic) else value)
-    )
-    return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
 
 
 def timing(duration: float, dt: float, every: int, probes=(), frames=1, damping=0.0) -> str:
@@ -62,12 +55,10 @@ def crest(t, q) -> float:
 
 def test_free_fall(both_ways, compare):
     """A slack cable's two particles fall by g t^2 / 2."""
-    job = both_ways.job(
-        BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n",
-        "id,x,y,z\n1,0,0,0\n2,3,0,1\n",
-        "start,end\n1,2\n",
-    )
-    f = both_ways.run(job, ranks=2)
+    text = BARE + "[load]\nself_weight = true\n[dynamics]\nduration = 1.0\n"
+    tables = "id,x,y,z\n1,0,0,0\n2,3,0,1\n", "start,end\n1,2\n"
+    job = both_ways.job(text, *tables)
+    f = both_ways.run(job)
     compare("free fall for 1 s: way", "g t^2 / 2").figures(
         -f["final/position"][0, 2], 0.5 * G, 1e-12, EXACT, "m"
     )
@@ -89,14 +80,11 @@ def test_taut_string(both_ways, compare):
     shapes = np.sin(np.pi * np.outer([1, 2, 3], x) / L)
     shapes[:, -1] = 0.0
     L0 = L / n / (1 + T / EA)
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed", ((k, x[k], 0.0, a * shapes[:, k].sum(), int(k in (0, n))) for k in range(n + 1))
     )
-    job = both_ways.job(
-        BARE + timing(0.3, dt, 100, frames=300),
-        nodes,
-        csv("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n))),
-    )
+    tables = nodes, table("start,end,unstressed_length", ((k, k + 1, L0) for k in range(n)))
+    job = both_ways.job(BARE + timing(0.3, dt, 100, frames=300), *tables)
     f = both_ways.run(job)
     t, z = f["VTKHDF/Steps/Values"][:], tracks(f)[:, :, 2]
     mu = 2 * HALF * L0 * n / L  # mass of a metre of taut string
@@ -150,8 +138,8 @@ def pulled_cables(steps: int, courant: float, every: int, frames: int):
     probes = [(5.4 * length, 0.0), (55.4 * length, 0.0), (20.4 * length, 0.0), (n * length, 0.0)]
     return (
         BARE + timing(steps * dt, dt, every, probes, frames),
-        csv("id,x,y,z,fixed,load_x", nodes),
-        csv("start,end,unstressed_length", elements),
+        table("id,x,y,z,fixed,load_x", nodes),
+        table("start,end,unstressed_length", elements),
         dt,
     )
 
@@ -163,11 +151,9 @@ def test_elastic_wave(both_ways, compare):
     n, short = N_WAVE, 1e-9
     steps = 4 * n
     *tables, dt = pulled_cables(steps, 1.0 - short, 1, steps)
-    f = both_ways.run(both_ways.job(*tables))
-    why, within = (
-        f"Courant number 1e-9 short of 1, where the difference equation is d'Alembert's; {steps} steps",
-        steps * short,
-    )
+    f = both_ways.solve(*tables)
+    why = f"Courant number 1e-9 short of 1, where the difference equation is d'Alembert's; {steps} steps"
+    within = steps * short
     s, j = np.arange(steps + 1)[:, None], np.arange(n + 1)[None]
     unit = P_WAVE * L_LINK / EA  # m, of a step
     reach = lambda way: np.maximum(way, 0)
@@ -212,13 +198,12 @@ def test_wave_of_a_lumped_cable(both_ways, compare):
     """
     courant, j = 0.04, 20
     *tables, _ = pulled_cables(int(50 / courant), courant, 5, 1)
-    f = both_ways.run(both_ways.job(*tables))
+    f = both_ways.solve(*tables)
     z = 2 * C_WAVE * f["history/time"][:] / L_LINK
     N = f["history/probe_tension"][:, list(f["history/probe_element"][:]).index(j)] - T_WAVE
     ripple = lambda z: 2 * P_WAVE * sum(jv(2 * j + 2 + 2 * k, z) for k in range(60))
-    late = (
-        (2 * courant) ** 2 / 24 * (z * np.abs(jvp(2 * j + 1, z, 2))).max()
-    )  # the steps bring each wave forward by its (omega dt)^2 / 24
+    # the steps bring each wave forward by its (omega dt)^2 / 24
+    late = (2 * courant) ** 2 / 24 * (z * np.abs(jvp(2 * j + 1, z, 2))).max()
     why = "steps: (omega dt)^2 / 24 of every wave's phase"
     compare(
         "wave of a cable of masses, short steps: largest difference of a tension",
@@ -247,11 +232,8 @@ def test_pendulums(both_ways, compare):
     text = BARE.replace("modulus", 'kind = "bar"\nmodulus') + timing(
         1.3, dt, 10, [row[1:3] for row in nodes[1::2]]
     )
-    f = both_ways.run(
-        both_ways.job(
-            text, csv("id,x,y,z,fixed,mass,load_z", nodes), csv("start,end,unstressed_length", elements)
-        ),
-        ranks=2,
+    f = both_ways.solve(
+        text, table("id,x,y,z,fixed,mass,load_z", nodes), table("start,end,unstressed_length", elements)
     )
     t = f["history/time"][:]
     assert np.abs(f["history/balance_error"][:]).max() < 1e-5
@@ -259,9 +241,8 @@ def test_pendulums(both_ways, compare):
         phi = np.deg2rad(angle)
         x = nodes[2 * k + 1][1] + f["history/probe_displacement"][:, k, 0]
         m = np.sin(phi / 2) ** 2
-        late = (
-            3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
-        )  # mean of the elongation's effect on inertia and energy
+        # mean of the elongation's effect on inertia and energy
+        late = 3.75 * mass * G / EA * (2 * ellipe(m) / ellipk(m) - 1 - np.cos(phi)) + G / L * dt**2 / 24
         compare(f"pendulum let go at {angle} degrees: period", "elliptic integral").figures(
             4 * crossings(t, x)[0],
             4 * np.sqrt(L / G) * ellipk(m),
@@ -270,9 +251,8 @@ def test_pendulums(both_ways, compare):
             "s",
         )
         way = 1 - np.cos(phi)
-        change = (
-            mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
-        )  # by the elongation's own swing, and by energy and inertia
+        # by the elongation's own swing, and by energy and inertia
+        change = mass * G / EA * abs(6 * way - 9 * way**2) / (1 + 2 * way)
         compare("the same: largest tension", "m g (3 - 2 cos a)").figures(
             crest(t, f["history/probe_tension"][:, k]),
             mass * G * (3 - 2 * np.cos(phi)),
@@ -288,22 +268,15 @@ def test_swing_across_two_cables(both_ways, compare):
     """
     modulus, L0, T, carried, a, dt = 1.95e9, 5.0, 10e3, 500.0, 1.0, 2e-3
     k, b, mass = modulus * A / L0, L0 * (1 + T / (modulus * A)), carried + 2 * L0 * HALF
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed,mass",
         [(0, -b, 0.0, 0.0, 1, 0.0), (1, 0.0, 0.0, a, 0, carried), (2, b, 0.0, 0.0, 1, 0.0)],
     )
-    f = both_ways.run(
-        both_ways.job(
-            soft(modulus) + timing(1.36, dt, 1, [(0, 0)]),
-            nodes,
-            csv("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)]),
-        ),
-        ranks=2,
-    )
+    tables = nodes, table("start,end,unstressed_length", [(0, 1, L0), (1, 2, L0)])
+    f = both_ways.solve(soft(modulus) + timing(1.36, dt, 1, [(0, 0)]), *tables)
     V = lambda q: k * (np.hypot(b, q) - L0) ** 2
-    slowness = lambda s: (
-        a * np.cos(s) / np.sqrt(2 / mass * (V(a) - V(a * np.sin(s))))
-    )  # over q = a sin s; even about its end, where it is 0 / 0
+    # over q = a sin s; even about its end, where it is 0 / 0
+    slowness = lambda s: a * np.cos(s) / np.sqrt(2 / mass * (V(a) - V(a * np.sin(s))))
     period = 4 * (quad(slowness, 0, np.pi / 2 - 1e-4)[0] + 1e-4 * slowness(np.pi / 2 - 1e-4))
     t, z = f["history/time"][:], a + f["history/probe_displacement"][:, 0, 2]
     path, zero = CubicSpline(t, z), crossings(t, z)
@@ -337,31 +310,22 @@ def test_snap_from_slack(both_ways, compare):
     """
     modulus, L0, h, dt = 1.95e8, 10.0, 1.0, 1e-3
     k, mass = modulus * A / L0, 100.0 + L0 * HALF
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed,mass,load_x",
         [(0, 0.0, 0.0, 0.0, 1, 0.0, 0.0), (1, L0 - h, 0.0, 0.0, 0, 100.0, mass * G)],
     )
-    f = both_ways.run(
-        both_ways.job(
-            soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]),
-            nodes,
-            csv("start,end,unstressed_length", [(0, 1, L0)]),
-        ),
-        ranks=2,
-    )
-    t, way, N = (
-        f["history/time"][:],
-        f["history/probe_displacement"][:, 0, 0],
-        f["history/probe_tension"][:, 0],
-    )
+    tables = nodes, table("start,end,unstressed_length", [(0, 1, L0)])
+    f = both_ways.solve(soft(modulus) + timing(1.35, dt, 1, [(L0 - h, 0)]), *tables)
+    t = f["history/time"][:]
+    way = f["history/probe_displacement"][:, 0, 0]
+    N = f["history/probe_tension"][:, 0]
     caught, speed, omega, sag = np.sqrt(2 * h / G), np.sqrt(2 * G * h), np.sqrt(k / mass), mass * G / k
     held = (2 * np.pi - 2 * np.arctan2(speed / omega, sag)) / omega
     taut = np.flatnonzero(N)
     falling = slice(0, taut[0])
     assert (np.diff(taut) == 1).all() and np.abs(f["history/balance_error"][:]).max() < 1e-3
-    line = lambda m, n: (
-        t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])
-    )  # where the straight line through two rows is zero
+    # where the straight line through two rows is zero
+    line = lambda m, n: t[m] - N[m] * (t[n] - t[m]) / (N[n] - N[m])
     begin, end = line(taut[0], taut[1]), line(taut[-1], taut[-2])
     kinks = (omega * dt) ** 2 / 8
     compare("mass on a slack cable: way until it is taut, largest difference", "g t^2 / 2").figures(
@@ -381,9 +345,8 @@ def test_snap_from_slack(both_ways, compare):
         end - begin, held, kinks, "steps and kinks: (omega dt)^2 / 8", "s"
     )
     last = taut[-1] + 1 + np.argmin(way[taut[-1] + 1 :])
-    a, b, c = np.polyfit(
-        t[last - 1 : last + 2] - t[last], way[last - 1 : last + 2], 2
-    )  # free again: a parabola
+    # free again: a parabola
+    a, b, c = np.polyfit(t[last - 1 : last + 2] - t[last], way[last - 1 : last + 2], 2)
     compare("the same: height to which it is thrown back", "height of the start").figures(
         h - (c - b * b / (4 * a)), h, 2 * kinks, "two kinks: (omega dt)^2 / 8 of the speed", "m"
     )
@@ -396,17 +359,15 @@ def test_two_masses_on_a_chain(both_ways, compare):
     """Two masses on a taut chain, let go from rest:
     every row is the sum of the two modes that the difference equation has.
     """
-    lengths, carried, moved, T, dt = (
-        np.array([6.0, 4.0]),
-        np.array([800.0, 300.0]),
-        np.array([1e-3, -3e-4]),
-        150e3,
-        1e-4,
-    )
+    lengths = np.array([6.0, 4.0])
+    carried = np.array([800.0, 300.0])
+    moved = np.array([1e-3, -3e-4])
+    T = 150e3
+    dt = 1e-4
     k, mass = EA / lengths, carried + HALF * np.array([10.0, 4.0])
     rest = np.cumsum(lengths * (1 + T / EA))
     x = rest + moved
-    nodes = csv(
+    nodes = table(
         "id,x,y,z,fixed,mass,load_x",
         [
             (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0),
@@ -414,14 +375,8 @@ def test_two_masses_on_a_chain(both_ways, compare):
             (2, x[1], 0.0, 0.0, 0, carried[1], T),
         ],
     )
-    f = both_ways.run(
-        both_ways.job(
-            BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]),
-            nodes,
-            csv("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])]),
-        ),
-        ranks=2,
-    )
+    tables = nodes, table("start,end,unstressed_length", [(0, 1, lengths[0]), (1, 2, lengths[1])])
+    f = both_ways.solve(BARE + timing(0.2, dt, 4, [(v, 0.0) for v in x]), *tables)
     stiffness = np.array([[k[0] + k[1], -k[1]], [-k[1], k[1]]]) / np.sqrt(np.outer(mass, mass))
     squares, modes = np.linalg.eigh(stiffness)
     share = modes.T @ (np.sqrt(mass) * moved)
@@ -461,9 +416,9 @@ def test_order_of_accuracy(both_ways, compare):
         (0, [0.0, 0.0, 0.0], [0.0, 0.0, -stretched], 1000.0, -hold, L0, E),
         (1, [3.0, 0.0, 0.0], [start[0], 0.0, start[1]], carried, -carried * G, 1.99, soft_k * 1.99 / A),
     ):
-        nodes = csv("id,x,y,z,fixed,mass,load_z", [(1, *end, 0, mass, load), (0, *at, 1, 0.0, 0.0)])
+        nodes = table("id,x,y,z,fixed,mass,load_z", [(1, *end, 0, mass, load), (0, *at, 1, 0.0, 0.0)])
         text = soft(modulus) + timing(0.5, 2e-3, 5, [(end[0], 0.0)], damping=zeta)
-        job = both_ways.job(text, nodes, csv("start,end,unstressed_length", [(0, 1, length)]))
+        job = both_ways.job(text, nodes, table("start,end,unstressed_length", [(0, 1, length)]))
         found[k] = [
             both_ways.run(
                 job, "--set", f"dynamics.time_step={h}", ranks=2 if h == 2e-3 else 1, output=f"{k}-{h}.vtkhdf"
@@ -504,11 +459,8 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     """Half the step, a quarter of the error:
     a saddle roof in a steady wind, all displacements against a step of a sixteenth.
     """
-    text = (
-        '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
-        + STEEL
-        + '[form_finding]\nmethod = "force_density"\n'
-    )
+    text = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL
+    text += '[form_finding]\nmethod = "force_density"\n'
     text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = -1.3\n"
     text += "base_height = 10.0\n" + timing(0.2, 2e-4, 25, frames=100)
     job, steps = both_ways.job(text), (2e-4, 1e-4, 5e-5, 1.25e-5)
@@ -527,9 +479,8 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     assert not any(f["history/slack"][:].any() for f in found)
     x = [tracks(f) for f in found]
     errors = [np.linalg.norm(v - x[-1]) for v in x[:-1]]
-    fastest = (
-        np.sqrt(2) * C_WAVE / (40.0 / 6)
-    )  # 1/s, neighbours in opposition: 4 EA / L over the mass of two elements
+    # 1/s, neighbours in opposition: 4 EA / L over the mass of two elements
+    fastest = np.sqrt(2) * C_WAVE / (40.0 / 6)
     for k, h in enumerate(steps[:2]):
         expected = np.log2((h**2 - steps[-1] ** 2) / (h**2 / 4 - steps[-1] ** 2))
         compare(

@@ -60,12 +60,10 @@ def test_weight_on_a_cable_that_breaks(both_ways, compare):
         CABLE
         + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.3\ntime_step = {dt}\n[output]\nframes = 30\n"
     )
-    f = both_ways.run(both_ways.job(text, nodes, "start,end\n1,2\n"), ranks=2)
-    assert (
-        ends(f) == [(0, 0, 2)]
-        and limit < f["events/strain"][0] < 1.01 * limit
-        and np.abs(f["history/identity_error"][:]).max() < 1e-12
-    )
+    f = both_ways.solve(text, nodes, "start,end\n1,2\n")
+    assert ends(f) == [(0, 0, 2)]
+    assert limit < f["events/strain"][0] < 1.01 * limit
+    assert np.abs(f["history/identity_error"][:]).max() < 1e-12
     half, k = 0.5 * RHO * A * length, EA / length
     M = weight / G + half
     omega, step = np.sqrt(k / M), int(f["events/step"][0])
@@ -134,11 +132,9 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
     strain = load / EA
     dt = length / C * WHOLE
     nodes, elements = chain(n, length, {0}, load, weak)
-    text = (
-        CABLE + f"[cable.weak]\nfracture_strain = {1.5 * strain!r}\n"
-        f"[dynamics]\nduration = {(n + weak + 4) * dt!r}\ntime_step = {dt!r}\n"
-    )
-    f = both_ways.run(both_ways.job(text, nodes, elements))
+    text = CABLE + f"[cable.weak]\nfracture_strain = {1.5 * strain!r}\n"
+    text += f"[dynamics]\nduration = {(n + weak + 4) * dt!r}\ntime_step = {dt!r}\n"
+    f = both_ways.solve(text, nodes, elements)
     case = f"step load on a chain of {n}, weak element {weak}: "
     compare(case + "which breaks", "the one that is weak").figures(
         f["events/element"][0], weak, 0, "the wave comes back to no other first", scale=1.0
@@ -166,12 +162,10 @@ def test_whip_of_a_released_end(both_ways, compare):
     dt, m = L0 / C * WHOLE, RHO * A * L0
     nodes, elements = chain(n, length, {0, n}, weak=n - 1)
     nodes = nodes.replace(f"{(n - 1) * length!r},0,0\n", f"{(n - 1) * length!r},0,{-1e-10 * tension}\n")
-    text = (
-        STEEL + f"[cable.weak]\nfracture_strain = {strain * (1 + 1e-11)!r}\n"
-        f"[dynamics]\nduration = {(n + 2) * dt!r}\ntime_step = {dt!r}\n"
-    )
-    f = both_ways.run(
-        both_ways.job(text + f"[output]\nhistory = {dt!r}\nframes = 2\nprobes = [[0, 0]]\n", nodes, elements)
+    text = STEEL + f"[cable.weak]\nfracture_strain = {strain * (1 + 1e-11)!r}\n"
+    text += f"[dynamics]\nduration = {(n + 2) * dt!r}\ntime_step = {dt!r}\n"
+    f = both_ways.solve(
+        text + f"[output]\nhistory = {dt!r}\nframes = 2\nprobes = [[0, 0]]\n", nodes, elements
     )
     v0, v = tension / (np.sqrt(E * RHO) * A), f["final/velocity"][:, 2]
     assert f["events/particle"][0] == n and f["events/step"][0] == 1 and len(v) == n + 2
@@ -214,24 +208,19 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
         f"start,end,group,area,unstressed_length\n1,2,upper,{A},{length}\n"
         f"2,3,lower,{A},{length}\n3,4,thread,1e-12,{thread}\n"
     )
-    text = (
-        CABLE + f"[cable.lower]\nfracture_strain = {limit}\n"
-        f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\ntime_step = 1e-3\n"
-    )
+    text = CABLE + f"[cable.lower]\nfracture_strain = {limit}\n"
+    text += f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\ntime_step = 1e-3\n"
     text += "[output]\nframes = 250\nhistory = 0.001\n"
-    f = both_ways.run(both_ways.job(text, nodes, elements), ranks=2)
-    dt, step, k, half = (
-        f["history/time_step"][0],
-        int(f["events/step"][0]),
-        EA / length,
-        0.5 * RHO * A * length,
-    )
+    f = both_ways.solve(text, nodes, elements)
+    dt = f["history/time_step"][0]
+    step = int(f["events/step"][0])
+    k = EA / length
+    half = 0.5 * RHO * A * length
     mass = dead * area / G + half * np.array([2, 1]) + [0, 0.5 * RHO * 1e-12 * thread]
     omega, shape = modes(k * np.array([[2, -1], [-1, 1]]), mass)
     theta = np.arccos(1 - 0.5 * (omega * dt) ** 2)
-    place = lambda n: (
-        shape @ (shape.T @ (-G * mass) / omega**2 * (1 - np.cos(n * theta)))
-    )  # the steps in closed form, by modes
+    # the steps in closed form, by modes
+    place = lambda n: shape @ (shape.T @ (-G * mass) / omega**2 * (1 - np.cos(n * theta)))
     first = next(n for n in range(10**4) if place(n)[0] - place(n)[1] > limit * length)
     compare(
         "two weights on a hanger: number of the step of the break", "central difference solved by hand"
@@ -268,10 +257,9 @@ def test_equal_forces_break_both_ends(both_ways, compare):
     limit, load, dt = 1e-3, 1e5, 1e-6
     nodes = f"id,x,y,z,mass,load_z\n1,0,0,0,500,{-load}\n2,0,0,1,100,0\n3,0,0,2,100,0\n4,0,0,3,500,{load}\n"
     text = CABLE + f"fracture_strain = {limit}\n[dynamics]\nduration = 0.012\ntime_step = {dt}\n"
-    f = both_ways.run(both_ways.job(text, nodes, "start,end,area\n1,2,1e-3\n2,3,4e-4\n3,4,1e-3\n"))
-    k = E * np.array(
-        [1e-3, 2 * 4e-4]
-    )  # the half from the middle outwards; half of an element is twice as stiff
+    f = both_ways.solve(text, nodes, "start,end,area\n1,2,1e-3\n2,3,4e-4\n3,4,1e-3\n")
+    # the half from the middle outwards; half of an element is twice as stiff
+    k = E * np.array([1e-3, 2 * 4e-4])
     omega, shape = modes(
         np.array([[k[0], -k[0]], [-k[0], k.sum()]]), np.array([500 + 0.5e-3 * RHO, 100 + 0.5 * 1.4e-3 * RHO])
     )
@@ -285,11 +273,9 @@ def test_equal_forces_break_both_ends(both_ways, compare):
     compare("the same: ends that break", "both, as the forces are equal").figures(
         len(f["events/step"]), 2, 0, "rule of equal forces"
     )
-    assert (
-        ends(f) == [(1, 1, 4 + 2), (1, 2, 4 + 3)]
-        and len(set(f["events/step"][:])) == 1
-        and f["history/broken"][-1] == 1
-    )
+    assert ends(f) == [(1, 1, 4 + 2), (1, 2, 4 + 3)]
+    assert len(set(f["events/step"][:])) == 1
+    assert f["history/broken"][-1] == 1
     x, v = f["final/position"][:, 2], f["final/velocity"][:, 2]
     compare("the same: sum of the velocities of mirror images", "zero").figures(
         np.abs(v + v[[3, 2, 1, 0, 5, 4]]).max(),
@@ -310,13 +296,11 @@ def test_equal_forces_break_both_ends(both_ways, compare):
 
 def test_symmetric_net_breaks_symmetrically(both_ways, compare):
     """Under uniform load the saddle's fractures come in mirror images, in the same step."""
-    f = both_ways.run(both_ways.job(PULLED.format(0.3)))
-    x, elements, element, step = (
-        f["net/particles"][:, :2],
-        f["net/elements"][:],
-        f["events/element"][:],
-        f["events/step"][:],
-    )
+    f = both_ways.solve(PULLED.format(0.3))
+    x = f["net/particles"][:, :2]
+    elements = f["net/elements"][:]
+    element = f["events/element"][:]
+    step = f["events/step"][:]
     middle = 0.5 * (x[elements[:, 0]] + x[elements[:, 1]])
     image = {
         mirror: np.array([np.linalg.norm(middle - place * mirror, axis=1).argmin() for place in middle])

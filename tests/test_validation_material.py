@@ -4,11 +4,12 @@ strain.
 
 import numpy as np
 import pytest
-from conftest import AREAS, STEEL, STILL_AIR, WHOLE
+from conftest import STEEL
+from nets import table
 from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
-from test_validation_dynamics import csv, timing
+from test_validation_dynamics import timing
 
 THEME = "Material"
 E, A, RHO, G = 1.95e11, 683.08e-6, 7850.0, 9.81
@@ -43,13 +44,12 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
         elements += [
             (10 * s + k, 10 * s + k + 1, "strut" if share < 0 else "", N / abs(share) / A) for k in (0, 1)
         ]
-    table = csv("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), csv("start,end,group,modulus", elements)
-    f = both_ways.run(
-        both_ways.job(
-            section(strain)
-            + '[cable.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
-            *table,
-        )
+    elements = table("start,end,group,modulus", elements)
+    tables = table("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), elements
+    f = both_ways.solve(
+        section(strain)
+        + '[cable.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
+        *tables,
     )
     for s, share in enumerate(shares):
         theirs = L0 * (1 + share) if strain == "engineering" else L0 * np.exp(share)
@@ -73,44 +73,25 @@ def test_weight_dropped_on_a_cable_that_yields(both_ways, compare, strain):
     L0, h, carried, dt = 10.0, 0.6, 36e3, 5e-4
     mass = carried + HALF * L0
     F = mass * G
-    nodes = csv(  # of the two at [0, 0] the first is the probe
-        f"id,x,y,z,fixed,mass,load_z{AREAS}",
-        [
-            (1, 0.0, 0.0, h - L0, 0, carried, -F, 1, 0, 0, 1),
-            (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0, 1, 0, 0, 1),
-        ],
-    )
-    text = section(strain) + "fracture_strain = 0.5\nyield_stress = 1.75e9\n"
-    text += STILL_AIR + timing(1.2, dt, 1, [(0.0, 0.0)])  # as others have it; nothing comes near to breaking
-    text = text.replace("[dynamics]\n", WHOLE)
-    job = both_ways.job(
-        text,
-        nodes,
-        csv("start,end,unstressed_length", [(0, 1, L0)]),
-    )
-    f = both_ways.run(job, ranks=2)
-    t, L, N = (
-        f["history/time"][:],
-        L0 - h - f["history/probe_displacement"][:, 0, 2],
-        f["history/probe_tension"][:, 0],
-    )
+    at = (1, 0.0, 0.0, h - L0, 0, carried, -F), (0, 0.0, 0.0, 0.0, 1, 0.0, 0.0)  # the first is the probe
+    tables = table("id,x,y,z,fixed,mass,load_z", at), table("start,end,unstressed_length", [(0, 1, L0)])
+    text = section(strain) + "yield_stress = 1.75e9\n" + timing(1.2, dt, 1, [(0.0, 0.0)])
+    f = both_ways.solve(text, *tables)
+    t = f["history/time"][:]
+    L = L0 - h - f["history/probe_displacement"][:, 0, 2]
+    N = f["history/probe_tension"][:, 0]
     if strain == "engineering":
         at_yield, stored = L0 * (1 + NY / EA), lambda L, rest: EA / L0 * (L - rest) ** 2 / 2
-        remains, plastic, force = (
-            lambda L, N: L - L0 * N / EA,
-            lambda rest: rest / L0 - 1,
-            lambda L, rest: EA / L0 * (L - rest),
-        )
+        remains = lambda L, N: L - L0 * N / EA
+        plastic = lambda rest: rest / L0 - 1
+        force = lambda L, rest: EA / L0 * (L - rest)
     else:
         at_yield, stored = L0 * np.exp(NY / EA), lambda L, rest: EA * (L * np.log(L / rest) - L + rest)
-        remains, plastic, force = (
-            lambda L, N: L * np.exp(-N / EA),
-            lambda rest: np.log(rest / L0),
-            lambda L, rest: EA * np.log(L / rest),
-        )
-    longest = (stored(at_yield, L0) - NY * at_yield - F * (h - L0)) / (
-        F - NY
-    )  # F (h + L - L0) = stored + NY (L - at_yield)
+        remains = lambda L, N: L * np.exp(-N / EA)
+        plastic = lambda rest: np.log(rest / L0)
+        force = lambda L, rest: EA * np.log(L / rest)
+    # F (h + L - L0) = stored + NY (L - at_yield)
+    longest = (stored(at_yield, L0) - NY * at_yield - F * (h - L0)) / (F - NY)
     rest = remains(longest, NY)
     spring = stored(longest, rest)
     heat = NY * (longest - at_yield) - (spring - stored(at_yield, L0))
@@ -180,34 +161,19 @@ def test_cycles_with_slack(both_ways, compare, strain):
     for s, group in enumerate(("cable", "strut")):
         x = L0 + 0.02 + start[0], 2 * L0 + 0.02 + start[1]
         nodes += [
-            (10 * s + j, v, 5.0 * s, 0.0, int(j in (0, 3)), 1, 1, heavy if j in (1, 2) else 0.0, 1, 0, 0, 1)
+            (10 * s + j, v, 5.0 * s, 0.0, int(j in (0, 3)), 1, 1, heavy if j in (1, 2) else 0.0)
             for j, v in enumerate((0.0, *x, 3 * L0 + 0.02))
         ]
-        elements += [
-            (
-                10 * s + j,
-                10 * s + j + 1,
-                group if j == 0 else "driver",
-                L0,
-                area if j == 0 else 1e-2,
-                E if j == 0 else k * L0 / 1e-2,
-            )
-            for j in range(3)
-        ]
-    text = (
-        section(strain) + 'yield_stress = 1.75e9\nfracture_strain = 0.9\n[cable.strut]\nkind = "bar"\n'
-        '[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'
-    )  # as the wheel has it; nothing comes near to breaking
-    text += STILL_AIR + timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
-    text = text.replace("[dynamics]\n", WHOLE)
-    f = both_ways.run(
-        both_ways.job(
-            text,
-            csv(f"id,x,y,z,fixed_x,fixed_y,fixed_z,mass{AREAS}", nodes),
-            csv("start,end,group,unstressed_length,area,modulus", elements),
-        ),
-        ranks=2,
+        sections = (group, L0, area, E), *[("driver", L0, 1e-2, k * L0 / 1e-2)] * 2
+        elements += [(10 * s + j, 10 * s + j + 1, *of) for j, of in enumerate(sections)]
+    text = section(strain) + 'yield_stress = 1.75e9\n[cable.strut]\nkind = "bar"\n'
+    text += '[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'  # which never yields
+    text += timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
+    tables = (
+        table("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes),
+        table("start,end,group,unstressed_length,area,modulus", elements),
     )
+    f = both_ways.solve(text, *tables)
     heat = 0.0
     for s, group in enumerate(("cable", "bar")):
         L = nodes[1][1] + f["history/probe_displacement"][:, s, 0]
@@ -229,19 +195,8 @@ def test_cycles_with_slack(both_ways, compare, strain):
             )
             stages += [stage] if stages[-1:] != [stage] else []
         if group == "cable":
-            assert stages == [
-                "slack",
-                "elastic",
-                "yield",
-                "elastic",
-                "slack",
-                "elastic",
-                "yield",
-                "elastic",
-                "slack",
-                "elastic",
-                "slack",
-            ], stages
+            twice = ["slack", "elastic", "yield", "elastic"] * 2
+            assert stages == [*twice, "slack", "elastic", "slack"], stages
         else:
             assert stages.count("yield") >= 4
         name = (
@@ -270,23 +225,13 @@ def test_three_cables_past_yield(both_ways, compare):
     what it carries stays, the slanted ones take the rest.
     """
     H, P = 5.0, 2.2 * NY
-    nodes = csv(
-        "id,x,y,z,fixed,load_z",
-        [
-            (0, -H, 0.0, H, 1, 0.0),
-            (1, 0.0, 0.0, H, 1, 0.0),
-            (2, H, 0.0, H, 1, 0.0),
-            (3, 0.0, 0.0, 0.0, 0, -P),
-        ],
-    )
-    f = both_ways.run(
-        both_ways.job(
-            section("engineering")
-            + "yield_stress = 1.75e9\n[load]\nself_weight = false\nsteps = 11\ntolerance = 1e-10\n",
-            nodes,
-            "start,end\n0,3\n1,3\n2,3\n",
-        ),
-        ranks=2,
+    above = [(k, x, 0.0, H, 1, 0.0) for k, x in enumerate((-H, 0.0, H))]
+    nodes = table("id,x,y,z,fixed,load_z", [*above, (3, 0.0, 0.0, 0.0, 0, -P)])
+    f = both_ways.solve(
+        section("engineering")
+        + "yield_stress = 1.75e9\n[load]\nself_weight = false\nsteps = 11\ntolerance = 1e-10\n",
+        nodes,
+        "start,end\n0,3\n1,3\n2,3\n",
     )
     middle, slant = lambda v: min(EA * v / H, NY), lambda v: EA * (np.hypot(H, H + v) / np.hypot(H, H) - 1)
     carried = lambda v: middle(v) + 2 * slant(v) * (H + v) / np.hypot(H, H + v)

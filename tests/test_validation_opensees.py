@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ENVIRONMENT, ROOT, STILL_AIR
+from conftest import ENVIRONMENT, ROOT
 
 THEME = "Other programs"
 OPENSEES, FOURTH = "OpenSees, corotational trusses", "OpenSees, implicit, fourth order, step to zero"
@@ -91,9 +91,8 @@ def reference(name: str, folder, case: dict) -> dict:
         key.removeprefix(f"{name}/"): values for key, values in stored.items() if key.startswith(f"{name}/")
     }
     for key, values in now.items():
-        assert np.abs(values - theirs[key]).max() <= 1e-9 * np.abs(theirs[key]).max(), (
-            key
-        )  # rounding, as in the rows below
+        # rounding, as in the rows below
+        assert np.abs(values - theirs[key]).max() <= 1e-9 * np.abs(theirs[key]).max(), key
     return theirs
 
 
@@ -103,11 +102,9 @@ def make_case(
     """The net that form finding left, with masses and loads from the job's numbers.
     static, sudden : (n, 3) [N]; the rest as in opensees_reference.py
     """
-    elements, L0, area = (
-        f["net/elements"][:],
-        f["form_finding/unstressed_length"][:],
-        f["net/tributary_area"][:],
-    )
+    elements = f["net/elements"][:]
+    L0 = f["form_finding/unstressed_length"][:]
+    area = f["net/tributary_area"][:]
     half = 0.5 * section["density"] * section["area"] * L0
     mass = np.bincount(elements.ravel(), np.repeat(half, 2), len(area)) + dead / GRAVITY * area
     zero, moves = np.zeros((len(area), 3)), sudden is not None
@@ -235,10 +232,8 @@ def moved(f) -> np.ndarray:
 
 def elastic(f, section: dict) -> None:
     """Nothing has yielded: the reference is elastic."""
-    assert (
-        not f["final/plastic_strain"][:].any()
-        and f["VTKHDF/CellData/tension"][:].max() < YIELD * section["area"]
-    )
+    assert not f["final/plastic_strain"][:].any()
+    assert f["VTKHDF/CellData/tension"][:].max() < YIELD * section["area"]
 
 
 def needs_opensees() -> None:
@@ -314,7 +309,7 @@ damping = 0.5
 history = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
-    f = both_ways.run(both_ways.job(shipped("saddle") + text))
+    f = both_ways.solve(shipped("saddle") + text)
     theirs = reference(
         "saddle",
         both_ways.folder,
@@ -332,10 +327,8 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
         (1.1e-9, 1.1e-9),
         "residual: 1e-10 of 1800 kN is 1.1e-9 of the nodal load",
     )
-    what, because = (
-        "the same, then steady wind, damped",
-        "the same scheme and step: what the static stage left",
-    )
+    what = "the same, then steady wind, damped"
+    because = "the same scheme and step: what the static stage left"
     compare_histories(compare, what, f, theirs, (1.1e-9, 1.1e-9), because)
     compare_states(
         compare,
@@ -365,7 +358,7 @@ time_step = 1e-4
 history = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
-    job = both_ways.job(shipped("saddle") + text + STILL_AIR)
+    job = both_ways.job(shipped("saddle") + text)
     f = both_ways.run(job)
     double = both_ways.run(job, "--set", f"dynamics.time_step={2 * STEP}", ranks=1, output="double.vtkhdf")
     case = make_case(f, SADDLE, sudden=vertical(f, 800.0), every=250, fine=(5e-4, 2.5e-4))
@@ -399,10 +392,8 @@ probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 
 def test_stadium_under_dead_load(both_ways, compare):
     """The stadium's cladding laid on slowly: 42 cables go slack."""
-    f = both_ways.run(
-        both_ways.job(
-            shipped("stadium") + "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
-        )
+    f = both_ways.solve(
+        shipped("stadium") + "[load]\nself_weight = false\ndead = 1000.0\nsteps = 1\ntolerance = 1e-10\n"
     )
     theirs = reference(
         "stadium", both_ways.folder, make_case(f, STADIUM, vertical(f, -1000.0), dead=1000.0, stride=8)
@@ -441,7 +432,7 @@ damping = 0.5
 history = 0.025
 probes = [[0.0, 15.4], [0.0, 2.2], [22.0, 15.4]]
 """
-    f = both_ways.run(both_ways.job(shipped("stadium") + text))
+    f = both_ways.solve(shipped("stadium") + text)
     case = make_case(
         f, STADIUM, sudden=vertical(f, -1000.0), dead=1000.0, damping=0.5, step=2.5e-4, every=100, stride=8
     )

@@ -79,10 +79,8 @@ def geiger():
 def geiger_by_hand(H):
     """Forces of the groups where the inner ridge cables pull with H along the radius."""
     n, R, r = GEIGER["n"], GEIGER["R"], GEIGER["r"]
-    ridge_inner, diagonal_inner = (
-        (GEIGER["top"] - GEIGER["ridge"]) / r,
-        (GEIGER["ridge"] - GEIGER["bottom"]) / r,
-    )
+    ridge_inner = (GEIGER["top"] - GEIGER["ridge"]) / r
+    diagonal_inner = (GEIGER["ridge"] - GEIGER["bottom"]) / r
     ridge_outer, diagonal_outer = GEIGER["ridge"] / (R - r), -GEIGER["foot"] / (R - r)  # slopes
     H_diagonal = H * ridge_inner / diagonal_inner  # both ends of the mast
     H_ridge = H + H_diagonal  # along the radius, at the ridge; upright, both inner cables cancel there
@@ -240,7 +238,7 @@ def test_a_form_carries_its_permanent_load(workshop, method):
     form = f'[form_finding]\nmethod = "{method}"\nloads = "permanent"\ntolerance = 1e-10\n'
     load = "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
     legs = LEGS.replace("group\n", "group,prestress\n").replace("leg\n", "leg,10000\n")
-    with workshop.run(workshop.job(HEAVY + form + load, V, LEGS if method == "keep" else legs)) as f:
+    with workshop.solve(HEAVY + form + load, V, LEGS if method == "keep" else legs) as f:
         x, N = f["form_finding/position"][:], f["form_finding/tension"][:]
         if method == "keep":
             assert (x == f["net/particles"][:]).all()

@@ -5,8 +5,8 @@ import csv
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL
+from nets import constant, elastic, equilibrium
 from scipy.optimize import brentq, fsolve
-from test_statics import elastic, newton
 
 from netfall.checks.cables import Cutting, cutting_columns
 
@@ -42,9 +42,8 @@ def chain(H, V, w, EA, L, n):
 def catenary_with_leading_error(H, V, w, EA, L, n):
     """The catenary less h^2 / 24 (f'(L) - f'(0)): what the midpoint rule leaves to second order."""
     x, z = catenary(H, V, w, EA, L, n)
-    slope = lambda V: (
-        np.array([H * V, -(H**2)]) * w / np.hypot(H, V) ** 3
-    )  # of the integrands, but for a constant
+    # of the integrands, but for a constant
+    slope = lambda V: np.array([H * V, -(H**2)]) * w / np.hypot(H, V) ** 3
     dx, dz = (L / n) ** 2 / 24 * (slope(V - w * L) - slope(V))
     return x - dx, z - dz
 
@@ -104,18 +103,15 @@ def test_isolated_cable(both_ways, compare):
     nodes, elements, first = cables([(parts, span, P, n) for n in numbers for P in (0.0, load)])
     area = 0.85 * (FOOT / 12) ** 2
     section = f"[cable]\nmodulus = {EA / area!r}\narea = {area!r}\ndensity = {w / GRAVITY / area!r}\n"
-    f = both_ways.run(
-        both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements),
-        ranks=2,
+    f = both_ways.solve(
+        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements
     )
     x = f["net/particles"][:] + f["statics/displacement"][-1]
     way = lambda rule, n: (hang(rule, parts, span, w, EA, load, n) - hang(rule, parts, span, w, EA, 0.0, n))[
         :2
     ]
-    exact, ours = (
-        way(catenary, 1),
-        np.array([(x[first[2 * k + 1] + n] - x[first[2 * k] + n])[[0, 2]] for k, n in enumerate(numbers)]),
-    )
+    exact = way(catenary, 1)
+    ours = np.array([(x[first[2 * k + 1] + n] - x[first[2 * k] + n])[[0, 2]] for k, n in enumerate(numbers)])
     source = (
         "two elastic catenaries that meet at the load; cable of Michalos and Birnstiel, Jayaraman and Knudson"
     )
@@ -163,15 +159,12 @@ def test_elastic_catenary_at_three_sags(both_ways, compare):
         some += [((L / 2, L / 2), span, 0.0, n) for n in numbers]
     nodes, elements, first = cables(some)
     section = f"[cable]\nmodulus = {modulus!r}\narea = {area!r}\ndensity = {density!r}\n"
-    f = both_ways.run(
-        both_ways.job(section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements),
-        ranks=2,
+    f = both_ways.solve(
+        section + "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n", nodes, elements
     )
-    x, ends, N = (
-        f["net/particles"][:] + f["statics/displacement"][-1],
-        f["net/elements"][:],
-        f["statics/tension"][-1],
-    )
+    x = f["net/particles"][:] + f["statics/displacement"][-1]
+    ends = f["net/elements"][:]
+    N = f["statics/tension"][-1]
 
     def sag_and_tension(start, n, L):
         """Of the cable whose nodes begin at start:
@@ -230,14 +223,9 @@ def test_two_elements_under_a_load(both_ways, compare):
         ]
         elements += [f"{3 * k + i},{3 * k + i + 1},{'bar' if rise else 'cable'},{N0}" for i in range(2)]
     section = f'[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[cable.bar]\nkind = "bar"\n'
-    f = both_ways.run(
-        both_ways.job(
-            section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n",
-            "\n".join(nodes),
-            "\n".join(elements),
-        ),
-        ranks=2,
-    )
+    text = section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n"
+    tables = "\n".join(nodes), "\n".join(elements)
+    f = both_ways.solve(text, *tables)
     for k, (case, w, within) in enumerate(rows):
         compare(f"two elements across, {case}: deflection", "P = 2 N(w) sin, solved for w").figures(
             -f["statics/displacement"][-1, 3 * k + 1, 2],
@@ -289,11 +277,6 @@ def tables(x, held, elements, columns="", values=(), more="", extra=""):
     )
 
 
-def constant(T):
-    """Law for `newton`: tension T [N] at any length."""
-    return lambda L: (np.full(len(L), T), np.zeros(len(L)))
-
-
 def test_uniform_force_density_is_the_hypar(both_ways, compare):
     """Equal force densities over the hypar's boundary give the hypar itself, on nets of any size:
     three in one job.
@@ -304,11 +287,9 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
         nets.append((x + (100.0 * k, 0, 0), held, elements + first))
         first += len(x)
     x, held, elements = (np.concatenate([net[i] for net in nets]) for i in range(3))
-    f = both_ways.run(
-        both_ways.job(
-            STEEL + '[form_finding]\nmethod = "force_density"\n',
-            *tables(x, held, elements, more=",force_density", extra=",12000"),
-        )
+    f = both_ways.solve(
+        STEEL + '[form_finding]\nmethod = "force_density"\n',
+        *tables(x, held, elements, more=",force_density", extra=",12000"),
     )
     for k, (cells, (_, _, elements)) in enumerate(zip(sizes, nets)):
         z = f["form_finding/position"][elements.min() : elements.max() + 1] - (100.0 * k, 0, 0)
@@ -328,12 +309,12 @@ def test_uniform_force_density_is_the_hypar(both_ways, compare):
 
 def test_force_density_from_prestress_and_length(both_ways, compare):
     """Without force densities, prestress / start length serves."""
-    f = both_ways.run(
-        both_ways.job('[net]\ngenerator = "saddle"\n' + STEEL + '[form_finding]\nmethod = "force_density"\n')
+    f = both_ways.solve(
+        '[net]\ngenerator = "saddle"\n' + STEEL + '[form_finding]\nmethod = "force_density"\n'
     )
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     q = T0 / np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
-    x, N = newton(start, elements, lambda L: (q * L, q), held.astype(bool), np.zeros_like(start))
+    x, N = equilibrium(start, elements, lambda L: (q * L, q), held.astype(bool), np.zeros_like(start))
     compare(
         "saddle by force density, prestress / start length: largest distance",
         "Newton's method, N = q L",
@@ -356,15 +337,13 @@ def test_saddle_at_constant_tension(both_ways, compare):
     the shortest net over its boundary, within 0.3 % of the rise of the hypar at the particles' own x, y; it
     stands with the real material.
     """
-    f = both_ways.run(
-        both_ways.job(
-            '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
-        )
+    f = both_ways.solve(
+        '[net]\ngenerator = "saddle"\n' + STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
     )
     x, start, elements, held = (
         f[name][:] for name in ("form_finding/position", "net/particles", "net/elements", "net/fixed")
     )
-    shortest, _ = newton(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
+    shortest, _ = equilibrium(start, elements, constant(T0), held.astype(bool), np.zeros_like(x))
     compare(
         "saddle at constant tension: largest distance from the hypar at own x, y", "z = c (x^2 - y^2)", FORM
     ).figures(
@@ -404,12 +383,10 @@ def test_table_1_of_the_paper(both_ways, compare):
     """
     x, held, elements = square(8, SIDE, hypar)
     held = np.column_stack((np.ones((len(x), 2), bool), held))
-    z = both_ways.run(
-        both_ways.job(
-            STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n", *tables(x, held, elements)
-        )
+    z = both_ways.solve(
+        STEEL + "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n", *tables(x, held, elements)
     )["form_finding/position"][:, 2]
-    exact = newton(x, elements, constant(T0), held, np.zeros_like(x))[0][:, 2]
+    exact = equilibrium(x, elements, constant(T0), held, np.zeros_like(x))[0][:, 2]
     at = lambda X, Y: int(np.flatnonzero((np.abs(x[:, 0] - X) < 1e-6) & (np.abs(x[:, 1] - Y) < 1e-6))[0])
     # where the hypar has the height of the table's "analytical solutions"; then DR (Barnes), FEM (Tang), FPM
     for node, place, recomputed, published in (
@@ -442,11 +419,11 @@ def test_stadium_at_a_thousandth_of_the_modulus(both_ways, compare, EA):
     and with that of its form finding.
     """
     net = '[net]\ngenerator = "stadium"\n' + STEEL.replace("1.95e11", repr(EA / 683.08e-6))
-    f = both_ways.run(both_ways.job(net + "[form_finding]\nmodulus_factor = 1e-3\ntolerance = 1e-9\n"))
+    f = both_ways.solve(net + "[form_finding]\nmodulus_factor = 1e-3\ntolerance = 1e-9\n")
     start, elements, held = (f[name][:] for name in ("net/particles", "net/elements", "net/fixed"))
     L = np.linalg.norm(start[elements[:, 1]] - start[elements[:, 0]], axis=1)
     s = 1e-3 * EA
-    x, N = newton(
+    x, N = equilibrium(
         start, elements, lambda now: (T0 + s * (now / L - 1), s / L), held.astype(bool), np.zeros_like(start)
     )
     ours, case = f["form_finding/tension"][:], f"stadium, EA = {EA / 1e3:.4g} kN, tensions at E/1000"
@@ -474,14 +451,10 @@ def test_olympia_net(both_ways, compare):
     read = lambda name: list(csv.DictReader((ROOT / "jobs" / "olympia" / name).read_text().splitlines()))
     nodes, rows = read("nodes.csv"), read("elements.csv")
     number = {row["id"]: p for p, row in enumerate(nodes)}
-    start, free = (
-        np.array([[float(row[k]) for k in "xyz"] for row in nodes]),
-        np.array([row["fixed"] == "0" for row in nodes]),
-    )
-    q, moved = (
-        np.array([float(row["force_density"]) for row in rows]),
-        np.array([[float(row[k]) for k in "uvw"] for row in read("published_displacements.csv")]),
-    )
+    start = np.array([[float(row[k]) for k in "xyz"] for row in nodes])
+    free = np.array([row["fixed"] == "0" for row in nodes])
+    q = np.array([float(row["force_density"]) for row in rows])
+    moved = np.array([[float(row[k]) for k in "uvw"] for row in read("published_displacements.csv")])
     force = np.array([float(row["f"]) for row in read("published_forces.csv")])
     C = np.zeros((len(q), len(start)))
     for e, row in enumerate(rows):
@@ -502,9 +475,8 @@ def test_olympia_net(both_ways, compare):
     unstressed = L / (1.0 + q * L / (1.6e11 * np.where(mast, 1e-3, 1e-5)))  # the job's modulus and areas
     cutting = cutting_columns(f, Cutting(0.0, 50.0))
     by_hand = np.bincount(f["net/cable"][:], unstressed)
-    assert cutting["unstressed_length"] == pytest.approx(
-        by_hand, rel=1e-10
-    )  # rounding of the linear solution
+    # rounding of the linear solution
+    assert cutting["unstressed_length"] == pytest.approx(by_hand, rel=1e-10)
     assert sorted(cutting["measuring_load"]) == [0.0] * 4 + [50.0] * 32  # a mast is measured without load
     digits = (
         "printed to 10 digits, from force densities printed to 9 "
@@ -526,9 +498,8 @@ def test_olympia_net(both_ways, compare):
             unit,
             scale=1.0,
         )
-    B = np.einsum("ep,ea->epa", C[:, free], (C @ x) / L[:, None]).reshape(
-        len(q), -1
-    )  # change of length with the free coordinates
+    # change of length with the free coordinates
+    B = np.einsum("ep,ea->epa", C[:, free], (C @ x) / L[:, None]).reshape(len(q), -1)
     EA = np.array([1.6e11 * (1e-3 if row["group"] == "mast" else 1e-5) for row in rows])
     tangent = np.kron(K[np.ix_(free, free)], np.eye(3)) + B.T @ ((EA / L - q)[:, None] * B)
     compare("Olympia net: largest force of a mast", "published (test data of jax_fdm)", FORM).figures(
@@ -548,9 +519,8 @@ def test_flat_net_under_a_small_load(both_ways, compare):
     """Square nets, prestressed and flat, sink as a membrane does: 0.0737 p a^2 / H in the middle."""
     a, w, EA, sizes = 10.0, 1e-3, 1.95e9 * 683.08e-6, (8, 16, 32)
     odd = np.arange(1, 40, 2)
-    membrane = 1 / 8 - 4 / np.pi**3 * np.sum(
-        (-1.0) ** (odd // 2) / (odd**3 * np.cosh(odd * np.pi / 2))
-    )  # of p a^2 / H
+    # of p a^2 / H
+    membrane = 1 / 8 - 4 / np.pi**3 * np.sum((-1.0) ** (odd // 2) / (odd**3 * np.cosh(odd * np.pi / 2)))
 
     def differences(n):
         """The same of five-point differences, by their sine series."""
@@ -574,7 +544,7 @@ def test_flat_net_under_a_small_load(both_ways, compare):
         first += len(x)
     x, held, elements, load = (np.concatenate([net[i] for net in nets]) for i in range(4))
     soft = STEEL.replace("1.95e11", "1.95e9") + "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-11\n"
-    f = both_ways.run(both_ways.job(soft, *tables(x, held, elements, ",load_z", (load,))), ranks=2)
+    f = both_ways.solve(soft, *tables(x, held, elements, ",load_z", (load,)))
     middle = [int(np.hypot(x[:, 0] - 20.0 * k, x[:, 1]).argmin()) for k in range(3)]
     for p, n in zip(middle, sizes):
         error = differences(n) / membrane - 1
@@ -612,14 +582,14 @@ def test_load_case_of_the_paper(both_ways, compare):
         "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
         "[load]\nself_weight = false\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"
     )
-    f = both_ways.run(both_ways.job(net))
+    f = both_ways.solve(net)
     start, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:].astype(bool)
-    form, _ = newton(start, elements, constant(T), held, np.zeros_like(start))
+    form, _ = equilibrium(start, elements, constant(T), held, np.zeros_like(start))
     law = elastic(np.linalg.norm(form[elements[:, 1]] - form[elements[:, 0]], axis=1) / (1 + T / EA), EA)
     path, x = [], form
     load = f["net/tributary_area"][:][:, None] * (0.0, 0.0, -2000.0)  # of the surface
     for step in range(1, 11):
-        x, N = newton(x, elements, law, held, np.where(held, 0.0, load * step / 10))
+        x, N = equilibrium(x, elements, law, held, np.where(held, 0.0, load * step / 10))
         path.append((x - form, N))
     way, tension = (np.array(values) for values in zip(*path))
     ours, middle = f["statics/displacement"][1:], int(np.hypot(*start.T[:2]).argmin())

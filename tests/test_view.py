@@ -55,7 +55,7 @@ needs_browser = pytest.mark.skipif(not browser.is_there(), reason="no Chromium, 
 @pytest.fixture(scope="module")
 def broken(shared_workshop) -> Path:
     """The result of a saddle that a storm tears apart."""
-    with shared_workshop.run(shared_workshop.job(BREAKS)) as file:
+    with shared_workshop.solve(BREAKS) as file:
         assert len(file["events/time"]) > 5
     return shared_workshop.folder / "result.vtkhdf"
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from conftest import ROOT, assert_same_results, run_on_standing_ranks
+from nets import pulls
 
 from netfall.net.generators.wheel import BRACE, GROUPS, largest_brace_force, wheel
 
@@ -20,16 +21,6 @@ def of(net, group):
     return net.prestress[net.group == net.group_names.index(group)]
 
 
-def residual(x, elements, N):
-    """Sum (n, 3) [N] of the elements' forces at each node."""
-    d = x[elements[:, 1]] - x[elements[:, 0]]
-    along = (N / np.linalg.norm(d, axis=1))[:, None] * d
-    total = np.zeros_like(x)
-    np.add.at(total, elements[:, 0], along)
-    np.subtract.at(total, elements[:, 1], along)
-    return total
-
-
 @pytest.mark.parametrize("hoops", [0, 1, 5])
 @pytest.mark.parametrize("hoop_force", [0.0, T])
 @pytest.mark.parametrize("brace_force", [0.0, 8e4])
@@ -37,7 +28,7 @@ def test_every_node_is_in_equilibrium_without_reactions(hoops, hoop_force, brace
     """Those of the supports too: the wheel carries its prestress in itself."""
     net = small(hoops, hoop_force, brace_force)
     rounding = 1e-13 * np.abs(net.prestress).max()  # of the sums
-    assert np.abs(residual(net.x, net.elements, net.prestress)).max() < rounding
+    assert np.abs(pulls(net.x, net.elements, net.prestress)).max() < rounding
 
 
 def test_forces_of_the_rings_by_hand():
@@ -162,9 +153,7 @@ def test_the_drift_is_carried_to_the_supports(shipped):
     f = shipped
     x, elements, held = f["net/particles"][:], f["net/elements"][:], f["net/fixed"][:, 2].astype(bool)
     pull = {
-        name: residual(x + f[f"cases/{name}/displacement"][:], elements, f[f"cases/{name}/tension"][:])[
-            held, 2
-        ]
+        name: pulls(x + f[f"cases/{name}/displacement"][:], elements, f[f"cases/{name}/tension"][:])[held, 2]
         for name in ("snow", "drift")
     }
     zones = [name.decode() for name in f["net/zone_names"][:]]

@@ -13,11 +13,8 @@ from netfall.model.layout import make_layout
 from netfall.model.model import make_model
 from netfall.wind.measured import place_weights
 
-FLAT = (
-    '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 0.0\ncells = 4\n'
-    + STEEL
-    + "[form_finding]\nmodulus_factor = 0\n"
-)
+FLAT = '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 0.0\ncells = 4\n' + STEEL
+FLAT += "[form_finding]\nmodulus_factor = 0\n"
 BLOW = (
     "[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\n"
     "base_height = 10.0\nair_density = 1.25\nprofile_exponent = 0.0\n"
@@ -29,7 +26,7 @@ def test_measured_wind_from_a_table(workshop):
     """Speeds from a table, interpolated in time: impulse of a linear ramp on a flat roof."""
     (workshop.folder / "speed.csv").write_text("time,speed\n-1,99\n0,0\n0.001,20\n0.004,20\n")
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nroughness = 0.0", 'file = "speed.csv"')
-    f = workshop.run(workshop.job(text))
+    f = workshop.solve(text)
     mass = 7850 * 683.08e-6 * 20 / (1 + 100e3 / (1.95e11 * 683.08e-6))
     impulse = 100 * 0.625 * (20**2 / 3 * 0.001 + 20**2 * 0.001)
     free = ~f["net/fixed"][:].astype(bool).all(1)
@@ -47,7 +44,7 @@ def test_measured_wind_at_several_points(workshop):
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
         "speed = 30.0\nroughness = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
     )
-    f = workshop.run(workshop.job(text.replace("profile_exponent = 0.0", "profile_exponent = 0.2")))
+    f = workshop.solve(text.replace("profile_exponent = 0.0", "profile_exponent = 0.2"))
     assert f["wind/control_point"][:].tolist() == [[-15, 0, 5], [15, 0, 30]]
     assert f["wind/mean_speed"][:].tolist() == [20, 30] and f["wind/gust_factor"][:].tolist() == [1, 1]
     free = ~f["net/fixed"][:].astype(bool).all(1)
@@ -100,7 +97,7 @@ def test_wrong_points_are_refused(workshop, points, speeds, message):
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
         "speed = 30.0\nroughness = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
     )
-    assert message in workshop.run(workshop.job(text), code=2).stderr
+    assert message in workshop.solve(text, code=2).stderr
 
 
 @pytest.mark.parametrize(
@@ -149,9 +146,8 @@ def test_check_tells_of_the_gusts(workshop):
     above = (1 + 300.0**2) ** (-1 / 3)  # x = 1200 m 10 Hz / 40 m/s
     assert f"samples 0.05 s apart lack {above:.2%} of the variance, which lies above 10 Hz" in lines[2]
     S = S / S.sum()
-    between = (
-        1 - (S * np.cos(2 * np.pi * n * 0.05)).sum()
-    ) / 3  # mean over time of (1 - s)^2 + s^2 + 2 s (1 - s) R
+    # mean over time of (1 - s)^2 + s^2 + 2 s (1 - s) R
+    between = (1 - (S * np.cos(2 * np.pi * n * 0.05)).sum()) / 3
     told = float(re.search(r"between them takes ([\d.]+)%", lines[2])[1])
     assert told == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
     assert re.search(r"differs from that of Davenport's coherence by \S+ over the roof \(root", lines[3])
@@ -238,7 +234,7 @@ def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
 def test_result_keeps_what_is_known_of_the_gusts(workshop):
     """In /wind, of the speeds there and of the model."""
     text = FLAT + BLOW.replace("roughness = {k}", "turbulence = 0.6\ngusts = 'points'").format(u=-1.0)
-    f = workshop.run(workshop.job(text.replace("duration = 0.002", "duration = 0.5")))["wind"]
+    f = workshop.solve(text.replace("duration = 0.002", "duration = 0.5"))["wind"]
     u, mean = f["speed"][:], f["mean_speed"][:]
     assert (f["gust_factor"][:] == u.max(0) / mean).all()
     assert (f["negative_share"][:] == (u < 0).mean(0)).all()
@@ -261,7 +257,7 @@ def test_wrong_wind_table_is_refused(workshop, table, message):
     """With file, line and what is expected."""
     (workshop.folder / "speed.csv").write_text(table)
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nroughness = 0.0", 'file = "speed.csv"')
-    assert message in workshop.run(workshop.job(text), code=2).stderr
+    assert message in workshop.solve(text, code=2).stderr
 
 
 def test_wind_without_normals_is_refused(workshop):
@@ -308,7 +304,7 @@ def test_choices_after_a_fracture(workshop):
     the runs agree until then.
     """
     f = {
-        after: workshop.run(workshop.job(STORM.format(after=after), name=after), output=f"{after}.vtkhdf")
+        after: workshop.solve(STORM.format(after=after), name=after, output=f"{after}.vtkhdf")
         for after in ("particle", "all", "none")
     }
     first = {after: (g["events/step"][0], g["events/element"][0]) for after, g in f.items()}

@@ -1,0 +1,78 @@
+"""Nets of the tests: their tables as text, sums of forces, and equilibria by a direct solver."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+
+
+def word(value) -> str:
+    """A cell of a table, a number to its last bit."""
+    return str(value.item() if isinstance(value, np.generic) else value)
+
+
+def table(header: str, rows) -> str:
+    """A table as text."""
+    return "\n".join([header, *(",".join(map(word, row)) for row in rows)]) + "\n"
+
+
+def along(x, elements) -> tuple[np.ndarray, np.ndarray]:
+    """Of elements (m, 2) between points (n, 3): directions (m, 3) from first to second, and lengths (m,)."""
+    d = x[elements[:, 1]] - x[elements[:, 0]]
+    L = np.linalg.norm(d, axis=1)
+    return d / L[:, None], L
+
+
+def pulls(x, elements, N) -> np.ndarray:
+    """Sum (n, 3) [N] of the elements' forces (m,) at each node."""
+    force, total = N[:, None] * along(x, elements)[0], np.zeros_like(x)
+    np.add.at(total, elements[:, 0], force)
+    np.subtract.at(total, elements[:, 1], force)
+    return total
+
+
+def elastic(L0, EA, most=np.inf):
+    """Law of an elastic cable that yields at `most` [N]: tension and stiffness [N, N/m] at lengths L."""
+
+    def law(L):
+        N = np.clip(EA * (L - L0) / L0, 0.0, most)
+        return N, np.where((N > 0.0) & (N < most), EA / L0, 0.0)
+
+    return law
+
+
+def constant(T):
+    """Law of a cable under constant tension T [N]."""
+    return lambda L: (np.full_like(L, T), np.zeros_like(L))
+
+
+def stiffness_of(x, elements, N, axial) -> coo_array:
+    """Tangent (3 n, 3 n); what has none gets so little that it moves nothing else."""
+    e, L = along(x, elements)
+    little = 1e-9 * axial.max()
+    block = (axial - N / L)[:, None, None] * e[:, :, None] * e[:, None, :]
+    block += (N / L + little)[:, None, None] * np.eye(3)
+    rows, columns, values = [], [], []
+    for a, b, sign in ((0, 0, 1), (1, 1, 1), (0, 1, -1), (1, 0, -1)):
+        i = 3 * elements[:, a, None, None] + np.arange(3)[None, :, None]
+        j = 3 * elements[:, b, None, None] + np.arange(3)[None, None, :]
+        rows.append(np.broadcast_to(i, block.shape).ravel())
+        columns.append(np.broadcast_to(j, block.shape).ravel())
+        values.append(sign * block.ravel())
+    place = np.concatenate(rows), np.concatenate(columns)
+    return coo_array((np.concatenate(values), place), shape=(x.size, x.size)).tocsr()
+
+
+def equilibrium(x, elements, law, fixed, load, tolerance=1e-5) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and tensions of elements with N, dN/dL = law(L), by Newton's method with the exact tangent.
+
+    fixed : (n, 3); load : (n, 3) [N]; tolerance : of the largest force that is left [N]
+    """
+    x, free = x.copy(), np.flatnonzero(~fixed.ravel())
+    for _ in range(60):
+        N, axial = law(along(x, elements)[1])
+        residual = (load + pulls(x, elements, N)).ravel()[free]
+        if np.abs(residual).max() < tolerance:
+            return x, N
+        K = stiffness_of(x, elements, N, axial)
+        x.ravel()[free] += spsolve(K[free][:, free].tocsc(), residual)
+    raise AssertionError("Newton did not converge")
