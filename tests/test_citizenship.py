@@ -60,6 +60,8 @@ def state():
 def before(x):
     return 2.0 * x
 
+import scipy.sparse, scipy.spatial  # each adds a filter of warnings of its own when it is imported
+
 first = state()
 assert first["mapped"] >= 100_000_000
 before(1.0)
