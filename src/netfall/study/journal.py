@@ -2,7 +2,8 @@
 
 A line is a checksum and a record, JSON. A record whose line is not whole was being written when the study was
 killed: it is cut off, and its run made again. HDF5 does not survive such a kill; so the study file is written
-from the journal, at the end.
+from the journal, at the end. (An SQLite file that is cut anywhere is lost as a whole, sees no damage within a
+record, and opens without locks only if told that there are none.)
 """
 
 import json
