@@ -200,7 +200,7 @@ def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, qui
     comm = world()
     from netfall.ground.progress import Progress
     from netfall.job.read import read_job
-    from netfall.parallel.agree import on_root
+    from netfall.parallel.agree import on_all, on_root
     from netfall.program.run import run_job
 
     if ranks not in (None, comm.size):
@@ -217,4 +217,6 @@ def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, qui
         except InputError as error:
             raise InputError(_without(told, error.lines)) from None
     comm.Barrier()  # the file has its name
-    return on_root(comm, lambda: place.result()) or Result(path)
+    result = on_root(comm, lambda: place.result())
+    # every rank has opened the file before rank 0 can close a temporary one, which removes it
+    return on_all(comm, lambda: Result(path) if result is None else result)
