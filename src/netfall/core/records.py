@@ -39,10 +39,9 @@ from numba.np.arrayobj import populate_array
 real, whole = types.float64, types.int64  # numbers
 f8, f8_2, f8_3 = (types.Array(types.float64, k, "C") for k in (1, 2, 3))  # arrays, of one to three axes
 i8, i8_2, i8_3 = (types.Array(types.int64, k, "C") for k in (1, 2, 3))
-i4, i4_2 = (types.Array(types.int32, k, "C") for k in (1, 2))
-i1_2 = types.Array(types.int8, 2, "C")
+i4 = types.Array(types.int32, 1, "C")
 i1 = types.Array(types.int8, 1, "C")
-u8, u8_2 = (types.Array(types.uint64, k, "C") for k in (1, 2))
+u8 = types.Array(types.uint64, 1, "C")
 u4, u4_2 = (types.Array(types.uint32, k, "C") for k in (1, 2))
 u1, u1_2 = (types.Array(types.uint8, k, "C") for k in (1, 2))
 

@@ -232,22 +232,6 @@ class State:
             split = rows >= first
             rows[split] = first + new[rows[split] - first]
 
-    def copy(self) -> "State":
-        """A copy of all arrays."""
-        other = object.__new__(State)
-        other.__dict__ = self.__dict__ | {"_records": {}, "_whole": {}}
-        held = {field.name: field for field in fields.FIELDS}
-        for name, value in self.__dict__.items():
-            if not isinstance(value, np.ndarray):
-                continue
-            if name in held:
-                rows = self.m if held[name].entity == "element" else len(self.x)
-                other._hold(held[name], self._zeros(held[name], rows), rows)
-            else:
-                setattr(other, name, np.empty_like(value))
-            getattr(other, name)[:] = value
-        return other
-
 
 def committed(state: State) -> dict[str, np.ndarray]:
     """Copies of what an equilibrium leaves in the state, for `put_back`."""

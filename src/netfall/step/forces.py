@@ -138,6 +138,12 @@ def yielding_cable(s, p, per_L, L, per_L0, eps_p, slots, law):
 
 
 @part_of_kernel
+def are_repeated(slots, law):
+    """Whether elements near a limit may yield or buckle, so that the elastic pass does not serve them."""
+    return law.plastic > 0 or has(slots.euler)
+
+
+@part_of_kernel
 def keep_extremes(N, skipped, s, p, slots):
     """Take in axial forces N [N] of the elements in slot s, but where they are skipped.
 
@@ -173,7 +179,7 @@ def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, sc
     px, py, pz = load(x, 0, p), load(x, 1, p), load(x, 2, p)
     fx, fy, fz, near = zeros(), zeros(), zeros(), nowhere()
     bx, by, bz, bar = zeros(), zeros(), zeros(), nowhere()
-    comes_again = not general and not yields and (law.plastic > 0 or has(slots.euler))
+    repeated = not general and not yields and are_repeated(slots, law)
     for s in range(width):
         ox, oy, oz = far_ends(s, p, in_line, x, slots.other)
         dx, dy, dz = ox - px, oy - py, oz - pz
@@ -194,7 +200,7 @@ def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, sc
             put(p, high, slots.eps_p, s, new)
         near = near | past
         if peaks:  # elements near yield are computed again
-            keep_extremes(q * L, past if comes_again else nowhere(), s, p, slots)
+            keep_extremes(q * L, past if repeated else nowhere(), s, p, slots)
         if branches:
             total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
             alone, q = total - q, total
@@ -265,7 +271,7 @@ def chunk_forces(c, plain, x, chunks, slots, law, scratch):
         return elements_of_any_kind(low, high, width, x, slots, law, scratch)
     if not chunks.has_yielded[c]:
         near = elastic_elements(low, high, width, x, slots, law, scratch)
-        if not (near and (law.plastic or has(slots.euler))):
+        if not (near and are_repeated(slots, law)):
             return near
     chunks.has_yielded[c] = 1
     if has(slots.bar):
