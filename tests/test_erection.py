@@ -15,7 +15,6 @@ from netfall.checks.cases import slack_cables
 from netfall.checks.reactions import pull_at, reaction_columns
 from netfall.checks.shop import Deduction, pieces_of
 from netfall.checks.slides import slide_columns
-from netfall.equilibrium import find
 from netfall.erection import erect
 from netfall.ground.errors import DivergedError, Interrupted
 from netfall.ground.progress import Progress
@@ -691,24 +690,6 @@ def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
         assert verb != "info" or "NO EQUILIBRIUM: errors of length" in told.stdout
     page = (workshop.folder / "report" / "summary.md").read_text()
     assert "**No equilibrium: errors of" in page and "**Errors of length that were drawn" in page
-
-
-def test_answers_to_many_lengths_are_those_to_one(monkeypatch):
-    """Of a larger net, for as many as are worth its factors, by these; else by conjugate gradients alone."""
-    scene, _ = prepare(MPI.COMM_SELF, read_job(ROOT / "jobs/ring.toml", []), Phases())
-    state, made, answers = scene.state, [], {}
-    change = 1e-3 * state.L0 * np.cos(np.arange(len(state.L0)))
-    of_tangent = find.factors_of_tangent
-    monkeypatch.setattr(find, "factors_of_tangent", lambda *each: made.append(0) or of_tangent(*each))
-    for fewest, count in (0, 1000), (0, 0), (10**9, 1000):
-        monkeypatch.setattr(find, "FEWEST", fewest)
-        respond = scene.finder.responses(np.zeros_like(state.x), count)
-        answers[fewest, count] = [each.copy() for _ in range(2) for each in respond(change)]
-    assert len(made) == 1
-    alone = answers.pop((10**9, 1000))
-    for found in answers.values():
-        for one, other in zip(alone, found):
-            assert np.abs(one - other).max() < 1e-8 * np.abs(one).max() > 0.0
 
 
 def line_of_three(prestress=2e4):

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from netfall.equilibrium.stable import STABLE
+from netfall.equilibrium.newton import STABLE
 from netfall.erection.lengths import rows_named
 from netfall.erection.settings import Setting, after, first_setting
 from netfall.erection.tension import elastic, tension_to

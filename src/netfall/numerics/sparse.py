@@ -98,21 +98,6 @@ def substitute(lower, d, b):
 
 
 @kernel
-def substitute_one(lower, d, b):
-    """The same for one right-hand side, b (n,)."""
-    begin, row, factor = lower
-    for k in range(b.shape[0]):
-        part = b[k]
-        for entry in range(begin[k], begin[k + 1]):
-            b[row[entry]] -= factor[entry] * part
-    for k in range(b.shape[0] - 1, -1, -1):
-        part = b[k] / d[k]
-        for entry in range(begin[k], begin[k + 1]):
-            part -= factor[entry] * b[row[entry]]
-        b[k] = part
-
-
-@kernel
 def unheld(lower, filled, v):
     """Write what the rows before the last one do where that is displaced by 1, v (k + 1,), without a force.
 
