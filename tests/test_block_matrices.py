@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from netfall.multigrid.distributed import DistributedMatrix
 from netfall.multigrid.levels import aggregates
-from netfall.multigrid.products import Coarser, Transposed
+from netfall.multigrid.products import Product, Transposed
 from netfall.multigrid.rows import BlockRows, Owners, Pattern
 
 SEEDS = 24
@@ -56,7 +56,8 @@ def products(comm, seed: int) -> tuple[float, float, str]:
     matrix, up = A.spread(comm, rows, columns=rows), P.spread(comm, rows, columns)
     transposed = Transposed(up.pattern)
     down = transposed.of(up)
-    coarse = Coarser(matrix.pattern, up.pattern, transposed.pattern).of(matrix, up)
+    first = Product(matrix.pattern, up.pattern)
+    coarse = Product(transposed.pattern, first.pattern).of(down, first.of(matrix, up))
     for start, end in itertools.pairwise(coarse.pattern.start):
         assert (np.diff(coarse.pattern.column[start:end]) > 0).all()
 

@@ -6,15 +6,11 @@ import h5py
 import numpy as np
 import pytest
 from conftest import STEEL, assert_same_results, run_netfall
-from mpi4py import MPI
 
 from netfall.checks.reactions import reaction_columns
-from netfall.equilibrium import find
 from netfall.exchange.export import Wanted, export
-from netfall.ground.timings import Phases
 from netfall.job.read import read_job
 from netfall.model.layout import make_layout
-from netfall.program.setup import prepare
 
 TOLERANCE = 1e-6  # of the largest tension: what the issue asks, with [load] tolerance = 1e-9 well above it
 SADDLE = (
@@ -334,29 +330,6 @@ NEIGHBOURS += "".join(
     combination(f"c{k}", f"permanent = {1.0 + 0.1 * k}, prestress = {1.1 - 0.1 * k}, snow = {0.4 * k}")
     for k in range(4)
 )
-
-
-def test_the_factors_of_a_tangent_are_its_inverse(workshop):
-    """Stiffness times what they answer is the force that was given, on a net with held nodes."""
-    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(NEIGHBOURS)), Phases())
-    finder, newton = scene.finder, scene.finder.newton(np.zeros_like(scene.state.x))
-    force = np.where(newton.moves, np.sin(1.0 + np.arange(newton.moves.size)).reshape(-1, 3), 0.0)
-    back = newton.stiffness_times(newton.tangent(), finder.factors()(force))
-    assert np.abs(back - force).max() < 1e-9  # rounding, times the ratio of axial stiffness to that across
-
-
-def test_combinations_by_factors_are_those_by_cycles(workshop, monkeypatch):
-    """The inverse of the permanent state for all, or cycles through levels: the same forces."""
-    job = workshop.job(NEIGHBOURS)
-    files = {}
-    for name, most in (("factors", find.MOST_PRODUCTS), ("cycles", 0.0)):
-        monkeypatch.setattr(find, "MOST_PRODUCTS", most)
-        files[name] = workshop.run_here(job, f"{name}.vtkhdf")
-    one, other = files.values()
-    for name in one["cases"].attrs["order"]:
-        assert apart(one[f"cases/{name}"], other[f"cases/{name}"]) <= TOLERANCE
-    # no bits in common: each served
-    assert not np.array_equal(one["cases/c2/tension"][:], other["cases/c2/tension"][:])
 
 
 @pytest.mark.parametrize("looks", [20, 26, 32])

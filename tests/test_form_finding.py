@@ -181,7 +181,6 @@ def form_of(monkeypatch):
     """The form of a job: as of a net that is large from so many particles on; options : of `prepare`."""
 
     def find(job, large, *settings, **options):
-        monkeypatch.setattr(newton, "LARGE", large)
         monkeypatch.setattr(tensions, "MANY", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
         return prepare(MPI.COMM_SELF, job, Phases(), **options)[0].form
@@ -226,7 +225,7 @@ def test_form_and_equilibria_of_a_large_net_have_the_same_bits_on_any_ranks(shar
     one = shared_workshop.run(job, output="one.vtkhdf")
     three = shared_workshop.run(job, ranks=3, output="three.vtkhdf")
     form, steps = one["form_finding"], one["statics"]
-    assert len(form["position"]) >= newton.LARGE and form["iterations"][()] < 100
+    assert len(form["position"]) >= tensions.MANY and form["iterations"][()] < 100
     assert not steps["relaxed"][:].any() and steps["iterations"][:].max() > 30
     for group in "form_finding", "statics":
         assert all(np.array_equal(one[group][name][()], three[group][name][()]) for name in one[group])

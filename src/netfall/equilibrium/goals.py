@@ -5,115 +5,98 @@ no estimate (compressed bars buckle, a mechanism hangs), the net is relaxed to a
 again, until that changes no more.
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
-from netfall.equilibrium.newton import Newton, NoConvergence, StartPoint
+from netfall.equilibrium.newton import NEARLY, Newton, NoConvergence, Solution, StartPoint
 from netfall.equilibrium.relaxation import Paused, Relaxation, not_begun, relax
+from netfall.equilibrium.stable import unstable_at
 from netfall.ground.errors import DivergedError
-from netfall.ground.stop import StopRequest
+from netfall.ground.stop import NEVER, StopRequest
+from netfall.mechanics.state import State
 
-NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # of the largest force: residuals after which Newton's is tried once more
-TIGHTER = 10.0  # times: what the relaxation is asked more of, where its error is too large
-MOST_AGAIN = 6  # times
-AGAIN = 1000  # iterations and as many as it has taken so far: what each of these may take
-NEARLY = 10.0  # times the tolerance: the largest error of what relaxation alone has found
-ROUNDING = 1e-13  # of the largest force: residuals below that are rounding
+NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # residuals over the largest force, after which Newton's method is tried
+MOST_AGAIN = 6  # residuals below, each a tenth of the one before, where no tangent tells an error
+AGAIN = 1000  # iterations that each of these may take, beside as many as were taken before
 
 
-@dataclass
-class Goals:
-    """The residuals to which one equilibrium is relaxed in turn.
+def relaxed_in_turn(
+    finder,
+    newton: Newton,
+    tolerance: float,
+    reference: float,
+    most: int,
+    what: str,
+    stop: StopRequest,
+    start: np.ndarray,
+    resume: Relaxation | None,
+) -> Solution:
+    """Relax the state of a `find.Finder` to equilibrium; the `Solution`. Collective.
 
-    finder : `find.Finder`; tolerance, reference, what, stop : as of `Finder.find`
-    start : positions (n, 3) [m] from which the equilibrium is sought; patient : whether no correction is too
-    dear; first : number of the residual to begin with, from 0
+    start : positions (n, 3) [m] from which the equilibrium is sought; the others as of `Finder.find`
+
+    Raises DivergedError if the iterations run out, RunsAway, Paused.
     """
-
-    finder: Any
-    newton: Newton
-    tolerance: float
-    reference: float
-    what: str
-    stop: StopRequest
-    start: np.ndarray
-    patient: bool = True
-    first: int = 0
-
-    def __post_init__(self):
-        self.asked = self.tolerance * self.reference
-        self.residuals = [*(share * self.reference for share in NEARER if share > self.tolerance), self.asked]
-        self.residuals += [
-            max(self.asked / TIGHTER**k, ROUNDING * self.reference) for k in range(1, MOST_AGAIN)
-        ]
-        self.first = min(self.first, len(self.residuals) - 1)
-        # Near a limit load the tangent of what yields is singular, and tells no error in the search for it.
-        self.strict = self.patient or not self.finder.state.features.plastic
-
-    def relax(self, most: int, resume: Relaxation | None = None, begun: int = 0, in_all: bool = False):
-        """The `Solution`, and the state in it. Collective.
-
-        most : iterations for each residual, or for all of them if in_all; resume : as of `relaxation.relax`
-        begun : added to the numbers of the residuals in a `Relaxation`
-
-        Raises DivergedError if the iterations run out, RunsAway, Paused.
-        """
-        finder, state, newton = self.finder, self.finder.state, self.newton
-        first, total = (resume.stage - begun, resume.total) if resume else (self.first, 0)
-        before, found, last, enough = self.start, None, None, None
-        for stage in range(first, len(self.residuals)):
-            finder.goal, goal = stage + 1, self.residuals[stage]
-            left = most - total if in_all else most
-            try:
-                iterations, residual = relax(
-                    finder.comm,
-                    finder.halo,
-                    newton.net,
-                    goal,
-                    min(left, AGAIN + total) if found else left,
-                    self.what,
-                    lambda i, r, g=goal: finder.report(
-                        f"{self.what}: relaxing, residual {r:.2g} N of {g:.2g} N"
-                    ),
-                    stop=self.stop,
-                    resume=resume,
-                )
-            except Paused as pause:
-                pause.at.stage, pause.at.total = stage + begun, total
-                pause.at = enough or pause.at  # from where the same follows
-                pause.at.start = self.start
+    state, asked = finder.state, tolerance * reference
+    residuals = [share * reference for share in NEARER if share > tolerance]
+    residuals += [asked / 10.0**k for k in range(MOST_AGAIN)]
+    first, total = (resume.stage, resume.total) if resume else (0, 0)
+    before, found, last, enough = start, None, None, None
+    for stage in range(first, len(residuals)):
+        goal = residuals[stage]
+        report = lambda i, r, g=goal: finder.report(f"{what}: relaxing, residual {r:.2g} N of {g:.2g} N")
+        few = min(most, AGAIN + total) if found else most
+        try:
+            net = newton.net
+            iterations, residual = relax(finder.comm, finder.halo, net, goal, few, what, report, stop, resume)
+        except Paused as pause:
+            pause.at.stage, pause.at.total = stage, total
+            pause.at = enough or pause.at  # from where the same follows
+            pause.at.start = start
+            raise
+        except DivergedError:
+            if found is None:
                 raise
-            except DivergedError:
-                if found is None or (self.strict and in_all and AGAIN + total > left):
-                    raise
-                state.x[:] = before
+            state.x[:] = before
+            break
+        if found and not iterations:  # nothing has changed
+            continue
+        total, resume, before = total + iterations, None, state.x.copy(order="K")
+        try:
+            return finder.corrected(newton, tolerance, NEVER, StartPoint(total))
+        except NoConvergence:
+            state.x[:] = before
+        if goal <= asked:
+            found = Solution(total, residual, *_errors(newton, state, last), True, unstable_at(newton))
+            last = before, state.elements_now().N
+            if found.error <= tolerance:
                 break
-            if found and not iterations:  # nothing has changed
-                continue
-            total, resume, before = total + iterations, None, state.x.copy(order="K")
-            try:
-                if not self.patient and iterations == 0 and goal > self.asked:
-                    raise NoConvergence("it was not from here")
-                return finder.corrected_from(newton, self.tolerance, StartPoint(total), self.patient)
-            except NoConvergence:
-                state.x[:] = before
-            if goal <= self.asked:
-                found = finder.relaxed(newton, total, residual, last)
-                last = before, state.elements_now().N
-                if found.error <= self.tolerance:
-                    break
-                enough = enough or replace(not_begun(before), stage=stage + begun, total=total)
-        least = self.newton.rounding(self.newton.tangent())
-        allowed = (1.0 if in_all else NEARLY) * max(self.tolerance, least)
-        # The smallest residual is enough: of a net that hardly moves the relative error says nothing.
-        if self.strict and not (found.error <= allowed or found.residual <= self.residuals[-1]):
-            known = (
-                f"an estimated error of {found.error:.1g}" if found.error == found.error else "no known error"
-            )
-            raise DivergedError(
-                f"{self.what}: {total} iterations of relaxation led to a residual of {found.residual:.3g} N "
-                f"with {known}, tolerance {self.tolerance:.3g}"
-            )
-        return found
+            enough = enough or replace(not_begun(before), stage=stage, total=total)
+    _check_error(newton, found, tolerance, residuals[-1], what)
+    return found
+
+
+def _errors(newton: Newton, state: State, last: tuple | None) -> tuple[float, float]:
+    """Estimated errors of what relaxation has reached. Collective.
+
+    last : positions (n, 3) [m] and axial forces (m,) [N] of ten times the residual, None: not known
+    """
+    try:
+        return newton.errors(state.x_start)
+    except NoConvergence:
+        return newton.changes(*last, state) if last else (np.nan, np.nan)
+
+
+def _check_error(newton: Newton, found: Solution, tolerance: float, least: float, what: str) -> None:
+    """Raise DivergedError where the error of what was found is too large, or not known. Collective.
+
+    least : residual [N] that is enough: of a net that hardly moves the relative error says nothing
+    """
+    allowed = NEARLY * max(tolerance, newton.rounding(newton.tangent()))
+    if not (found.error <= allowed or found.residual <= least):
+        known = f"an estimated error of {found.error:.1g}" if found.error == found.error else "no known error"
+        raise DivergedError(
+            f"{what}: {found.iterations} iterations of relaxation led to a residual of "
+            f"{found.residual:.3g} N with {known}, tolerance {tolerance:.3g}"
+        )

@@ -1,7 +1,10 @@
-"""The largest part of a load that a net of cables bears, by work control: see `work`.
+"""The largest part of a load that a net of cables bears, by work control.
 
-Each trial prescribes the work and finds the load. How near the net then is to giving way grows nearly in
-proportion to the work, so few trials do; the load hardly changes between the last of them.
+Near the largest load that a net bears a little more of it moves the net far, and under more there is no
+equilibrium at all. Under a given work of the load, force times displacement of all particles, there is one
+for any: the energy of cables is convex in the positions. So each trial prescribes the work, and the factor of
+the load is an unknown beside the positions. How near the net then is to giving way grows nearly in proportion
+to the work, so few trials do; the load hardly changes between the last of them.
 """
 
 from collections.abc import Callable
@@ -9,37 +12,55 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.mixed import NIL, Mixed
-from netfall.equilibrium.newton import LEFT, Newton, NoConvergence
-from netfall.equilibrium.overload import SHARP, UNSTRAINED, Strained
-from netfall.equilibrium.work import Work
+from netfall.equilibrium.mixed import MOST_STEPS, NARROWED, Mixed
+from netfall.equilibrium.newton import Newton, NoConvergence
+from netfall.equilibrium.overload import NOTHING, UNSTRAINED, Strained, Trial, search_limit
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
-from netfall.numerics.functions import power
-
-FIRST = 1.5  # times: how closely displacements are found to begin with, by which something gives way
-MOST_SIZES = 100  # of these
-ASIDE, FARTHER = 0.01, 0.02  # of what gives way: so far beyond it the next trial is to be, and the first ones
-HALF = 0.5  # of what keeps the load within `SHARP` of the other end: how far beyond, where that end is near
-APART = 0.4  # of `SHARP`: the same where it is far
-FAR = 2.0  # of what gives way: from there it grows as a power of the work, where nothing is borne yet
-POWER = 1.5  # that
-WITHIN = 0.05  # of what is between two trials: no nearer to either
-MOST_TRIALS = 20
-NEAR = 1e-4  # the last step of a trial, see `Mixed`
+from netfall.multigrid.tangent import Tangent
 
 
-class Trial(NamedTuple):
-    """An equilibrium under a given work [J]; factor : of the load; there : how near it is to giving way."""
+class Work:
+    """Work control of a load (n_owned, 3) [N] that acts besides that of the net, from where the net is.
 
-    work: float
-    factor: float
-    there: Strained
+    factor : of that load; target : of its work [J], `factor` aside
+    """
 
-    @property
-    def most(self) -> float:
-        """As of `Strained`."""
-        return self.there.most
+    def __init__(self, newton: Newton, load: np.ndarray):
+        self.newton, self.load = newton, newton.not_held(load)
+        self.start = newton.net.x[newton.owned].copy()
+        self.factor = self.target = 0.0
+
+    def done(self) -> float:
+        """The work of the load where the net is [J], `factor` aside. Collective."""
+        (work,) = self.newton.dots((self.load, self.newton.net.x[self.newton.owned] - self.start))
+        return work
+
+    def solve(self, K: Tangent, cycle, r: np.ndarray, left: float) -> tuple[np.ndarray, float, int]:
+        """Correction (n_owned, 3) [m] of a residual r without the load, of `factor`, iterations. Collective.
+
+        left : of the residual, at most. By conjugate gradients among displacements in which the load does no
+        work (Gould, Hribar, Nocedal 2001), after one that brings it to `target`. Raises as `Newton.solve`.
+        """
+        newton, load, more = self.newton, self.load, 0.0
+        answer = newton.not_held(cycle(load))
+        (compliance,) = newton.dots((load, answer))
+
+        def idle(rows: np.ndarray) -> np.ndarray:
+            """As the cycle has it, without work; rows lose the part of the load that this leaves to it."""
+            nonlocal more
+            z = newton.not_held(cycle(rows))
+            (work,) = newton.dots((load, z))
+            less = work / compliance
+            rows -= less * load
+            z -= less * answer
+            more -= less
+            return z
+
+        first = (self.target - self.done()) / compliance * answer
+        r = r + self.factor * load - newton.stiffness_times(K, first)
+        s, count = newton.solve(K, idle, r, left)
+        return first + s, more, count
 
 
 class LimitLoad(NamedTuple):
@@ -72,75 +93,64 @@ def limit_load(
     Raises NoConvergence, Stopped.
     """
     newton.begin()
-    work = Work(newton, load)
+    work, best = Work(newton, load), state.x.copy(order="K")
     _begin(newton, state, work, strained)
-    work.target = work.done()
-    mixed, x = Mixed(newton, state, stop, work), state.x.copy(order="K")
-    before = low = Trial(0.0, 0.0, UNSTRAINED)
-    high = None
-    for _ in range(MOST_TRIALS):
-        mixed.narrow(NEAR, tolerances[0])
-        now = Trial(work.target, work.factor, strained())
-        if now.there.reason:
-            high = now
-        else:
-            before, low, x[:] = low, now, state.x
-            if low.factor >= 1.0:
-                return LimitLoad(low.factor, UNSTRAINED, mixed.gradients, mixed.missing)
-        report(low.factor, min(high.factor, 1.0) if high else 1.0)
-        if high and high.factor - low.factor <= SHARP * high.factor:
-            break
-        work.target = _next(before, low, high)
-        mixed.begin_again()
-    else:
-        raise NoConvergence(f"{MOST_TRIALS} trials were not enough")
-    if now is not low:
-        state.x[:], work.target, work.factor = x, low.work, low.factor
-        mixed.begin_again()
+    first = work.done()
+    mixed = Mixed(newton, state, stop, work)
+
+    def trial(target: float) -> Trial:
+        if target != first:
+            mixed.begin_again()
+        work.target = target
+        mixed.narrow(NARROWED[0], tolerances[0])
+        now = Trial(target, work.factor, strained())
+        if not now.there.reason:
+            best[:] = state.x
+        return now
+
+    low, high = _ends(trial, first)
+    if high is not None:
+        low, high = search_limit(trial, low, high, report)
+    beyond = UNSTRAINED if high is None or low.factor >= 1.0 else high.there
+    state.x[:], work.target, work.factor = best, low.at, low.factor
+    if beyond is UNSTRAINED:
+        return LimitLoad(low.factor, beyond, mixed.gradients, mixed.missing)
+    mixed.begin_again()
     try:
         mixed.narrow(0.0, tolerances[1])
     except NoConvergence:  # what is missing tells
         if max(mixed.missing) > tolerances[0]:
             raise
-    return LimitLoad(work.factor, high.there, mixed.gradients, mixed.missing)
+    return LimitLoad(work.factor, beyond, mixed.gradients, mixed.missing)
+
+
+def _ends(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:
+    """Trials below and above the limit; None above: all of the load is borne. first : work [J]"""
+    low, at = NOTHING, first
+    for _ in range(MOST_STEPS):
+        now = trial(at)
+        if now.there.reason:
+            return low, now
+        low, at = now, 2.0 * at
+        if low.factor >= 1.0:
+            return low, None
+    raise NoConvergence("nothing gives way under any work")
 
 
 def _begin(newton: Newton, state: State, work: Work, strained: Callable[[], Strained]) -> None:
-    """Move the net in the shape of its first answer to the load so far that something gives way."""
+    """Move the net in the shape of its first answer to the load, nearly so far that something gives way."""
     K, x = newton.tangent(), state.x.copy(order="K")
-    shape, _ = newton.solve(K, newton.cycle(K), work.load, LEFT)
+    shape, _ = newton.solve(K, newton.cycle(K), work.load)
     newton.spread_out(shape)
-    shape, low = newton.spread.copy(), 0.0
-    (most,) = newton.largest(shape)
+    (most,) = newton.largest(newton.spread)
     if most == 0.0:
         raise NoConvergence("the load moves nothing")
-    part, low, high = newton.extent / most, 0.0, np.inf
-    for _ in range(MOST_SIZES):
-        state.x[:] = x + part * shape
-        if strained().reason:
-            high = part
-        else:
-            low = part
-        if high <= FIRST * low:
+    shape, times = newton.extent / most * newton.spread, 1.0
+    state.x[:] = x + shape
+    factor = 0.5 if strained().reason else 2.0
+    for _ in range(MOST_STEPS):
+        times *= factor
+        state.x[:] = x + times * shape
+        if bool(strained().reason) == (factor > 1.0):
             return
-        part = 2.0 * low if high == np.inf else np.sqrt(low * high) if low else 0.5 * high
     raise NoConvergence("no displacements are about those with which something gives way")
-
-
-def _next(before: Trial, low: Trial, high: Trial | None) -> float:
-    """The work [J] of the next trial, by the line through the last two that are borne, or through both ends.
-
-    It aims a little beyond what gives way, from the side of the farther end.
-    """
-    if high is None:
-        far = (1.0 + FARTHER - low.most) * (low.work - before.work) / max(low.most - before.most, NIL)
-        return low.work + min(far, low.work)
-    most, wide = high.most - low.most, high.work - low.work
-    enough = SHARP * high.factor * most / (high.factor - low.factor)  # between both ends
-    below, above = 1.0 - low.most, high.most - 1.0
-    room = enough - min(below, above)
-    aside = min(ASIDE, HALF * room if room > 0.0 else APART * enough)
-    aim = 1.0 - aside if below > above else 1.0 + aside
-    if low.work == 0.0 and high.most > FAR:
-        return high.work * float(power(aim / high.most, 1.0 / POWER))
-    return low.work + min(max((aim - low.most) / most, WITHIN), 1.0 - WITHIN) * wide

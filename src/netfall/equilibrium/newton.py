@@ -6,7 +6,6 @@ not positive, what compression takes from it is left out; where it is singular a
 slack) inertia is added until it is not.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +14,8 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.bending import add_joint_stiffness
 from netfall.mechanics.elements import add_stiffness, axial_forces
 from netfall.mechanics.supports import keep_on_guides, largest_residual
-from netfall.multigrid.cycle import Cycle, Structure
+from netfall.multigrid.cycle import Cycle
 from netfall.multigrid.distributed import advance, dot_rows, turn
-from netfall.multigrid.factors import Factors
 from netfall.multigrid.tangent import Tangent, without_compression
 from netfall.numerics.functions import lengths
 from netfall.parallel.halo import Halo
@@ -25,51 +23,57 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 
-MOST_CORRECTIONS = 25
-FEW_CORRECTIONS = 8  # near the equilibrium
-MOST_GRADIENTS = 200  # iterations of conjugate gradients for one correction; a relaxation is then cheaper
-LEFT = 3e-3  # of the residual, that these leave: two corrections then nearly reach the default tolerance
-ROUGH = 0.1  # of the residual: a correction that leaves so much is rough
-GLANCE = 12  # iterations after which a correction tells whether it goes too far
+MOST_CORRECTIONS = 25  # of one equilibrium: what converges takes 3 to 15
+MOST_GRADIENTS = 200  # iterations of conjugate gradients for a correction: a singular tangent takes more
+MANY_GRADIENTS = 25  # such iterations, beyond which a new cycle is cheaper than the old one (jobs/bench)
+LEFT = 3e-3  # of a residual [-], after a correction: two corrections then nearly reach the default tolerance
 LEFT_LAST = 0.1  # the same, where no more is needed to be within the tolerance
+CAUTION = 10.0  # times more is taken to be left after many iterations: slow modes hold more of the error
+FARTHEST = 0.1  # of the net's extent [-]: what a correction may move; farther its tangent tells nothing
 HALVINGS = 10  # of a correction that goes too far
-FARTHEST = 0.1  # of the net's extent: what a correction may move
-FIRST_INERTIA = 1e-6  # of the nodes' stiffness, once the tangent is found singular
-MOST_INERTIA = 1e-3
-MANY_GRADIENTS = 25  # for one correction of a large net; another approximate inverse is then cheaper
-FEW_GRADIENTS = 8  # the same with factors
-CAUTION = 10.0  # times more is taken to be left of the tensions after so many
-LARGE = 10_000  # particles; below that relaxation takes no longer than what serves larger nets
-SHORT = 0.3  # of a correction: if no more than that can be gone, the next gets more inertia
-FASTEST, SLOWEST = 0.5, 0.99  # of the size of the last step, that the next ones are taken to have
-ROUNDING = 1e-14  # of the net's extent: a correction below that is rounding
-ULPS = 4.0  # units in the last place of coordinates, by which lengths are off
-NIL = 1e-6  # of the net's extent: a displacement below that counts as so much
+SHORT = 0.3  # of a correction [-]: if less of it can be gone, the next gets more inertia
+FAR = 0.6  # of the largest tension [-]: a correction that changes more, unforeseen, begins too far away
+INERTIA = 1e-6, 1e-3  # of the nodes' stiffness [-], added to a singular tangent, at first and at most: more
+# would slow what the tangent resists
+NEARLY = 10.0  # times the tolerance [-]: the largest error where rounding or a singular tangent ends a search
+ULPS = 4.0  # units in the last place of coordinates, by which lengths are off: two ends, two roundings
+NIL = 1e-6  # of the net's extent [-]: smaller displacements count as so much, of which errors are shares
 
 
-class NewtonResult(NamedTuple):
-    """An equilibrium that was found: gradients : iterations of all corrections; residual : largest [N]
+STABLE, UNKNOWN = -1, -2  # in place of a particle of which an equilibrium shows that it is not stable
 
-    moved, tension : estimated errors, shares of the largest displacement from the start and largest tension
+
+class Solution(NamedTuple):
+    """An equilibrium that was found.
+
+    iterations : of conjugate gradients, or of the relaxation; residual : largest [N]
+    displacement_error, tension_error : estimates, shares of the largest: of what is left, or, where the
+        tangent tells nothing, of what the last tenth of the residual changed; nan where none could be made
+    relaxed : whether by dynamic relaxation; unstable_at : where the equilibrium is not stable, the global
+        number of the particle that moves most, else `STABLE`, or `UNKNOWN` where that could not be decided
     """
 
-    gradients: int
+    iterations: int
     residual: float
-    moved: float
-    tension: float
+    displacement_error: float
+    tension_error: float
+    relaxed: bool = False
+    unstable_at: int = UNKNOWN
+
+    @property
+    def error(self) -> float:
+        """The larger of both."""
+        return max(self.displacement_error, self.tension_error)
 
 
 class StartPoint(NamedTuple):
-    """How far a net has come: gradients : iterations; size : of the last correction, as the larger of
-    `moved` and `tension` of `NewtonResult`; cycle : approximate inverse in use, None: to be made
+    """How far a net has come near an equilibrium.
+
+    gradients : iterations; size : of the last correction, the larger share as of `Newton.sizes`
     """
 
     gradients: int = 0
     size: float = np.inf
-    cycle: Cycle | None = None
-
-
-AT_START = StartPoint()
 
 
 class Stopped(Exception):
@@ -95,39 +99,23 @@ class NotPositiveDefinite(NoConvergence):
 def still_missing(sizes: tuple[float, float], part: float, before: float) -> tuple[float, ...]:
     """Errors left after a part of a step of such sizes, where steps become smaller at a rate that stays.
 
-    before : the larger size of the step before
+    before : the larger size of the step before. At least as much is left as the step itself.
     """
-    rate = min(max(max(sizes) / before, FASTEST), SLOWEST)
-    return tuple(size * (1.0 - part + rate / (1.0 - rate)) for size in sizes)
-
-
-def is_large(distribution: Distribution) -> bool:
-    """Whether a net is so large that the ways of large nets are shorter."""
-    return distribution.n >= LARGE
+    rate = max(sizes) / before
+    left = max(1.0, rate / (1.0 - rate)) if rate < 1.0 else np.inf
+    return tuple(size * (1.0 - part + left) if size else 0.0 for size in sizes)
 
 
 class Newton:
     """Newton's method for one net on these ranks."""
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        halo: Halo,
-        distribution: Distribution,
-        net,
-        tangent,
-        inverse,
-        structure: Structure,
-        factors=None,
-    ):
-        """net : `relaxation.Net`; tangent() : the `Tangent` at its positions
-        inverse(newton, tangent) : the approximate inverse to use. Collective.
-        structure : what the cycles have in common
-        factors(tangent, inertia) : one that is made in place of a cycle, or None. Collective. None: none is
+    def __init__(self, comm: MPI.Comm, halo: Halo, distribution: Distribution, net, tangent, structure):
+        """net : `relaxation.Net`; tangent() : the `Tangent` at its positions. Collective.
+
+        structure : what the cycles of the net have in common, `cycle.Structure`
         """
         self.comm, self.halo, self.distribution = comm, halo, distribution
-        self.net, self.tangent, self.inverse = net, tangent, inverse
-        self.structure, self.factors = structure, factors
+        self.net, self.tangent, self.structure = net, tangent, structure
         self.owned = slice(halo.n_owned)
         self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
         self.stays = np.nonzero(~self.moves)
@@ -136,9 +124,6 @@ class Newton:
         self.answer = np.zeros_like(self.spread)
         self.f = np.zeros_like(net.x)
         self.inertia = self.extent = 0.0
-        self.large = is_large(distribution)
-        self.many = FEW_GRADIENTS if factors else MANY_GRADIENTS if self.large else MOST_GRADIENTS
-        self.most_left = LEFT if factors else LEFT_LAST  # by factors more is cheap
 
     def begin(self) -> None:
         """Forget earlier inertia, and see how large the net is now. Collective."""
@@ -200,20 +185,10 @@ class Newton:
             keep_on_guides(self.net.turned, rows)
         return rows
 
-    def solve(
-        self,
-        K: Tangent,
-        cycle,
-        r: np.ndarray,
-        share: float = LEFT,
-        most: int = MOST_GRADIENTS,
-        rough: Callable[[np.ndarray], None] | None = None,
-    ) -> tuple[np.ndarray, int]:
-        """The correction (n_owned, 3) [m] of a residual, and the iterations, at most so many. Collective.
+    def solve(self, K: Tangent, cycle: Cycle, r: np.ndarray, share: float = LEFT) -> tuple[np.ndarray, int]:
+        """Return the correction (n_owned, 3) [m] of a residual, of which a share is left, and the iterations.
 
-        rough(correction) : called each `GLANCE` iterations, until it leaves no more than `ROUGH` of the whole
-
-        Raises NoConvergence where the tangent is singular in its direction.
+        Collective. Raises NoConvergence where the tangent is singular in its direction.
         """
         s, left, before = np.zeros_like(r), r.copy(), np.empty_like(r)
         z = self._held(cycle(left))
@@ -224,7 +199,7 @@ class Newton:
         if not (0.0 < rz < np.inf and rr < np.inf):
             raise NoConvergence("the preconditioner is not positive")
         first = rz
-        for iteration in range(1, most + 1):
+        for iteration in range(1, MOST_GRADIENTS + 1):
             q = self.stiffness_times(K, p)
             (pq,) = self.dots((p, q))
             if not pq > 0.0:
@@ -235,95 +210,80 @@ class Newton:
             size, new, old = self.dots((left, left), (left, z), (before, z))
             if size <= share * share * rr and new <= share * share * first:
                 return s, iteration
-            near = size <= ROUGH * ROUGH * rr
-            if rough and (near or iteration % GLANCE == 0):
-                rough(s)
-                rough = None if near else rough
             turn((new - old) / rz, z, p)
             rz = new
             if not 0.0 < rz < np.inf:
                 raise NoConvergence("the preconditioner is not positive")
-        raise SlowConvergence(f"{most} iterations of conjugate gradients were not enough")
+        raise SlowConvergence(f"{MOST_GRADIENTS} iterations of conjugate gradients were not enough")
 
-    def cycle(self, K: Tangent) -> Cycle | Factors:
+    def cycle(self, K: Tangent) -> Cycle:
         """The approximate inverse of a tangent. Collective."""
-        factors = self.factors and self.factors(K, self.inertia)
-        if factors:
-            return factors
-        of_net = self.distribution, self.halo, self.net
-        return Cycle(self.comm, *of_net, K, self.inertia, self.structure)
+        return Cycle(self.distribution, self.net, K, self.inertia, self.structure)
 
     def find(
         self,
         tolerance: float,
-        start,
+        start: np.ndarray,
         stop: StopRequest = NEVER,
-        near: bool = False,
-        begun: StartPoint = AT_START,
-    ) -> NewtonResult:
+        near: StartPoint | None = None,
+        quick: bool = False,
+    ) -> Solution:
         """Move the net to equilibrium. Collective.
 
         tolerance : of what is missing after the last correction, a share of the largest displacement from
             `start` (n, 3) and of the largest tension; stop : a wish to pause
-        near : whether the net is near the equilibrium, so that few corrections will do, and none is too dear
-        begun : how far the net has come before
+        near : how far the net has come near an equilibrium, so that no correction is too dear
+        quick : whether another method is better where a correction goes too far
 
         Raises NoConvergence, Stopped if asked to stop; the positions are then those of the last correction.
         """
         self.begin()
-        K = self.tangent()
-        total, before, cycle = begun
-        cycle, r = cycle or self.inverse(self, K), self.residual()
+        K, (total, before) = self.tangent(), near or StartPoint()
+        cycle, r = None, self.residual()
         exact = True  # the tangent, compression included
-        most = FEW_CORRECTIONS if near else MOST_CORRECTIONS
-        for _ in range(most):
+        for _ in range(MOST_CORRECTIONS):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise Stopped
-            own = cycle is None
-            if own:
-                cycle = self.cycle(K)
-            share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), self.most_left)
+            cycle = cycle or self.cycle(K)
+            share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
             try:
                 s, count = self.solve(K, cycle, r, share)
             except NoConvergence as error:
-                slow = isinstance(error, SlowConvergence)
-                if slow and self.factors and not own:
-                    cycle = None
-                    continue
-                if slow and not near:
+                if quick or (isinstance(error, SlowConvergence) and not near):
                     raise
                 if exact and self.comm.allreduce(K.softened, MPI.LOR):
                     K, exact = without_compression(K), False
                 else:
                     self._more_inertia()
-                    cycle = self.cycle(K)
+                    cycle = None
                 before = np.inf
                 continue
             total += count
             moved, change, predicted = self.sizes(K, s, start)
             part = self.go(s, r)
             old, r, K = K, self.residual(), self.tangent()
-            whole, change = part == 1.0 and not self.inertia, max(change, self.unforeseen(old, K, predicted))
+            unforeseen = self.unforeseen(old, K, predicted)
+            whole, change = part == 1.0 and not self.inertia, max(change, unforeseen)
+            if quick and (part < SHORT or unforeseen > FAR):
+                raise NoConvergence("it is not near")
             size, changed = max(moved, change), self.active_set_changes(old, K)
             if changed:  # slack or yield that came or went: the tangent did not know
                 before = np.inf
-            if (self.large and changed) or count > self.many:
+            if changed or count > MANY_GRADIENTS:
                 cycle = None
-            left = CAUTION * share if self.large and count > MANY_GRADIENTS else share
+            left = CAUTION * share if count > MANY_GRADIENTS else share
             missing = max(left, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
             done = missing * size <= tolerance or missing * size <= self.rounding(K)
             if whole and exact and done:
                 mine = largest_residual(self.f, self.net.free, self.halo.n_owned)
                 worst = self.comm.allreduce(mine, MPI.MAX)
-                return NewtonResult(total, worst, missing * moved, missing * change)
+                return Solution(total, worst, missing * moved, missing * change)
             before, exact = size if whole else np.inf, True
             if part < SHORT:
-                if near and begun.size < np.inf:
-                    raise NoConvergence("it is not near")
                 self._more_inertia()
             elif part == 1.0:
-                self.inertia = 0.0 if self.inertia <= FIRST_INERTIA else 0.1 * self.inertia
-        raise NoConvergence(f"{most} corrections were not enough")
+                self.inertia = 0.0 if self.inertia <= INERTIA[0] else 0.1 * self.inertia
+        raise NoConvergence(f"{MOST_CORRECTIONS} corrections were not enough")
 
     def rounding(self, K: Tangent) -> float:
         """What rounded coordinates may change of tensions, a share of the largest. Collective."""
@@ -339,7 +299,7 @@ class Newton:
         """
         self.begin()
         K = self.tangent()
-        s, _ = self.solve(K, self.inverse(self, K), self.residual())
+        s, _ = self.solve(K, self.cycle(K), self.residual())
         return self.sizes(K, s, start)[:2]
 
     def changes(self, x: np.ndarray, N: np.ndarray, state) -> tuple[float, float]:
@@ -353,8 +313,8 @@ class Newton:
         return step / max(far, NIL * self.extent), most / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
-        self.inertia = FIRST_INERTIA if not self.inertia else 10.0 * self.inertia
-        if self.inertia > MOST_INERTIA:
+        self.inertia = 10.0 * self.inertia or INERTIA[0]
+        if self.inertia > INERTIA[1]:
             raise NoConvergence("the tangent is singular")
 
     def unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
@@ -384,7 +344,7 @@ class Newton:
         counts = self.moved_elements
         sizes = (np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts])
         step, far, most, tension = self.largest(*sizes)
-        if step <= ROUNDING * self.extent:
+        if step <= ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0, change
         return step / max(far, NIL * self.extent), most / tension if tension > 0.0 else 0.0, change
 
@@ -392,10 +352,10 @@ class Newton:
         """The part of a correction that does not move anything too far. Collective."""
         return min(1.0, FARTHEST * self.extent / max(self.largest(s)[0], 1e-300))
 
-    def go(self, s: np.ndarray, r: np.ndarray, left=0.0) -> float:
+    def go(self, s: np.ndarray, r: np.ndarray) -> float:
         """Move by a correction, or by the part of it along which the residual does not turn round.
 
-        How much of it. left : residual (n_owned, 3) [N] that r leaves out. Collective.
+        How much of it. Collective.
         """
         share = self.most_of(s)
         before = self.net.x.copy()
@@ -403,7 +363,7 @@ class Newton:
         self.spread_out(s)
         for _ in range(HALVINGS):
             self.net.x[:] = before + share * self.spread
-            (after,) = self.dots((self.residual() - left, s))
+            (after,) = self.dots((self.residual(), s))
             if np.isfinite(after) and after >= -0.5 * slope:
                 break
             part = slope / (slope - after) if np.isfinite(after) else 0.1

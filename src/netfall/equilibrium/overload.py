@@ -1,4 +1,4 @@
-"""How much of a load a net bears: what gives way in a state, and the largest share without that.
+"""How much of a load a net bears: what gives way in a state, and the largest part without that.
 
 An element that breaks gives way at its fracture strain. What yields runs away: it has given way where it is
 twice as long and nodes have moved by as much as the net is wide. Strain alone does not tell, since ideal
@@ -18,16 +18,12 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 
-GIVEN_WAY = 1.0  # strain of what yields, if its fracture strain is not larger
-WITH_IT = 0.5  # of the largest strain of what yields so far: elements strained more give way together
-SHARP = 0.004  # of the share that is borne: how closely it is found
-LEAST = 1e-3  # of a load: less is none
+GIVEN_WAY = 1.0  # strain of what yields, if its fracture strain is not larger: twice as long is of no use
+WITH_IT = 0.5  # of the largest strain of what yields [-]: elements strained more give way together
+SHARP = 0.004  # of the share that is borne [-]: how closely it is found, and told
+LEAST = 1e-3  # of a load [-]: less is none
 BREAKS = "breaks"
 RUNS_AWAY = "yields without end, nodes move farther than the net is wide"
-INSIDE = 0.45, 0.05  # of `SHARP`, of the interval that is searched: no nearer to its ends
-HALF = 0.5  # times: a distance whose end stays, so that the search comes from both sides (Illinois rule)
-NEARLY = 2.0  # times `SHARP`: what ran away was then tried from near
-SURELY = 1.05  # times the strain at which something gives way: near to equilibrium
 
 
 class Strained(NamedTuple):
@@ -48,18 +44,21 @@ class Strained(NamedTuple):
 
 
 UNSTRAINED = Strained()
-NOT_FOUND_AT_ONCE = Strained(np.inf, (), "no equilibrium was found")
 
 
-class GivesWay(Exception):
-    """Something gives way on the way to an equilibrium, to judge by states near to equilibrium.
+class Trial(NamedTuple):
+    """What came of a part of a load.
 
-    low, high : shares of what was missing; at low, where the net now is, it does not; at_high : `Strained`
+    at : what was prescribed, that part or the work of the load [J]; factor : the part; there : how near the
+    net then is to giving way
     """
 
-    def __init__(self, low: float, high: float, at_high: Strained):
-        super().__init__(f"something {at_high.reason} at {high:.3g} of the load")
-        self.low, self.high, self.at_high = low, high, at_high
+    at: float
+    factor: float
+    there: Strained
+
+
+NOTHING = Trial(0.0, 0.0, UNSTRAINED)
 
 
 def yield_strains(state: State) -> np.ndarray:
@@ -98,7 +97,7 @@ def is_lost(comm: MPI.Comm, state: State, load: np.ndarray, held: np.ndarray, wa
     if away <= 1.0:
         return False
     largest = comm.allreduce(float(np.abs(load).max(initial=0.0, where=state.free != 0)), MPI.MAX)
-    if away > SURELY and residual <= SHARP * largest:
+    if residual <= SHARP * largest:
         return True
     moves, limit = (state.free != 0) & ~held[:, None], np.minimum(state.yield_force, state.EA)
     terms, own = [], slice(state.n_owned)
@@ -137,77 +136,41 @@ def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: b
     return Strained(max(most, away), tuple(element[order].tolist()), reason)
 
 
-def largest_share(
-    trial: Callable[[float], Strained],
-    whole: Strained,
-    report: Callable[[float, float], None],
-    first: tuple[float, ...] = (),
-) -> tuple[float, Strained]:
-    """The largest share of a load that is borne, to `SHARP`, and what gives way beyond it.
+def search_limit(
+    trial: Callable[[float], Trial], low: Trial, high: Trial, report: Callable[[float, float], None]
+) -> tuple[Trial, Trial]:
+    """Return the largest part of a load that is borne, to `SHARP`, and one under which something gives way.
 
-    trial(share) : that share on the net where the largest share borne so far has brought it
-    whole : what came of the whole load; report(low, high) : before each trial; first : shares to begin with
+    trial(at) : what comes of that, on the net where the largest part borne so far has brought it
+    low, high : what is borne, and what is not; report(low, high) : parts of the load, before each trial
 
-    What ran away far from equilibrium is tried again from near: 1.0 if all of the load is borne after all.
+    What ran away far from equilibrium is tried again from near: the last one of `low` may be all of the load.
     """
-    ends = _Ends(0.0, 1.0, UNSTRAINED, whole, 1.0, whole.most - 1.0)
-    near = whole.most < np.inf
-    while ends.high > LEAST and ends.low < 1.0:
-        first = tuple(share for share in first if ends.low < share < ends.high)
-        again = ends.high - ends.low <= SHARP * ends.high
-        if again and near:
+    whole, near, stays = high, high.there.most < np.inf, 0
+    while high.factor > LEAST and low.factor < 1.0:
+        narrow = high.factor - low.factor <= SHARP * high.factor
+        if narrow and near:
             break
-        share = first[0] if first else ends.high if again else _between(ends)
-        report(ends.low, ends.high)
-        there = trial(share)
-        if there.reason:
-            near = there.most < np.inf or share - ends.low <= NEARLY * SHARP * share
-        elif share == ends.high:
-            ends, near = ends._replace(high=1.0, at_high=whole, moved=""), whole.most < np.inf
-        ends = _moved(ends, share, there)
-    return ends.low, ends.at_high
+        report(low.factor, min(high.factor, 1.0))
+        now = trial(high.at if narrow else _between(low, high, stays))
+        if now.there.reason:
+            near, high, stays = narrow or now.there.most < np.inf, now, min(stays, 0) - 1
+        elif narrow:  # it is borne after all
+            low, high, near, stays = now, whole, whole.there.most < np.inf, 0
+        else:
+            low, stays = now, max(stays, 0) + 1
+    return low, high
 
 
-class _Ends(NamedTuple):
-    """Shares between which something begins to give way, and what came of these.
+def _between(low: Trial, high: Trial, stays: int) -> float:
+    """Where something begins to give way between two trials: by regula falsi, half of `SHARP` within these.
 
-    below, above : how far these are from giving way, less where an end has stayed; slope : of that at the low
-    end, from the one before; moved : which of them was found last
+    stays : how often the high end has stayed; less than 0: the low end. An end that stays is taken to be
+    nearer by half each time, so that the search comes from both sides (Illinois rule)
     """
-
-    low: float
-    high: float
-    at_low: Strained
-    at_high: Strained
-    below: float
-    above: float
-    slope: float = 0.0
-    moved: str = ""
-
-
-def _moved(ends: _Ends, share: float, there: Strained) -> _Ends:
-    """The ends with what came of a share between them."""
-    if there.reason:
-        stayed = HALF if ends.moved == "high" and ends.above < np.inf else 1.0
-        below = stayed * ends.below
-        return ends._replace(high=share, at_high=there, below=below, above=there.most - 1.0, moved="high")
-    above = (HALF if ends.moved == "low" else 1.0) * ends.above
-    slope, below = (there.most - ends.at_low.most) / (share - ends.low), 1.0 - there.most
-    return ends._replace(low=share, at_low=there, below=below, above=above, slope=slope, moved="low")
-
-
-def _between(ends: _Ends) -> float:
-    """Where something begins to give way between two loads, well within these.
-
-    By regula falsi. Where the net ran away at the high end no more is known of it than that: as the low end
-    foresees, or the nearer that is to giving way the shorter the step.
-    """
-    low, high, below, above, wide = *ends[:2], ends.below, ends.above, ends.high - ends.low
+    below, above = 1.0 - low.there.most, high.there.most - 1.0
+    share, inside = 0.5, 0.5 * SHARP * high.factor / (high.factor - low.factor)
     if above < np.inf:
-        step = wide * below / (below + above)
-    elif ends.moved == "low" and ends.slope > 0.0:
-        step = min(below / ends.slope, HALF * wide)
-    else:
-        step = min(below, HALF) * wide
-    off = max(INSIDE[0] * SHARP * high, INSIDE[1] * wide)
-    return min(max(low + step, low + off), high - off)
+        below, above = below * 0.5 ** max(-stays - 1, 0), above * 0.5 ** max(stays - 1, 0)
+        share = min(max(below / (below + above), inside), 1.0 - inside)
+    return low.at + share * (high.at - low.at)

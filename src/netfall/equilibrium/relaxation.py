@@ -26,10 +26,9 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import ALL, LIMBS, add_exactly, rounded
 
-MARGIN = 1.2  # on the virtual mass: the stiffness grows a little between two peaks
-OF_JOINTS = 1.5  # virtual mass for their size, of three particles, where elements of two have 1
+MARGIN = 1.2  # on the virtual mass [-]: the stiffness grows a little between two peaks
+OF_JOINTS = 1.5  # virtual mass of a joint over its stiffness [-]: three particles, an element has two
 LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
-LOOK_FAR_EVERY = 100  # between looks at whether the net runs away
 
 
 @dataclass
@@ -49,6 +48,11 @@ class Relaxation:
     stage: int = 0
     total: int = 0
     start: np.ndarray | None = None
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether anything has been relaxed yet."""
+        return self.iteration > 0 or self.stage > 0 or self.total > 0
 
 
 class RunsAway(DivergedError):
@@ -165,7 +169,7 @@ def relax(
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
-        if net.lost is not None and iteration % LOOK_FAR_EVERY == 0 and net.lost(comm, v, residual):
+        if net.lost is not None and iteration % (10 * LOOK_EVERY) == 0 and net.lost(comm, v, residual):
             raise RunsAway(f"{what}: what yields stretches without end")
         halo.update(f)
         if rested:

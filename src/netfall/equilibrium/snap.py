@@ -154,9 +154,9 @@ class LoadPath:
         newton = self.newton(share)
         newton.begin()
         K = newton.tangent()
-        inverse, newton = newton.inverse(newton, K), self.newton(to)
+        cycle, newton = newton.cycle(K), self.newton(to)
         try:
-            s, _ = newton.solve(K, inverse, newton.residual())
+            s, _ = newton.solve(K, cycle, newton.residual())
         except NoConvergence:
             return None
         newton.spread_out(s)

@@ -83,7 +83,7 @@ def _influence(scene: Scene, load: np.ndarray) -> tuple:
     deviation = scene.comm.bcast(net and _of_pieces(net))
     square, effect = np.zeros(scene.distribution.m), np.zeros(len(deviation))
     drawn = np.flatnonzero(deviation)
-    respond = responses(scene, load, len(drawn))
+    respond = responses(scene, load)
     for k in drawn:
         change = net and np.where(net.cable == k, shares(net, scene.model.cut_length), 0.0)
         _, N = respond(scene.distribution.elements(change))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from netfall.equilibrium.stable import STABLE
+from netfall.equilibrium.newton import STABLE
 from netfall.erection.settings import Setting, after, first_setting, rows_named
 from netfall.erection.tension import elastic, tension_to
 from netfall.ground.stop import StopRequest

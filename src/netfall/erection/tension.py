@@ -149,7 +149,7 @@ def influences(
     """Influence (t, k) of each amount on each quantity wanted, [N/m] or [m/m], on rank 0. Collective."""
     rows = []
     count = scene.comm.bcast(scene.model and len(jacks))
-    respond = responses(scene, load, count)
+    respond = responses(scene, load)
     for k in range(count):
         change = np.zeros(scene.distribution.m)
         if scene.model:
@@ -160,15 +160,15 @@ def influences(
     return np.array(rows).T if scene.model else None
 
 
-def responses(scene: Scene, load: np.ndarray, count: int) -> Callable[[np.ndarray], tuple]:
-    """What so many changes (m,) [m] of unstressed lengths of this rank do, each by a call. Collective.
+def responses(scene: Scene, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
+    """What changes (m,) [m] of unstressed lengths of this rank do, each by a call. Collective.
 
     load : (n, 3) [N] that acts. Calls are collective too, and give changes of positions (n, 3) [m] and axial
     forces (m,) [N], on rank 0. Where the net is a mechanism nothing is known of the positions, and they count
     as fixed.
     """
     state, spread = scene.state, scene.distribution
-    respond = scene.finder.responses(load, count)
+    respond = scene.finder.responses(load)
 
     def gathered(change):
         try:

@@ -31,16 +31,15 @@ def newton_form(comm, distribution, halo, net, elements, settings, asked: float,
     if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None
     before = placed(net.x)
-    inverse = lambda newton, tangent: newton.cycle(tangent)
     kept = Structure(cache(lambda: lines_of(distribution, elements.ends, before, net.free)))
-    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), inverse, kept)
+    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), kept)
     try:
         total = _towards_force_density(newton, elements)
         if elements.constant:
             total += _nearer(newton, elements)
         for k in range(MOST_AGAIN):
             found = newton.find(settings.tolerance * TIGHTER**k, before, stop)
-            total += found.gradients
+            total += found.iterations
             if found.residual > asked:
                 continue
             if unstable_shape(newton) is None:

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from netfall.equilibrium.newton import is_large
 from netfall.equilibrium.relaxation import Net as RelaxedNet
 from netfall.equilibrium.relaxation import relax
 from netfall.form.elements import Elements
@@ -15,7 +14,7 @@ from netfall.parallel.subdomain import Distribution
 
 TOGETHER = 1e-6  # of the length at the start: an element so short is as good as gone
 LOOKS = 10  # in turn, at which one is: a node may pass close to another on its way
-MANY = 100_000  # particles, at constant tension: below that relaxation takes no longer
+MANY = 10_000  # particles: below that relaxation takes no longer than Newton's method (jobs/bench)
 WORST = 5  # nodes that a failed form names
 ADVICE = (
     "for struts and rings set [form_finding] modulus_factor = 1, or begin with a state of self-stress, "
@@ -33,7 +32,7 @@ def form_by_tensions(
     """
     by_newton = lambda: newton_form(comm, distribution, halo, moving, elements, settings, asked, stop)
     begun = moving.x.copy(order="K")
-    large = distribution.n >= MANY if elements.constant else is_large(distribution)
+    large = distribution.n >= MANY
     if resume is None or resume.iteration == 0:
         resume = None
         if large and (found := by_newton()) is not None:

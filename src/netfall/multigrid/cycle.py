@@ -16,13 +16,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from netfall.multigrid.distributed import DistributedMatrix, first_step
-from netfall.multigrid.finest import ElementMatrix
 from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, levels_of
 from netfall.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.multigrid.rows import Pattern
 from netfall.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
 from netfall.numerics.linear import factorised, solve_factorised
-from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
@@ -48,23 +46,15 @@ class Structure:
 class Cycle:
     """The approximate inverse, for rows (n_owned, 3) on each rank."""
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        distribution: Distribution,
-        halo: Halo,
-        net,
-        K: Tangent,
-        inertia: float,
-        kept: Structure,
-    ):
+    def __init__(self, distribution: Distribution, net, K: Tangent, inertia: float, kept: Structure):
         """Of a net's tangent, without what compression takes from it. Collective.
 
         net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added; kept : of the net
         """
+        comm, d = distribution.comm, distribution.subdomain
         self.comm = comm
         if kept.at is None:
-            kept.at = incidence_of(net.ends, distribution.subdomain.particle_gid, halo.n_owned)
+            kept.at = incidence_of(net.ends, d.particle_gid, d.n_owned)
         self.levels, self.factor = [], None
         self.whole = 0  # the first level of which each rank has all rows; `rows` are those of its own ones
         rows = tangent_rows(distribution, net, K, kept.at, inertia, kept.pattern)
@@ -82,9 +72,9 @@ class Cycle:
             beside = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
             found = kept.lines() if not bends and not self.levels else None
             if found and 0 < found.touching <= MOST_TOUCHING:
-                matrix = ElementMatrix(halo, net, K, kept.at, inertia)
-                smoother = LineSmoother(found, level.matrix, net, K)
-                self.levels.append(_LineLevel(smoother, matrix, *beside))
+                self.levels.append(
+                    _LineLevel(LineSmoother(found, level.matrix, net, K), level.product, *beside)
+                )
             else:
                 self.levels.append(_PointLevel(level.single, level.top, level.product, *beside))
             del level  # its memory serves the next one
@@ -128,7 +118,7 @@ class Cycle:
 @dataclass
 class _LineLevel:
     lines: LineSmoother
-    matrix: ElementMatrix
+    matrix: DistributedMatrix
     down: DistributedMatrix | None = None
     up: DistributedMatrix | None = None
 

@@ -4,8 +4,6 @@ A row sums its blocks in ascending global number of the column, so a product has
 of ranks.
 """
 
-from functools import cached_property
-
 import numpy as np
 
 from netfall.core.kernels import kernel, part_of_kernel
@@ -52,9 +50,9 @@ def first_step(inverse, b, scale, step):
 
 
 @kernel
-def step_rows(rows, start, column, block, inverse, b, x, scale, keep, step):
-    """In these rows step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
-    for i in rows:
+def step_rows(start, column, block, inverse, b, x, scale, keep, step):
+    """step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
+    for i in range(np.uint64(step.shape[0])):
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
             j = np.uint64(column[k])
@@ -65,22 +63,11 @@ def step_rows(rows, start, column, block, inverse, b, x, scale, keep, step):
         add_step(i, inverse, r, s, t, scale, keep, step)
 
 
-@part_of_kernel
-def _dot_rows(a, b, out):
-    for p in range(out.shape[0]):
-        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
-
-
 @kernel
 def dot_rows(a, b, out):
     """Products (n,) of the rows of two arrays (n, 3)."""
-    _dot_rows(a, b, out)
-
-
-@kernel
-def dot_single_rows(a, b, out):
-    """The same in single precision: of a kernel kept on disk there is one version."""
-    _dot_rows(a, b, out)
+    for p in range(out.shape[0]):
+        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
 
 
 @kernel
@@ -121,17 +108,11 @@ class Shared:
 
     def share(self) -> None:
         """Let the other ranks know `own`. Collective."""
-        MPI.Request.Waitall(self.begin_to_share(None))
-
-    def begin_to_share(self, step) -> list[MPI.Request]:
-        """Send what `own` will be after a step, (n, 3); None: what it is."""
         requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
         for rank, places, out in self.sends:
             np.take(self.rows, places, axis=0, out=out)
-            if step is not None:
-                out += step[places]
             requests.append(self.comm.Isend(out, rank, TAG))
-        return requests
+        MPI.Request.Waitall(requests)
 
 
 class DistributedMatrix:
@@ -146,15 +127,6 @@ class DistributedMatrix:
         self.block = local.block.reshape(-1, 9).astype(np.float32, copy=False)
         self.y = np.zeros((len(self.start) - 1, 3), np.float32)
 
-    @cached_property
-    def _order(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows that others need or that need others, and the rest; of a square matrix."""
-        boundary = np.zeros(len(self.start) - 1, bool)
-        row = np.repeat(np.arange(len(boundary), dtype=np.uint32), np.diff(self.start))
-        for rows in (row[self.column >= len(self.own)], *(places for _, places, _ in self.shared.sends)):
-            boundary[rows] = True
-        return np.flatnonzero(boundary).astype(np.uint32), np.flatnonzero(~boundary).astype(np.uint32)
-
     def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
         """The rows of the product, in an array that the next call overwrites. Collective.
 
@@ -168,10 +140,7 @@ class DistributedMatrix:
 
     def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
         """step = keep step + scale inverse (b - product with `own`), added to `own`, shared. Collective."""
-        of_step = self.start, self.column, self.block, inverse, b, self.x, scale, keep, step
-        boundary, interior = self._order
-        step_rows(boundary, *of_step)
-        requests = self.shared.begin_to_share(step)  # what is received is not used by rows of the interior
-        step_rows(interior, *of_step)
+        of_step = self.start, self.column, self.block, inverse, b, self.x, scale, keep
+        step_rows(*of_step, step)
         self.own += step
-        MPI.Request.Waitall(requests)
+        self.share()

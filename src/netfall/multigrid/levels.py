@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from netfall.core.kernels import kernel, part_of_kernel
-from netfall.multigrid.distributed import DistributedMatrix, dot_single_rows, first_step
-from netfall.multigrid.products import Coarser, Transposed
+from netfall.multigrid.distributed import DistributedMatrix, dot_rows, first_step
+from netfall.multigrid.products import Product, Transposed
 from netfall.multigrid.rows import BlockRows, Everywhere, Owners, Pattern, entries_of, starts_of
 from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
@@ -59,8 +59,8 @@ class Coarsening:
     """How rows go over to those of the next level, by the places of blocks alone: of all tangents of a net.
 
     number : (n,) of each row's aggregate; own : the same of this rank's; up : pattern of the prolongation
-    transposed, coarser, everywhere : make its transposed, the next matrix, all of that on each rank if it is
-    small
+    transposed, moved, coarser, everywhere : make its transposed, the matrix times it, the next matrix, all of
+    that on each rank if it is small
     """
 
     def __init__(self, matrix: Pattern, number: np.ndarray, count: int):
@@ -71,13 +71,14 @@ class Coarsening:
         owners = _owners(matrix, number, count)
         self.up = Pattern(matrix.comm, start, aggregate[: start[-1]].copy(), matrix.rows, owners)
         self.transposed = Transposed(self.up)
-        self.coarser = Coarser(matrix, self.up, self.transposed.pattern)
+        self.moved = Product(matrix, self.up)
+        self.coarser = Product(self.transposed.pattern, self.moved.pattern)
         few = matrix.comm.size > 1 and owners.n <= EVERYWHERE
         self.everywhere = Everywhere(self.coarser.pattern) if few else None
 
-    def matrix(self, matrix: BlockRows, up: BlockRows) -> BlockRows:
+    def matrix(self, down: BlockRows, matrix: BlockRows, up: BlockRows) -> BlockRows:
         """The next one. Collective."""
-        coarser = self.coarser.of(matrix, up)
+        coarser = self.coarser.of(down, self.moved.of(matrix, up))
         return self.everywhere.of(coarser) if self.everywhere else coarser
 
 
@@ -102,7 +103,7 @@ def levels_of(
             return
         level.up = prolongation(level, over)
         level.down = over.transposed.of(level.up)
-        matrix = over.matrix(matrix, level.up)
+        matrix = over.matrix(level.down, matrix, level.up)
         yield level
 
 
@@ -217,9 +218,10 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
     v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
     squares = np.empty((2, len(v)))
     for _ in range(POWERS):  # that grow by 1e12 at most
-        dot_single_rows(v, v, squares[0])
+        before = v.astype(float)
         first_step(inverse, product(v), np.float32(1.0), v)
-    dot_single_rows(v, v, squares[1])
+    for vector, square in zip((before, v.astype(float)), squares):
+        dot_rows(vector, vector, square)
     old, new = exact_sums(product.shared.comm, *squares)
     if new == 0.0:  # all is slack, and nothing resists: any bound will do
         return TOP_OF_NET

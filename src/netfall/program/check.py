@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.equilibrium.find import FEWEST
 from netfall.ground.room import RANK_BYTES, SETUP_BYTES
 from netfall.ground.timings import Phases
 from netfall.job.asks import along_normals, has_statics, load_steps
@@ -32,6 +31,7 @@ from netfall.write.locks import writing
 ROW_S, FRAME_S = 3e-5, 7e-4  # of a row of the history, of a frame
 CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # of a checkpoint, and of each element in it
 EQUILIBRIUM_S = 1e-4  # for each element of a small net: slack and compression take more or less
+FEWEST = 2000  # particles of a larger net, whose equilibria take other times
 STAGE_S, TRIALS = 2.5e-4, 8  # the same of a stage of erection; equilibria until targets are reached, about
 NEAR_S, FAR_S = 4.5e-6, 4e-5  # the same of a larger net, whose tangent foresees it, or does not (jobs/bench)
 RELAXED = "; a stage whose nodes hang far from where they are held taut is relaxed, for seconds"

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.equilibrium.newton import STABLE
 from netfall.equilibrium.relaxation import Paused, Relaxation
-from netfall.equilibrium.stable import STABLE
 from netfall.job.asks import own_weight
 from netfall.job.job import Job
 from netfall.job.values import counted, listed

@@ -1,19 +1,15 @@
 """One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from netfall.equilibrium.find import Solution
-from netfall.equilibrium.newton import NoConvergence, Stopped, is_large
+from netfall.equilibrium.newton import UNKNOWN, NoConvergence, Solution, Stopped
 from netfall.equilibrium.overload import (
     BREAKS,
-    NOT_FOUND_AT_ONCE,
-    SHARP,
+    NOTHING,
     UNSTRAINED,
-    GivesWay,
     Strained,
-    largest_share,
+    Trial,
+    search_limit,
     strained,
 )
 from netfall.equilibrium.relaxation import (
@@ -28,7 +24,6 @@ from netfall.equilibrium.relaxation import (
 )
 from netfall.equilibrium.slip import find_slipping
 from netfall.equilibrium.snap import LimitPoint, LoadPath, is_compressible, load_on_path
-from netfall.equilibrium.stable import UNKNOWN
 from netfall.ground.errors import DivergedError, Interrupted, interrupted
 from netfall.ground.stop import StopRequest
 from netfall.job.asks import settings_of, tears
@@ -55,9 +50,8 @@ from netfall.write.saver import Record, Saver
 
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 BORNE = 1.0, UNSTRAINED, None
-SMALL = 0.008  # of a load: by so much more the ways of large nets are shorter than relaxation
-BACK = 0, 1, 2, 3, 5, 10, 20, 50  # times `SHARP` less of a load: tried for an exact equilibrium
-ROUGH, FEW = 1e-3, 20_000  # of the error, of iterations of a relaxation, in search of how much is borne
+ROUGH = 1e-3  # estimated error [-] of the trials of work control
+FEW = 20_000  # iterations of a relaxation in the search for what is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 FOLLOWED = (*SEARCHED, "stage")  # kinds whose path is searched for limit points
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
@@ -95,12 +89,11 @@ def reference_force(scene: Scene, last: StaticLoad) -> float:
 
 
 def settle(
-    scene: Scene, each: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None, guess=None
+    scene: Scene, each: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, what yields on the way included. Collective.
 
     reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
-    guess : positions (n, 3) [m] that may be nearer to it
 
     Where there is none the state comes to that of the largest share of the load that is borne, of `SEARCHED`
     and of what breaks, else to where it began. An equilibrium has no fractures, but after a loss it is
@@ -109,14 +102,15 @@ def settle(
     start = committed(scene.state)
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
-    tried = _tried(scene, each, reference, stop, resume, most, guess)
-    if not tried.whole.reason:
-        return _on_its_path(scene, each, reference, start, tried.found, stop)
-    if each.kind in SEARCHED or tried.whole.reason == BREAKS:
-        return _largest_share(scene, each, reference, start, tried, stop)
+    limited = each.kind in SEARCHED and scene.finder.has_limit_load()
+    whole, found = _tried(scene, each, reference, stop, resume, most, not limited)
+    if not whole.reason:
+        return _on_its_path(scene, each, reference, start, found, stop)
+    if each.kind in SEARCHED or whole.reason == BREAKS:
+        return _largest_share(scene, each, reference, start, whole, limited, stop)
     put_back(scene.state, start)
-    reason, elements = _named(scene, tried.whole), tried.whole.elements[:MOST_NAMED]
-    return StaticOutcome(_failed(tried.whole), each.reached(0.0), reason, elements, as_it_began(scene))
+    reason, elements = _named(scene, whole), whole.elements[:MOST_NAMED]
+    return StaticOutcome(_failed(whole), each.reached(0.0), reason, elements, as_it_began(scene))
 
 
 def _failed(*tried: Strained) -> str:
@@ -124,32 +118,18 @@ def _failed(*tried: Strained) -> str:
     return NONE if any(each.is_decided for each in tried) else UNDECIDED
 
 
-class _Tried(NamedTuple):
-    """What came of a whole load: how near it is to giving way, and its equilibrium, None: none was found.
-
-    first : shares of the load between which something gives way on the way there, (): not known
-    """
-
-    whole: Strained
-    found: Equilibrium | None = None
-    first: tuple[float, ...] = ()
-
-
 def _tried(
-    scene: Scene, each: StaticLoad, reference, stop, resume, most, guess, watched: bool = True
-) -> _Tried:
-    """Try the whole load; the state is then where that led. Collective. Raises Paused."""
-    limits = watched and (scene.state.features.plastic or scene.state.features.fracture)
-    watch = (lambda: _strained(scene, each)) if limits and each.kind in SEARCHED else None
+    scene: Scene, each: StaticLoad, reference, stop, resume=None, most=None, relaxes: bool = True
+) -> tuple[Strained, Equilibrium | None]:
+    """How near the net is to giving way under a load, and its equilibrium, None: none was found. Collective.
+
+    The state is then where that led. relaxes : as of `Finder.find`. Raises Paused.
+    """
     try:
-        found = _found(scene, each, reference, stop, resume, most, guess, watch=watch)
-    except GivesWay as way:
-        if (way.low, way.high) == (0.0, 1.0):  # nothing is known of the way there
-            return _Tried(way.at_high)
-        return _Tried(way.at_high._replace(most=np.inf), None, (way.low, way.high))
+        found = _found(scene, each, reference, stop, resume, most, relaxes)
     except DivergedError as error:
-        return _Tried(_where(scene, each, error))
-    return _Tried(UNSTRAINED if each.kind == "loss" else _strained(scene, each), found)
+        return _where(scene, each, error), None
+    return (UNSTRAINED if each.kind == "loss" else _strained(scene, each)), found
 
 
 def _borne_whole(scene: Scene, each: StaticLoad, found: Equilibrium) -> StaticOutcome:
@@ -236,29 +216,20 @@ def _named(scene: Scene, there: Strained) -> str:
 
 
 def _found(
-    scene: Scene,
-    each: StaticLoad,
-    reference,
-    stop,
-    resume=None,
-    most=None,
-    guess=None,
-    watch=None,
-    rough=0.0,
-    goal=None,
+    scene: Scene, each: StaticLoad, reference, stop, resume=None, most=None, relaxes: bool = True
 ) -> Equilibrium:
     """The equilibrium, its plastic strains not kept yet. Collective.
 
-    most : iterations; watch : as of `approach`; rough : the least tolerance
+    most : iterations; relaxes : as of `Finder.find`
 
-    Raises DivergedError, Paused, GivesWay.
+    Raises DivergedError, Paused.
     """
     settings = settings_of(scene.job)
-    most, tolerance = min(most or np.inf, settings.max_iterations), max(settings.tolerance, rough)
-    arguments = each.load, tolerance, reference, most, each.words, stop, resume, guess
+    most = min(most or np.inf, settings.max_iterations)
+    arguments = each.load, settings.tolerance, reference, most, each.words, stop, resume, relaxes
     slips = scene.finder.slips
     if slips is None:
-        solution = scene.finder.find(*arguments, watch, goal)
+        solution = scene.finder.find(*arguments)
     else:
         slips.weights = each.weights
         solution = find_slipping(scene.finder, *arguments)
@@ -308,25 +279,26 @@ def _commit(state: State, snapshot: Snapshot) -> None:
 
 
 def _largest_share(
-    scene: Scene, each: StaticLoad, reference: float, start: dict, tried: _Tried, stop
+    scene: Scene, each: StaticLoad, reference: float, start: dict, whole: Strained, limited: bool, stop
 ) -> StaticOutcome:
     """The outcome of a load that is not borne whole: how much of it is, and the state there. Collective.
 
-    start : the state without the load, as of `committed`. Raises Paused.
+    start : the state without the load, as of `committed`; whole : what came of all of it; limited : whether
+    work control serves. Raises Paused.
     """
-    reached = committed(scene.state)
     put_back(scene.state, start)
     left = scene.finder.residual(each.load)
     words = f"{each.words}: not borne whole, searching"
     say = lambda low, high: scene.finder.report(f"{words} {low:.3g} to {high:.3g} of it")
     try:
-        limit = _limit(scene, each, left, stop, say) if scene.finder.has_limit_load() else None
-        if limit is BORNE or (limit is None and tried.whole is NOT_FOUND_AT_ONCE):
+        limit = _limit(scene, each, left, stop, say) if limited else None
+        if limit is BORNE or (limited and limit is None and not whole.is_decided):
             put_back(scene.state, start)
-            tried, limit = _tried(scene, each, reference, stop, None, None, None, watched=False), None
-            if not tried.whole.reason:
-                return _on_its_path(scene, each, reference, start, tried.found, stop)
-        limit = limit or _by_trials(scene, each, left, reference, start, reached, tried, stop, say)
+            whole, found = _tried(scene, each, reference, stop)
+            if not whole.reason:
+                return _on_its_path(scene, each, reference, start, found, stop)
+            limit = None
+        limit = limit or _by_trials(scene, each, left, reference, start, whole, stop, say)
     except Paused:
         put_back(scene.state, start)
         raise Paused(not_begun(start["x"])) from None
@@ -337,8 +309,8 @@ def _largest_share(
     if share > 0.0:
         passed, found = _limit_point(scene, each, reference, start, found, stop, share)
     _commit(scene.state, found.snapshot)
-    state = _failed(there, tried.whole)
-    there = there if there.is_decided else tried.whole
+    state = _failed(there, whole)
+    there = there if there.is_decided else whole
     reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent" and state == NONE)
     return StaticOutcome(state, each.reached(share), reason, there.elements[:MOST_NAMED], found, passed)
 
@@ -364,58 +336,24 @@ def _limit(scene: Scene, each: StaticLoad, left: np.ndarray, stop, say) -> tuple
 
 
 def _by_trials(
-    scene: Scene, each: StaticLoad, left: np.ndarray, reference: float, start, reached, tried, stop, say
+    scene: Scene, each: StaticLoad, left: np.ndarray, reference, start: dict, whole: Strained, stop, say
 ) -> tuple[float, Strained, Equilibrium]:
-    """As `_limit`, by trials of shares from the state at the start. Collective. Raises Paused.
+    """As `_limit`, by trials of shares from the state at the start. Collective. Raises Paused."""
+    put_back(scene.state, start)
+    best, found = start, as_it_began(scene)
 
-    reached : the state to which the whole load led
-    """
-    state, near = scene.state, reached if tried.first else start
-    put_back(state, start)
-    best, found, borne = start, as_it_began(scene), 0.0
-    part = lambda share: each._replace(load=each.load - (1.0 - share) * left)
-
-    def trial(share: float) -> Strained:
-        nonlocal best, found, borne
-        put_back(state, near if (share,) == tried.first[:1] else best)
-        short = is_large(scene.distribution) and share - borne <= SMALL * share
-        goal = 0 if short or (share,) == tried.first[:1] else scene.finder.goal
-        try:
-            there = _found(scene, part(share), reference, stop, most=FEW, rough=ROUGH, goal=goal)
-        except DivergedError as error:
-            return _where(scene, each, error)
-        now = _strained(scene, each)
+    def trial(share: float) -> Trial:
+        nonlocal best, found
+        put_back(scene.state, best)
+        part = each._replace(load=each.load - (1.0 - share) * left)
+        now, there = _tried(scene, part, reference, stop, most=FEW)
         if not now.reason:
-            best, found, borne = committed(state), there, share
-        return now
+            best, found = committed(scene.state), there
+        return Trial(share, share, now)
 
-    share, there = largest_share(trial, tried.whole, say, tried.first)
-    put_back(state, best)
-    if share > 0.0:
-        share, exact = _exact(scene, part, share, reference, stop)
-        found = exact or found
-    return share, there, found
-
-
-def _exact(scene: Scene, part, share: float, reference: float, stop) -> tuple[float, Equilibrium | None]:
-    """The equilibrium near where the state is, under a share of a load or hardly less; the share. Collective.
-
-    part(share) : that load. None, and the state as it was: none is found in which nothing gives way.
-    """
-    near = committed(scene.state)
-    for back in BACK:
-        less = part(share * (1.0 - back * SHARP))
-        try:
-            found = _found(scene, less, reference, stop)
-            if not _strained(scene, less).reason:
-                return share * (1.0 - back * SHARP), found
-        except RunsAway:  # within the error of the search it seemed to be at rest
-            pass
-        except DivergedError:
-            put_back(scene.state, near)
-            break
-        put_back(scene.state, near)
-    return share, None
+    low, high = search_limit(trial, NOTHING, Trial(1.0, 1.0, whole), say)
+    put_back(scene.state, best)
+    return low.factor, high.there, found
 
 
 def _compressed_at(scene: Scene, particle: int) -> tuple[int, ...]:

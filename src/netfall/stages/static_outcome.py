@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.find import Solution
+from netfall.equilibrium.newton import Solution
 from netfall.equilibrium.snap import LimitPoint
 from netfall.job.asks import load_steps, rests_at_loss, rests_in_wind
 from netfall.job.job import Job

@@ -13,9 +13,8 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from netfall.equilibrium.newton import is_large
+from netfall.equilibrium.newton import STABLE, UNKNOWN
 from netfall.equilibrium.relaxation import Paused, Relaxation
-from netfall.equilibrium.stable import STABLE, UNKNOWN
 from netfall.ground.errors import DivergedError, NoRest, Undecided
 from netfall.ground.stop import NEVER
 from netfall.job.asks import has_statics, load_steps, rests_at_loss, rests_in_wind, settings_of
@@ -172,32 +171,21 @@ def find_equilibria(
     A case without an equilibrium is noted; anything else without one ends it, see `path.failed`.
     Raises Paused where it is asked to stop.
     """
-    state, wanted, base, factors = scene.state, equilibria(scene), None, None
-    large = is_large(scene.distribution)
-    from_base = lambda each: each.from_permanent or (large and each.kind == "step")
+    state, wanted, base = scene.state, equilibria(scene), None
     if path.reference is None:
         path.reference = reference_force(scene, loaded(scene, wanted[-1]))
-    elif path.done > 0 and any(from_base(each) for each, _ in wanted[path.done :]):
+    elif path.done > 0 and any(each.from_permanent for each, _ in wanted[path.done :]):
         base = permanent_again(scene, loaded(scene, wanted[0]), path.reference)
     desk.progress.start()
     scene.finder.report = desk.progress.doing
     for want in wanted[path.done :]:
         each = loaded(scene, want)
-        apart = each.kind in APART
-        if apart and base and not factors:  # there in a run that is taken up too; slips follow the tangent
-            put_back(state, base)
-            factors = scene.finder.factors()
         if each.from_permanent and base:
             put_back(state, base)
-        scene.finder.serving = factors if apart else None
         if each.L0 is not None or each.settlement is not None:
             each = each._replace(before=committed(state))
         set_net(state, each)
-        guess = None
-        if large and each.kind == "step" and path.steps[-1]["load_factor"] > 0.0:
-            times = each.factor / path.steps[-1]["load_factor"]  # as many times as far from `base` as now
-            guess = base["x"] + times * (state.x - base["x"])
-        outcome = settle(scene, each, path.reference, desk.stop, resume, guess=guess)
+        outcome = settle(scene, each, path.reference, desk.stop, resume)
         resume = None
         if not outcome.carries and each.kind not in APART:
             path.failed = no_equilibrium(scene.job, each, outcome)
