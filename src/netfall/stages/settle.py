@@ -1,5 +1,7 @@
 """One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from netfall.equilibrium.newton import UNKNOWN, NoConvergence, Solution, Stopped
@@ -50,11 +52,28 @@ from netfall.write.saver import Record, Saver
 
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 BORNE = 1.0, UNSTRAINED, None
-ROUGH = 1e-3  # estimated error [-] of the trials of work control
+ROUGH = 1e-3  # estimated error [-] of trials in the search for what is borne
 FEW = 20_000  # iterations of a relaxation in the search for what is borne
 SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
 FOLLOWED = (*SEARCHED, "stage")  # kinds whose path is searched for limit points
 APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
+
+
+class Effort(NamedTuple):
+    """How hard an equilibrium is sought.
+
+    iterations : of a relaxation, at most; tolerance : of the estimated errors; relaxes : as of `Finder.find`
+    """
+
+    iterations: float
+    tolerance: float
+    relaxes: bool = True
+
+
+def _full(scene: Scene, most: int | None = None) -> Effort:
+    """Seek as hard as the job allows. most : iterations, None: as many as it says"""
+    settings = settings_of(scene.job)
+    return Effort(min(most or np.inf, settings.max_iterations), settings.tolerance)
 
 
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
@@ -103,7 +122,8 @@ def settle(
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
     limited = each.kind in SEARCHED and scene.finder.has_limit_load()
-    whole, found = _tried(scene, each, reference, stop, resume, most, not limited)
+    effort = _full(scene, most)._replace(relaxes=not limited)
+    whole, found = _tried(scene, each, reference, stop, effort, resume)
     if not whole.reason:
         return _on_its_path(scene, each, reference, start, found, stop)
     if each.kind in SEARCHED or whole.reason == BREAKS:
@@ -119,14 +139,14 @@ def _failed(*tried: Strained) -> str:
 
 
 def _tried(
-    scene: Scene, each: StaticLoad, reference, stop, resume=None, most=None, relaxes: bool = True
+    scene: Scene, each: StaticLoad, reference, stop, effort: Effort, resume=None
 ) -> tuple[Strained, Equilibrium | None]:
     """How near the net is to giving way under a load, and its equilibrium, None: none was found. Collective.
 
-    The state is then where that led. relaxes : as of `Finder.find`. Raises Paused.
+    The state is then where that led. Raises Paused.
     """
     try:
-        found = _found(scene, each, reference, stop, resume, most, relaxes)
+        found = _found(scene, each, reference, stop, effort, resume)
     except DivergedError as error:
         return _where(scene, each, error), None
     return (UNSTRAINED if each.kind == "loss" else _strained(scene, each)), found
@@ -185,7 +205,7 @@ def _limit_point(
         put_back(state, end)
         if limit is None and not unstable and x is not end["x"]:
             state.x[:] = x
-            found = _found(scene, each._replace(load=part(1.0)), reference, stop)
+            found = _found(scene, each._replace(load=part(1.0)), reference, stop, _full(scene))
     except Paused:
         put_back(state, start)
         raise Paused(not_begun(start["x"])) from None
@@ -215,18 +235,10 @@ def _named(scene: Scene, there: Strained) -> str:
     return f"element {name} {there.reason}"
 
 
-def _found(
-    scene: Scene, each: StaticLoad, reference, stop, resume=None, most=None, relaxes: bool = True
-) -> Equilibrium:
-    """The equilibrium, its plastic strains not kept yet. Collective.
-
-    most : iterations; relaxes : as of `Finder.find`
-
-    Raises DivergedError, Paused.
-    """
-    settings = settings_of(scene.job)
-    most = min(most or np.inf, settings.max_iterations)
-    arguments = each.load, settings.tolerance, reference, most, each.words, stop, resume, relaxes
+def _found(scene: Scene, each: StaticLoad, reference, stop, effort: Effort, resume=None) -> Equilibrium:
+    """The equilibrium, its plastic strains not kept yet. Collective. Raises DivergedError, Paused."""
+    iterations, tolerance, relaxes = effort
+    arguments = each.load, tolerance, reference, iterations, each.words, stop, resume, relaxes
     slips = scene.finder.slips
     if slips is None:
         solution = scene.finder.find(*arguments)
@@ -294,7 +306,7 @@ def _largest_share(
         limit = _limit(scene, each, left, stop, say) if limited else None
         if limit is BORNE or (limited and limit is None and not whole.is_decided):
             put_back(scene.state, start)
-            whole, found = _tried(scene, each, reference, stop)
+            whole, found = _tried(scene, each, reference, stop, _full(scene))
             if not whole.reason:
                 return _on_its_path(scene, each, reference, start, found, stop)
             limit = None
@@ -338,21 +350,35 @@ def _limit(scene: Scene, each: StaticLoad, left: np.ndarray, stop, say) -> tuple
 def _by_trials(
     scene: Scene, each: StaticLoad, left: np.ndarray, reference, start: dict, whole: Strained, stop, say
 ) -> tuple[float, Strained, Equilibrium]:
-    """As `_limit`, by trials of shares from the state at the start. Collective. Raises Paused."""
-    put_back(scene.state, start)
-    best, found = start, as_it_began(scene)
+    """As `_limit`, by trials of shares, to a rough tolerance, from the nearer end. Collective. Raises Paused.
+
+    Cables have one equilibrium under a load, wherever a trial begins. Where bars carry compression, or cables
+    slip with friction, it depends on the path, so the load only grows.
+    """
+    state, full = scene.state, _full(scene)
+    from_above = scene.finder.slips is None and not is_compressible(scene.comm, state)
+    effort = Effort(min(FEW, full.iterations), max(ROUGH, full.tolerance))
+    best, above, found = (0.0, start), None, as_it_began(scene)
+    under = lambda share: each._replace(load=each.load - (1.0 - share) * left)
 
     def trial(share: float) -> Trial:
-        nonlocal best, found
-        put_back(scene.state, best)
-        part = each._replace(load=each.load - (1.0 - share) * left)
-        now, there = _tried(scene, part, reference, stop, most=FEW)
+        nonlocal best, above, found
+        is_nearer = above is not None and above[0] - share < share - best[0]
+        put_back(state, above[1] if is_nearer else best[1])
+        now, there = _tried(scene, under(share), reference, stop, effort)
         if not now.reason:
-            best, found = committed(scene.state), there
+            best, found = (share, committed(state)), there
+        elif from_above and now.reason == BREAKS:
+            above = share, committed(state)
         return Trial(share, share, now)
 
     low, high = search_limit(trial, NOTHING, Trial(1.0, 1.0, whole), say)
-    put_back(scene.state, best)
+    put_back(state, best[1])
+    if low.factor > 0.0:
+        try:
+            found = _found(scene, under(low.factor), reference, stop, full)
+        except DivergedError:  # its error tells
+            put_back(state, best[1])
     return low.factor, high.there, found
 
 
