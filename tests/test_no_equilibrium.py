@@ -247,7 +247,7 @@ def test_the_search_comes_from_both_sides():
             return Trial(at, at, there)
 
         whole = trial(1.0)
-        low, high = search_limit(trial, Trial(0.0, 0.0, UNSTRAINED), whole, lambda *ends: None)
+        low, high = search_limit(trial, Trial(0.0, 0.0, UNSTRAINED), whole, 1.0, lambda *ends: None)
         assert low.at <= 0.37 < high.at and high.at - low.at <= 0.004 * high.at and len(asked) < 20
 
 

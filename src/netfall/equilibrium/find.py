@@ -66,21 +66,22 @@ class Finder:
         stop: StopRequest = NEVER,
         resume: Relaxation | None = None,
         relaxes: bool = True,
+        watch: Callable[[], None] | None = None,
     ) -> Solution:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
-        the relaxation; stop, resume : as in `relax`; relaxes : whether relaxation serves last
+        the relaxation; stop, resume : as in `relax`; relaxes : whether relaxation serves last;
+        watch : as of `Mixed`
 
         Raises DivergedError if none is found, RunsAway if there is none, Paused if asked to stop.
         """
         newton, x = self.newton(load), self.state.x
         if resume is None or not resume.is_begun:
             start, resume = x.copy(order="K"), None
-            ways = (self._by_newton, self._by_tensions) if self._has_tensions() else (self._by_newton,)
-            for way in ways:
+            for way in (self._by_newton, self._by_tensions):
                 try:
-                    return way(newton, tolerance, stop)
+                    return way(newton, tolerance, stop, watch)
                 except Stopped:
                     x[:] = start
                     raise Paused(not_begun(start)) from None
@@ -102,16 +103,18 @@ class Finder:
         yields = self._has_tensions() and self.state.features.plastic
         return yields and not is_compressible(self.comm, self.state)
 
-    def _by_newton(self, newton: Newton, tolerance: float, stop: StopRequest) -> Solution:
+    def _by_newton(self, newton: Newton, tolerance: float, stop: StopRequest, watch) -> Solution:
         """By Newton's method, from where the net is. Raises NoConvergence, Stopped. Collective."""
         return self.corrected(newton, tolerance, stop, quick=self._has_tensions())
 
-    def _by_tensions(self, newton: Newton, tolerance: float, stop: StopRequest) -> Solution:
+    def _by_tensions(self, newton: Newton, tolerance: float, stop: StopRequest, watch) -> Solution:
         """By the interior point method, then by Newton's method. Collective.
 
-        Raises NoConvergence, Stopped, RunsAway.
+        Raises NoConvergence, Stopped, RunsAway, what watch() raises.
         """
-        mixed, x, found = Mixed(newton, self.state, stop), self.state.x, None
+        if not self._has_tensions():
+            raise NoConvergence("there are bars that bend, or cables slip")
+        mixed, x, found = Mixed(newton, self.state, stop, watch=watch), self.state.x, None
         for size in NARROWED:
             near = mixed.narrow(size, tolerance)
             if max(mixed.missing) <= tolerance:

@@ -14,7 +14,7 @@ import numpy as np
 
 from netfall.equilibrium.mixed import MOST_STEPS, NARROWED, Mixed
 from netfall.equilibrium.newton import Newton, NoConvergence
-from netfall.equilibrium.overload import NOTHING, UNSTRAINED, Strained, Trial, search_limit
+from netfall.equilibrium.overload import NOTHING, OF_WORK, UNSTRAINED, Strained, Trial, search_limit
 from netfall.ground.stop import StopRequest
 from netfall.mechanics.state import State
 from netfall.multigrid.tangent import Tangent
@@ -110,7 +110,7 @@ def limit_load(
 
     low, high = _ends(trial, first)
     if high is not None:
-        low, high = search_limit(trial, low, high, report)
+        low, high = search_limit(trial, low, high, OF_WORK, report)
     beyond = UNSTRAINED if high is None or low.factor >= 1.0 else high.there
     state.x[:], work.target, work.factor = best, low.at, low.factor
     if beyond is UNSTRAINED:

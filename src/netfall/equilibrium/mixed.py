@@ -70,14 +70,15 @@ def cables_of(state: State) -> Cables:
 class Mixed:
     """The elements on the way: now (m, 4), N, room for more, p and q [N]; gap [J].
 
-    work : `limit.Work`, what the load goes with, None: it is given; gradients : iterations until now
+    work : `limit.Work`, what the load goes with, None: it is given; watch() : called when the gap has been
+        made smaller twice or more, may raise; gradients : iterations until now
     size : of the last step, the larger share as of `NewtonResult`; missing : estimated errors after it,
         or what tensions are off the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopRequest, work=None):
+    def __init__(self, newton: Newton, state: State, stop: StopRequest, work=None, watch=None):
         """Begin where the net is. Collective. Raises NoConvergence where this is no way for the net."""
-        self.newton, self.state, self.stop, self.work = newton, state, stop, work
+        self.newton, self.state, self.stop, self.work, self.watch = newton, state, stop, work, watch
         self.cables, self.steps, self.gradients = cables_of(state), 0, 0
         own = newton.distribution.subdomain.element_owned & (self.cables.carries == 1)
         self.owned = np.flatnonzero(own)
@@ -88,7 +89,7 @@ class Mixed:
         if not self.count:
             raise NoConvergence("there are no cables")
         self.energy = exact_sums(newton.comm, 0.5 * N * N / state.EA[own] * state.L0[own])[0] / self.count
-        self.gap = (YIELDING if yields else ELASTIC) * self.energy
+        self.gap = self.begun = (YIELDING if yields else ELASTIC) * self.energy
         self.size, self.missing = np.inf, (np.inf, np.inf)
         self.now, self.changes = np.zeros((2, state.m, 4))
         self.aimed, self.part = np.zeros(state.m), np.full(state.m, np.inf)
@@ -150,6 +151,8 @@ class Mixed:
         (most,) = newton.largest(self.now[self.owned, 0])
         if share == 1.0 and moved < LARGE and self.settled(change, most):
             self.gap = max(NARROWER * self.gap, np.finfo(float).eps * self.energy)
+            if self.watch is not None and self.gap < 2.0 * NARROWER**2 * self.begun:
+                self.watch()
 
     def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
         """Correction (n_owned, 3) [m] of a residual, of the factor of `work`, iterations. Collective."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.ground.errors import DivergedError
 from netfall.mechanics.elements import nodal_stiffness
 from netfall.mechanics.state import State
 from netfall.mechanics.supports import keep_on_guides
@@ -20,8 +21,11 @@ from netfall.parallel.sums import exact_sums
 
 GIVEN_WAY = 1.0  # strain of what yields, if its fracture strain is not larger: twice as long is of no use
 WITH_IT = 0.5  # of the largest strain of what yields [-]: elements strained more give way together
+OF_WORK, OF_LOAD = 1.5, 2.0 / 3.0  # power of the work, or of the load, with which strains grow (jobs/bench)
+FAR = 2.0  # strain over that at which something gives way, from which on they do
 SHARP = 0.004  # of the share that is borne [-]: how closely it is found, and told
 LEAST = 1e-3  # of a load [-]: less is none
+SURELY = 5.0  # times the strain at which an element breaks: it will, also in the equilibrium that is near
 BREAKS = "breaks"
 RUNS_AWAY = "yields without end, nodes move farther than the net is wide"
 
@@ -31,11 +35,13 @@ class Strained(NamedTuple):
 
     most : largest strain, a share of that at which an element gives way; inf: it ran away, or no equilibrium
     elements : global numbers of those that give way, the most strained first; reason : in words, "": none do
+    is_sure : whether that is so in an equilibrium, or where there is none
     """
 
     most: float = 0.0
     elements: tuple[int, ...] = ()
     reason: str = ""
+    is_sure: bool = True
 
     @property
     def is_decided(self) -> bool:
@@ -44,6 +50,14 @@ class Strained(NamedTuple):
 
 
 UNSTRAINED = Strained()
+
+
+class GivesWay(DivergedError):
+    """Something will give way under a load, as is clear before its equilibrium is found."""
+
+    def __init__(self, there: Strained):
+        super().__init__(there.reason)
+        self.there = there._replace(is_sure=False)
 
 
 class Trial(NamedTuple):
@@ -137,38 +151,52 @@ def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: b
 
 
 def search_limit(
-    trial: Callable[[float], Trial], low: Trial, high: Trial, report: Callable[[float, float], None]
+    trial: Callable[[float], Trial],
+    low: Trial,
+    high: Trial,
+    power: float,
+    report: Callable[[float, float], None],
 ) -> tuple[Trial, Trial]:
     """Return the largest part of a load that is borne, to `SHARP`, and one under which something gives way.
 
     trial(at) : what comes of that, on the net where the largest part borne so far has brought it
-    low, high : what is borne, and what is not; report(low, high) : parts of the load, before each trial
+    low, high : what is borne, and what is not; power : of `Trial.at`, with which strains grow
+    report(low, high) : parts of the load, before each trial
 
-    What ran away far from equilibrium is tried again from near: the last one of `low` may be all of the load.
+    What is not sure, or ran away far from equilibrium, is tried again from near: the last one of `low` may be
+    all of the load.
     """
-    whole, near, stays = high, high.there.most < np.inf, 0
+    whole, near, stays = high, _is_near(high), 0
     while high.factor > LEAST and low.factor < 1.0:
         narrow = high.factor - low.factor <= SHARP * high.factor
         if narrow and near:
             break
         report(low.factor, min(high.factor, 1.0))
-        now = trial(high.at if narrow else _between(low, high, stays))
+        now = trial(high.at if narrow else _between(low, high, power, stays))
         if now.there.reason:
-            near, high, stays = narrow or now.there.most < np.inf, now, min(stays, 0) - 1
+            near, high, stays = narrow or _is_near(now), now, min(stays, 0) - 1
         elif narrow:  # it is borne after all
-            low, high, near, stays = now, whole, whole.there.most < np.inf, 0
+            low, high, near, stays = now, whole, _is_near(whole), 0
         else:
             low, stays = now, max(stays, 0) + 1
     return low, high
 
 
-def _between(low: Trial, high: Trial, stays: int) -> float:
+def _is_near(high: Trial) -> bool:
+    """Whether it is known how near the net is to giving way, and surely."""
+    return high.there.is_sure and high.there.most < np.inf
+
+
+def _between(low: Trial, high: Trial, power: float, stays: int) -> float:
     """Where something begins to give way between two trials: by regula falsi, half of `SHARP` within these.
 
-    stays : how often the high end has stayed; less than 0: the low end. An end that stays is taken to be
-    nearer by half each time, so that the search comes from both sides (Illinois rule)
+    power : with which strains grow, where nothing is borne yet; stays : how often the high end has stayed;
+    less than 0: the low end. An end that stays is taken to be nearer by half each time, so that the search
+    comes from both sides (Illinois rule)
     """
     below, above = 1.0 - low.there.most, high.there.most - 1.0
+    if low.at == 0.0 and FAR < high.there.most < np.inf:
+        return high.at * high.there.most ** (-1.0 / power)
     share, inside = 0.5, 0.5 * SHARP * high.factor / (high.factor - low.factor)
     if above < np.inf:
         below, above = below * 0.5 ** max(-stays - 1, 0), above * 0.5 ** max(stays - 1, 0)

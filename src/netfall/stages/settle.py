@@ -1,5 +1,6 @@
 """One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +9,10 @@ from netfall.equilibrium.newton import UNKNOWN, NoConvergence, Solution, Stopped
 from netfall.equilibrium.overload import (
     BREAKS,
     NOTHING,
+    OF_LOAD,
+    SURELY,
     UNSTRAINED,
+    GivesWay,
     Strained,
     Trial,
     search_limit,
@@ -62,12 +66,14 @@ APART = ("case", "combination")  # kinds that are beside the run: what follows s
 class Effort(NamedTuple):
     """How hard an equilibrium is sought.
 
-    iterations : of a relaxation, at most; tolerance : of the estimated errors; relaxes : as of `Finder.find`
+    iterations : of a relaxation, at most; tolerance : of the estimated errors; relaxes : as of `Finder.find`;
+    gives_up : whether it ends as soon as it is clear that something breaks
     """
 
     iterations: float
     tolerance: float
     relaxes: bool = True
+    gives_up: bool = False
 
 
 def _full(scene: Scene, most: int | None = None) -> Effort:
@@ -122,7 +128,7 @@ def settle(
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
     limited = each.kind in SEARCHED and scene.finder.has_limit_load()
-    effort = _full(scene, most)._replace(relaxes=not limited)
+    effort = _full(scene, most)._replace(relaxes=not limited, gives_up=each.kind in SEARCHED)
     whole, found = _tried(scene, each, reference, stop, effort, resume)
     if not whole.reason:
         return _on_its_path(scene, each, reference, start, found, stop)
@@ -147,6 +153,8 @@ def _tried(
     """
     try:
         found = _found(scene, each, reference, stop, effort, resume)
+    except GivesWay as way:
+        return way.there, None
     except DivergedError as error:
         return _where(scene, each, error), None
     return (UNSTRAINED if each.kind == "loss" else _strained(scene, each)), found
@@ -220,6 +228,13 @@ def _strained(scene: Scene, each: StaticLoad) -> Strained:
     return strained(scene.comm, scene.distribution, scene.state, tears(scene.job, each.kind, each.factor))
 
 
+def _give_up(scene: Scene, each: StaticLoad) -> None:
+    """Raise GivesWay where an element will surely break. Collective."""
+    there = _strained(scene, each)
+    if there.reason == BREAKS and there.most > SURELY:
+        raise GivesWay(there)
+
+
 def _where(scene: Scene, each: StaticLoad, error: DivergedError) -> Strained:
     """Where a net that came to no equilibrium gives way; of what does not run away that is not known."""
     if isinstance(error, RunsAway):
@@ -237,8 +252,9 @@ def _named(scene: Scene, there: Strained) -> str:
 
 def _found(scene: Scene, each: StaticLoad, reference, stop, effort: Effort, resume=None) -> Equilibrium:
     """The equilibrium, its plastic strains not kept yet. Collective. Raises DivergedError, Paused."""
-    iterations, tolerance, relaxes = effort
-    arguments = each.load, tolerance, reference, iterations, each.words, stop, resume, relaxes
+    iterations, tolerance, relaxes, gives_up = effort
+    watch = partial(_give_up, scene, each) if gives_up else None
+    arguments = each.load, tolerance, reference, iterations, each.words, stop, resume, relaxes, watch
     slips = scene.finder.slips
     if slips is None:
         solution = scene.finder.find(*arguments)
@@ -372,7 +388,7 @@ def _by_trials(
             above = share, committed(state)
         return Trial(share, share, now)
 
-    low, high = search_limit(trial, NOTHING, Trial(1.0, 1.0, whole), say)
+    low, high = search_limit(trial, NOTHING, Trial(1.0, 1.0, whole), OF_LOAD, say)
     put_back(state, best[1])
     if low.factor > 0.0:
         try:
