@@ -368,3 +368,17 @@ def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
     again = Statics(job)
     put_back(again.scene.state, committed(stopped.scene.state))
     assert np.array_equal(again.find(NEVER, stopped.path, pause.value.at), x)
+
+
+def test_a_weight_on_one_cable_is_an_equilibrium_only_where_the_cable_carries_it(workshop):
+    """Begun from where the cable is slack, the interior point method goes on until its tension is the weight.
+
+    There its steps end at nothing before the barrier is gone, which says nothing of the tension.
+    """
+    nodes = "id,x,y,z,fixed,load_z\n1,0,0,0,0,-1000\n2,0,0,10,1,0\n3,0,0,5,1,0\n"
+    elements = "id,start,end,prestress\n7,1,2,500\n9,1,3,500\n"
+    text = "[cable]\nmodulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n[load]\nself_weight = false\n"
+    text += "steps = 1\n[[remove]]\nelements = [7]\ntime = 0.0\n"
+    text += "[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n"
+    with workshop.solve(text, nodes, elements) as f:
+        assert f["removal/tension_after"][0] == pytest.approx([0.0, 1000.0], rel=1e-6)

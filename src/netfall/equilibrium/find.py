@@ -95,13 +95,12 @@ class Finder:
         return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, *words)
 
     def _has_tensions(self) -> bool:
-        """Whether tensions may be unknowns."""
-        return self.slips is None and self.state.joints is None
+        """Whether tensions may be unknowns: those of cables alone have one equilibrium. Collective."""
+        return self.slips is None and not is_compressible(self.comm, self.state)
 
     def has_limit_load(self) -> bool:
         """Whether `limit_load` serves the net: cables that yield, whose energy is convex. Collective."""
-        yields = self._has_tensions() and self.state.features.plastic
-        return yields and not is_compressible(self.comm, self.state)
+        return self._has_tensions() and self.state.features.plastic
 
     def _by_newton(self, newton: Newton, tolerance: float, stop: StopRequest, watch) -> Solution:
         """By Newton's method, from where the net is. Raises NoConvergence, Stopped. Collective."""
@@ -113,7 +112,7 @@ class Finder:
         Raises NoConvergence, Stopped, RunsAway, what watch() raises.
         """
         if not self._has_tensions():
-            raise NoConvergence("there are bars that bend, or cables slip")
+            raise NoConvergence("there are bars, or cables slip")
         mixed, x, found = Mixed(newton, self.state, stop, watch=watch), self.state.x, None
         for size in NARROWED:
             near = mixed.narrow(size, tolerance)

@@ -101,11 +101,11 @@ class Mixed:
         begin_tensions(self.cables, self.state.elements_now().L, self.gap, self.now)
 
     def narrow(self, size: float, tolerance: float) -> StartPoint:
-        """Move the net until a step is so small, or what is missing. Collective.
+        """Move the net until a step is so small, or what is missing; size 0: until nothing is. Collective.
 
         Raises NoConvergence, Stopped, RunsAway.
         """
-        while self.size > size and max(self.missing) > tolerance:
+        while (self.size > size or not size) and max(self.missing) > tolerance:
             if self.steps < MOST_STEPS:
                 self.step()
             elif max(self.missing) <= NEARLY * tolerance:

@@ -101,7 +101,7 @@ def still_missing(sizes: tuple[float, float], part: float, before: float) -> tup
 
     before : the larger size of the step before. At least as much is left as the step itself.
     """
-    rate = max(sizes) / before
+    rate = max(sizes) / before if before else np.inf
     left = max(1.0, rate / (1.0 - rate)) if rate < 1.0 else np.inf
     return tuple(size * (1.0 - part + left) if size else 0.0 for size in sizes)
 
