@@ -1,8 +1,8 @@
-"""The table of fields: every array of the solver's state, in one place.
+"""Table of fields: every array of the solver's state, in one place.
 
-A field is added by adding a row. From the table follow the arrays of a rank (`state.State`), the records that
-kernels take (`Particles`, `Elements`, `Slots`), what a particle that splits off starts with, what a
-checkpoint holds, and what goes into the slots of the step.
+A new row of the table adds a field. The table defines the arrays of a rank (`state.State`) and the records
+that kernels take (`Particles`, `Elements`, `Slots`). It also defines the initial values of a particle that
+splits off, the content of a checkpoint, and the content of the slots of the step.
 """
 
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from numba import from_dtype, types
 from netfall.core.records import Record
 from netfall.ground.text_tables import rows_of
 
-SLOTS = 4  # elements of a particle in the vector loop; particles with more have layers of their own
-EMPTY = np.uint32(0xFFFFFFFF)  # in place of an element's number
+SLOTS = 4  # minimum number of slots per particle; loops over exactly this many are unrolled
+EMPTY = np.uint32(0xFFFFFFFF)  # element number of an empty slot
 LIKE_PARENT = "as the particle that it splits off"
-TAKEN_OUT = 2  # in `broken`, of what an erection has taken out of the net
-OTHER_WORKS = ("air", "band", "support")  # beside external, internal and damping: of few scenes
+TAKEN_OUT = 2  # value of `broken` for an element that an erection stage has removed
+OTHER_WORKS = ("air", "band", "support")  # in addition to external, internal and damping work
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One array: what it holds, for each particle or element, and which scenes have it.
+    """Description of one array: its content per particle or element, and the features that need it.
 
     entity : "particle" | "element" | "slot" (an element at one of its ends: rows of (slots, particles))
     needs : "" always, or a feature of `Features`
-    kept : changes in the course of a run, so a checkpoint holds it
-    split : value of a particle that splits off, LIKE_PARENT: its parent's
-    slot_of : the field of elements that a field of slots repeats at both ends
-    given : starts with what the model has under that name
+    kept : changes during a run, so a checkpoint holds it
+    split : value for a particle that splits off, LIKE_PARENT: that of its parent
+    slot_of : the element field that a slot field repeats at both ends
+    given : initialised from the model's array of that name
     """
 
     name: str
@@ -51,16 +51,17 @@ class Field:
 
 
 def _fields(entity: str, text: str) -> tuple[Field, ...]:
-    """Rows of an entity. Their cells: name; dtype, columns; unit; needs; marks; meaning.
+    """Parse the rows of an entity. Their cells: name; dtype, columns; unit; needs; marks; meaning.
 
-    Of the marks, split alone is LIKE_PARENT, and repeats a slot's field of elements of the same name.
+    The mark `split` without a value is LIKE_PARENT. The mark `repeats` refers to the element field of the
+    same name.
     """
-    found = []
-    for name, numbers, unit, needs, words, meaning in rows_of(text):
+    fields = []
+    for name, numbers, unit, needs, mark_text, meaning in rows_of(text):
         dtype, *columns = numbers.split()
-        marks = dict(word.partition("=")[::2] for word in words.split())
+        marks = dict(word.partition("=")[::2] for word in mark_text.split())
         split = marks.get("split", "0") or LIKE_PARENT
-        found.append(
+        fields.append(
             Field(
                 name,
                 entity,
@@ -75,7 +76,7 @@ def _fields(entity: str, text: str) -> tuple[Field, ...]:
                 "given" in marks,
             )
         )
-    return tuple(found)
+    return tuple(fields)
 
 
 PARTICLES = """
@@ -183,12 +184,12 @@ FIELDS = _fields("particle", PARTICLES) + _fields("element", ELEMENTS) + _fields
 
 
 def fields_of(entity: str) -> tuple[Field, ...]:
-    """The rows of the table for particles, elements or slots."""
+    """Return the rows of the table for particles, elements or slots."""
     return tuple(field for field in FIELDS if field.entity == entity)
 
 
 def _record(name: str, entity: str) -> type[Record]:
-    """The record of an entity's arrays; those of particles and slots are (axes or slots, particles)."""
+    """Create the record class of an entity's arrays; particles and slots: (axes or slots, particles)."""
     kinds = {}
     for field in fields_of(entity):
         axes = 2 if field.tail or entity == "slot" else 1
@@ -203,34 +204,34 @@ Slots = _record("Slots", "slot")
 
 @dataclass(frozen=True)
 class Features:
-    """What a scene has; the rest costs neither time nor memory."""
+    """Features of a problem; what it lacks costs neither time nor memory."""
 
     plastic: bool = False
     fracture: bool = False
     wind: bool = False
     air: bool = False  # air damping
     air_mass: bool = False
-    band: tuple[float, ...] = ()  # `law.branches.band_branches` of the damping over a band
-    tapped: bool = False  # the wind is given as pressures in time, which are not squared
-    varying: bool = False  # forces besides the wind that vary in time
-    strain: str = "engineering"  # its measure
+    band: tuple[float, ...] = ()  # Maxwell branches, from `law.branches.band_branches`
+    tapped: bool = False  # the wind is given as pressures, which are not squared
+    varying: bool = False  # other forces than wind that vary in time
+    strain: str = "engineering"  # strain measure
     bars: bool = False
-    bending: bool = False  # chains of bars resist it
-    buckling: bool = False  # bars do it, and break both ways
-    sections: bool = False  # more than one stiffness or yield force
-    strengths: bool = False  # more than one strain at fracture
+    bending: bool = False  # bending chains
+    buckling: bool = False  # bars buckle, and may break in compression too
+    sections: bool = False  # different stiffnesses or yield forces
+    strengths: bool = False  # different fracture strains
     springs: bool = False  # elastic supports
-    turned: bool = False  # supports in axes of their own
-    losses: bool = False  # elements leave the net at given times
+    turned: bool = False  # supports with rotated axes
+    losses: bool = False  # members are removed at given times
     motion: bool = False  # supports move
-    slip: bool = False  # cables slip over nodes
-    sliding: int = 0  # how many over one node at most, in the dynamic stage
-    part_held: bool = False  # some particle is held on some axes and not on others
-    energy: bool = True  # the audit of work
+    slip: bool = False  # sliding cables
+    sliding: int = 0  # largest number over one node, in the dynamic stage
+    part_held: bool = False  # some particle is fixed on some axes only
+    energy: bool = True  # energy checks
     fragments: bool = True  # a particle splits off where an element breaks
-    detaches: bool = False  # parts may be cut free in motion
-    drags: bool = False  # the relative wind pulls at those
-    drags_steadily: bool = False  # that of a mean speed, beside pressures
+    detaches: bool = False  # parts may be cut free
+    drags: bool = False  # relative wind acts on detached parts
+    drags_steadily: bool = False  # with a mean speed, because the wind is given as pressures
 
     @property
     def inelastic(self) -> bool:
@@ -239,42 +240,42 @@ class Features:
 
     @property
     def peaks(self) -> bool:
-        """Whether the largest forces of all steps are kept: what breaks lets short waves loose."""
+        """Whether the largest forces of all steps are stored: fracture and removal cause short waves."""
         return self.fracture or self.losses
 
     @property
     def dips(self) -> bool:
-        """Whether the smallest are kept too."""
+        """Whether the smallest forces of all steps are stored too."""
         return self.losses or (self.fracture and self.bars)
 
     @property
     def dissipating(self) -> bool:
-        """Whether elements turn energy into heat."""
+        """Whether elements dissipate energy."""
         return self.plastic or self.losses or self.fracture
 
     @property
     def other_works(self) -> bool:
-        """Whether the audit has more than external, internal and damping work."""
+        """Whether the energy check has other works than external, internal and damping."""
         return self.energy and bool(self.air or self.band or self.motion)
 
     @property
     def third_branch(self) -> bool:
-        """Whether the damping over a band has three branches, not two."""
+        """Whether the axial damping has three Maxwell branches, not two."""
         return len(self.band) == 6
 
     @property
     def numbered(self) -> bool:
-        """Whether the slots know their elements."""
+        """Whether slots store the numbers of their elements."""
         return self.inelastic or self.peaks or bool(self.sliding or self.band)
 
     @property
     def slip_works(self) -> bool:
-        """Whether the audit has the work of slips."""
+        """Whether the energy check includes the work of slips."""
         return self.energy and bool(self.sliding)
 
     @property
     def slip_fades(self) -> bool:
-        """Whether what is lost beside a slip may pull for a while."""
+        """Whether the tension of a removed element next to a slip point fades over time."""
         return bool(self.sliding) and self.losses and self.varying
 
     @property
@@ -284,14 +285,14 @@ class Features:
 
     @property
     def unlike_limits(self) -> bool:
-        """Whether elements come near their limits at different forces."""
+        """Whether the limit force from which an element is checked differs between elements."""
         return self.buckling or (self.inelastic and (self.sections or self.strengths))
 
     @property
     def plastic_sections(self) -> bool:
-        """Whether elements yield at different forces."""
+        """Whether the yield force differs between elements."""
         return self.plastic and self.sections
 
     def has(self, field: Field) -> bool:
-        """Whether the scene has a field."""
+        """Return whether the problem has a field."""
         return not field.needs or getattr(self, field.needs)

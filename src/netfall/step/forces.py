@@ -2,13 +2,11 @@
 
 A vector holds LANES consecutive particles. Each particle sums over its incident elements in ascending global
 number, so the sum has the same bits on any number of ranks. An element is computed at both ends, from the
-same
-bits. The forces stay in a scratch array, in the first-level cache, for the second pass (`motion`).
+same bits. The forces stay in a scratch array, in the first-level cache, for the second pass (`motion`).
 
 Three variants are compiled with literal arguments. The elastic one serves a chunk while none of its elements
-is
-near a limit. A second one serves cables that yield, and a general one every other kind of element. All other
-features are checked at run time.
+is near a limit. A second one serves cables that yield, and a general one every other kind of element. All
+other features are checked at run time.
 """
 
 import numpy as np

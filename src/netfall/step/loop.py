@@ -1,8 +1,7 @@
 """The compiled time loop: central difference in half-step velocities, including the halo exchange.
 
 Step n starts from x(n) and v(n-1/2). If a history row is due, it is computed first (`rows.py`). Then the
-velocities
-of sliding cables are updated. The particles follow in chunks that fit the cache:
+velocities of sliding cables are updated. The particles follow in chunks that fit the cache:
     1. internal forces f_int(x(n)) of a chunk, and an exact check of yield and fracture near a limit
     2. external force, velocity update to v(n+1/2), work; x(n+1) goes to a second array, so that the order of
        chunks does not matter
@@ -77,8 +76,7 @@ class Chunks(Record):
     """Spans of particles, each small enough for the cache, in the order in which they are stepped.
 
     Chunks of owned particles come first; the first `boundary` of them hold the boundary particles. From chunk
-    `owned` on
-    follow chunks of the particles that split off, `size` in each, some still empty.
+    `owned` on follow chunks of the particles that split off, `size` in each, some still empty.
     low, high : (chunks,) particles of each; width : (chunks,) largest number of elements at one of them
     has_yielded : (chunks,) whether any of its elements may have plastic strain
     """
@@ -238,8 +236,8 @@ def time_loop(
     """Run the steps of an `Interval`; return steps done, elements still to break, and MPI's error code.
 
     In a trial the second result is a step count instead. It includes the step at whose start an element first
-    exceeds
-    its fracture strain. It is steps + 1 if that happens at the end of the last step, and 0 if none does.
+    exceeds its fracture strain. It is steps + 1 if that happens at the end of the last step, and 0 if none
+    does.
 
     only_row : `Interval.row`; work : `Work`
     """

@@ -1,8 +1,7 @@
 """Second pass over a chunk of particles: the remaining forces, velocity update, work and position update.
 
 `total_forces` and `kick` serve any problem. `move` does both at once for particles with loads and wind alone;
-it is the
-fast path of large nets. History rows use `total_forces` too (`audit`).
+it is the fast path of large nets. History rows use `total_forces` too (`audit`).
 """
 
 from netfall.core.kernels import inner_kernel, part_of_kernel

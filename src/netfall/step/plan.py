@@ -157,8 +157,7 @@ class Plan:
         """Advance the state by up to the steps of an interval; return the number of steps done.
 
         It stops early if the fragments exceed the capacity. It then enlarges the capacity and breaks the
-        pending elements.
-        Collective among neighbours.
+        pending elements. Collective among neighbours.
         """
         done, count, error = self._steps(interval, seconds)
         check(error)

@@ -28,8 +28,7 @@ class Table(Record):
     number : of the step; time_step : [s] the one before; slack : number of slack cables; sums : (k, s, LIMBS)
     probes : (k, p) displacements [m] and tensions [N], 0 if another rank has them; then slip values
     size, who : (k, 3) largest speed [m/s], largest strain, and largest strain beyond MOST_STRAIN of elements
-        that never
-        break, with the global numbers of the particle and the elements; -1: none
+        that never break, with the global numbers of the particle and the elements; -1: none
     """
 
     number: i8

@@ -1,10 +1,8 @@
 """Incident element ends (slots): each particle lists its own elements and sums over them.
 
 The slots of a particle are in ascending global element number. So the sum has the same order, and the same
-bits, on
-any number of ranks. Each element is computed at both ends, from the same bits: this doubles the arithmetic
-but avoids
-scattered writes.
+bits, on any number of ranks. Each element is computed at both ends, from the same bits: this doubles the
+arithmetic but avoids scattered writes.
 """
 
 import math
@@ -44,8 +42,7 @@ def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element
 
     ends, EA : of the elements
     other : (slots, n), out, far ends, the particle itself in an empty slot; slot_element : (slots, n), out,
-        EMPTY in an
-        empty slot; filled : (n,), out, number of slots in use, which come first
+        EMPTY in an empty slot; filled : (n,), out, number of slots in use, which come first
     """
     for s in range(other.shape[0]):
         for p in range(n_local):
@@ -148,8 +145,8 @@ def collect_element(e, n_owned, first_split, elements, slots, law):
     """Update element e from its slots: plastic strain and heat, extremes, branches.
 
     The heat of a cable follows from its plastic strain, which only grows; that of a bar is already up to
-    date. Extremes
-    count until the element breaks: its fragments have no strength and ring numerically at light ends.
+    date. Extremes count until the element breaks: its fragments have no strength and ring numerically at
+    light ends.
     """
     s, p = own_slot(e, n_owned, first_split, elements, slots)
     if has(slots.eps_p):

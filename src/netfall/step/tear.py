@@ -1,8 +1,7 @@
 """Fractures within the time loop: elements break, and the affected slots and chunks are updated.
 
 A broken element leaves an empty slot at the particle it separates from and a new far end at the particle it
-stays
-with. The new particle has one element and belongs to a chunk of such particles.
+stays with. The new particle has one element and belongs to a chunk of such particles.
 """
 
 import numpy as np
