@@ -340,8 +340,7 @@ def add(typing, p, high, array, row, value):
 
 @intrinsic
 def gather(typing, array, row, other, s, p):
-    """Load, from a row, the numbers of the particles whose indices are in row s of `other` for p to p +
-    LANES.
+    """Load, from a row, the numbers of the particles with indices in row s of `other`, p to p + LANES.
 
     It loads one by one, because hardware gathers are slow on processors patched against data leaks through
     them.
