@@ -189,9 +189,7 @@ class Halo:
     def __init__(self, comm: MPI.Comm, subdomain: Subdomain, width: int):
         """Allocate the buffers and create the requests. Collective."""
         index = subdomain.send_index
-        self.boundary = (
-            int(index.max()) + 1 if len(index) else 0
-        )  # leading rows that contain all boundary particles
+        self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
         self.n_owned, self.width, self._made, self._window = subdomain.n_owned, width, [], None
         node = _node_of(comm)
         first = lambda counts: np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
@@ -201,9 +199,8 @@ class Halo:
         numbers, own_place = self._share(node, stride), node.rank * stride
         numbers[own_place : own_place + stride] = 0.0
         send_places = dict(zip(subdomain.neighbours, sends.tolist()))
-        others = dict(
-            node.allgather((comm.rank, (node.rank * stride, send_places)))
-        )  # also a barrier: all buffers are zero now
+        # The allgather is also a barrier: afterwards all buffers are zero.
+        others = dict(node.allgather((comm.rank, (node.rank * stride, send_places))))
         shares_memory = [neighbour in others for neighbour in subdomain.neighbours]
         receive_at, requests = [np.zeros(0, np.int64)], [[], []]
         for k, neighbour in enumerate(subdomain.neighbours):

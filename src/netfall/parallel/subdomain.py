@@ -186,16 +186,16 @@ class Distribution:
             whole[subdomain.particle_gid[: subdomain.n_owned]] = part
         return whole
 
-    def gather_elements(self, rows: np.ndarray, mine=slice(None)) -> np.ndarray | None:
+    def gather_elements(self, rows: np.ndarray, reported=slice(None)) -> np.ndarray | None:
         """Gather a global array (m, ...) on rank 0 from rows that all their holders agree on. Collective.
 
-        mine : (m,) bool, the elements that this rank reports, if rows are not equal on all
+        reported : (m,) bool, the elements that this rank reports, if rows are not equal on all
         """
-        return self._gather(self.subdomain.element_gid[mine], rows[mine], self.m)
+        return self._gather(self.subdomain.element_gid[reported], rows[reported], self.m)
 
-    def gather_joints(self, rows: np.ndarray, mine: np.ndarray, count: int) -> np.ndarray | None:
-        """Gather a global array (count, ...) of joints on rank 0; mine : those to report. Collective."""
-        return self._gather(self.subdomain.joint_gid[mine], rows[mine], count)
+    def gather_joints(self, rows: np.ndarray, reported: np.ndarray, count: int) -> np.ndarray | None:
+        """Gather a global array (count, ...) of joints on rank 0. Collective."""
+        return self._gather(self.subdomain.joint_gid[reported], rows[reported], count)
 
     def _gather(self, gid: np.ndarray, rows: np.ndarray, count: int) -> np.ndarray | None:
         parts = self.comm.gather((gid, np.ascontiguousarray(rows)))

@@ -91,9 +91,7 @@ def places_of(state, segment: np.ndarray) -> Places:
     ]
     after, before = (rows[np.lexsort((rows[:, 1], rows[:, 0]))] for rows in points)
     moving = np.unique(np.concatenate([after, before])[:, :2], axis=0)
-    after, before = (
-        rows[rows[:, 0] < state.n_owned] for rows in (after, before)
-    )  # owned: this rank has both
+    after, before = (rows[rows[:, 0] < state.n_owned] for rows in (after, before))  # it has both if owned
     row_of = lambda e: np.searchsorted(number, segment[e])
     return Places(
         *(np.ascontiguousarray(after[:, 0]), np.ascontiguousarray(after[:, 1])),
