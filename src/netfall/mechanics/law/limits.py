@@ -4,10 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-NEARLY, REACHED = (
-    1.0 - 1e-9,
-    1.0 - 1e-12,
-)  # shares of a limit: checked exactly from here; reached
+# Shares of a limit: from NEARLY on it is checked exactly, from REACHED on it counts as reached.
+NEARLY, REACHED = 1.0 - 1e-9, 1.0 - 1e-12
 
 
 class Caps(NamedTuple):
