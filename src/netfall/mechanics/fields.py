@@ -83,102 +83,98 @@ PARTICLES = """
 x | f8 3 | m | | kept given split | position
 v | f8 3 | m/s | | kept split | velocity, half a step behind the position
 x_start | f8 3 | m | | kept given split | position from which displacements count
-free | u1 3 | | | kept given split=1 | 1 where the axis can move
-mass | f8 | kg | | kept given | lumped mass: halves of the elements, and what is carried
-per_mass | f8 | 1/kg | | | 1 / mass; 0 without mass, and where every axis is held
+free | u1 3 | | | kept given split=1 | 1 if the axis is free
+mass | f8 | kg | | kept given | lumped mass: half of each element, and carried mass
+per_mass | f8 | 1/kg | | | 1 / mass; 0 without mass, or if every axis is fixed
 load | f8 3 | N | | kept given | constant external force
 spring | f8 3 | N/m | springs | given | stiffness of the elastic support
-spring_rest | f8 3 | m | springs | given | displacement at which it carries nothing
-turned | f8 3 | | turned | given | of supports in axes of their own: unit vector in plan along which it is
-    held, 0: none; and the stiffness [N/m] of its springs between x and y
-spring_zero | f8 3 | m | springs | | position at which it carries nothing
-load_before | f8 3 | N | varying | | forces that vary, at the last sample
-load_after | f8 3 | N | varying | | forces that vary, at the next sample
+spring_rest | f8 3 | m | springs | given | displacement at which the spring carries nothing
+turned | f8 3 | | turned | given | supports with rotated axes: unit vector in plan along which the particle is
+    held, 0: none; and the x-y coupling stiffness [N/m] of its springs
+spring_zero | f8 3 | m | springs | | position at which the spring carries nothing
+load_before | f8 3 | N | varying | | time-dependent forces at the last sample
+load_after | f8 3 | N | varying | | time-dependent forces at the next sample
 wind | f8 3 | N s2/m2 | wind | kept given | wind force at 1 m/s
 speed_before | f8 | m/s | wind | | wind speed at the last sample
 speed_after | f8 | m/s | wind | | wind speed at the next sample
-tapped | u1 | | tapped | | there where these are pressures [N/m2] instead
+tapped | u1 | | tapped | | 1 if `speed_before` and `speed_after` are pressures [N/m2] instead
 air | f8 3 | (kg/m)^1/2 | air | kept given | c of `mechanics.air`
-air_pull | f8 2 | m/s | air | | of `air.set_air`, at both samples
-air_mass | f8 | kg | air_mass | kept given | air that moves along
+air_pull | f8 2 | m/s | air | | factors of `air.set_air`, at both samples
+air_mass | f8 | kg | air_mass | kept given | added mass of the air
 detached | u1 | | detaches | kept | 1 once no path of unbroken elements leads to a support
-drag | f8 3 | N | drags | | force of the relative wind, where it is detached
+drag | f8 3 | N | drags | | drag of the relative wind on a detached particle
 drag_size | f8 | kg/m | drags | kept given | rho A / 2 of its surface
-steady_speed | f8 | m/s | drags_steadily | given | mean wind speed, where the wind is given as pressures
-slip | f8 3 | m | slip | kept | length that has passed, of each cable that slips here
-slip_v | f8 3 | m/s | sliding | kept | its velocity, half a step behind
-slip_mass | f8 3 | kg | sliding | kept | inertia of each, for steps of any length
-slip_load | f8 3 | N | sliding | kept | constant force on each: of own weight
-slip_locked | f8 3 | s | sliding | kept | time at which a strand was used up there; 0: none was
-slip_work | f8 3 | J | slip_works | kept | of external and internal forces on slips, and heat of their
+steady_speed | f8 | m/s | drags_steadily | given | mean wind speed, if the wind is given as pressures
+slip | f8 3 | m | slip | kept | length that has passed, for each cable that slides here
+slip_v | f8 3 | m/s | sliding | kept | velocity of each slip, half a step behind
+slip_mass | f8 3 | kg | sliding | kept | inertia of each slip, for steps of any length
+slip_load | f8 3 | N | sliding | kept | constant force on each slip: of own weight
+slip_locked | f8 3 | s | sliding | kept | time at which a segment became too short; 0: never
+slip_work | f8 3 | J | slip_works | kept | work of external and internal forces on slips, and heat of their
     friction
-friction | f8 3 | | slip | given | coefficient of friction of each
-resistance | f8 3 | N | slip | given | resistance of the clamp of each
-valence | i4 | | fracture | kept given split=1 | elements attached
+friction | f8 3 | | slip | given | coefficient of friction of each slip
+resistance | f8 3 | N | slip | given | slip resistance of the clamp of each slip
+valence | i4 | | fracture | kept given split=1 | number of attached elements
 work | f8 3 | J | energy | kept | work of external, internal and damping forces
-other_work | f8 3 | J | other_works | kept | work of what `OTHER_WORKS` names
-ground | f8 3 | m/s | motion | | velocity of the ground below: of an axis that is held half a step on, else
-    now
-bend | f8 3 | N | bending | | force of chains that bend, at x(n)
-course | i4 | | motion | kept given split | how that moves, a row of `ground.Ground`; -1: not at all
+other_work | f8 3 | J | other_works | kept | works named in `OTHER_WORKS`
+ground | f8 3 | m/s | motion | | velocity of the ground: of a fixed axis half a step later, of a free axis now
+bend | f8 3 | N | bending | | force of bending chains at x(n)
+course | i4 | | motion | kept given split | course of the ground, a row of `ground.Ground`; -1: none
 gid | i8 | | | | global number
-f | f8 3 | N | | | total force; of all particles if something can break, else of those sent
+f | f8 3 | N | | | total force; of all particles if something can break, otherwise of those sent
 """
 ELEMENTS = """
 ends | u4 2 | | | | local numbers of the two particles
 L0 | f8 | m | | kept given | unstressed length
-EA | f8 | N | | given | axial stiffness; 0: out of the net, or kept by another rank
-bar | u1 | | | given | 1 where compression is carried
-euler | f8 | N | buckling | given | compression at which it buckles; inf: never
+EA | f8 | N | | given | axial stiffness; 0: removed, or held by another rank
+bar | u1 | | | given | 1 if compression is carried
+euler | f8 | N | buckling | given | compression at buckling; inf: never
 half_mass | f8 | kg | | given | half of the element's own mass
 strand | f8 | m | slip | kept given | unstressed length without slip
-slip_place | i1 2 | | slip | given | which of the cables over the slip points at the begin and the end of its
-    free segment, along the cable, it is of, -1: there is none
+slip_place | i1 2 | | slip | given | number of its cable at the slip points at the start and the end of its
+    free segment, along the cable; -1: no slip point
 slip_at | i8 2 | | slip | | local numbers of the particles of these slip points
-slip_share | f8 | | slip | given | of the unstressed length of its segment
-slip_along | i1 | | slip | given | 1, -1: it runs along its cable, against it
-hold_before | f8 | N | slip_fades | | what is left of a lost tension, at the last sample
-hold_after | f8 | N | slip_fades | | the same at the next sample
+slip_share | f8 | | slip | given | share of the unstressed length of its segment
+slip_along | i1 | | slip | given | 1 or -1: runs along or against its cable
+hold_before | f8 | N | slip_fades | | fading tension of a removed element, at the last sample
+hold_after | f8 | N | slip_fades | | fading tension of a removed element, at the next sample
 owned | u1 | | | | 1 on the one rank that reports the element
-broken | u1 | | | kept | 1 once it has broken, or is lost; `TAKEN_OUT`
-lost | u1 | | losses | kept | 1 once it is lost
-highest | f8 | N | peaks | kept | largest axial force of a step since the last loss
-lowest | f8 | N | dips | kept | smallest axial force of a step since then
+broken | u1 | | | kept | 1 if broken or removed; `TAKEN_OUT` by an erection stage
+lost | u1 | | losses | kept | 1 if removed
+highest | f8 | N | peaks | kept | largest axial force of a step since the last removal
+lowest | f8 | N | dips | kept | smallest axial force of a step since the last removal
 yield_force | f8 | N | plastic | given | axial force at yield
-yield_strain | f8 | | plastic_sections | | strain at yield before any
+yield_strain | f8 | | plastic_sections | | strain at first yield
 eps_p | f8 | | plastic | kept | plastic strain
-dissipated | f8 | J | dissipating | kept | energy lost by yield, and by taking the element out
-eps_u | f8 | | fracture | kept given | strain at fracture, and at which what is left grows longer; inf: never
-eps_c | f8 | | crushing | kept given | strain at fracture in compression; -inf: never
-reach | f8 | | strengths | | L / L0 from which it is looked at for fracture
-near | f8 | N | unlike_limits | | size of the elastic axial force from which it is looked at for any limit
-branch_a | f8 | N | band | kept | H of a branch of the damping over a band
-branch_b | f8 | N | band | kept | H of a branch of the damping over a band
-branch_c | f8 | N | third_branch | kept | H of a branch of the damping over a band
+dissipated | f8 | J | dissipating | kept | energy dissipated by yield, and by removal of the element
+eps_u | f8 | | fracture | kept given | fracture strain; a fragment grows longer at it; inf: never
+eps_c | f8 | | crushing | kept given | fracture strain in compression; -inf: never
+reach | f8 | | strengths | | L / L0 from which it is checked for fracture
+near | f8 | N | unlike_limits | | size of the elastic axial force from which it is checked for any limit
+branch_a | f8 | N | band | kept | H of a Maxwell branch
+branch_b | f8 | N | band | kept | H of a Maxwell branch
+branch_c | f8 | N | third_branch | kept | H of a Maxwell branch
 pending | i4 | | fracture | | elements that reached eps_u in a step
-breaks | u1 | | fracture | | where those break, as `fracture.decide` has it
+breaks | u1 | | fracture | | ends at which these break, from `fracture.decide`
 """
 SLOTS_OF_ELEMENTS = """
-other | u4 | | | | local number of the far end; in an empty slot the particle's own
+other | u4 | | | | local number of the far end; in an empty slot that of the particle itself
 inv_L0 | f8 | 1/m | | | 1 / unstressed length, 0 in an empty slot
 slot_element | u4 | | numbered | | local number of the element
-slot_EA | f8 | N | sections | repeats | axial stiffness, unless it is the same everywhere
-slot_bar | u1 | | bars | repeats | 1 where compression is carried
-slot_euler | f8 | N | buckling | repeats | compression at which it buckles
-slot_yield_force | f8 | N | plastic_sections | repeats | axial force at yield, unless it is the same
-    everywhere
-slot_yield_strain | f8 | | plastic_sections | repeats | strain at yield before any, unless it is the
-    same everywhere
-slot_highest | f8 | N | peaks | | largest axial force of a step since it was filled
-slot_lowest | f8 | N | dips | | smallest axial force of a step since then
-slot_branch_a | f8 | N | band | repeats | H of a branch
-slot_branch_b | f8 | N | band | repeats | H of a branch
-slot_branch_c | f8 | N | third_branch | repeats | H of a branch
+slot_EA | f8 | N | sections | repeats | axial stiffness, if it varies
+slot_bar | u1 | | bars | repeats | 1 if compression is carried
+slot_euler | f8 | N | buckling | repeats | compression at buckling
+slot_yield_force | f8 | N | plastic_sections | repeats | axial force at yield, if it varies
+slot_yield_strain | f8 | | plastic_sections | repeats | strain at first yield, if it varies
+slot_highest | f8 | N | peaks | | largest axial force of a step since the slot was filled
+slot_lowest | f8 | N | dips | | smallest axial force of a step since the slot was filled
+slot_branch_a | f8 | N | band | repeats | H of a Maxwell branch
+slot_branch_b | f8 | N | band | repeats | H of a Maxwell branch
+slot_branch_c | f8 | N | third_branch | repeats | H of a Maxwell branch
 slot_eps_p | f8 | | plastic | repeats | plastic strain
-slot_reach | f8 | | strengths | repeats | L / L0 from which the element is looked at, unless it is the same
-    everywhere
+slot_reach | f8 | | strengths | repeats | L / L0 from which the element is checked, if it varies
 slot_near | f8 | N | unlike_limits | repeats | size of the elastic axial force from which the element is
-    looked at, unless it is the same everywhere
+    checked, if it varies
 """
 FIELDS = _fields("particle", PARTICLES) + _fields("element", ELEMENTS) + _fields("slot", SLOTS_OF_ELEMENTS)
 
