@@ -113,7 +113,6 @@ class State:
 
     def renew_law(self) -> Law:
         """Recompute the law without the broken elements."""
-        alike = lambda of, slot: float(of.max(initial=0.0)) if slot is None and of is not None else None
         least = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
         if self.yield_strain is not None:
             self.yield_strain[:] = np.inf
@@ -127,8 +126,8 @@ class State:
         self._records["law"] = law_of(
             self.features.strain,
             self.features.plastic,
-            alike(self.EA, self.slot_EA),
-            alike(self.yield_force, self.slot_yield_force),
+            _common_value(self.EA, self.slot_EA),
+            _common_value(self.yield_force, self.slot_yield_force),
             least,
             float(check_force.min(initial=np.inf, where=self.EA > 0.0)),
             self.branches,
@@ -138,7 +137,7 @@ class State:
     def elements_now(self) -> ElementState:
         """Compute axial force [N], strain, plastic strain and length [m] (m,) at the present positions."""
         now = ElementState(*(np.empty(self.m) for _ in range(4)))
-        element_state(self.x, *self.of_a_moment, now)
+        element_state(self.x, self.elements, self.law, now)
         return now
 
     def bending_moments(self) -> np.ndarray:
@@ -231,6 +230,13 @@ class State:
         for rows in (self.ends, self.other[:, : self.n_local]):
             split = rows >= first
             rows[split] = first + new[rows[split] - first]
+
+
+def _common_value(values: np.ndarray | None, slot_values: np.ndarray | None) -> float | None:
+    """Return the value that all elements share; None if the slots have their own, or there is none."""
+    if slot_values is not None or values is None:
+        return None
+    return float(values.max(initial=0.0))
 
 
 def committed(state: State) -> dict[str, np.ndarray]:

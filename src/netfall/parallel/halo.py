@@ -183,6 +183,11 @@ def _node_of(comm: MPI.Comm) -> MPI.Comm:
     return smaller
 
 
+def _first_places(counts: tuple[int, ...], width: int) -> np.ndarray:
+    """Return the place in a buffer of each neighbour's first row, and the end (neighbours + 1,)."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
+
+
 class Halo:
     """Buffers and persistent requests for one row of `width` numbers per boundary particle."""
 
@@ -192,8 +197,8 @@ class Halo:
         self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
         self.n_owned, self.width, self._made, self._window = subdomain.n_owned, width, [], None
         node = _node_of(comm)
-        first = lambda counts: np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
-        sends, receives = first(subdomain.send_counts), first(subdomain.receive_counts)  # places in a buffer
+        sends = _first_places(subdomain.send_counts, width)
+        receives = _first_places(subdomain.receive_counts, width)
         size = LINE * node.allreduce(int(-(-(sends[-1] + receives[-1]) // LINE)), MPI.MAX)
         stride = LINE + 2 * size  # of a rank: its count, and its buffers
         numbers, own_place = self._share(node, stride), node.rank * stride

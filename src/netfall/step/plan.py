@@ -48,10 +48,15 @@ def traits_of(state: State) -> int:
 
 def make_scratch(state: State) -> Scratch:
     """Allocate the force arrays for the particles of a chunk."""
-    forces = lambda: columns(3, CHUNK + LANES, float)
-    band = forces() if state.features.band else empty(f8_2)
-    limit_flag = np.zeros(CHUNK + LANES, np.uint8)
-    return Scratch(forces(), band, limit_flag, forces(), forces(), np.zeros(CHUNK + LANES))
+    rows = CHUNK + LANES
+    return Scratch(
+        f=columns(3, rows, float),
+        band=columns(3, rows, float) if state.features.band else empty(f8_2),
+        near=np.zeros(rows, np.uint8),
+        external=columns(3, rows, float),
+        total=columns(3, rows, float),
+        pull=np.zeros(rows),
+    )
 
 
 class Plan:
@@ -189,10 +194,19 @@ class Plan:
         timed = seconds is not None
         if timed not in self._works:
             self._works[timed] = self._works[False].replaced(seconds=seconds)
-        i = interval
         return time_loop(
-            *(i.first, i.steps, i.before_dt, i.dt, i.zeta, i.sample_time, i.sample_dt),
-            *(i.stride, i.trial, i.pending, i.row, self._works[timed]),
+            interval.first,
+            interval.steps,
+            interval.before_dt,
+            interval.dt,
+            interval.zeta,
+            interval.sample_time,
+            interval.sample_dt,
+            interval.stride,
+            interval.trial,
+            interval.pending,
+            interval.row,
+            self._works[timed],
         )
 
     def take_back(self) -> None:

@@ -29,9 +29,13 @@ def caps_of(yield_force, euler_load, buckling, bending) -> Caps:
     """
     none = np.zeros(len(yield_force), bool)
     buckles, bends = (none if flags is None else flags for flags in (buckling, bending))
-    of = lambda bars: np.where(bars, euler_load, np.inf)
-    straight = np.isfinite(euler_load) & ~buckles & ~bends
-    return Caps(yield_force, of(buckles & (euler_load < yield_force)), of(straight))
+    buckles_first = buckles & (euler_load < yield_force)
+    stays_straight = np.isfinite(euler_load) & ~buckles & ~bends
+    return Caps(
+        yielding=yield_force,
+        buckling=np.where(buckles_first, euler_load, np.inf),
+        straight=np.where(stays_straight, euler_load, np.inf),
+    )
 
 
 def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:

@@ -74,13 +74,17 @@ def movers_of(slides, elements, x, fixed, mass, own, stiffness) -> Movers:
     adjacent = np.searchsorted(key, np.stack([before, after]) * len(mass) + slides.node)
     inner = np.setdiff1d(np.arange(len(key)), adjacent)
     return Movers(
-        *(own, stiffness, station, (station[begin] - 1)[chain], (station[last] + 1)[chain]),
-        (after[last] == before[begin])[chain],
-        lengths(vector[adjacent]),
-        np.append(lengths(vector[inner]), lengths(vector[adjacent].sum(0))),
-        np.append(node[inner], slides.node),
-        np.append(of_segment[segment[inner]], station),
-        slides.node,
+        own=own,
+        stiffness=stiffness,
+        station=station,
+        begin=(station[begin] - 1)[chain],
+        end=(station[last] + 1)[chain],
+        closed=(after[last] == before[begin])[chain],
+        near=lengths(vector[adjacent]),
+        size=np.append(lengths(vector[inner]), lengths(vector[adjacent].sum(0))),
+        node=np.append(node[inner], slides.node),
+        at=np.append(of_segment[segment[inner]], station),
+        slip_node=slides.node,
     )
 
 

@@ -92,13 +92,17 @@ def places_of(state, segment: np.ndarray) -> Places:
     after, before = (rows[np.lexsort((rows[:, 1], rows[:, 0]))] for rows in points)
     moving = np.unique(np.concatenate([after, before])[:, :2], axis=0)
     after, before = (rows[rows[:, 0] < state.n_owned] for rows in (after, before))  # it has both if owned
-    row_of = lambda e: np.searchsorted(number, segment[e])
     return Places(
-        *(np.ascontiguousarray(after[:, 0]), np.ascontiguousarray(after[:, 1])),
-        *(np.ascontiguousarray(before[:, 2]), np.ascontiguousarray(after[:, 2])),
-        *(row_of(before[:, 2]), row_of(after[:, 2])),
-        *(np.ascontiguousarray(moving[:, 0]), np.ascontiguousarray(moving[:, 1])),
-        *(inside, np.append(0, np.cumsum(np.bincount(row, minlength=len(number))))),
+        node=np.ascontiguousarray(after[:, 0]),
+        column=np.ascontiguousarray(after[:, 1]),
+        before=np.ascontiguousarray(before[:, 2]),
+        after=np.ascontiguousarray(after[:, 2]),
+        segment_before=np.searchsorted(number, segment[before[:, 2]]),
+        segment_after=np.searchsorted(number, segment[after[:, 2]]),
+        moving=np.ascontiguousarray(moving[:, 0]),
+        of=np.ascontiguousarray(moving[:, 1]),
+        element=inside,
+        start=np.append(0, np.cumsum(np.bincount(row, minlength=len(number)))),
     )
 
 
