@@ -6,9 +6,8 @@ Importing this module starts MPI (`alone.start_alone` comes before it).
 import warnings
 
 try:
-    with (
-        warnings.catch_warnings()
-    ):  # mpi4py warns of the launcher of another MPI, which `alone.world` refuses
+    # mpi4py warns of the launcher of another MPI, which `alone.world` refuses.
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         from mpi4py import MPI
 except (ImportError, RuntimeError) as error:  # mpi4py is installed, and finds no library

@@ -161,9 +161,8 @@ def rounded(limbs):
     for k in range(highest - 2):
         sticky |= limbs[k] != 0
     significand, tail = np.int64(bits >> np.uint64(11)), np.int64(bits & np.uint64(0x7FF))
-    if tail > 0x400 or (
-        tail == 0x400 and (sticky or significand & 1 == 1)
-    ):  # round to nearest, ties to even; subnormals are exact
+    # Round to nearest, ties to even; subnormals are exact.
+    if tail > 0x400 or (tail == 0x400 and (sticky or significand & 1 == 1)):
         significand += 1
     magnitude = math.ldexp(float(significand), 32 * (highest - 1) - shift + 11 - LOWEST)
     return -magnitude if negative else magnitude

@@ -6,7 +6,9 @@ second-order accurate for steps of any length. The stored value is the remainder
 alpha exp(-dt / 2 tau) V(n-1/2):
 
     force at n   N (1 + sum alpha exp(-dt / 2 tau)) - sum H,    dt of the step before n
-    to n + 1     H <- exp(-dt / tau) H + alpha exp(-dt / 2 tau) (1 - exp(-kick / tau)) N,    of that after
+    to n + 1     H <- exp(-dt / tau) H + alpha exp(-dt / 2 tau) (1 - exp(-h / tau)) N,    dt after n
+
+with the length h of the velocity update at n, the mean of both dt.
 """
 
 import numpy as np
