@@ -82,16 +82,16 @@ class Record:
         Raises TypeError if a value is missing or of another type.
         """
         fields = self.kind.fields
-        given = dict(zip(fields, values, strict=False)) | named
-        if len(values) + len(named) != len(fields) or given.keys() != fields.keys():
-            names = sorted(fields.keys() ^ given.keys()) or sorted(
+        by_name = dict(zip(fields, values, strict=False)) | named
+        if len(values) + len(named) != len(fields) or by_name.keys() != fields.keys():
+            names = sorted(fields.keys() ^ by_name.keys()) or sorted(
                 set(list(fields)[: len(values)]) & set(named)
             )
             raise TypeError(f"{type(self).__name__}: missing, unknown or given twice: {', '.join(names)}")
-        self.__dict__ |= given
+        self.__dict__ |= by_name
         words = []
         for name, kind in fields.items():
-            _add_words(words, given[name], kind, name, self.kind)
+            _add_words(words, by_name[name], kind, name, self.kind)
         self._table = np.array([word % 2**64 for word in words], np.uint64)
         self.address = self._table.__array_interface__["data"][0]
 
@@ -123,20 +123,25 @@ class _Absent:
 
     def __init__(self, kind):
         self.kind = kind
-        words = sum(1 + one.ndim if isinstance(one, types.Array) else 1 for one in kind.fields.values())
+        words = sum(
+            1 + field_kind.ndim if isinstance(field_kind, types.Array) else 1
+            for field_kind in kind.fields.values()
+        )
         self._table = np.zeros(max(words, 1), np.uint64)
-        self._parts = [empty(one) for one in kind.fields.values() if isinstance(one, RecordType)]
-        names = [name for name, one in kind.fields.items() if isinstance(one, RecordType)]
+        self._parts = [
+            empty(field_kind) for field_kind in kind.fields.values() if isinstance(field_kind, RecordType)
+        ]
+        names = [name for name, field_kind in kind.fields.items() if isinstance(field_kind, RecordType)]
         for name, part in zip(names, self._parts):
             self._table[kind.places[name]] = part.address
         self.address = self._table.__array_interface__["data"][0]
 
 
-def _add_words(words: list, value, kind, name: str, of: RecordType) -> None:
+def _add_words(words: list, value, kind, name: str, record_type: RecordType) -> None:
     """Append the table words of a value."""
     if isinstance(kind, types.Array):
         fits = isinstance(value, np.ndarray) and value.ndim == kind.ndim and value.flags.c_contiguous
-        if not fits or value.dtype != of.dtypes[name]:
+        if not fits or value.dtype != record_type.dtypes[name]:
             actual = getattr(value, "dtype", type(value).__name__), getattr(value, "shape", ())
             raise TypeError(f"{name}: {actual[0]} {actual[1]}; expected {kind}")
         words += value.__array_interface__["data"][0], *value.shape
@@ -195,11 +200,11 @@ class _Fields(AttributeTemplate):
 @lower_getattr_generic(RecordType)
 def _read(context, builder, kind, address, name):
     """Read a field; the table never changes, so one read may serve a whole loop."""
-    field, place = kind.fields[name], kind.places[name]
+    field, offset = kind.fields[name], kind.places[name]
     table = builder.inttoptr(address, WORD.as_pointer())
 
     def word(k):
-        number = builder.load(builder.gep(table, [ir.Constant(WORD, place + k)]))
+        number = builder.load(builder.gep(table, [ir.Constant(WORD, offset + k)]))
         number.set_metadata("invariant.load", builder.module.add_metadata([]))
         return number
 

@@ -62,8 +62,8 @@ def _operator(function, make, result=None):
     def kind(context):
         def of(a, b):
             like = next((k for k in (a, b) if isinstance(k, Vector)), None)
-            known = like is not None and like.kind in make
-            return (result or like) if known else None
+            supported = like is not None and like.kind in make
+            return (result or like) if supported else None
 
         return of
 
@@ -351,8 +351,8 @@ def gather(typing, array, row, other, s, p):
         for lane in range(LANES):
             index_place = builder.add(values[4], ir.Constant(WORD, lane))
             index = builder.load(_address(context, builder, other, *values[2:4], index_place), align=4)
-            at = builder.zext(index, WORD)
-            number = builder.load(_address(context, builder, array, values[0], values[1], at), align=8)
+            particle = builder.zext(index, WORD)
+            number = builder.load(_address(context, builder, array, values[0], values[1], particle), align=8)
             vector = builder.insert_element(vector, number, ir.Constant(ir.IntType(32), lane))
         return vector
 

@@ -13,17 +13,17 @@ APART = 13  # cache lines, offset within a page from one column to the next
 SHIFT = 5  # cache lines, offset within a page from one table to the next
 
 
-def columns(count: int, rows: int, dtype, place: int = 0) -> np.ndarray:
+def columns(count: int, rows: int, dtype, table: int = 0) -> np.ndarray:
     """Allocate zeros (count, rows or more): contiguous columns, each starting at a cache line.
 
     The padded row count does not depend on the type, so that one index is valid for all arrays.
-    place : number of the table among those read together
+    table : number of the table among those read together
     """
     lines = -(-rows * WIDEST // LINE)
     lines += (APART - lines) % LINES
     length, size = lines * LINE // WIDEST, np.dtype(dtype).itemsize
     memory = np.zeros(count * length * size + 2 * PAGE, np.uint8)
-    begin = -memory.ctypes.data % PAGE + SHIFT * place % LINES * LINE
+    begin = -memory.ctypes.data % PAGE + SHIFT * table % LINES * LINE
     return np.ndarray((count, length), dtype, memory.data, begin)
 
 

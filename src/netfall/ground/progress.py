@@ -17,7 +17,7 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u206
 
 def plain(text) -> str:
     """Return a text with control characters and text direction marks escaped."""
-    return CONTROL.sub(lambda each: each[0].encode("unicode_escape").decode(), str(text))
+    return CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode(), str(text))
 
 
 def one_line(text) -> str:
@@ -76,9 +76,9 @@ class Progress:
         now = time.perf_counter()
         passed = now - self._started
         done_share, done_count = share - self._begun[0], count - self._begun[1]
-        left = passed * (1 - share) / done_share if done_share > 0 else float("nan")
+        remaining = passed * (1 - share) / done_share if done_share > 0 else float("nan")
         rate = f"{done_count / max(passed, 1e-9):.3g} {unit}/s"
-        text = f"{done}  {rate}  {f'left {_duration(left)}  ' if even else ''}{note}"
+        text = f"{done}  {rate}  {f'left {_duration(remaining)}  ' if even else ''}{note}"
         if self._terminal:
             with self._while_read():
                 self._draw(now, share, text)

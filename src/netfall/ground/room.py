@@ -18,11 +18,11 @@ def memory_left() -> float | None:
 def memory_line(workers: int, ranks: int, elements: int) -> str:
     """Describe the memory use of workers on this machine, and the possible number if there are too many."""
     worker_bytes = ranks * RANK_BYTES + WORKER_BYTES * elements
-    left = memory_left()
+    available = memory_left()
     text = f"memory: at most {workers * worker_bytes / 1e9:.2g} GB for {workers} worker{'s' * (workers > 1)}"
-    if left is None:
+    if available is None:
         return text
-    text += f", {left / 1e9:.3g} GB are free"
-    max_workers = max(1, int(left // worker_bytes))
+    text += f", {available / 1e9:.3g} GB are free"
+    max_workers = max(1, int(available // worker_bytes))
     enough = f": note: that is enough for {max_workers}; expected --workers {max_workers}"
     return text + enough * (max_workers < workers)

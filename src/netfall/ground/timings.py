@@ -28,8 +28,8 @@ class Phases:
         seconds = dict(self.seconds)
         if self.of_steps is not None:
             seconds |= dict(zip(STEP_PHASES, self.of_steps.tolist()))
-        every = comm.allgather(seconds)
+        all_seconds = comm.allgather(seconds)
         return {
-            name: np.array([f([other.get(name, 0.0) for other in every]) for f in (min, np.mean, max)])
+            name: np.array([f([other.get(name, 0.0) for other in all_seconds]) for f in (min, np.mean, max)])
             for name in seconds
         }

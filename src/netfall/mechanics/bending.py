@@ -196,13 +196,13 @@ def joint_tangents(x, joints, stiffness, positive):
     """
     for k in range(joints.stiffness.shape[0]):
         a, b, g = _sides(x, joints, k)
-        back, c, C = _back(g), _across(a, b, g), _dot(_turn(g, a), b)
+        inverse_g, c, C = _back(g), _across(a, b, g), _dot(_turn(g, a), b)
         A, B, S = math.sqrt(_dot(a, a)), math.sqrt(_dot(b, b)), math.sqrt(_dot(c, c))
         ratio, per_sine = angle_per_sine(S, C), 1.0 / S if S > 0.0 else 0.0
         psi, axis_term, skew = ratio * S, 1.0 - ratio * C, ratio * A * B - 1.0
         cosine, sine = C / (A * B), S / (A * B)
         e = (per_sine * c[0], per_sine * c[1], per_sine * c[2])
-        ea = _turn(back, e)
+        ea = _turn(inverse_g, e)
         p, r = (a[0] / A, a[1] / A, a[2] / A), (b[0] / B, b[1] / B, b[2] / B)
         qa, qb = _cross(ea, p), _cross(e, r)
         aa, bb = joints.stiffness[k] / (A * A), joints.stiffness[k] / (B * B)
@@ -210,8 +210,8 @@ def joint_tangents(x, joints, stiffness, positive):
         for n in range(3):
             unit = (1.0 if n == 0 else 0.0, 1.0 if n == 1 else 0.0, 1.0 if n == 2 else 0.0)
             u, along = _cross(e, unit), (1.0 - cosine) * e[n]
-            turned = _turn(  # column n of R^T Q^T
-                back,
+            rotated = _turn(  # column n of R^T Q^T
+                inverse_g,
                 (
                     cosine * unit[0] - sine * u[0] + along * e[0],
                     cosine * unit[1] - sine * u[1] + along * e[1],
@@ -221,7 +221,7 @@ def joint_tangents(x, joints, stiffness, positive):
             for m in range(3):
                 identity = 1.0 if m == n else 0.0
                 base_aa, base_bb = aa * (identity - p[m] * p[n]), bb * (identity - r[m] * r[n])
-                base_ab = -ab * (turned[m] - p[m] * r[n])
+                base_ab = -ab * (rotated[m] - p[m] * r[n])
                 positive[k, m, n], positive[k, 3 + m, 3 + n] = base_aa, base_bb
                 positive[k, m, 3 + n] = positive[k, 3 + n, m] = base_ab
                 moment_aa = psi * (qa[m] * p[n] + p[m] * qa[n]) - axis_term * ea[m] * ea[n]

@@ -38,14 +38,14 @@ REALS = ("time", "strain", "mass")
 COLUMNS = {name: np.float64 if name in REALS else np.int64 for name in list(Events.kind.fields)[1:]}
 
 
-def events_with_room(room: int, before: Events | None = None) -> Events:
-    """Allocate a log for `room` fractures, which starts with the entries of `before`."""
-    columns = {name: np.zeros(room, dtype) for name, dtype in COLUMNS.items()}
+def events_with_room(capacity: int, before: Events | None = None) -> Events:
+    """Allocate a log for `capacity` fractures, which starts with the entries of `before`."""
+    columns = {name: np.zeros(capacity, dtype) for name, dtype in COLUMNS.items()}
     if before is None:
         return Events(np.zeros(1, np.int64), **columns)
-    known = before.count[0]
+    count = before.count[0]
     for name, column in columns.items():
-        column[:known] = getattr(before, name)[:known]
+        column[:count] = getattr(before, name)[:count]
     return Events(before.count, **columns)
 
 

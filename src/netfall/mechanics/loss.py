@@ -82,27 +82,29 @@ class Carried(NamedTuple):
     drag_size: np.ndarray | None
 
 
-def join(state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, given: Carried) -> None:
+def join(
+    state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, carried: Carried
+) -> None:
     """Add shares (s,) of what the leaving rows `source` (s,) carry to particles, local rows (s,).
 
     Every rank that holds one of them computes the same, in the order of the rows.
     """
-    added_mass = share * given.mass[source]
+    added_mass = share * carried.mass[source]
     for p in dict.fromkeys(particles.tolist()):
         entries = np.flatnonzero(particles == p)
         before, momentum = _motion(state, p), state.mass[p] * state.v[p]
         for k in entries.tolist():
-            momentum += added_mass[k] * given.v[source[k]]
+            momentum += added_mass[k] * carried.v[source[k]]
             state.mass[p] += added_mass[k]
-            state.load[p] += share[k] * given.load[source[k]]
+            state.load[p] += share[k] * carried.load[source[k]]
             if state.wind is not None:
-                state.wind[p] += share[k] * given.wind[source[k]]
+                state.wind[p] += share[k] * carried.wind[source[k]]
             if state.air is not None:
-                state.air[p] = rooted(squared(state.air[p]) + share[k] * squared(given.air[source[k]]))
+                state.air[p] = rooted(squared(state.air[p]) + share[k] * squared(carried.air[source[k]]))
             if state.air_mass is not None:
-                state.air_mass[p] += share[k] * given.air_mass[source[k]]
+                state.air_mass[p] += share[k] * carried.air_mass[source[k]]
             if state.drag_size is not None:
-                state.drag_size[p] += share[k] * given.drag_size[source[k]]
+                state.drag_size[p] += share[k] * carried.drag_size[source[k]]
         if state.mass[p] > 0.0:
             velocity = momentum / state.mass[p]
             state.v[p] = np.where(state.free[p], velocity, state.v[p])  # fixed axes keep v

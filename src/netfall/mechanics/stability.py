@@ -66,8 +66,10 @@ def any_shape_limits(elements, EA, L0, mass, free, bar, support, chains=None) ->
     if chains is not None and len(chains[1]):
         values = square[chains[0]].sum(1)
         worst = int(np.argmax(values))
-        own = Limit("any_shape", 2.0 / float(np.sqrt(max(values[worst], TINY))), int(chains[1][worst]))
-        limits[0] = min(limits[0], own, key=lambda limit: limit.dt)
+        chain_limit = Limit(
+            "any_shape", 2.0 / float(np.sqrt(max(values[worst], TINY))), int(chains[1][worst])
+        )
+        limits[0] = min(limits[0], chain_limit, key=lambda limit: limit.dt)
     return limits
 
 
@@ -90,10 +92,10 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, support, sha
     carried = mass - np.bincount(elements.ravel(), np.repeat(half, 2), len(mass))
     carried = np.where(carried > ROUNDING * mass, carried, 0.0)
     may_take = np.where(held, 1.0, share) * carried
-    alone = np.sqrt(2.0 * (half + may_take[elements].min(1)) / k)  # the largest dt of each single element
-    alone[~breaks] = np.inf
-    worst = int(np.argmin(alone))
-    dt = float(alone[worst])
+    single_dt = np.sqrt(2.0 * (half + may_take[elements].min(1)) / k)  # the largest dt of each single element
+    single_dt[~breaks] = np.inf
+    worst = int(np.argmin(single_dt))
+    dt = float(single_dt[worst])
 
     def lacking(dt: float) -> np.ndarray:
         """Return the mass (n,) [kg] that particles lack for fragments at a step dt."""

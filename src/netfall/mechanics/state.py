@@ -64,14 +64,14 @@ class State:
         count = self.width if field.entity == "slot" else int(np.prod(field.tail))
         return columns(count, rows + LANES, field.dtype, fields.FIELDS.index(field))
 
-    def _hold(self, field: fields.Field, whole: np.ndarray, rows: int) -> None:
+    def _hold(self, field: fields.Field, array: np.ndarray, rows: int) -> None:
         """Set an array of kernels as attribute; those of particles become views (rows, axes)."""
         if field.entity == "particle":
-            setattr(self, field.name, whole[:, :rows].T if field.tail else whole[0, :rows])
-            whole = whole if field.tail else whole[0]
+            setattr(self, field.name, array[:, :rows].T if field.tail else array[0, :rows])
+            array = array if field.tail else array[0]
         else:
-            setattr(self, field.name, whole)
-        self._whole[field.name] = whole
+            setattr(self, field.name, array)
+        self._whole[field.name] = array
 
     # --- what kernels take
 
@@ -95,7 +95,9 @@ class State:
         if entity not in self._records:
             arrays = {field.short: self._whole.get(field.name) for field in fields.fields_of(entity)}
             kinds = kind.kind.fields
-            fields_given = {name: empty(kinds[name]) if one is None else one for name, one in arrays.items()}
+            fields_given = {
+                name: empty(kinds[name]) if array is None else array for name, array in arrays.items()
+            }
             self._records[entity] = kind(**fields_given)
         return self._records[entity]
 
@@ -113,7 +115,7 @@ class State:
 
     def renew_law(self) -> Law:
         """Recompute the law without the broken elements."""
-        least = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
+        min_eps_u = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
         if self.yield_strain is not None:
             self.yield_strain[:] = np.inf
             np.divide(self.yield_force, self.EA, out=self.yield_strain, where=self.EA > 0.0)
@@ -128,7 +130,7 @@ class State:
             self.features.plastic,
             _common_value(self.EA, self.slot_EA),
             _common_value(self.yield_force, self.slot_yield_force),
-            least,
+            min_eps_u,
             float(check_force.min(initial=np.inf, where=self.EA > 0.0)),
             self.branches,
         )
@@ -160,19 +162,19 @@ class State:
         """Return the data for the drag on detached particles; None: the problem has none."""
         if self.drag is None:
             return None
-        own = slice(self.n_owned)  # particles that split off have no surface
-        rows = np.flatnonzero((self.detached[own] != 0) & (self.drag_size[own] > 0.0))
+        owned = slice(self.n_owned)  # particles that split off have no surface
+        rows = np.flatnonzero((self.detached[owned] != 0) & (self.drag_size[owned] > 0.0))
         steady = np.zeros(0) if self.steady_speed is None else self.steady_speed[rows]
         return RelativeWind(rows, self.drag_size[rows], steady, *self.wind_along)
 
     def is_held(self) -> np.ndarray:
         """Return whether each particle (rows,) has a support, rigid or elastic, along any axis."""
-        held = (self.free == 0).any(1)
+        has_support = (self.free == 0).any(1)
         if self.spring is not None:
-            held |= (self.spring > 0.0).any(1)
+            has_support |= (self.spring > 0.0).any(1)
         if self.turned is not None:
-            held |= (self.turned != 0.0).any(1)
-        return held
+            has_support |= (self.turned != 0.0).any(1)
+        return has_support
 
     def invert_masses(self) -> None:
         """Recompute per_mass."""

@@ -15,31 +15,31 @@ from netfall.core.records import has
 
 
 @inner_kernel
-def spring_back(x, x_start, spring, rest, turned, f_int):
-    """Add the forces of the springs (n, 3) [N/m] at x (n, 3) [m] to f_int (n, 3) [N]; rest : (n, 3) [m].
+def spring_back(x, x_start, spring, d0, turned, f_int):
+    """Add the forces of the springs (n, 3) [N/m] at x (n, 3) [m] to f_int (n, 3) [N]; d0 : (n, 3) [m].
 
     turned : (n, 3), absent if all axes are x, y and z
     """
     for p in range(f_int.shape[0]):  # f_int may have fewer rows than the other arrays
         for k in range(3):
-            f_int[p, k] += spring[p, k] * (rest[p, k] - (x[p, k] - x_start[p, k]))
+            f_int[p, k] += spring[p, k] * (d0[p, k] - (x[p, k] - x_start[p, k]))
         if has(turned):
-            f_int[p, 0] += turned[p, 2] * (rest[p, 1] - (x[p, 1] - x_start[p, 1]))
-            f_int[p, 1] += turned[p, 2] * (rest[p, 0] - (x[p, 0] - x_start[p, 0]))
+            f_int[p, 0] += turned[p, 2] * (d0[p, 1] - (x[p, 1] - x_start[p, 1]))
+            f_int[p, 1] += turned[p, 2] * (d0[p, 0] - (x[p, 0] - x_start[p, 0]))
 
 
 @kernel
-def add_springs(x, x_start, spring, rest, turned, f_int):
+def add_springs(x, x_start, spring, d0, turned, f_int):
     """Call `spring_back` from Python."""
-    spring_back(x, x_start, spring, rest, turned, f_int)
+    spring_back(x, x_start, spring, d0, turned, f_int)
 
 
-def spring_forces(x, x_start, spring, rest, turned=None) -> np.ndarray:
+def spring_forces(x, x_start, spring, d0, turned=None) -> np.ndarray:
     """Return the forces (n, 3) [N] of the springs on their particles; arguments as in `add_springs`."""
-    off = rest - (x - x_start)
-    force = spring * off
+    elongation = d0 - (x - x_start)
+    force = spring * elongation
     if turned is not None:
-        add_between(turned, off, force)
+        add_between(turned, elongation, force)
     return force
 
 

@@ -29,14 +29,14 @@ def logarithm(a):
     bits = bits_of(a)
     k = (bits - bits_of(SQRT_HALF)) >> 52
     m = number_of(bits - (k << 52))
-    whole, f = as_number(k), m - 1.0
+    exponent, f = as_number(k), m - 1.0
     s = f / (2.0 + f)
     z = s * s
     series = fused(1.0 / 21.0, z, 1.0 / 19.0)
     for n in range(8, 0, -1):
         series = fused(series, z, 1.0 / (2 * n + 1))
     # ln m = f - f^2/2 + ..., written as f - s (f - 2 z series): its first term is exact
-    return fused(whole, LN2_HIGH, f - fused(s, fused(-2.0 * z, series, f), -whole * LN2_LOW))
+    return fused(exponent, LN2_HIGH, f - fused(s, fused(-2.0 * z, series, f), -exponent * LN2_LOW))
 
 
 @part_of_kernel
@@ -53,8 +53,8 @@ def exponential(a):
     """Compute e to the power of a, |a| < 700."""
     k = math.floor(a * INVERSE_LN2 + 0.5)
     remainder = fused(-k, LN2_LOW, fused(-k, LN2_HIGH, a))
-    whole = 1.0 + fused(remainder * remainder, _series(remainder), remainder)
-    return whole * number_of((np.int64(k) + 1023) << 52)
+    mantissa = 1.0 + fused(remainder * remainder, _series(remainder), remainder)
+    return mantissa * number_of((np.int64(k) + 1023) << 52)
 
 
 @part_of_kernel

@@ -55,10 +55,10 @@ def log(x: np.ndarray) -> np.ndarray:
 
 def log1p(x: np.ndarray) -> np.ndarray:
     """Compute the natural logarithm of 1 + x for x > -1, accurate also for small x."""
-    whole = 1.0 + np.asarray(x, float)
-    rounded_x = whole - 1.0
+    shifted = 1.0 + np.asarray(x, float)
+    rounded_x = shifted - 1.0
     is_tiny = rounded_x == 0.0
-    return np.where(is_tiny, x, log(whole) * (x / np.where(is_tiny, 1.0, rounded_x)))
+    return np.where(is_tiny, x, log(shifted) * (x / np.where(is_tiny, 1.0, rounded_x)))
 
 
 def _quarters(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -114,8 +114,8 @@ def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> Fit:
     x, null = np.zeros(c), np.zeros((c, len(free)))
     x[fixed], null[fixed], null[free] = solved[:, 0], solved[:, 1:], np.eye(len(free))
     orthonormalise(null)
-    least = pivot[rank - 1] / pivot[0] if rank else 0.0
-    return Fit(x - times(null, times(null.T, x)), null, least)
+    pivot_ratio = pivot[rank - 1] / pivot[0] if rank else 0.0
+    return Fit(x - times(null, times(null.T, x)), null, pivot_ratio)
 
 
 def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:

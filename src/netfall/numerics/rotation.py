@@ -23,8 +23,8 @@ def from_own(rows: np.ndarray, angle: np.ndarray | None) -> np.ndarray:
 
 def _turned(rows: np.ndarray, angle: np.ndarray, sign: float) -> np.ndarray:
     """Rotate the vectors with a nonzero angle; the others keep their bits."""
-    turned, at = rows.copy(), np.flatnonzero(angle != 0.0)
-    c, s = directions(angle[at]).T
-    x, y = rows[at, 0], rows[at, 1]
-    turned[at, 0], turned[at, 1] = c * x + sign * s * y, c * y - sign * s * x
-    return turned
+    rotated, index = rows.copy(), np.flatnonzero(angle != 0.0)
+    c, s = directions(angle[index]).T
+    x, y = rows[index, 0], rows[index, 1]
+    rotated[index, 0], rotated[index, 1] = c * x + sign * s * y, c * y - sign * s * x
+    return rotated

@@ -67,8 +67,8 @@ def factorise(matrix, parent, lower, d, work):
                 top, length = top - 1, length - 1
                 stack[top] = path[length]
         d[k], size_sum = diagonal[k], size[k]
-        for place in range(top, n):  # topological order: each column precedes those that it changes
-            i = stack[place]
+        for position in range(top, n):  # topological order: each column precedes those that it changes
+            i = stack[position]
             row_sum, sums[i] = sums[i], 0.0
             end = begin[i] + filled[i]
             for entry in range(begin[i], end):
@@ -133,9 +133,9 @@ def solve_sparse(
             return np.ascontiguousarray(x.T)[number]
         v, rows = np.empty(last + 1), order[: last + 1]
         unheld(lower, filled, v)
-        whole = np.zeros(len(order))
-        whole[rows] = v
-        if last + 1 == len(order) or _without_force(ends, q, diagonal, size, whole):
+        displacement = np.zeros(len(order))
+        displacement[rows] = v
+        if last + 1 == len(order) or _without_force(ends, q, diagonal, size, displacement):
             break
         order = np.append(np.delete(order, last), order[last])
     raise Singular(np.sort(rows[np.abs(v) > SHARE * np.abs(v).max()]))

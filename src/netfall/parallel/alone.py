@@ -82,9 +82,9 @@ def own_place() -> str:
     return folder
 
 
-def _hold(place: str | Path) -> int:
+def _hold(folder: str | Path) -> int:
     """Lock a folder; closing the returned descriptor unlocks it. Raises OSError if it is locked."""
-    lock = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+    lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:

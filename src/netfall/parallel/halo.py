@@ -112,11 +112,11 @@ def fixed_width(particles):
 
 
 @inner_kernel
-def pack_forces(particles, place, buffers):
-    """Pack the total forces of the boundary particles. place : `buffer_in_use`"""
+def pack_forces(particles, buffer, buffers):
+    """Pack the total forces of the boundary particles. buffer : place of the buffer, from `buffer_in_use`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.send_index.shape[0]):
-        p, row = buffers.send_index[i], buffers.send_at + place + i * width
+        p, row = buffers.send_index[i], buffers.send_at + buffer + i * width
         for k in range(3):
             numbers[row + k] = particles.f[k, p]
         if fixed > 3:
@@ -129,11 +129,11 @@ def pack_forces(particles, place, buffers):
 
 
 @inner_kernel
-def unpack_forces(n_owned, particles, place, buffers):
-    """Unpack the received total forces of the halo particles. place : that of `pack_forces`"""
+def unpack_forces(n_owned, particles, buffer, buffers):
+    """Unpack the received total forces of the halo particles. buffer : as in `pack_forces`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.receive_at.shape[0]):
-        p, row = n_owned + i, buffers.receive_at[i] + place
+        p, row = n_owned + i, buffers.receive_at[i] + buffer
         for k in range(3):
             particles.f[k, p] = numbers[row + k]
         if fixed > 3:
@@ -153,17 +153,17 @@ def unpack_forces(n_owned, particles, place, buffers):
 @kernel
 def exchange_rows(sent, arrived, buffers):
     """Send rows (k, width) of boundary particles, receive those (h, width) of the halo; return the error."""
-    width, place = sent.shape[1], buffer_in_use(buffers)
+    width, buffer = sent.shape[1], buffer_in_use(buffers)
     for i in range(sent.shape[0]):
         for k in range(width):
-            buffers.numbers[buffers.send_at + place + i * width + k] = sent[i, k]
+            buffers.numbers[buffers.send_at + buffer + i * width + k] = sent[i, k]
     error = send_buffer(buffers)
     if error != 0:
         return error
     error = wait_for_neighbours(buffers)
     for i in range(arrived.shape[0]):
         for k in range(width):
-            arrived[i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
+            arrived[i, k] = buffers.numbers[buffers.receive_at[i] + buffer + k]
     return error
 
 
@@ -214,10 +214,10 @@ class Halo:
             else:
                 start = own_place + LINE + sends[-1] + receives[k]
                 for turn in range(2):
-                    own = numbers[own_place + LINE + turn * size :]
-                    inbox = own[sends[-1] + receives[k] : sends[-1] + receives[k + 1]]
+                    own_buffer = numbers[own_place + LINE + turn * size :]
+                    inbox = own_buffer[sends[-1] + receives[k] : sends[-1] + receives[k + 1]]
                     requests[turn].append(comm.Recv_init(inbox, neighbour))
-                    requests[turn].append(comm.Send_init(own[sends[k] : sends[k + 1]], neighbour))
+                    requests[turn].append(comm.Send_init(own_buffer[sends[k] : sends[k + 1]], neighbour))
             receive_at.append(start + np.arange(0, receives[k + 1] - receives[k], width))
         node.Free()
         self._made = requests[0] + requests[1]
@@ -234,7 +234,7 @@ class Halo:
             count=np.zeros(1, np.int64),
             own_count=address + 8 * own_place,
             counts=np.array([address + 8 * place for place in on_node], np.uint64),
-            requests=np.stack([handles(of_buffer) for of_buffer in requests]),
+            requests=np.stack([handles(buffer_requests) for buffer_requests in requests]),
             comm=handle(comm),
             width=width,
             functions=functions(),

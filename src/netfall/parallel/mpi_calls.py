@@ -36,8 +36,8 @@ def functions() -> np.ndarray:
     if path is None:
         raise RuntimeError("mpi4py has loaded no libmpi that could be found")
     library = ctypes.CDLL(path)
-    for place, name in ((START_ALL, "Startall"), (WAIT_ALL, "Waitall"), (PROBE, "Iprobe"), (CLOCK, "Wtime")):
-        addresses[place] = _address(library[f"MPI_{name}"])
+    for index, name in ((START_ALL, "Startall"), (WAIT_ALL, "Waitall"), (PROBE, "Iprobe"), (CLOCK, "Wtime")):
+        addresses[index] = _address(library[f"MPI_{name}"])
     addresses[MPICH] = MPI.get_vendor()[0] != "Open MPI"
     return addresses
 
@@ -48,7 +48,7 @@ def _address(function) -> int:
 
 def handles(made: list) -> np.ndarray:
     """Return MPI's own handles of requests or communicators, as bytes."""
-    numbers = np.array([MPI._handleof(one) % 2**64 for one in made], np.uint64)
+    numbers = np.array([MPI._handleof(item) % 2**64 for item in made], np.uint64)
     return (numbers.astype(np.int32) if functions()[MPICH] else numbers).view(np.uint8)
 
 

@@ -63,22 +63,24 @@ def cut_net(
     owner = part[elements]  # (m, 2)
     crossing = np.flatnonzero(owner[:, 0] != owner[:, 1])
     holder = np.concatenate([owner[:, 0], owner[crossing, 1]])
-    held = np.concatenate([np.arange(len(elements)), crossing])
-    order = np.lexsort((held, holder))
-    held = np.split(held[order], np.searchsorted(holder[order], np.arange(1, ranks)))
+    elements_held = np.concatenate([np.arange(len(elements)), crossing])
+    order = np.lexsort((elements_held, holder))
+    elements_held = np.split(elements_held[order], np.searchsorted(holder[order], np.arange(1, ranks)))
     particles = np.argsort(part, kind="stable")
     owned = np.split(particles, np.searchsorted(part[particles], np.arange(1, ranks)))
     jointed = [np.flatnonzero((part[joints] == rank).any(1)) for rank in range(ranks)]
     halos = []
     for rank in range(ranks):
-        ends = distinct(np.concatenate([elements[held[rank]].ravel(), joints[jointed[rank]].ravel()]))
+        ends = distinct(
+            np.concatenate([elements[elements_held[rank]].ravel(), joints[jointed[rank]].ravel()])
+        )
         halo = ends[part[ends] != rank]
         halos.append(halo[np.argsort(part[halo], kind="stable")])
     local = np.full(n, -1, np.int64)  # local row of each particle on the current rank
     subdomains = []
     for rank in range(ranks):
         wanted = {int(k): halos[k][part[halos[k]] == rank] for k in np.unique(part[halos[rank]])}
-        inner = held[rank][(owner[held[rank]] == rank).all(1)]
+        inner = elements_held[rank][(owner[elements_held[rank]] == rank).all(1)]
         boundary = among(owned[rank], np.concatenate([NOBODY, *wanted.values()]))
         local[owned[rank]] = np.arange(len(owned[rank]))
         order = order_of_rows(boundary, local[elements[inner]])
@@ -90,9 +92,9 @@ def cut_net(
             Subdomain(
                 len(owned[rank]),
                 gid,
-                held[rank],
-                local[elements[held[rank]]].astype(np.uint32),
-                owner[held[rank], 0] == rank,
+                elements_held[rank],
+                local[elements[elements_held[rank]]].astype(np.uint32),
+                owner[elements_held[rank], 0] == rank,
                 tuple(wanted),
                 tuple(map(len, sends)),
                 tuple(int(counts[other]) for other in wanted),
@@ -181,10 +183,10 @@ class Distribution:
         parts = self.comm.gather(np.ascontiguousarray(rows[: self.subdomain.n_owned]))
         if parts is None:
             return None
-        whole = np.empty((self.n,) + rows.shape[1:], rows.dtype)
+        result = np.empty((self.n,) + rows.shape[1:], rows.dtype)
         for subdomain, part in zip(self._subdomains, parts):
-            whole[subdomain.particle_gid[: subdomain.n_owned]] = part
-        return whole
+            result[subdomain.particle_gid[: subdomain.n_owned]] = part
+        return result
 
     def gather_elements(self, rows: np.ndarray, reported=slice(None)) -> np.ndarray | None:
         """Gather a global array (m, ...) on rank 0 from rows that all their holders agree on. Collective.
@@ -201,7 +203,7 @@ class Distribution:
         parts = self.comm.gather((gid, np.ascontiguousarray(rows)))
         if parts is None:
             return None
-        whole = np.empty((count,) + rows.shape[1:], rows.dtype)
+        result = np.empty((count,) + rows.shape[1:], rows.dtype)
         for gid, part in parts:
-            whole[gid] = part
-        return whole
+            result[gid] = part
+        return result

@@ -36,8 +36,8 @@ def add_term(value, limbs):
     else:
         mantissa |= np.int64(0x10000000000000)
     shift = exponent - 1
-    k, off = shift >> 5, shift & 31
-    low, high = (mantissa & MASK) << off, (mantissa >> 32) << off
+    k, bit_offset = shift >> 5, shift & 31
+    low, high = (mantissa & MASK) << bit_offset, (mantissa >> 32) << bit_offset
     low_carry = (low >> 32) & MASK
     sign = np.int64(1) if bits >= 0 else np.int64(-1)
     limbs[k] += sign * (low & MASK)
@@ -46,11 +46,11 @@ def add_term(value, limbs):
 
 
 @inner_kernel
-def add_multiple(count, place, limbs):
-    """Add count 2^(place - LOWEST), |count| < 2^62, to the fixed-point number in limbs."""
+def add_multiple(count, position, limbs):
+    """Add count 2^(position - LOWEST), |count| < 2^62, to the fixed-point number in limbs."""
     sign = np.int64(1) if count >= 0 else np.int64(-1)
-    size, k, off = sign * count, place >> 5, place & 31
-    low, high = (size & MASK) << off, (size >> 32) << off
+    size, k, bit_offset = sign * count, position >> 5, position & 31
+    low, high = (size & MASK) << bit_offset, (size >> 32) << bit_offset
     limbs[k] += sign * (low & MASK)
     limbs[k + 1] += sign * ((low >> 32) + (high & MASK))
     limbs[k + 2] += sign * (high >> 32)
@@ -80,7 +80,7 @@ def cut_in_three(first, last, values, mask, large):
     (Rump, Ogita, Oishi 2008). In the bits of x + large that multiple is an integer.
     """
     a, b, c = np.int64(0), np.int64(0), np.int64(0)
-    left, unmasked = np.int64(0), mask.shape[0] == 0
+    leftover, unmasked = np.int64(0), mask.shape[0] == 0
     one, two, three = large
     for i in range(np.uint64(first), np.uint64(last)):
         x = values[i] if unmasked or mask[i] else 0.0
@@ -92,8 +92,8 @@ def cut_in_three(first, last, values, mask, large):
         x -= y - two
         y = x + three
         c += bits_of(y) - bits_of(three)
-        left |= bits_of(x - (y - three))
-    return a, b, c, left != 0
+        leftover |= bits_of(x - (y - three))
+    return a, b, c, leftover != 0
 
 
 @kernel
@@ -108,11 +108,11 @@ def add_exactly(values, mask, limbs):
         top = largest_bits(first, last, values, mask)
         if top == 0:
             continue
-        exponent, left = top >> 52, True
+        exponent, has_more = top >> 52, True
         if LEAST <= exponent and exponent <= MOST:
             large = unit_number(exponent + 2), unit_number(exponent - 50), unit_number(exponent - 102)
-            a, b, c, left = cut_in_three(first, last, values, mask, large)
-        if left:
+            a, b, c, has_more = cut_in_three(first, last, values, mask, large)
+        if has_more:
             add_terms(first, last, values, mask, limbs)
         else:
             add_multiple(a, exponent + 1, limbs)
@@ -171,12 +171,12 @@ def rounded(limbs):
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
     """Return correctly rounded sums over all ranks of several arrays of terms. Collective."""
     limbs = np.zeros((len(terms), LIMBS), np.int64)
-    for values, own in zip(terms, limbs):
-        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), ALL, own)
+    for values, sum_limbs in zip(terms, limbs):
+        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), ALL, sum_limbs)
     return rounded_of_all(comm, limbs).tolist()
 
 
 def rounded_of_all(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
     """Return sums (k,) over all ranks of their limbs (k, LIMBS), which are overwritten. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-    return np.array([rounded(own) for own in limbs])
+    return np.array([rounded(sum_limbs) for sum_limbs in limbs])

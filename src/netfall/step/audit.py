@@ -81,29 +81,29 @@ class Room(Record):
 
 
 @inner_kernel
-def particle_energies(first, last, before, part, kick_dt, zeta, share, subject, room):
+def particle_energies(first, last, before, part, kick_dt, zeta, share, observed, observation):
     """Compute velocity and energy terms of the owned particles first to last; output row = particle - before.
 
     part : share of the velocity update that comes before n, 1/2 between equal steps
     """
-    particles, scratch = subject.particles, room.scratch
+    particles, scratch = observed.particles, observation.scratch
     length = scratch.near.shape[0] - LANES
     for low in range(first, last, length):
         high = min(low + length, last)
         for k in range(3):
             for p in range(low, high):
-                scratch.f[k, p - low] = room.f_int[k, p]
-        total_forces(low, high, False, kick_dt, zeta, share, subject.traits, particles.x, particles, scratch)
-        energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room)
+                scratch.f[k, p - low] = observation.f_int[k, p]
+        total_forces(low, high, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
+        energies_of_stretch(low, high, before, part, kick_dt, zeta, observed, observation)
 
 
 @inner_kernel
-def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
+def energies_of_stretch(low, high, before, part, kick_dt, zeta, observed, observation):
     """Compute velocity and energy terms of particles low to high, whose forces are in the scratch."""
-    particles, velocity, terms = subject.particles, room.velocity, room.terms
+    particles, velocity, terms = observed.particles, observation.velocity, observation.terms
     h = 0.5 * zeta * kick_dt
     c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
-    ground, scratch, other = has(particles.ground), room.scratch, particles.other_work
+    ground, scratch, other = has(particles.ground), observation.scratch, particles.other_work
     for p in range(low, high, LANES):
         i, row, mass = p - low, p - before, load(particles.mass, 0, p)
         per_mass = where(mass > 0.0, 1.0 / mass, zeros())
@@ -121,8 +121,8 @@ def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
                 free_force(k, p, i, scratch.total, along, particles),
                 load_truths(particles.free, k, p),
             )
-            held = load(particles.ground, k, p) if ground else old
-            new = where(free, kicked(old, total * per_mass, c_v, c_a), held)
+            fixed = load(particles.ground, k, p) if ground else old
+            new = where(free, kicked(old, total * per_mass, c_v, c_a), fixed)
             now, mean = fma(part, new - old, old), 0.5 * (old + new)
             path, v_sum = duration * (0.5 * (old + now)), old + now
             damped = damped_mass(p, particles)
@@ -134,16 +134,16 @@ def energies_of_stretch(low, high, before, part, kick_dt, zeta, subject, room):
                 )
                 external, internal = external_sum, internal_sum
                 damping = where(free, fma(f_damp, path_rel, damping), damping)
-                held, drawn = (
+                fixed, drawn = (
                     fma(-path, f_ext + f_int, dE_kin) + support,
                     fma(-f_damp * duration, v_ground, support),
                 )
-                support = where(free, drawn, held)
+                support = where(free, drawn, fixed)
             else:
                 external, internal = where(free, external_sum, external), where(free, internal_sum, internal)
                 damping = where(free, fma(path, zeta * damped * mean, damping), damping)
-            if has(room.f_band):
-                band_work = fma(v_sum, load(room.f_band, k, p), band_work)
+            if has(observation.f_band):
+                band_work = fma(v_sum, load(observation.f_band, k, p), band_work)
             if has(particles.air):
                 air_work = fma(load(particles.air, k, p), v_sum, air_work)
             kinetic = fma(0.5 * mass, now * now, kinetic)
@@ -187,41 +187,41 @@ def add_joint_energies(x, joints, limbs):
 
 
 @inner_kernel
-def find_attached(owned, subject, room):
+def find_attached(owned, observed, observation):
     """Mark the attached ones among the first `owned` particle rows and the elements of this rank."""
-    detached, elements = subject.particles.detached, subject.elements
+    detached, elements = observed.particles.detached, observed.elements
     for i in range(owned):
-        p = i if i < subject.n_owned else subject.first_split + i - subject.n_owned
-        room.attached[i] = 1 - detached[p]
-    for e in range(room.attached_elements.shape[0]):
+        p = i if i < observed.n_owned else observed.first_split + i - observed.n_owned
+        observation.attached[i] = 1 - detached[p]
+    for e in range(observation.attached_elements.shape[0]):
         loose = detached[elements.ends[e, 0]] & detached[elements.ends[e, 1]]
-        room.attached_elements[e] = elements.owned[e] & (1 - loose)
+        observation.attached_elements[e] = elements.owned[e] & (1 - loose)
 
 
 @inner_kernel
-def add_attached(owned, subject, room, limbs):
+def add_attached(owned, observed, observation, limbs):
     """Add kinetic and stored energies [J] of the attached part to the fixed-point number in limbs.
 
     `add_slip_energies` adds the share of the slips.
     """
-    find_attached(owned, subject, room)
-    add_exactly(room.terms[0, :owned], room.attached, limbs)
-    add_exactly(room.stored, room.attached_elements, limbs)
-    joints = subject.joints
+    find_attached(owned, observed, observation)
+    add_exactly(observation.terms[0, :owned], observation.attached, limbs)
+    add_exactly(observation.stored, observation.attached_elements, limbs)
+    joints = observed.joints
     for k in range(joints.stiffness.shape[0]):
-        if joints.owned[k] and not subject.particles.detached[joints.particles[k, 1]]:
-            add_term(joint_energy(subject.particles.x.T, joints, k), limbs)
-    if has(room.sprung):  # at supports
-        add_exactly(room.sprung[:owned], room.attached[:0], limbs)
+        if joints.owned[k] and not observed.particles.detached[joints.particles[k, 1]]:
+            add_term(joint_energy(observed.particles.x.T, joints, k), limbs)
+    if has(observation.sprung):  # at supports
+        add_exactly(observation.sprung[:owned], observation.attached[:0], limbs)
 
 
 @inner_kernel
-def add_slip_energies(part, kick_dt, share, subject, sums):
+def add_slip_energies(part, kick_dt, share, observed, sums):
     """Add the slip energies of this rank to sums, and the heat of friction to the last of them."""
-    places, particles, previous = subject.places, subject.particles, np.int64(-1)
+    places, particles, previous = observed.places, observed.particles, np.int64(-1)
     for i in range(places.node.shape[0]):
         kinetic, external, internal, heat = slip_energies(
-            i, part, kick_dt, share, places, particles, subject.elements, subject.law
+            i, part, kick_dt, share, places, particles, observed.elements, observed.law
         )
         add_term(kinetic, sums[0])
         if has(particles.detached) and not particles.detached[places.node[i]]:
@@ -249,66 +249,71 @@ def count_slack(now, elements):
 
 
 @inner_kernel
-def observe_particles(part, kick_dt, zeta, share, subject, room):
+def observe_particles(part, kick_dt, zeta, share, observed, observation):
     """Compute velocities and energy terms of all owned particles; arguments as in `particle_energies`."""
-    n_owned, first_split, particles = subject.n_owned, subject.first_split, subject.particles
+    n_owned, first_split, particles = observed.n_owned, observed.first_split, observed.particles
     if has(particles.air):
         set_air(kick_dt, zeta, particles)
     if has(particles.drag):
-        set_drag(kick_dt, share, subject.relative, particles)
+        set_drag(kick_dt, share, observed.relative, particles)
     halo = first_split - n_owned
-    particle_energies(halo - halo, n_owned, halo - halo, part, kick_dt, zeta, share, subject, room)
-    particle_energies(first_split, subject.rows[0], halo, part, kick_dt, zeta, share, subject, room)
+    particle_energies(halo - halo, n_owned, halo - halo, part, kick_dt, zeta, share, observed, observation)
+    particle_energies(first_split, observed.rows[0], halo, part, kick_dt, zeta, share, observed, observation)
 
 
 @inner_kernel
-def internal_forces(before_dt, dt, subject, room):
-    """Compute f_int, f_band and the energy of elastic supports for the element state in `room.now`."""
-    particles, elements, law, now = subject.particles, subject.elements, subject.law, room.now
-    n_owned, first_split, x, f_int = subject.n_owned, subject.first_split, particles.x.T, room.f_int.T
+def internal_forces(before_dt, dt, observed, observation):
+    """Compute f_int, f_band and the energy of elastic supports for the element state in `observation.now`."""
+    particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
+    n_owned, first_split, x, f_int = (
+        observed.n_owned,
+        observed.first_split,
+        particles.x.T,
+        observation.f_int.T,
+    )
     f_int[:] = 0.0
     pull(x, elements.ends, now.N, now.L, f_int)
     if has(law.branches):
         set_branches(before_dt, dt, law)
-        add_branches(x, elements, now, law, f_int, room.f_band.T)
-    if has(subject.joints.stiffness):
-        bend(x, subject.joints, f_int)
+        add_branches(x, elements, now, law, f_int, observation.f_band.T)
+    if has(observed.joints.stiffness):
+        bend(x, observed.joints, f_int)
     if has(particles.spring):
         halo, supports = first_split - n_owned, (particles.spring.T, particles.spring_rest.T)
         spring_back(x, particles.x_start.T, *supports, particles.turned.T, f_int)
-        spring_energies(0, n_owned, 0, particles, room.sprung)
-        spring_energies(first_split, subject.rows[0], halo, particles, room.sprung)
+        spring_energies(0, n_owned, 0, particles, observation.sprung)
+        spring_energies(first_split, observed.rows[0], halo, particles, observation.sprung)
 
 
 @kernel
-def observe(before_dt, dt, zeta, share, whole, subject, room):
-    """Fill the output arrays; if not `whole`, the element state alone.
+def observe(before_dt, dt, zeta, share, with_energies, observed, observation):
+    """Fill the output arrays; without `with_energies` the element state alone.
 
     before_dt, dt : [s] the steps before and after n; zeta : [1/s]; share : position between two load samples
     """
-    particles, elements, law = subject.particles, subject.elements, subject.law
-    find_state(particles.x.T, elements, law, room.now)
-    if not whole:
+    particles, elements, law = observed.particles, observed.elements, observed.law
+    find_state(particles.x.T, elements, law, observation.now)
+    if not with_energies:
         return
-    heat, terms, stored, sums = room.heat, room.terms, room.stored, room.sums
-    owned = subject.n_owned + subject.rows[0] - subject.first_split
+    heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums
+    owned = observed.n_owned + observed.rows[0] - observed.first_split
     part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
-    internal_forces(before_dt, dt, subject, room)
-    observe_particles(part, kick_dt, zeta, share, subject, room)
-    element_energies(elements, room.now, law, stored, heat)
+    internal_forces(before_dt, dt, observed, observation)
+    observe_particles(part, kick_dt, zeta, share, observed, observation)
+    element_energies(elements, observation.now, law, stored, heat)
     sums[:] = 0
     last, unmasked = terms.shape[0], elements.owned[:0]
     for k in range(last):
         add_exactly(terms[k, :owned], unmasked, sums[k])
     add_exactly(stored, elements.owned, sums[last])
-    add_joint_energies(particles.x.T, subject.joints, sums[last])
+    add_joint_energies(particles.x.T, observed.joints, sums[last])
     add_exactly(heat, elements.owned, sums[last + 1])
-    place = last + 2
-    if has(room.sprung):
-        add_exactly(room.sprung[:owned], unmasked, sums[place])
-        place += 1
+    row = last + 2
+    if has(observation.sprung):
+        add_exactly(observation.sprung[:owned], unmasked, sums[row])
+        row += 1
     if has(particles.detached):
-        add_attached(owned, subject, room, sums[place])
-    if has(subject.places.node):
-        add_slip_energies(part, kick_dt, share, subject, sums)
-    room.slack[0] = count_slack(room.now, elements)
+        add_attached(owned, observed, observation, sums[row])
+    if has(observed.places.node):
+        add_slip_energies(part, kick_dt, share, observed, sums)
+    observation.slack[0] = count_slack(observation.now, elements)

@@ -57,9 +57,9 @@ class Scratch(Record):
 
 
 @part_of_kernel
-def of_slot(array, s, p, alike):
-    """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `alike`."""
-    value = zeros() + alike
+def of_slot(array, s, p, common):
+    """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `common`."""
+    value = zeros() + common
     if has(array):
         value = load(array, s, p)
     return value

@@ -21,18 +21,18 @@ def length_of(p, o, x):
 
 
 @inner_kernel
-def look_closer(c, count, x, near, chunks, elements, slots, law):
+def look_closer(c, count, x, limit_flag, chunks, elements, slots, law):
     """Apply yield to the elements of chunk c at x(n), and list those that reach their fracture strain.
 
     count : number of elements that break in this step so far; the updated number is returned
-    near : (particles of the chunk,) limit flag; particles with 0 are skipped
+    limit_flag : (particles of the chunk,) particles with 0 are skipped
     elements.pending : out, elements from place `count` on
 
     One end of an element, which `reports`, updates its record: the lower row that is not a halo row.
     """
     low, high, first_split = chunks.low[c], chunks.high[c], chunks.n_owned + chunks.n_halo
     for p in range(low, high):
-        if near[p - low] == 0:
+        if limit_flag[p - low] == 0:
             continue
         for s in range(chunks.width[c]):
             if slots.inv_L0[s, p] == 0.0:

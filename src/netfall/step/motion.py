@@ -144,10 +144,10 @@ def new_velocity(k, p, old, total, per_mass, c_v, c_a, traits, particles):
     """Return updated velocities [m/s] along axis k under total forces [N]; held axes follow the ground."""
     new = kicked(old, total * per_mass, c_v, c_a)
     if traits & PART_HELD:
-        held = old
+        fixed_velocity = old
         if has(particles.ground):
-            held = load(particles.ground, k, p)
-        new = where(load_truths(particles.free, k, p), new, held)
+            fixed_velocity = load(particles.ground, k, p)
+        new = where(load_truths(particles.free, k, p), new, fixed_velocity)
     return new
 
 
@@ -200,11 +200,11 @@ def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
                 put(p, high, work, 1, fma(path, f_int, load(work, 1, p)))
                 damping, support = load(work, 2, p), load(other, 2, p)
                 put(p, high, work, 2, where(free, fma(f_damp, path_rel, damping), damping))
-                held, drawn = (
+                fixed, drawn = (
                     fma(-path, f_ext + f_int, dE_kin) + support,
                     fma(-f_damp * kick_dt, v_ground, support),
                 )
-                put(p, high, other, 2, where(free, drawn, held))
+                put(p, high, other, 2, where(free, drawn, fixed))
             put(p, high, v, k, new)
             put(p, high, y, k, moved(load(x, k, p), new, dt))
         if energy and not ground:
@@ -216,10 +216,10 @@ def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
 
 
 @part_of_kernel
-def move_vector(p, high, whole, i, keeps, traits, times, x, y, particles, scratch):
+def move_vector(p, high, is_full, i, keeps, traits, times, x, y, particles, scratch):
     """Compute `move` for the vector of particles from p on.
 
-    whole : whether all LANES of them are below high
+    is_full : whether all LANES of them are below high
     times : kick_dt [s], zeta [1/s], share, dt [s] of `move`
     """
     kick_dt, zeta, share, dt = times
@@ -239,7 +239,7 @@ def move_vector(p, high, whole, i, keeps, traits, times, x, y, particles, scratc
             external, internal = fma(v_sum, f_ext, external), fma(v_sum, f_int, internal)
             squares = fma(v_sum, v_sum, squares)
         position = moved(load(x, k, p), new, dt)
-        if whole:
+        if is_full:
             store(v, k, p, new)
             store(y, k, p, position)
         else:
@@ -256,11 +256,11 @@ def move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, sc
     keeps : whether their total forces [N] are written to particles.f
     """
     remainder = (high - low) % LANES
-    of_all = keeps, traits, (kick_dt, zeta, share, dt), x, y, particles, scratch
+    common = keeps, traits, (kick_dt, zeta, share, dt), x, y, particles, scratch
     for p in range(low, high - remainder, LANES):
-        move_vector(p, high, True, p - low, *of_all)
+        move_vector(p, high, True, p - low, *common)
     if remainder:
-        move_vector(high - remainder, high, False, high - remainder - low, *of_all)
+        move_vector(high - remainder, high, False, high - remainder - low, *common)
 
 
 @inner_kernel

@@ -190,9 +190,9 @@ def read_probes(rows, values):
     """Write displacements [m] and tensions [N] of the probes of this rank into one row of values."""
     local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
     for i in range(local.particle.shape[0]):
-        p, place = local.particle[i], local.particle_place[i]
+        p, column = local.particle[i], local.particle_place[i]
         for k in range(3):
-            values[place + k] = x[k, p] - start[k, p] + 0.0  # no negative zeros
+            values[column + k] = x[k, p] - start[k, p] + 0.0  # no negative zeros
     for i in range(local.element.shape[0]):
         e = local.element[i]
         N = rows.room.now.N[e] + 0.0

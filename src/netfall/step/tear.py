@@ -46,11 +46,11 @@ def sort(numbers, count):
         gap = 3 * gap + 1
     while gap > 0:
         for k in range(gap, count):
-            value, place = numbers[k], k
-            while place >= gap and numbers[place - gap] > value:
-                numbers[place] = numbers[place - gap]
-                place -= gap
-            numbers[place] = value
+            value, index = numbers[k], k
+            while index >= gap and numbers[index - gap] > value:
+                numbers[index] = numbers[index - gap]
+                index -= gap
+            numbers[index] = value
         gap //= 3
 
 

@@ -48,16 +48,16 @@ def law_of(
     plastic: bool,
     EA: float | None,
     yield_force: float | None,
-    least: float | None,
+    min_eps_u: float | None,
     check_force: float,
     branches: np.ndarray | None,
 ) -> Law:
     """Build the law of a rank.
 
-    measure : a key of MEASURES; least : the least fracture strain, None: nothing breaks
+    measure : a key of MEASURES; min_eps_u : the least fracture strain, None: nothing breaks
     check_force : the least of `forces_near_limits`
     """
-    reach = np.inf if least is None else float(reaches(least, measure))
+    reach = np.inf if min_eps_u is None else float(reaches(min_eps_u, measure))
     yield_strain = np.inf if not EA or yield_force is None else yield_force / EA
     return Law(
         measure == "logarithmic",

@@ -121,28 +121,28 @@ def added_share(movers: Movers, dt: float) -> float:
     return float((root * total).max())
 
 
-def _sides(movers: Movers, size: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sides(movers: Movers, size: np.ndarray, own_entry: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return sums (k,) over the nodes on either side of each slip point."""
     up_to = _running(movers, movers.at, size)
     return (
-        up_to[movers.station] - up_to[movers.begin] + near[0],
-        up_to[movers.end + 1] - up_to[movers.station + 1] + near[1],
+        up_to[movers.station] - up_to[movers.begin] + own_entry[0],
+        up_to[movers.end + 1] - up_to[movers.station + 1] + own_entry[1],
     )
 
 
 def _beyond(movers: Movers, root: np.ndarray, choice: np.ndarray) -> np.ndarray:
     """Return, for each node entry (j,), the sum of the roots of the slips that follow the node."""
-    forth = _running(movers, movers.station, np.where(choice == 0, root, 0.0))
-    back = _running(movers, movers.station, np.where(choice == 1, root, 0.0))
+    forward = _running(movers, movers.station, np.where(choice == 0, root, 0.0))
+    backward = _running(movers, movers.station, np.where(choice == 1, root, 0.0))
     begins, ends = np.unique(movers.begin), np.unique(movers.end)
     chain = np.searchsorted(ends, movers.at)
     begin, end = begins[chain], ends[chain]
-    return forth[end + 1] - forth[movers.at + 1] + back[movers.at] - back[begin]
+    return forward[end + 1] - forward[movers.at + 1] + backward[movers.at] - backward[begin]
 
 
-def _running(movers: Movers, at: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _running(movers: Movers, stations: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return running sums: the sum of all values at stations before each station."""
-    return np.append(0.0, np.cumsum(np.bincount(at, values, int(movers.end.max()) + 1)))
+    return np.append(0.0, np.cumsum(np.bincount(stations, values, int(movers.end.max()) + 1)))
 
 
 def step_of_slips(movers: Movers) -> float:

@@ -79,8 +79,8 @@ def places_of(state, segment: np.ndarray) -> Places:
     inside = inside[np.argsort(segment[inside], kind="stable")]
     number, row = np.unique(segment[inside], return_inverse=True)
     begin, end = state.ends.T.astype(np.int64)
-    turned = state.slip_along < 0
-    begin, end = np.where(turned, end, begin), np.where(turned, begin, end)  # along the cable
+    is_reversed = state.slip_along < 0
+    begin, end = np.where(is_reversed, end, begin), np.where(is_reversed, begin, end)  # along the cable
     leaves, arrives = (
         inside[(state.slip_place[inside, k] >= 0) & (at[inside] == state.slip_at[inside, k])]
         for k, at in enumerate((begin, end))
@@ -115,24 +115,24 @@ def beside(places: Places, values: np.ndarray) -> np.ndarray:
 
 
 @inner_kernel
-def _strand(e, whole, share, particles, elements, law):
+def _strand(e, intact, share, particles, elements, law):
     """Return the `Strand` of element e, adjacent to a slip point, at the present positions.
 
-    whole : whether its segment is intact; share : position between two samples of a fading tension
+    intact : whether its segment is; share : position between two samples of a fading tension
     """
     hold = 0.0
     if has(elements.hold_before):
         hold = elements.hold_before[e] + share * (elements.hold_after[e] - elements.hold_before[e])
-    if not whole and not hold > 0.0:
+    if not intact and not hold > 0.0:
         return Strand(0.0, 0.0, False, False, (0.0, 0.0, 0.0))
     a, b, x = elements.ends[e, 0], elements.ends[e, 1], particles.x
     dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
     L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
     direction = elements.slip_along[e] / L
     T = 0.0
-    if whole:
+    if intact:
         T, _ = axial_force(elements, e, strain(L, elements.L0[e], law), 0.0)
-    return Strand(T, hold, whole, True, (direction * dx, direction * dy, direction * dz))
+    return Strand(T, hold, intact, True, (direction * dx, direction * dy, direction * dz))
 
 
 @inner_kernel
@@ -159,9 +159,9 @@ def _drive(g, places, particles, elements, law):
 
 
 @inner_kernel
-def _is_short(g, e, whole, passed, places, elements):
+def _is_short(g, e, intact, passed, places, elements):
     """Return whether too little of segment g remains, from which `passed` [m] left next to element e."""
-    if whole:
+    if intact:
         return elements.L0[e] <= LEAST * elements.strand[e]
     length = 0.0
     for j in range(places.start[g], places.start[g + 1]):
