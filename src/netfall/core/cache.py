@@ -24,18 +24,10 @@ OF_PROCESSORS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer",
 
 def choose_folder() -> None:
     """Set the folder for this process and its children; call it before numba is imported."""
-    user_folder, home = (
-        os.environ.get(FOLDER),
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),
-    )
+    given, home = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     parents = [PACKAGE / "__pycache__", Path(home, "netfall")]
-    if user_folder:  # by the user, or by the command that started this process
-        parents.insert(
-            0,
-            Path(user_folder).parent
-            if OURS.fullmatch(Path(user_folder).name)
-            else Path(user_folder).absolute(),
-        )
+    if given:  # by the user, or by the command that started this process
+        parents.insert(0, Path(given).parent if OURS.fullmatch(Path(given).name) else Path(given).absolute())
     name = f"netfall-{hashlib.sha256(b''.join([processor(), *sources()])).hexdigest()[:16]}"
     for parent in parents:
         with contextlib.suppress(OSError):  # for example a read-only folder

@@ -123,15 +123,10 @@ class _Absent:
 
     def __init__(self, kind):
         self.kind = kind
-        words = sum(
-            1 + field_kind.ndim if isinstance(field_kind, types.Array) else 1
-            for field_kind in kind.fields.values()
-        )
+        words = sum(1 + field.ndim if isinstance(field, types.Array) else 1 for field in kind.fields.values())
         self._table = np.zeros(max(words, 1), np.uint64)
-        self._parts = [
-            empty(field_kind) for field_kind in kind.fields.values() if isinstance(field_kind, RecordType)
-        ]
-        names = [name for name, field_kind in kind.fields.items() if isinstance(field_kind, RecordType)]
+        self._parts = [empty(field) for field in kind.fields.values() if isinstance(field, RecordType)]
+        names = [name for name, field in kind.fields.items() if isinstance(field, RecordType)]
         for name, part in zip(names, self._parts):
             self._table[kind.places[name]] = part.address
         self.address = self._table.__array_interface__["data"][0]

@@ -100,8 +100,8 @@ def _half_turn(a, b):
 def _across(a, b, g):
     """Return R a x b [m2]; it is exactly zero if g equals h = tan(phi / 2) n of a and b.
 
-    (1 + g^2) R a x b = d [(1 - g^2) h - (1 - h^2) g] + 2 [(g.b) a + (g.a) g x b]. Both parts are linear in D
-    = h - g, as h.a = h.b = 0, so no rounding error remains where terms cancel.
+    (1 + g^2) R a x b = d [(1 - g^2) h - (1 - h^2) g] + 2 [(g.b) a + (g.a) g x b]. Both parts are linear in
+    D = h - g, as h.a = h.b = 0, so no rounding error remains where terms cancel.
     """
     h, d = _half_turn(a, b)
     D = (h[0] - g[0], h[1] - g[1], h[2] - g[2])

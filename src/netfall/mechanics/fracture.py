@@ -1,9 +1,9 @@
 """Fracture by splitting particles (paper 2.4).
 
 An element whose strain exceeds eps_u at step n breaks, at x(n+1), at the end with the larger resultant force.
-It breaks at both ends if these are equal. A bar that may buckle also breaks if its strain falls below eps_c <
-0. A new particle gets the position and velocity of the end, and half of the element's mass. If the step is
-too long for that mass alone, it also takes some of the mass and weight that the end carried
+It breaks at both ends if these are equal. A bar that may buckle also breaks if its strain falls below
+eps_c < 0. A new particle gets the position and velocity of the end, and half of the element's mass. If the
+step is too long for that mass alone, it also takes some of the mass and weight that the end carried
 (`stability.fragment_mass`). So mass, momentum and energy do not change. It belongs to the rank that owns the
 element's other end, so a fracture never extends the halo.
 

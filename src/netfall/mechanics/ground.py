@@ -5,8 +5,8 @@ exact at each step. Mass-proportional damping acts on the velocity relative to t
 nearest support. With the mean velocity v of a velocity update and the ground velocity g,
 
     work of the damping     dt zeta M |v - g|^2
-    work of the ground      M (v(n+1/2)^2 - v(n-1/2)^2) / 2 - dt v.f  on fixed axes;  - dt zeta M (v - g).g
-    on free ones
+    work of the ground      on fixed axes  M (v(n+1/2)^2 - v(n-1/2)^2) / 2 - dt v.f
+                            on free axes   - dt zeta M (v - g).g
 
 Courses are cubic between the rows of their records. Several records may move a support, each with a delay.
 """

@@ -80,10 +80,10 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, support, sha
         fragments may take all of it
     eps_u : (m,) fracture strains; inf: the element never breaks; support : as in `any_shape_limits`
 
-    It is the largest dt that meets two conditions. No end needs more than may be taken: max(0, k dt^2 / 2 -
-    half) <= share * carried. All elements of a particle together need no more than it carries. An element
-    that cannot break takes nothing. In the second condition all of its k dt^2 / 2 - half counts, of either
-    sign, so that sum(k) dt^2 / 2 <= M holds for the remaining particle.
+    It is the largest dt that meets two conditions. No end needs more than may be taken: max(0, k
+    dt^2 / 2 - half) <= share * carried. All elements of a particle together need no more than it carries. An
+    element that cannot break takes nothing. In the second condition all of its k dt^2 / 2 - half counts, of
+    either sign, so that sum(k) dt^2 / 2 <= M holds for the remaining particle.
     """
     breaks = np.isfinite(eps_u)
     if not breaks.any():

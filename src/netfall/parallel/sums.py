@@ -76,7 +76,7 @@ def unit_number(exponent):
 def cut_in_three(first, last, values, mask, large):
     """Sum values first to last in units of three large numbers; return the sums, and whether bits are left.
 
-    x + (large - large) is the multiple of the unit of `large` (its last bit) in x, and the remainder is exact
+    (x + large) - large is the multiple of the unit of `large` (its last bit) in x, and the remainder is exact
     (Rump, Ogita, Oishi 2008). In the bits of x + large that multiple is an integer.
     """
     a, b, c = np.int64(0), np.int64(0), np.int64(0)

@@ -260,8 +260,8 @@ def find_most_strained(rows, size, who):
 def endless_strain(elements, now):
     """Return the element with the largest strain beyond MOST_STRAIN among those that never break; -1: none.
 
-    Slack cables are excluded, as their strain has no meaning. A fragment after a fracture has no limit
-    either.
+    Slack cables are excluded, as their strain has no meaning, and fragments, which have no limit after a
+    fracture.
     """
     largest, element = MOST_STRAIN, -1
     for e in range(now.N.shape[0]):

@@ -2,8 +2,8 @@
 
 A branch is a spring and a dashpot. It stores a delayed axial force V with V' = (N - V) / tau, and adds alpha
 (N - V). So a cable carries max(0, N + sum alpha (N - V)). N(n) counts from n - 1/2 to n + 1/2, which is
-second-order accurate for steps of any length. The stored value is the remainder of alpha V(n-1/2) at n, H =
-alpha exp(-dt / 2 tau) V(n-1/2):
+second-order accurate for steps of any length. The stored value is the remainder of alpha V(n-1/2) at n,
+H = alpha exp(-dt / 2 tau) V(n-1/2):
 
     force at n   N (1 + sum alpha exp(-dt / 2 tau)) - sum H,    dt of the step before n
     to n + 1     H <- exp(-dt / tau) H + alpha exp(-dt / 2 tau) (1 - exp(-h / tau)) N,    dt after n
@@ -23,12 +23,12 @@ NARROW = 1.14  # largest over smallest damping ratio in the band up to which two
 def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
     """Return alpha (k,) and tau (k,) [s] of two or three branches for a damping ratio in a band [Hz].
 
-    A branch with the largest ratio e, at f, has alpha = 8 e^2 + 4 e sqrt(4 e^2 + 1) and tau = 1 / (sqrt(1 +
-    alpha) 2 pi f). Let C = cosh(ln(high / low) / 2). Two equal branches at sqrt(low high) (sqrt(1 + C) +
-    sqrt(C))^(+-1) give one ratio at low, high and the middle. Between these it is up to (1 + C) / (2 sqrt(C))
-    times as large: 1.14 if high is 30 times low. The mean of the least and the largest ratio is then the
-    required one, with e such that both ends are equal (equal branches for small ratios). In wider bands three
-    branches at low, the middle and high have the required ratio there.
+    A branch with the largest ratio e, at f, has alpha = 8 e^2 + 4 e sqrt(4 e^2 + 1) and
+    tau = 1 / (sqrt(1 + alpha) 2 pi f). Let C = cosh(ln(high / low) / 2). Two equal branches at sqrt(low high)
+    (sqrt(1 + C) + sqrt(C))^(+-1) give one ratio at low, high and the middle. Between these it is up to
+    (1 + C) / (2 sqrt(C)) times as large: 1.14 if high is 30 times low. The mean of the least and the largest
+    ratio is then the required one, with e such that both ends are equal (equal branches for small ratios). In
+    wider bands three branches at low, the middle and high have the required ratio there.
     """
     middle, C = np.sqrt(low * high), 0.5 * (np.sqrt(high / low) + np.sqrt(low / high))
     largest, spread = (1.0 + C) / (2.0 * np.sqrt(C)), np.sqrt(1.0 + C) + np.sqrt(C)
@@ -65,8 +65,8 @@ def stiffening(branches: tuple[float, ...]) -> float:
 def set_branches(before_dt, dt, law):
     """Compute the factors of the branches for a step: rows 2 and 3 of their table, and entry (4, 0).
 
-    They are the factor of H and the factor of N in H(n+1), and 1 + sum alpha exp(-dt / 2 tau). before_dt, dt
-    : [s]
+    They are the factor of H and the factor of N in H(n+1), and 1 + sum alpha exp(-dt / 2 tau).
+    before_dt, dt : [s] the steps before and after
     """
     b, kick_dt = law.branches, 0.5 * (before_dt + dt)
     b[4, 0] = 1.0

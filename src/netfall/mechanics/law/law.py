@@ -1,7 +1,7 @@
 """Parts of the law of an element that all elements of a rank share.
 
-Theory: paper 2.2 and 2.3, Fig. 3. Ideal elastic-plastic with slack, in total form. With the trial force s =
-EA (eps - eps_p):
+Theory: paper 2.2 and 2.3, Fig. 3. Ideal elastic-plastic with slack, in total form. With the trial force
+s = EA (eps - eps_p):
 
     s > N_y             yields: eps_p grows until s = N_y
     s < 0, cable        slack: s = 0, at any length; a bar takes compression, down to -N_y
