@@ -1,1 +1,1 @@
-"""What every kernel stands on: how it is compiled, what it is given, and vectors of numbers."""
+"""Foundation of all kernels: compilation, records of arguments, and vectors of numbers."""

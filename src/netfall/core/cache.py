@@ -1,8 +1,8 @@
-"""Where a command keeps compiled kernels: in a folder for these very sources and this kind of processor.
+"""Folder of compiled kernels, one for each version of the sources and each kind of processor.
 
-numba looks only at the file of the kernel that is called, and would run on with old code after a change in
-another one. And its list of what a kernel was compiled for is not safe against processes that write it for
-different processors at the same time.
+numba checks only the file of the kernel that is called. After a change in another file it would run old code.
+Its index of compiled signatures is also unsafe if processes write it for different processors at the same
+time.
 """
 
 import contextlib
@@ -14,25 +14,25 @@ import shutil
 import time
 from pathlib import Path
 
-FOLDER = "NUMBA_CACHE_DIR"  # environment, read by numba when it is imported
-KEPT_DAYS = 30.0  # of folders for other sources; a run of theirs may still be going on
+FOLDER = "NUMBA_CACHE_DIR"  # environment variable that numba reads on import
+KEPT_DAYS = 30.0  # age at which folders of other sources are removed; runs may still use younger ones
 PACKAGE = Path(__file__).parents[1]
-CONSTANTS = tuple(f"{PACKAGE / name}{os.sep}" for name in ("core", "mechanics", "physics"))  # of kernels
+CONSTANTS = tuple(f"{PACKAGE / name}{os.sep}" for name in ("core", "mechanics", "physics"))  # used in kernels
 OURS = re.compile("netfall-[0-9a-f]{16}")
 OF_PROCESSORS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features")
 
 
 def choose_folder() -> None:
-    """Set the folder, for this process and those that it starts, before numba is imported."""
+    """Set the folder for this process and its children; call it before numba is imported."""
     given, home = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     parents = [PACKAGE / "__pycache__", Path(home, "netfall")]
     if given:  # by the user, or by the command that started this process
         parents.insert(0, Path(given).parent if OURS.fullmatch(Path(given).name) else Path(given).absolute())
     name = f"netfall-{hashlib.sha256(b''.join([processor(), *sources()])).hexdigest()[:16]}"
     for parent in parents:
-        with contextlib.suppress(OSError):  # where nobody may write, for example
+        with contextlib.suppress(OSError):  # for example a read-only folder
             (parent / name).mkdir(parents=True, exist_ok=True)
-            os.utime(parent / name)  # used now
+            os.utime(parent / name)  # mark as used
             os.environ[FOLDER] = str(parent / name)
             break
     for old in parent.glob("netfall-*"):
@@ -42,19 +42,22 @@ def choose_folder() -> None:
 
 
 def sources() -> list[bytes]:
-    """The files that say what is compiled: all that have kernels, or constants of theirs."""
-    found = []
+    """Return the contents of all files that define kernels, or constants used in them."""
+    paths = []
     for folder, below, names in os.walk(PACKAGE):
-        below[:] = [name for name in below if name != "__pycache__"]  # which may hold thousands
-        found += [os.path.join(folder, name) for name in names if name.endswith(".py")]
-    texts = {path: Path(path).read_bytes() for path in sorted(found)}
+        below[:] = [name for name in below if name != "__pycache__"]  # it may hold thousands of files
+        paths += [os.path.join(folder, name) for name in names if name.endswith(".py")]
+    texts = {path: Path(path).read_bytes() for path in sorted(paths)}
     return [text for path, text in texts.items() if b"kernel" in text or path.startswith(CONSTANTS)]
 
 
 def processor() -> bytes:
-    """What tells this kind of processor from others, and for which numba is told to compile."""
-    told = [os.uname().machine, *(os.environ.get(f"NUMBA_CPU_{name}", "") for name in ("NAME", "FEATURES"))]
+    """Return what identifies this kind of processor, and the target for which numba compiles."""
+    identity = [
+        os.uname().machine,
+        *(os.environ.get(f"NUMBA_CPU_{name}", "") for name in ("NAME", "FEATURES")),
+    ]
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as file:
-        of_first = itertools.takewhile(str.strip, file)  # of the first core
-        told += [line for line in of_first if line.split(":")[0].strip() in OF_PROCESSORS]
-    return repr(told).encode()
+        first_core = itertools.takewhile(str.strip, file)
+        identity += [line for line in first_core if line.split(":")[0].strip() in OF_PROCESSORS]
+    return repr(identity).encode()

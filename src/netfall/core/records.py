@@ -1,8 +1,8 @@
-"""Records: arrays and numbers that kernels take together, by one address.
+"""Records: arrays and numbers that kernels receive together, by one address.
 
-A kernel that takes a hundred arrays as arguments spends most of its compilation, and much of each call, on
-the way in from Python. A record is one argument: a table of the addresses, shapes and numbers, which compiled
-code reads where a field is used.
+A kernel with a hundred array arguments spends most of its compilation, and much of each call, on unpacking
+them from Python. A record is one argument: a table of addresses, shapes and numbers, which compiled code
+reads where a field is used.
 
     class Joints(Record):
         stiffness: f8
@@ -11,10 +11,11 @@ code reads where a field is used.
     joints = Joints(stiffness, particles)      # in Python: attributes, `replaced`
     joints.stiffness[k]                        # in kernels: arrays in C order, numbers, or other records
 
-The type of a record says nothing of what a scene has: a field that is absent is an array without elements
-(`has`). So all scenes share one compiled kernel.
+The type of a record does not depend on the features of a problem: an absent field is an array without
+elements (`has`). So all problems share one compiled kernel.
 
-Undocumented of numba is used here `AttributeTemplate`, `make_array` and `populate_array` (MAINTAINING.md).
+This module uses undocumented parts of numba: `AttributeTemplate`, `make_array`, `populate_array`
+(MAINTAINING.md).
 """
 
 import hashlib
@@ -50,7 +51,7 @@ NUMBERS = (int, float, np.number, np.bool_)
 
 
 class RecordType(types.Type):
-    """Type of a class of records. fields : types by name; places : the first word of each in the table"""
+    """Numba type of a record class. fields : types by name; places : first word of each in the table"""
 
     def __init__(self, name: str, fields: dict):
         self.fields, self.places, words = fields, {}, 0
@@ -63,10 +64,10 @@ class RecordType(types.Type):
 
 
 class Record:
-    """Arrays and numbers that kernels take together. Subclasses say by annotations what of.
+    """Arrays and numbers that kernels receive together. The annotations of a subclass declare the fields.
 
-    The arrays must be in C order and of the type said; the record keeps them alive. It is never changed, but
-    the arrays may be.
+    Arrays must be in C order and of the declared type; the record keeps them alive. A record never changes,
+    but its arrays may.
     """
 
     kind: RecordType
@@ -76,40 +77,40 @@ class Record:
         cls.kind = RecordType(cls.__qualname__, fields)
 
     def __init__(self, *values, **named):
-        """values, named : of the fields, in their order or by name.
+        """Build the table from values of the fields, in their order or by name.
 
-        Raises TypeError if one is missing or of another type.
+        Raises TypeError if a value is missing or of another type.
         """
         fields = self.kind.fields
-        given = dict(zip(fields, values, strict=False)) | named
-        if len(values) + len(named) != len(fields) or given.keys() != fields.keys():
-            names = sorted(fields.keys() ^ given.keys()) or sorted(
+        by_name = dict(zip(fields, values, strict=False)) | named
+        if len(values) + len(named) != len(fields) or by_name.keys() != fields.keys():
+            names = sorted(fields.keys() ^ by_name.keys()) or sorted(
                 set(list(fields)[: len(values)]) & set(named)
             )
             raise TypeError(f"{type(self).__name__}: missing, unknown or given twice: {', '.join(names)}")
-        self.__dict__ |= given
+        self.__dict__ |= by_name
         words = []
         for name, kind in fields.items():
-            _add_words(words, given[name], kind, name, self.kind)
+            _add_words(words, by_name[name], kind, name, self.kind)
         self._table = np.array([word % 2**64 for word in words], np.uint64)
         self.address = self._table.__array_interface__["data"][0]
 
     def __reduce__(self):
-        """In another process the arrays stand elsewhere."""
+        """Rebuild the record when unpickled, as the addresses differ in another process."""
         return type(self), tuple(getattr(self, name) for name in self.kind.fields)
 
     def replaced(self, **changes):
-        """A record with other values in some fields."""
+        """Return a record with other values in some fields."""
         return type(self)(**({name: getattr(self, name) for name in self.kind.fields} | changes))
 
     @classmethod
     def absent(cls):
-        """A record without anything: arrays without elements, zeros, and such records."""
+        """Return a record whose arrays have no elements and whose numbers are zero."""
         return cls(*(empty(kind) for kind in cls.kind.fields.values()))
 
 
 def empty(kind):
-    """What stands for a field that is absent."""
+    """Return the value of an absent field."""
     if isinstance(kind, types.Array):
         return np.zeros((0,) * kind.ndim, str(kind.dtype))
     if isinstance(kind, RecordType):
@@ -118,26 +119,26 @@ def empty(kind):
 
 
 class _Absent:
-    """A record that is absent within another one: its table is all zeros."""
+    """Absent record within another record: its table is all zeros."""
 
     def __init__(self, kind):
         self.kind = kind
-        words = sum(1 + one.ndim if isinstance(one, types.Array) else 1 for one in kind.fields.values())
+        words = sum(1 + field.ndim if isinstance(field, types.Array) else 1 for field in kind.fields.values())
         self._table = np.zeros(max(words, 1), np.uint64)
-        self._parts = [empty(one) for one in kind.fields.values() if isinstance(one, RecordType)]
-        names = [name for name, one in kind.fields.items() if isinstance(one, RecordType)]
+        self._parts = [empty(field) for field in kind.fields.values() if isinstance(field, RecordType)]
+        names = [name for name, field in kind.fields.items() if isinstance(field, RecordType)]
         for name, part in zip(names, self._parts):
             self._table[kind.places[name]] = part.address
         self.address = self._table.__array_interface__["data"][0]
 
 
-def _add_words(words: list, value, kind, name: str, of: RecordType) -> None:
-    """Add what stands in the table for a value."""
+def _add_words(words: list, value, kind, name: str, record_type: RecordType) -> None:
+    """Append the table words of a value."""
     if isinstance(kind, types.Array):
-        right = isinstance(value, np.ndarray) and value.ndim == kind.ndim and value.flags.c_contiguous
-        if not right or value.dtype != of.dtypes[name]:
-            what = getattr(value, "dtype", type(value).__name__), getattr(value, "shape", ())
-            raise TypeError(f"{name}: {what[0]} {what[1]}; expected {kind}")
+        fits = isinstance(value, np.ndarray) and value.ndim == kind.ndim and value.flags.c_contiguous
+        if not fits or value.dtype != record_type.dtypes[name]:
+            actual = getattr(value, "dtype", type(value).__name__), getattr(value, "shape", ())
+            raise TypeError(f"{name}: {actual[0]} {actual[1]}; expected {kind}")
         words += value.__array_interface__["data"][0], *value.shape
     elif isinstance(kind, RecordType):
         if getattr(value, "kind", None) is not kind:
@@ -151,7 +152,7 @@ def _add_words(words: list, value, kind, name: str, of: RecordType) -> None:
 
 @intrinsic
 def has(typing, array):
-    """Whether a field is there: whether its array has any elements."""
+    """Return whether a field is present: whether its array has elements."""
 
     def code(context, builder, signature, values):
         size = context.make_array(array)(context, builder, values[0]).nitems
@@ -160,7 +161,7 @@ def has(typing, array):
     return types.boolean(array), code
 
 
-# --- for compiled code
+# --- numba extension: how compiled code reads records
 
 
 @typeof_impl.register(Record)
@@ -193,12 +194,12 @@ class _Fields(AttributeTemplate):
 
 @lower_getattr_generic(RecordType)
 def _read(context, builder, kind, address, name):
-    """The value of a field; the table is never written, so it may be read once for a whole loop."""
-    field, place = kind.fields[name], kind.places[name]
+    """Read a field; the table never changes, so one read may serve a whole loop."""
+    field, offset = kind.fields[name], kind.places[name]
     table = builder.inttoptr(address, WORD.as_pointer())
 
     def word(k):
-        number = builder.load(builder.gep(table, [ir.Constant(WORD, place + k)]))
+        number = builder.load(builder.gep(table, [ir.Constant(WORD, offset + k)]))
         number.set_metadata("invariant.load", builder.module.add_metadata([]))
         return number
 

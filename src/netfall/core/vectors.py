@@ -1,10 +1,10 @@
 """Vectors: LANES numbers side by side in registers, for the loops that take most of a run's time.
 
-A kernel reads as ordinary arithmetic, in operators and `fma`, `sqrt`, `where`, `maximum`, `minimum`; given
-floats it computes one particle, given vectors LANES of them. Nothing depends on whether a compiler finds that
-a loop can be vectorised. The bits are those of one number at a time, whatever LANES is.
+A kernel reads as ordinary arithmetic, with operators and `fma`, `sqrt`, `where`, `maximum`, `minimum`. With
+floats it computes one particle, with vectors LANES of them. Vectorisation does not depend on the compiler's
+analysis of a loop. The bits equal those of scalar arithmetic, for any LANES.
 
-Undocumented of numba is used here `make_array` (MAINTAINING.md).
+This module uses an undocumented function of numba, `make_array` (MAINTAINING.md).
 """
 
 import operator
@@ -13,13 +13,13 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
-LANES = 8  # numbers of a vector: one register of AVX-512, two of AVX2
+LANES = 8  # numbers per vector: one register of AVX-512, two of AVX2
 
 DOUBLE, WORD, BIT, BYTE = ir.DoubleType(), ir.IntType(64), ir.IntType(1), ir.IntType(8)
 
 
 class Vector(types.Type):
-    """LANES numbers of a kind: float64, int64 or boolean."""
+    """Numba type of LANES numbers of one kind: float64, int64 or boolean."""
 
     def __init__(self, kind, width):
         self.kind, self.width = kind, width
@@ -38,37 +38,39 @@ TRUTHS = Vector(types.boolean, BIT)
 
 
 def _spread(context, builder, value, kind, like):
-    """A number in all lanes; a vector as it is."""
+    """Broadcast a number to all lanes; return a vector unchanged."""
     if isinstance(kind, Vector):
         return value
     number = context.cast(builder, value, kind, like.kind)
     if like.kind == types.boolean:
         number = builder.trunc(number, BIT) if number.type != BIT else number
-    one = builder.insert_element(
+    vector = builder.insert_element(
         ir.Constant(ir.VectorType(number.type, LANES), ir.Undefined), number, ir.Constant(ir.IntType(32), 0)
     )
-    return builder.shuffle_vector(one, one, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
+    return builder.shuffle_vector(
+        vector, vector, ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    )
 
 
 def _operator(function, make, result=None):
-    """Let an operator of Python take two vectors, or a vector and a number. result : None: of the same kind
+    """Define a Python operator for two vectors, or a vector and a number.
 
-    make : by the kind of the vectors
+    make : code generators, by the kind of the vectors; result : type, None: that of the arguments
     """
 
     @type_callable(function)
     def kind(context):
         def of(a, b):
             like = next((k for k in (a, b) if isinstance(k, Vector)), None)
-            known = like is not None and like.kind in make
-            return (result or like) if known else None
+            supported = like is not None and like.kind in make
+            return (result or like) if supported else None
 
         return of
 
     def lower(context, builder, signature, values):
         like = next(k for k in signature.args if isinstance(k, Vector))
-        given = (_spread(context, builder, v, k, like) for v, k in zip(values, signature.args))
-        return make[like.kind](builder, *given)
+        operands = (_spread(context, builder, v, k, like) for v, k in zip(values, signature.args))
+        return make[like.kind](builder, *operands)
 
     for kinds in ((Vector, Vector), (Vector, types.Number), (types.Number, Vector)):
         lower_builtin(function, *kinds)(lower)
@@ -90,7 +92,7 @@ _operator(operator.and_, {_bool: lambda b, x, y: b.and_(x, y)})
 
 
 def _unary(function, make):
-    """The same of an operator of one vector."""
+    """Define a Python operator for one vector."""
 
     @type_callable(function)
     def kind(context):
@@ -103,7 +105,7 @@ def _unary(function, make):
 
 
 def _llvm(name, builder, *values):
-    """An operation that LLVM has under a name."""
+    """Call an LLVM intrinsic by name."""
     kind = values[0].type
     name = f"llvm.{name}.v{LANES}f64" if isinstance(kind, ir.VectorType) else f"llvm.{name}.f64"
     function = builder.module.globals.get(name)
@@ -117,7 +119,7 @@ _unary(abs, lambda builder, a: _llvm("fabs", builder, a))
 
 
 def _elementwise(make, truth_first=False):
-    """Typing and code of a function of numbers or vectors, of which numbers are spread."""
+    """Return the typing of a function of numbers or vectors; numbers are broadcast if any is a vector."""
 
     def typing(typing_context, *args):
         vectors = any(isinstance(a, Vector) for a in args)
@@ -127,10 +129,10 @@ def _elementwise(make, truth_first=False):
 
         def code(context, builder, signature, values):
             if vectors:
-                given = [_spread(context, builder, v, a, k) for v, a, k in zip(values, args, kinds)]
+                operands = [_spread(context, builder, v, a, k) for v, a, k in zip(values, args, kinds)]
             else:
-                given = [context.cast(builder, v, a, k) for v, a, k in zip(values, args, kinds)]
-            return make(builder, *given)
+                operands = [context.cast(builder, v, a, k) for v, a, k in zip(values, args, kinds)]
+            return make(builder, *operands)
 
         return kinds[-1](*args), code
 
@@ -139,7 +141,7 @@ def _elementwise(make, truth_first=False):
 
 @intrinsic
 def fma(typing, a, b, c):
-    """a b + c, rounded once; in single precision if all three are."""
+    """Compute a b + c, rounded once; in single precision if all three are."""
     if (a, b, c) == (types.float32,) * 3:
         return a(a, a, a), lambda context, builder, signature, values: builder.fma(*values)
     return _elementwise(lambda builder, *values: _llvm("fma", builder, *values))(typing, a, b, c)
@@ -147,13 +149,13 @@ def fma(typing, a, b, c):
 
 @intrinsic
 def where(typing, truth, a, b):
-    """a where it is true, b elsewhere."""
+    """Select a if `truth`, otherwise b, in each lane."""
     return _elementwise(lambda builder, t, x, y: builder.select(t, x, y), True)(typing, truth, a, b)
 
 
 @intrinsic
 def maximum(typing, a, b):
-    """The larger one; b where either is nan."""
+    """Return the larger number in each lane; b if either is nan."""
     return _elementwise(lambda builder, x, y: builder.select(builder.fcmp_ordered(">", x, y), x, y))(
         typing, a, b
     )
@@ -161,7 +163,7 @@ def maximum(typing, a, b):
 
 @intrinsic
 def minimum(typing, a, b):
-    """The smaller one; b where either is nan."""
+    """Return the smaller number in each lane; b if either is nan."""
     return _elementwise(lambda builder, x, y: builder.select(builder.fcmp_ordered("<", x, y), x, y))(
         typing, a, b
     )
@@ -169,12 +171,12 @@ def minimum(typing, a, b):
 
 @intrinsic
 def sqrt(typing, a):
-    """Square root."""
+    """Compute the square root."""
     return _elementwise(lambda builder, x: _llvm("sqrt", builder, x))(typing, a)
 
 
 def _as(kind, result):
-    """Typing and code of a number or vector with the same bits as another kind."""
+    """Return the typing of a function that reinterprets the bits of a number or vector as another kind."""
     if isinstance(kind, Vector):
         target = {types.float64: NUMBERS, types.int64: INTEGERS}[result]
         llvm = ir.VectorType(target.width, LANES)
@@ -185,19 +187,19 @@ def _as(kind, result):
 
 @intrinsic
 def bits_of(typing, a):
-    """The 64 bits of a number, as an integer."""
+    """Return the 64 bits of a number as an integer."""
     return _as(a, types.int64)
 
 
 @intrinsic
 def number_of(typing, a):
-    """The number of 64 bits."""
+    """Return the number with these 64 bits."""
     return _as(a, types.float64)
 
 
 @intrinsic
 def as_number(typing, a):
-    """An integer as a number."""
+    """Convert an integer to a number."""
     if isinstance(a, Vector):
         target, llvm = NUMBERS, ir.VectorType(DOUBLE, LANES)
     else:
@@ -207,7 +209,7 @@ def as_number(typing, a):
 
 @intrinsic
 def any_of(typing, truth):
-    """Whether it is true in any lane."""
+    """Return whether any lane is true."""
 
     def code(context, builder, signature, values):
         bits = builder.bitcast(values[0], ir.IntType(LANES))
@@ -218,14 +220,14 @@ def any_of(typing, truth):
 
 @intrinsic
 def zeros(typing):
-    """Zero in all lanes."""
+    """Return zero in all lanes."""
     zero = ir.Constant(ir.VectorType(DOUBLE, LANES), [0.0] * LANES)
     return NUMBERS(), lambda context, builder, signature, values: zero
 
 
 @intrinsic
 def nowhere(typing):
-    """False in all lanes."""
+    """Return false in all lanes."""
     false = ir.Constant(ir.VectorType(BIT, LANES), [0] * LANES)
     return TRUTHS(), lambda context, builder, signature, values: false
 
@@ -234,7 +236,7 @@ def nowhere(typing):
 
 
 def _address(context, builder, kind, array, row, p):
-    """Where the number of particle p in a row stands; of an array without rows: in it."""
+    """Return the address of particle p in a row of an array, or in an array without rows."""
     struct = context.make_array(kind)(context, builder, array)
     if kind.ndim == 1:
         return builder.gep(struct.data, [p])
@@ -249,7 +251,7 @@ def _vector_at(context, builder, kind, array, row, p, number=DOUBLE):
 
 @intrinsic
 def load(typing, array, row, p):
-    """Numbers of particles p to p + LANES in a row."""
+    """Load the numbers of particles p to p + LANES in a row."""
 
     def code(context, builder, signature, values):
         return builder.load(_vector_at(context, builder, array, *values), align=8)
@@ -259,18 +261,18 @@ def load(typing, array, row, p):
 
 @intrinsic
 def load_truths(typing, array, row, p):
-    """Whether bytes of particles p to p + LANES in a row are not zero."""
+    """Load the bytes of particles p to p + LANES in a row; true if not zero."""
 
     def code(context, builder, signature, values):
-        found = builder.load(_vector_at(context, builder, array, *values, number=BYTE), align=1)
-        return builder.icmp_unsigned("!=", found, ir.Constant(found.type, [0] * LANES))
+        marks = builder.load(_vector_at(context, builder, array, *values, number=BYTE), align=1)
+        return builder.icmp_unsigned("!=", marks, ir.Constant(marks.type, [0] * LANES))
 
     return TRUTHS(array, types.int64, types.int64), code
 
 
 @intrinsic
 def store(typing, array, row, p, value):
-    """Write numbers of particles p to p + LANES."""
+    """Store the numbers of particles p to p + LANES."""
 
     def code(context, builder, signature, values):
         builder.store(values[3], _vector_at(context, builder, array, *values[:3]), align=8)
@@ -281,7 +283,7 @@ def store(typing, array, row, p, value):
 
 @intrinsic
 def store_truths(typing, array, row, p, truth):
-    """Write bytes, 1 where it is true, of particles p to p + LANES."""
+    """Store bytes of particles p to p + LANES, 1 if true."""
 
     def code(context, builder, signature, values):
         byte = builder.zext(values[3], ir.VectorType(BYTE, LANES))
@@ -292,16 +294,16 @@ def store_truths(typing, array, row, p, truth):
 
 
 def _store_below(context, builder, kind, array, row, p, high, vector):
-    """Write the numbers of particles below `high` alone."""
+    """Store only the numbers of particles below `high`."""
     for lane in range(LANES):
-        place = builder.add(p, ir.Constant(WORD, lane))
-        with builder.if_then(builder.icmp_signed("<", place, high)):
+        index = builder.add(p, ir.Constant(WORD, lane))
+        with builder.if_then(builder.icmp_signed("<", index, high)):
             number = builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
-            builder.store(number, _address(context, builder, kind, array, row, place), align=8)
+            builder.store(number, _address(context, builder, kind, array, row, index), align=8)
 
 
 def _put(context, builder, kind, array, row, p, high, vector):
-    """Write numbers of particles p to p + LANES that are below `high`."""
+    """Store the numbers of particles p to p + LANES that are below `high`."""
     is_whole = builder.icmp_signed("<=", builder.add(p, ir.Constant(WORD, LANES)), high)
     with builder.if_else(is_whole, likely=True) as (whole, part):
         with whole:
@@ -312,7 +314,7 @@ def _put(context, builder, kind, array, row, p, high, vector):
 
 @intrinsic
 def put(typing, p, high, array, row, value):
-    """Write numbers of particles p to `high`, at most LANES."""
+    """Store the numbers of particles p to `high`, at most LANES."""
 
     def code(context, builder, signature, values):
         p, high, array, row, vector = values
@@ -338,18 +340,19 @@ def add(typing, p, high, array, row, value):
 
 @intrinsic
 def gather(typing, array, row, other, s, p):
-    """Numbers, in a row, of the particles whose indices stand in row s of `other` for p to p + LANES.
+    """Load, from a row, the numbers of the particles with indices in row s of `other`, p to p + LANES.
 
-    One by one: the hardware's own gathers are slow where they were mended against leaks through them.
+    It loads one by one, because hardware gathers are slow on processors patched against data leaks through
+    them.
     """
 
     def code(context, builder, signature, values):
         vector = ir.Constant(ir.VectorType(DOUBLE, LANES), ir.Undefined)
         for lane in range(LANES):
-            place = builder.add(values[4], ir.Constant(WORD, lane))
-            index = builder.load(_address(context, builder, other, *values[2:4], place), align=4)
-            at = builder.zext(index, WORD)
-            number = builder.load(_address(context, builder, array, values[0], values[1], at), align=8)
+            index_place = builder.add(values[4], ir.Constant(WORD, lane))
+            index = builder.load(_address(context, builder, other, *values[2:4], index_place), align=4)
+            particle = builder.zext(index, WORD)
+            number = builder.load(_address(context, builder, array, values[0], values[1], particle), align=8)
             vector = builder.insert_element(vector, number, ir.Constant(ir.IntType(32), lane))
         return vector
 
@@ -358,12 +361,12 @@ def gather(typing, array, row, other, s, p):
 
 @intrinsic
 def are_consecutive(typing, other, s, p):
-    """Whether the indices in row s of `other` for p to p + LANES count up by one, for `load`."""
+    """Return whether the indices in row s of `other` for p to p + LANES increase by one, as `load` needs."""
 
     def code(context, builder, signature, values):
         kind, index = ir.VectorType(ir.IntType(32), LANES), ir.IntType(32)
-        found = builder.load(_vector_at(context, builder, other, *values, number=index), align=4)
-        first = builder.sub(found, ir.Constant(kind, list(range(LANES))))
+        indices = builder.load(_vector_at(context, builder, other, *values, number=index), align=4)
+        first = builder.sub(indices, ir.Constant(kind, list(range(LANES))))
         zeros = ir.Constant(kind, [0] * LANES)
         differs = builder.icmp_unsigned("!=", first, builder.shuffle_vector(first, first, zeros))
         bits = builder.bitcast(differs, ir.IntType(LANES))

@@ -1,1 +1,1 @@
-"""What everything stands on: the compiler, errors, clocks, signals, progress, commands that are started."""
+"""Services for all packages: errors, memory layout, timing, signals, progress, launchers, source digest."""

@@ -1,13 +1,13 @@
-"""The ways in which a run ends early, each with its exit code."""
+"""Exceptions that end a run early, each with its exit code."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
-BUSY = "another run is writing it at this moment"  # why a name is refused for the time being
+BUSY = "another run is writing it at this moment"  # reason in the message if an output name is refused
 
 
 class InputError(Exception):
-    """The job or its input is wrong: one line for each error. Exit code 2."""
+    """Error in the job or its input, one line per error. Exit code 2."""
 
     exit_code = 2
 
@@ -23,34 +23,34 @@ def refuse(lines: Iterable[str]) -> None:
 
 
 class DivergedError(Exception):
-    """The computation left all proportion, or did not converge, and was stopped. Exit code 3."""
+    """Stop of a computation that diverged or did not converge. Exit code 3."""
 
     exit_code = 3
 
 
 class NoRest(DivergedError):
-    """There is no equilibrium under the mean wind."""
+    """Absence of an equilibrium under the mean wind."""
 
 
 class Undecided(DivergedError):
-    """No equilibrium was found, but there may be one: the search ended before it was decided."""
+    """End of the search for an equilibrium without a decision: none was found, but one may exist."""
 
 
 class Interrupted(Exception):
-    """The run stopped at a common step with a checkpoint. Exit code 4."""
+    """Stop of a run at a common step, with a checkpoint. Exit code 4."""
 
     exit_code = 4
 
 
 class OutputError(Exception):
-    """A file could not be written: a full disk, a quota, a folder that went away.
+    """Failure to write a file: full disk, quota, or missing folder.
 
-    Raised on the ranks that saw it. Exit code 1.
+    Only the ranks that noticed it raise it. Exit code 1.
     """
 
     exit_code = 1
 
 
 def interrupted(when: str, path: Path) -> Interrupted:
-    """The end of a run that was asked to stop."""
+    """Build the exception for a run that was asked to stop."""
     return Interrupted(f"interrupted {when}; resume with --restart {path}")

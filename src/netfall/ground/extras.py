@@ -1,4 +1,4 @@
-"""Packages that a compute node does without: which extra of netfall brings each of them."""
+"""Optional packages, absent on compute nodes, and the extra of netfall that installs each."""
 
 from contextlib import contextmanager
 
@@ -15,7 +15,7 @@ BRINGS = {package: extra for extra, packages in EXTRAS.items() for package in pa
 
 @contextmanager
 def naming_extras():
-    """Name the extra to install if a package of one is missing. Raises InputError."""
+    """Name the extra to install if one of its packages is missing. Raises InputError."""
     try:
         yield
     except ModuleNotFoundError as error:

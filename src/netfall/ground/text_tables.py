@@ -1,8 +1,8 @@
-"""Tables that stand in the code as text: a row begins at the margin, its cells stand between bars."""
+"""Tables written as text in the code: a row starts at the margin, and bars separate its cells."""
 
 
 def rows_of(text: str) -> list[list[str]]:
-    """The cells of each row; what is indented goes on with the last cell of the row above it."""
+    """Return the cells of each row; an indented line continues the last cell of the row above."""
     rows: list[str] = []
     for line in filter(None, text.split("\n")):
         if line.startswith(" "):

@@ -12,24 +12,24 @@ class Phases:
     """Wall time [s] of each phase of a run on this rank."""
 
     def __init__(self, steps: bool = False):
-        """steps : whether the parts of a step are timed too, which takes some 0.2 microseconds a step"""
+        """Start without times; steps : whether to time the parts of a step, at about 0.2 us per step."""
         self.seconds: dict[str, float] = {}
-        self.of_steps = np.zeros(len(STEP_PHASES)) if steps else None  # of `step.loop.time_loop`
+        self.of_steps = np.zeros(len(STEP_PHASES)) if steps else None  # filled by `step.loop.time_loop`
 
     @contextmanager
     def phase(self, name: str):
-        """Count the time of a block under a name."""
+        """Add the duration of a block to a named phase."""
         begin = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
     def over_ranks(self, comm) -> dict[str, np.ndarray]:
-        """Least, mean and largest time [s] over the ranks of each phase. Collective."""
-        mine = dict(self.seconds)
+        """Return the least, mean and largest time [s] over the ranks of each phase. Collective."""
+        seconds = dict(self.seconds)
         if self.of_steps is not None:
-            mine |= dict(zip(STEP_PHASES, self.of_steps.tolist()))
-        every = comm.allgather(mine)
+            seconds |= dict(zip(STEP_PHASES, self.of_steps.tolist()))
+        all_seconds = comm.allgather(seconds)
         return {
-            name: np.array([f([other.get(name, 0.0) for other in every]) for f in (min, np.mean, max)])
-            for name in mine
+            name: np.array([f([other.get(name, 0.0) for other in all_seconds]) for f in (min, np.mean, max)])
+            for name in seconds
         }

@@ -1,1 +1,1 @@
-"""The physics of particles and elements, which an engineer may change. Arrays, no files."""
+"""Mechanics of particles and elements, which an engineer may change: functions of arrays, without files."""

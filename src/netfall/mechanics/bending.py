@@ -1,18 +1,19 @@
-"""Bending chains of bars, without rotations: joints of three particles h, i, j in a row.
+"""Bending chains without rotational degrees of freedom: joints of three consecutive particles h, i, j.
 
-With a = x_i - x_h and b = x_j - x_i, and the rotation R about a x b that turned a along b in the state
-without moment (by the angle phi0):
+With a = x_i - x_h and b = x_j - x_i, and the rotation R about a x b that turns a to the direction of b in the
+state without moment (by the angle phi0):
 
     psi = angle from R a to b, from 0 to pi, about the axis e = R a x b / |R a x b|
     U = k psi^2 / 2,   m = k psi e        k = EI / l, l the mean of both unstressed lengths
 
-In the plane of a chain psi = |phi - phi0|, with phi the angle from a to b, however large phi0 is: at a corner
-too. |m| is the bending moment at i: the forces of the joint are -dU/db = b x m / |b|^2 at j and the like at
-h. The section has one second moment.
+In the plane of a chain psi = |phi - phi0|, with phi the angle from a to b, for any phi0, corners included.
+|m| is the bending moment at i. The forces of the joint are -dU/db = b x m / |b|^2 at j, and likewise at h.
+The section has one second moment of area.
 
 R is fixed in space. That is exact for motion in the plane of a chain, and for chains that are straight
-without moment (R = 1). Out of its plane a curved chain bends as a straight one of the same length does, for
-its sections cannot turn about its axis. The moments m - R^T m, which hold them, are torsion that is missing.
+without moment (R = 1). Out of its plane a curved chain bends like a straight one of the same length, because
+its sections cannot turn about its axis. The moments m - R^T m, which hold them, stand for the missing
+torsion.
 """
 
 import math
@@ -24,13 +25,13 @@ from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, empty, f8, f8_2, u1, u4_2
 from netfall.numerics.arithmetic import angle_per_sine
 
-FLAT = 1e-12  # least 1 + cos of an angle, which so is never quite pi
+FLAT = 1e-12  # lower bound of 1 + cos phi; it keeps the angle below pi
 
 
 class Joints(Record):
-    """Joints (k,), in ascending number: particles (k, 3) h, i, j; stiffness k (k,) [N m].
+    """Bending joints (k,) in ascending number: particles (k, 3) h, i, j; stiffness k (k,) [N m].
 
-    rest : (k, 3) R, by `curvatures` of the state without moment
+    rest : (k, 3) R, from `curvatures` of the state without moment
     owned : (k,) uint8, 1 on the one rank that counts its energy: the owner of i
     """
 
@@ -40,14 +41,14 @@ class Joints(Record):
     owned: u1
 
     def __init__(self, particles, stiffness, rest, owned=None):
-        """owned : None: nobody asks"""
+        """Convert the arrays to the types of the record; owned : None if unused."""
         owned = empty(u1) if owned is None else owned
         rows = np.ascontiguousarray(particles, np.uint32)
         super().__init__(rows, np.ascontiguousarray(stiffness), np.ascontiguousarray(rest), owned)
 
 
 class JointTangent(NamedTuple):
-    """Stiffness (k, 6, 6) [N/m] of joints against changes of (a, b); positive : without what moments take."""
+    """Stiffness (k, 6, 6) [N/m] of joints against changes of (a, b); positive : without the moment terms."""
 
     particles: np.ndarray
     stiffness: np.ndarray
@@ -66,7 +67,7 @@ def _dot(a, b):
 
 @inner_kernel
 def _turn(g, v):
-    """Turn v by the rotation about g whose half angle has the tangent |g|."""
+    """Rotate v about g by the angle whose half has the tangent |g|."""
     u = _cross(g, v)
     w, f = _cross(g, u), 2.0 / (1.0 + _dot(g, g))
     return v[0] + f * (u[0] + w[0]), v[1] + f * (u[1] + w[1]), v[2] + f * (u[2] + w[2])
@@ -74,7 +75,7 @@ def _turn(g, v):
 
 @inner_kernel
 def _sides(x, joints, k):
-    """a, b [m] of joint k at x (n, 3) [m], and g, which turns a where b is without moment."""
+    """Return a and b [m] of joint k at x (n, 3) [m], and the rotation vector g of its moment-free state."""
     h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
     a = (x[i, 0] - x[h, 0], x[i, 1] - x[h, 1], x[i, 2] - x[h, 2])
     b = (x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2])
@@ -89,7 +90,7 @@ def _back(g):
 
 @inner_kernel
 def _half_turn(a, b):
-    """tan(phi / 2) n of the angle phi from a to b, three, n along a x b; and |a||b| + a.b [m2]."""
+    """Return tan(phi / 2) n of the angle phi from a to b, with n along a x b, and |a||b| + a.b [m2]."""
     c, AB = _cross(a, b), math.sqrt(_dot(a, a)) * math.sqrt(_dot(b, b))
     d = max(AB + _dot(a, b), FLAT * AB)
     return (c[0] / d, c[1] / d, c[2] / d), d
@@ -97,10 +98,10 @@ def _half_turn(a, b):
 
 @inner_kernel
 def _across(a, b, g):
-    """R a x b [m2], zero to the bit where g is that of a and b: h = tan(phi / 2) n.
+    """Return R a x b [m2]; it is exactly zero if g equals h = tan(phi / 2) n of a and b.
 
     (1 + g^2) R a x b = d [(1 - g^2) h - (1 - h^2) g] + 2 [(g.b) a + (g.a) g x b]. Both parts are linear in
-    D = h - g, for h.a = h.b = 0, so that no rounding is left of what cancels.
+    D = h - g, as h.a = h.b = 0, so no rounding error remains where terms cancel.
     """
     h, d = _half_turn(a, b)
     D = (h[0] - g[0], h[1] - g[1], h[2] - g[2])
@@ -116,7 +117,7 @@ def _across(a, b, g):
 
 @inner_kernel
 def _moment(joints, k, a, b, g):
-    """The moment m (3,) [N m] of joint k."""
+    """Return the moment m (3,) [N m] of joint k."""
     c = _across(a, b, g)
     s = joints.stiffness[k] * angle_per_sine(math.sqrt(_dot(c, c)), _dot(_turn(g, a), b))
     return s * c[0], s * c[1], s * c[2]
@@ -140,13 +141,13 @@ def bend(x, joints, f):
 
 @kernel
 def add_bending_forces(x, joints, f):
-    """`bend` from Python."""
+    """Call `bend` from Python."""
     bend(x, joints, f)
 
 
 @inner_kernel
 def clear_bending_forces(joints, force):
-    """Set to zero the force (n, 3) [N] on particles of joints."""
+    """Set the force (n, 3) [N] on the particles of joints to zero."""
     for k in range(joints.stiffness.shape[0]):
         for side in range(3):
             for axis in range(3):
@@ -155,7 +156,7 @@ def clear_bending_forces(joints, force):
 
 @kernel
 def joint_moments(x, joints, moment, hold):
-    """Find the sizes (k,) [N m] of the moments m of joints, and of m - R^T m, which hold sections."""
+    """Compute |m| (k,) [N m] of joints, and |m - R^T m|, the moments that hold the sections."""
     for k in range(moment.shape[0]):
         a, b, g = _sides(x, joints, k)
         m = _moment(joints, k, a, b, g)
@@ -166,7 +167,7 @@ def joint_moments(x, joints, moment, hold):
 
 @inner_kernel
 def joint_moment(x, joints, k):
-    """The moment |m| [N m] of joint k at x (n, 3) [m]."""
+    """Return the moment |m| [N m] of joint k at x (n, 3) [m]."""
     a, b, g = _sides(x, joints, k)
     m = _moment(joints, k, a, b, g)
     return math.sqrt(_dot(m, m))
@@ -174,7 +175,7 @@ def joint_moment(x, joints, k):
 
 @inner_kernel
 def joint_energy(x, joints, k):
-    """Energy [J] stored in joint k at x (n, 3) [m]."""
+    """Return the energy [J] stored in joint k at x (n, 3) [m]."""
     a, b, g = _sides(x, joints, k)
     m = _moment(joints, k, a, b, g)
     return 0.5 * _dot(m, m) / joints.stiffness[k]
@@ -182,7 +183,7 @@ def joint_energy(x, joints, k):
 
 @kernel
 def joint_tangents(x, joints, stiffness, positive):
-    """Fill the (k, 6, 6) of `JointTangent`: the second derivatives of U by (a, b).
+    """Fill the (k, 6, 6) matrices of `JointTangent`: the second derivatives of U by (a, b).
 
     With unit vectors p along a and r along b, the axis e of psi, e' = R^T e, and Q, which turns R p to r
     about e, U has in the blocks aa, ab and bb
@@ -195,13 +196,13 @@ def joint_tangents(x, joints, stiffness, positive):
     """
     for k in range(joints.stiffness.shape[0]):
         a, b, g = _sides(x, joints, k)
-        back, c, C = _back(g), _across(a, b, g), _dot(_turn(g, a), b)
+        inverse_g, c, C = _back(g), _across(a, b, g), _dot(_turn(g, a), b)
         A, B, S = math.sqrt(_dot(a, a)), math.sqrt(_dot(b, b)), math.sqrt(_dot(c, c))
-        ratio, way = angle_per_sine(S, C), 1.0 / S if S > 0.0 else 0.0
-        psi, out, skew = ratio * S, 1.0 - ratio * C, ratio * A * B - 1.0
+        ratio, per_sine = angle_per_sine(S, C), 1.0 / S if S > 0.0 else 0.0
+        psi, axis_term, skew = ratio * S, 1.0 - ratio * C, ratio * A * B - 1.0
         cosine, sine = C / (A * B), S / (A * B)
-        e = (way * c[0], way * c[1], way * c[2])
-        ea = _turn(back, e)
+        e = (per_sine * c[0], per_sine * c[1], per_sine * c[2])
+        ea = _turn(inverse_g, e)
         p, r = (a[0] / A, a[1] / A, a[2] / A), (b[0] / B, b[1] / B, b[2] / B)
         qa, qb = _cross(ea, p), _cross(e, r)
         aa, bb = joints.stiffness[k] / (A * A), joints.stiffness[k] / (B * B)
@@ -209,8 +210,8 @@ def joint_tangents(x, joints, stiffness, positive):
         for n in range(3):
             unit = (1.0 if n == 0 else 0.0, 1.0 if n == 1 else 0.0, 1.0 if n == 2 else 0.0)
             u, along = _cross(e, unit), (1.0 - cosine) * e[n]
-            turned = _turn(  # column n of R^T Q^T
-                back,
+            rotated = _turn(  # column n of R^T Q^T
+                inverse_g,
                 (
                     cosine * unit[0] - sine * u[0] + along * e[0],
                     cosine * unit[1] - sine * u[1] + along * e[1],
@@ -218,21 +219,21 @@ def joint_tangents(x, joints, stiffness, positive):
                 ),
             )
             for m in range(3):
-                one = 1.0 if m == n else 0.0
-                of_aa, of_bb = aa * (one - p[m] * p[n]), bb * (one - r[m] * r[n])
-                of_ab = -ab * (turned[m] - p[m] * r[n])
-                positive[k, m, n], positive[k, 3 + m, 3 + n] = of_aa, of_bb
-                positive[k, m, 3 + n] = positive[k, 3 + n, m] = of_ab
-                more_a = psi * (qa[m] * p[n] + p[m] * qa[n]) - out * ea[m] * ea[n]
-                more_b = psi * (qb[m] * r[n] + r[m] * qb[n]) + out * e[m] * e[n]
-                stiffness[k, m, n] = of_aa + aa * more_a
-                stiffness[k, 3 + m, 3 + n] = of_bb - bb * more_b
-                stiffness[k, m, 3 + n] = stiffness[k, 3 + n, m] = of_ab - ab * skew * ea[m] * e[n]
+                identity = 1.0 if m == n else 0.0
+                base_aa, base_bb = aa * (identity - p[m] * p[n]), bb * (identity - r[m] * r[n])
+                base_ab = -ab * (rotated[m] - p[m] * r[n])
+                positive[k, m, n], positive[k, 3 + m, 3 + n] = base_aa, base_bb
+                positive[k, m, 3 + n] = positive[k, 3 + n, m] = base_ab
+                moment_aa = psi * (qa[m] * p[n] + p[m] * qa[n]) - axis_term * ea[m] * ea[n]
+                moment_bb = psi * (qb[m] * r[n] + r[m] * qb[n]) + axis_term * e[m] * e[n]
+                stiffness[k, m, n] = base_aa + aa * moment_aa
+                stiffness[k, 3 + m, 3 + n] = base_bb - bb * moment_bb
+                stiffness[k, m, 3 + n] = stiffness[k, 3 + n, m] = base_ab - ab * skew * ea[m] * e[n]
 
 
 @kernel
 def add_joint_stiffness(u, particles, stiffness, force):
-    """Add to force (n, 3) what joints answer to displacements u (n, 3) with; stiffness : (k, 6, 6) [N/m]"""
+    """Add the stiffness (k, 6, 6) [N/m] of joints times displacements u (n, 3) to force (n, 3)."""
     w = np.empty(6)
     for k in range(particles.shape[0]):
         h, i, j = particles[k, 0], particles[k, 1], particles[k, 2]
@@ -250,10 +251,10 @@ def add_joint_stiffness(u, particles, stiffness, force):
 
 @kernel
 def add_joint_bounds(x, joints, times, out):
-    """Add to out (n,) [N/m] at each particle, so many times, k |dpsi/dx|^2 of its joints at x (n, 3) [m].
+    """Add `times` k |dpsi/dx|^2 of the joints at each particle to out (n,) [N/m], at x (n, 3) [m].
 
-    |dpsi/da| is 1 / |a|. With what the moment k psi adds, a joint's stiffness is at most three times these
-    sizes.
+    |dpsi/da| is 1 / |a|. Including the terms of the moment k psi, a joint's stiffness is at most three times
+    these sizes.
     """
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
@@ -268,19 +269,19 @@ def add_joint_bounds(x, joints, times, out):
 
 
 @kernel
-def find_curvatures(x, particles, found):
+def find_curvatures(x, particles, curvature):
     """Write 2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m]."""
-    for k in range(found.shape[0]):
+    for k in range(curvature.shape[0]):
         h, i, j = particles[k, 0], particles[k, 1], particles[k, 2]
         a = (x[i, 0] - x[h, 0], x[i, 1] - x[h, 1], x[i, 2] - x[h, 2])
         b = (x[j, 0] - x[i, 0], x[j, 1] - x[i, 1], x[j, 2] - x[i, 2])
         half, _ = _half_turn(a, b)
         for axis in range(3):
-            found[k, axis] = 2.0 * half[axis]
+            curvature[k, axis] = 2.0 * half[axis]
 
 
 def curvatures(x: np.ndarray, particles: np.ndarray) -> np.ndarray:
-    """2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m], phi n the angle from a to b."""
-    found = np.empty((len(particles), 3))
-    find_curvatures(np.asfortranarray(x), particles.astype(np.uint32), found)
-    return found
+    """Return 2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m]; phi n turns a to b."""
+    curvature = np.empty((len(particles), 3))
+    find_curvatures(np.asfortranarray(x), particles.astype(np.uint32), curvature)
+    return curvature

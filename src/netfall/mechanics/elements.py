@@ -1,6 +1,7 @@
-"""Loops over all elements of a rank, at given positions: forces, stiffness, energies.
+"""Loops over all elements of a rank at given positions: forces, stiffness, energies.
 
-The step does not use them (`netfall.step`): they serve form finding, statics, the audit, frames and history.
+The time step does not use them (`netfall.step`). They serve form finding, statics, energy checks, snapshots
+and history.
 """
 
 import math
@@ -14,7 +15,7 @@ from netfall.physics.elements import TINY
 
 
 class ElementState(Record):
-    """Elements (m,) at one moment: axial force [N], strain, plastic strain, length [m]."""
+    """State of the elements (m,) at one time: axial force [N], strain, plastic strain, length [m]."""
 
     N: f8
     eps: f8
@@ -24,14 +25,14 @@ class ElementState(Record):
 
 @part_of_kernel
 def _state_of(x, elements, law, e):
-    """Force, strain, plastic strain and length of element e at x (n, 3) [m], and the vector along it."""
+    """Return force, strain, plastic strain, length and end-to-end vector of element e at x (n, 3) [m]."""
     a, b = elements.ends[e, 0], elements.ends[e, 1]
     dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     L = math.sqrt(dx * dx + dy * dy + dz * dz)
     eps_p = 0.0
     if has(elements.eps_p):
         eps_p = elements.eps_p[e]
-    N, eps = 0.0, 0.0  # also out of the net: how far its ends are apart is no strain
+    N, eps = 0.0, 0.0  # also for a removed element, whose end distance is no strain
     if elements.EA[e] != 0.0:
         eps = strain(L, elements.L0[e], law)
         N, eps_p = axial_force(elements, e, eps, eps_p)
@@ -40,7 +41,7 @@ def _state_of(x, elements, law, e):
 
 @inner_kernel
 def find_state(x, elements, law, now):
-    """Force, strain, plastic strain and length of each element at x (n, 3) [m], changing nothing else.
+    """Compute force, strain, plastic strain and length of each element at x (n, 3) [m]; change nothing else.
 
     elements : `Elements`; law : `Law`; now : `ElementState`, out
     """
@@ -50,13 +51,13 @@ def find_state(x, elements, law, now):
 
 @kernel
 def element_state(x, elements, law, now):
-    """`find_state` from Python."""
+    """Call `find_state` from Python."""
     find_state(x, elements, law, now)
 
 
 @kernel
 def element_tangents(x, elements, law, N, direction, axial, across):
-    """Axial force [N] and stiffness [N/m] (m,), along and across, of each element, and its direction (m, 3).
+    """Compute axial force [N], axial and transverse stiffness [N/m] (m,) and direction (m, 3) of elements.
 
     x : (n, 3) [m]; elements : `Elements`; law : `Law`; the others are out
     """
@@ -82,7 +83,7 @@ def add_element_forces(x, elements, law, f):
 
 @inner_kernel
 def pull(x, ends, N, L, f_int):
-    """Add given axial forces N (m,) [N] at lengths L (m,) [m] to the particles' f_int (n, 3) [N]."""
+    """Add given axial forces N (m,) [N] at lengths L (m,) [m] to f_int (n, 3) [N] of the particles."""
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]
         q = N[e] / L[e] if L[e] > 0.0 else 0.0
@@ -94,13 +95,13 @@ def pull(x, ends, N, L, f_int):
 
 @kernel
 def add_tensions(x, ends, N, L, f_int):
-    """`pull` from Python."""
+    """Call `pull` from Python."""
     pull(x, ends, N, L, f_int)
 
 
 @kernel
 def add_stiffness(u, ends, direction, axial, transverse, force):
-    """Add to force (n, 3) what elements answer to displacements u (n, 3) with.
+    """Add the element stiffness matrix times displacements u (n, 3) to force (n, 3).
 
     direction : (m, 3), along the elements; axial, transverse : (m,) [N/m], along and across it
     """
@@ -117,7 +118,7 @@ def add_stiffness(u, ends, direction, axial, transverse, force):
 
 @kernel
 def axial_forces(u, ends, direction, axial, force):
-    """Axial forces (m,) [N] that displacements u (n, 3) [m] add; direction : (m, 3); axial : (m,) [N/m]"""
+    """Compute axial forces (m,) [N] due to displacements u (n, 3) [m]; direction (m, 3), axial (m,) [N/m]."""
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]
         along = (u[b, 0] - u[a, 0]) * direction[e, 0]
@@ -128,7 +129,7 @@ def axial_forces(u, ends, direction, axial, force):
 
 @inner_kernel
 def element_energies(elements, now, law, stored, heat):
-    """Stored and dissipated energy (m,) [J] of each element, for the state of `element_state`."""
+    """Compute stored and dissipated energy (m,) [J] of each element for the state of `element_state`."""
     for e in range(now.N.shape[0]):
         stored[e] = stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law)
         heat[e] = 0.0
@@ -147,5 +148,5 @@ def nodal_stiffness(ends, k, out):
 
 
 def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
-    """Stiffness (m,) [N/m] across elements of length L (m,) [m] that carry N (m,) [N]."""
+    """Return the transverse stiffness (m,) [N/m] of elements of length L (m,) [m] under N (m,) [N]."""
     return np.abs(N) / np.maximum(L, TINY)

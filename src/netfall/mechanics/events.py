@@ -1,4 +1,4 @@
-"""The log of fractures: what broke, when, and the numbers of the particles that split off."""
+"""Log of fractures: elements, times, and the numbers of the particles that split off."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from netfall.core.records import Record, f8, i8
 
 
 class StepDone(NamedTuple):
-    """The step in which something breaks. time : [s] at its begin; step : its number; dt : [s], its length"""
+    """Step in which something breaks. time : [s] at its start; step : its number; dt : [s], its length"""
 
     time: float
     step: int
@@ -17,12 +17,11 @@ class StepDone(NamedTuple):
 
 
 class Events(Record):
-    """Fractures of one rank that others do not know of yet, each at one end of an element, as they happen.
+    """Fractures of one rank not yet shared with other ranks: an entry per element end, in order of time.
 
-    count : (1,) how many; the others have room for more, and global numbers
+    count : (1,) number of entries; the other arrays have spare capacity, and hold global numbers
     time : [s]; step : number of the step, as `Schedule` counts them
-    new_particle : -1 where nothing split, at a loose end or without fragments; mass : [kg] of the new
-        particle
+    new_particle : -1 if nothing split: at a loose end or without fragments; mass : [kg] of the new particle
     """
 
     count: i8
@@ -39,20 +38,20 @@ REALS = ("time", "strain", "mass")
 COLUMNS = {name: np.float64 if name in REALS else np.int64 for name in list(Events.kind.fields)[1:]}
 
 
-def events_with_room(room: int, before: Events | None = None) -> Events:
-    """Room for so many fractures, those from before among them."""
-    columns = {name: np.zeros(room, dtype) for name, dtype in COLUMNS.items()}
+def events_with_room(capacity: int, before: Events | None = None) -> Events:
+    """Allocate a log for `capacity` fractures, which starts with the entries of `before`."""
+    columns = {name: np.zeros(capacity, dtype) for name, dtype in COLUMNS.items()}
     if before is None:
         return Events(np.zeros(1, np.int64), **columns)
-    known = before.count[0]
+    count = before.count[0]
     for name, column in columns.items():
-        column[:known] = getattr(before, name)[:known]
+        column[:count] = getattr(before, name)[:count]
     return Events(before.count, **columns)
 
 
 @inner_kernel
 def add_event(events, when, element, particle, new_particle, strain, mass):
-    """Log a fracture. when : `StepDone`"""
+    """Append a fracture to the log. when : `StepDone`"""
     k = events.count[0]
     events.time[k], events.step[k] = when.time, when.step
     events.element[k], events.particle[k] = element, particle
@@ -61,7 +60,7 @@ def add_event(events, when, element, particle, new_particle, strain, mass):
 
 
 class EventLog:
-    """All fractures of a run so far, the same on every rank, in the order of step, element and particle.
+    """All fractures of a run so far, equal on every rank, ordered by step, element and particle.
 
     time, step, element, particle, new_particle, strain, mass [kg] : (k,) as in `Events`
     broken : elements, ascending; breaking : the steps in which these broke, ascending
@@ -69,7 +68,7 @@ class EventLog:
     """
 
     def __init__(self, particles: int):
-        """particles : of the net, whose rows come before those that split off"""
+        """Start an empty log; particles : number in the net, whose rows precede those that split off."""
         self.particles = particles
         for name, dtype in COLUMNS.items():
             setattr(self, name, np.zeros(0, dtype))
@@ -78,31 +77,31 @@ class EventLog:
     def __len__(self) -> int:
         return len(self.step)
 
-    def add(self, found: dict[str, np.ndarray]) -> None:
-        """Fractures since the last call, from all ranks: the columns by name."""
-        order = np.lexsort((found["particle"], found["element"], found["step"]))
+    def add(self, columns: dict[str, np.ndarray]) -> None:
+        """Add the fractures since the last call, from all ranks: the columns by name."""
+        order = np.lexsort((columns["particle"], columns["element"], columns["step"]))
         for name in COLUMNS:
-            setattr(self, name, np.concatenate([getattr(self, name), found[name][order]]))
-        element, first = np.unique(found["element"][order], return_index=True)
-        steps = found["step"][order][first][~np.isin(element, self.broken)]
+            setattr(self, name, np.concatenate([getattr(self, name), columns[name][order]]))
+        element, first = np.unique(columns["element"][order], return_index=True)
+        steps = columns["step"][order][first][~np.isin(element, self.broken)]
         self.breaking = np.sort(np.concatenate([self.breaking, steps]))
         self.broken = np.union1d(self.broken, element)
-        new = found["new_particle"]
+        new = columns["new_particle"]
         self.split_gid = np.sort(np.concatenate([self.split_gid, new[new >= 0]]))
 
     @property
     def points(self) -> int:
-        """Particles of the net and those that split off."""
+        """Number of particles of the net and of those that split off."""
         return self.particles + len(self.split_gid)
 
     def row_of(self, gid: np.ndarray) -> np.ndarray:
-        """Global rows of particles: the net's by number, then those that split off by number."""
+        """Return global rows of particles: the net by number, then those that split off by number."""
         return np.where(gid < self.particles, gid, self.particles + np.searchsorted(self.split_gid, gid))
 
     def columns(self) -> dict[str, np.ndarray]:
-        """The log as columns, for the result file and for checkpoints."""
+        """Return the log as columns, for the result file and for checkpoints."""
         return {name: getattr(self, name) for name in COLUMNS}
 
     def restore(self, columns: dict[str, np.ndarray]) -> None:
-        """Take up the columns of an earlier run."""
+        """Load the columns of an earlier run."""
         self.add({name: columns[name] for name in COLUMNS})

@@ -1,13 +1,14 @@
-"""Supports that move: the place and the velocity of the ground in time, and what it does to particles.
+"""Moving supports: position and velocity of the ground in time, and their effect on particles.
 
-A support follows its course x(t): its velocity from n to n + 1 is (x(n+1) - x(n)) / dt, so it is where it has
-to be at each step. Mass-proportional damping acts on the velocity against the ground below, that of the
-nearest support. With the mean velocity v of a kick and that of the ground, g,
+A support follows its course x(t). Its velocity from n to n + 1 is (x(n+1) - x(n)) / dt, so its position is
+exact at each step. Mass-proportional damping acts on the velocity relative to the ground, taken at the
+nearest support. With the mean velocity v of a velocity update and the ground velocity g,
 
     work of the damping     dt zeta M |v - g|^2
-    work of the ground      M (v(n+1/2)^2 - v(n-1/2)^2) / 2 - dt v.f  where held;  - dt zeta M (v - g).g  else
+    work of the ground      on fixed axes  M (v(n+1/2)^2 - v(n-1/2)^2) / 2 - dt v.f
+                            on free axes   - dt zeta M (v - g).g
 
-Courses are cubic between the rows of their records; several records may move a support, each with a delay.
+Courses are cubic between the rows of their records. Several records may move a support, each with a delay.
 """
 
 import numpy as np
@@ -18,14 +19,15 @@ from netfall.mechanics.fields import OTHER_WORKS
 
 
 class Ground(Record):
-    """The courses of the ground, and room for where they are.
+    """Courses of the ground, and work arrays for its position.
 
     time : (r,) [s], rows of all records, each from 0 on; first : (records + 1,) first row of each
     place : (r, 4, 3) [m, m/s, ...], coefficients of 1, s, s^2, s^3 from each row on
-    parts : (courses + 1,) first part of each course; record, delay : (parts,) what moves it, and when [s]
+    parts : (courses + 1,) first part of each course; record, delay : (parts,) record of a part, and its delay
+        [s]
     start : (courses, 3) [m/s], velocity before the first step
-    held : (h,) local rows of particles with an axis that is held
-    before, now, after, half, mean : (courses, 3) room [m], [m/s]
+    held : (h,) local rows of particles with a fixed axis
+    before, now, after, half, mean : (courses, 3) work arrays [m], [m/s]
     """
 
     time: f8
@@ -45,7 +47,7 @@ class Ground(Record):
 
 @inner_kernel
 def find_places(time, ground, x):
-    """Displacement x (courses, 3) [m], out, of the ground at a time [s]."""
+    """Compute the ground displacement x (courses, 3) [m], out, at a time [s]."""
     for c in range(x.shape[0]):
         x[c, 0] = x[c, 1] = x[c, 2] = 0.0
         for part in range(ground.parts[c], ground.parts[c + 1]):
@@ -67,7 +69,7 @@ def find_places(time, ground, x):
 
 @kernel
 def move_ground(time, before_dt, after, zeta, ground, particles):
-    """Bring `particles.ground` to the step at a time [s].
+    """Update `particles.ground` for the step at a time [s].
 
     before_dt : [s] length of the step before; after : [s] time of the next one
     """
@@ -78,10 +80,10 @@ def move_ground(time, before_dt, after, zeta, ground, particles):
         find_places(time - before_dt, ground, ground.before)
     for c in range(ground.now.shape[0]):
         for k in range(3):
-            half, before = (ground.after[c, k] - ground.now[c, k]) / dt, ground.start[c, k]
+            velocity_after, velocity_before = (ground.after[c, k] - ground.now[c, k]) / dt, ground.start[c, k]
             if before_dt > 0.0:
-                before = (ground.now[c, k] - ground.before[c, k]) / before_dt
-            ground.half[c, k], ground.mean[c, k] = half, 0.5 * (before + half)
+                velocity_before = (ground.now[c, k] - ground.before[c, k]) / before_dt
+            ground.half[c, k], ground.mean[c, k] = velocity_after, 0.5 * (velocity_before + velocity_after)
     if zeta > 0.0:
         for p in range(particles.course.shape[0]):
             c = particles.course[p]
@@ -96,9 +98,9 @@ def move_ground(time, before_dt, after, zeta, ground, particles):
 
 
 def begin_with_ground(state, ground: Ground) -> None:
-    """The net begins with the velocity of the ground, where all of that has one. state : `state.State`
+    """Start the net with the velocity of the ground, if the whole ground has one. state : `state.State`
 
-    The kinetic energy is work of the ground before the first step.
+    The kinetic energy counts as work of the ground before the first step.
     """
     state.v[:] = ground.start[0] if len(ground.start) else 0.0
     if state.other_work is not None:

@@ -1,7 +1,7 @@
-"""Logarithm, exponential and angle, for vectors or a number at a time.
+"""Logarithm, exponential and angle, for vectors or single numbers.
 
-The logarithm of the mathematical library works on one number at a time, and has other bits on another
-machine. The one here is right to two units in the last place (tests/test_arithmetic.py), the angle to five.
+The logarithm of the C library takes one number at a time, and its bits depend on the machine. The error of
+this one is two units in the last place (tests/test_arithmetic.py), that of the angle five.
 """
 
 import math
@@ -13,7 +13,7 @@ from netfall.core.vectors import as_number, bits_of, fma, number_of
 from netfall.numerics.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
-FOLD = 1e-6  # least sine of an angle near pi, beyond which psi / sin psi is that of this sine
+FOLD = 1e-6  # lower bound of sin psi near pi; psi / sin psi is constant below it
 
 
 fused = fma
@@ -21,45 +21,45 @@ fused = fma
 
 @part_of_kernel
 def logarithm(a):
-    """Natural logarithm of a finite a > 0, at least 1e-300.
+    """Compute the natural logarithm of a finite a >= 1e-300.
 
-    a = 2^k m with m from sqrt(1/2) to sqrt(2); ln m = 2 artanh s, s = (m - 1) / (m + 1) < 0.172, whose
-    series is cut after s^21: 1e-18.
+    a = 2^k m with m from sqrt(1/2) to sqrt(2); ln m = 2 artanh s, s = (m - 1) / (m + 1) < 0.172. The series
+    is cut after s^21, with an error of 1e-18.
     """
     bits = bits_of(a)
     k = (bits - bits_of(SQRT_HALF)) >> 52
     m = number_of(bits - (k << 52))
-    whole, f = as_number(k), m - 1.0
+    exponent, f = as_number(k), m - 1.0
     s = f / (2.0 + f)
     z = s * s
     series = fused(1.0 / 21.0, z, 1.0 / 19.0)
     for n in range(8, 0, -1):
         series = fused(series, z, 1.0 / (2 * n + 1))
     # ln m = f - f^2/2 + ..., written as f - s (f - 2 z series): its first term is exact
-    return fused(whole, LN2_HIGH, f - fused(s, fused(-2.0 * z, series, f), -whole * LN2_LOW))
+    return fused(exponent, LN2_HIGH, f - fused(s, fused(-2.0 * z, series, f), -exponent * LN2_LOW))
 
 
 @part_of_kernel
-def _series(rest):
-    """(e^rest - 1 - rest) / rest^2 of |rest| < 0.35, cut after rest^12 / 14!: 1e-17."""
+def _series(x):
+    """Return (e^x - 1 - x) / x^2 for |x| < 0.35, cut after x^12 / 14!, with an error of 1e-17."""
     total = 1.0
     for k in range(14, 2, -1):
-        total = fused(total, rest / k, 1.0)
+        total = fused(total, x / k, 1.0)
     return 0.5 * total
 
 
 @part_of_kernel
 def exponential(a):
-    """e to the power of a, |a| < 700."""
+    """Compute e to the power of a, |a| < 700."""
     k = math.floor(a * INVERSE_LN2 + 0.5)
-    rest = fused(-k, LN2_LOW, fused(-k, LN2_HIGH, a))
-    whole = 1.0 + fused(rest * rest, _series(rest), rest)
-    return whole * number_of((np.int64(k) + 1023) << 52)
+    remainder = fused(-k, LN2_LOW, fused(-k, LN2_HIGH, a))
+    mantissa = 1.0 + fused(remainder * remainder, _series(remainder), remainder)
+    return mantissa * number_of((np.int64(k) + 1023) << 52)
 
 
 @part_of_kernel
 def exponential_less_one(a):
-    """e to the power of a, less 1, |a| < 700, to its last digits however small a is."""
+    """Compute e to the power of a, less 1, |a| < 700, with full relative accuracy for small a."""
     if abs(a) < 0.35:
         return fused(a * a, _series(a), a)
     return exponential(a) - 1.0
@@ -67,10 +67,10 @@ def exponential_less_one(a):
 
 @part_of_kernel
 def angle_per_sine(S, C):
-    """psi / S of the angle psi from 0 to pi with tan psi = S / C, S >= 0; 1 / C at S = 0 < C.
+    """Compute psi / S for the angle psi from 0 to pi with tan psi = S / C, S >= 0; 1 / C at S = 0 < C.
 
-    It is bisected until its tangent v is at most tan(pi / 16). The series of the arc tangent is cut after
-    v^21, which leaves 2e-17.
+    The angle is bisected until its tangent v is at most tan(pi / 16). The series of the arc tangent is cut
+    after v^21, with an error of 2e-17.
     """
     H = math.sqrt(S * S + C * C)
     half = H + abs(C)  # S / half = tan(psi / 2), beyond a right angle tan((pi - psi) / 2)

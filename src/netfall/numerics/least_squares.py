@@ -1,8 +1,8 @@
-"""Least squares whose matrix may lack rank, in one order of operations: the same bits on any processor.
+"""Least squares with a possibly rank-deficient matrix, with the same bits on any processor.
 
-Householder's triangulation with column pivoting (Golub and Van Loan, Matrix Computations, 5.5.7) splits the
-unknowns in those that the equations determine and those that are free; each free one spans a direction of the
-null space.
+Householder triangularisation with column pivoting (Golub and Van Loan, Matrix Computations, 5.5.7) separates
+the unknowns that the equations determine from the free ones. Each free one spans a direction of the null
+space.
 """
 
 from typing import NamedTuple
@@ -14,10 +14,10 @@ from netfall.numerics.linear import product
 
 
 class Fit(NamedTuple):
-    """What equations A x = b leave of x.
+    """Solution of the equations A x = b.
 
-    x : (c,) the smallest x that leaves the least |A x - b|; null : (c, k) orthonormal, A null = 0
-    least : the smallest pivot that is not zero, over the largest
+    x : (c,) the smallest x that minimises |A x - b|; null : (c, k) orthonormal, A null = 0
+    least : the smallest nonzero pivot relative to the largest
     """
 
     x: np.ndarray
@@ -27,8 +27,9 @@ class Fit(NamedTuple):
 
 @kernel
 def triangularise(a, b, share, order, pivot, work):
-    """Make a (r, c) upper triangular in place, b (r,) likewise; the rank, which counts pivots above `share`.
+    """Make a (r, c) upper triangular in place, and transform b (r,) likewise; return the rank.
 
+    The rank is the number of pivots above `share` times the largest.
     order : (c,), out, the columns in the order of the pivots; pivot : (c,), out, their sizes; work : (c,)
     """
     rows, columns = a.shape
@@ -53,7 +54,7 @@ def triangularise(a, b, share, order, pivot, work):
             a[i, k], a[i, best] = a[i, best], a[i, k]
         sign = 1.0 if a[k, k] >= 0.0 else -1.0
         scale = 1.0 / (size * (size + abs(a[k, k])))
-        a[k, k] += sign * size  # the vector of the reflection stands in the column
+        a[k, k] += sign * size  # the column now holds the vector of the reflection
         along = 0.0
         for j in range(k + 1, columns):
             work[j] = 0.0
@@ -71,7 +72,7 @@ def triangularise(a, b, share, order, pivot, work):
 
 @kernel
 def substitute_back(a, rank, x):
-    """Solve R x = b in place, R (rank, rank) the upper triangle of a, x (rank, m)."""
+    """Solve R x = b in place; R (rank, rank) is the upper triangle of a, x (rank, m)."""
     for i in range(rank - 1, -1, -1):
         for k in range(i + 1, rank):
             for c in range(x.shape[1]):
@@ -82,7 +83,7 @@ def substitute_back(a, rank, x):
 
 @kernel
 def orthonormalise(z):
-    """Make the columns of z (n, k) orthonormal in place, by Gram and Schmidt, twice."""
+    """Make the columns of z (n, k) orthonormal in place, by the Gram-Schmidt method, twice."""
     n, k = z.shape
     for _turn in range(2):
         for c in range(k):
@@ -100,9 +101,9 @@ def orthonormalise(z):
 
 
 def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> Fit:
-    """The smallest x (c,) with the least |A x - b|, and what is free beside it; A (r, c), b (r,).
+    """Return the smallest x (c,) that minimises |A x - b|, and the null space; A (r, c), b (r,).
 
-    share : of the largest pivot, up to which one is zero
+    share : relative to the largest pivot; smaller pivots count as zero
     """
     a, b, c = np.array(A, float, order="C"), np.array(b, float), A.shape[1]
     order, pivot, work = np.empty(c, np.int64), np.empty(c), np.empty(c)
@@ -113,12 +114,12 @@ def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> Fit:
     x, null = np.zeros(c), np.zeros((c, len(free)))
     x[fixed], null[fixed], null[free] = solved[:, 0], solved[:, 1:], np.eye(len(free))
     orthonormalise(null)
-    least = pivot[rank - 1] / pivot[0] if rank else 0.0
-    return Fit(x - times(null, times(null.T, x)), null, least)
+    pivot_ratio = pivot[rank - 1] / pivot[0] if rank else 0.0
+    return Fit(x - times(null, times(null.T, x)), null, pivot_ratio)
 
 
 def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A (n, k) times x (k,), each entry a sum in ascending order."""
+    """Return A (n, k) times x (k,); each entry is a sum in ascending order."""
     out = np.empty((len(A), 1))
     product(np.ascontiguousarray(A), np.ascontiguousarray(x[:, None]), out)
     return out[:, 0]

@@ -1,19 +1,19 @@
-"""Small dense linear algebra in one order of operations, which gives the same bits on any processor.
+"""Small dense linear algebra in one order of operations, with the same bits on any processor.
 
-BLAS and LAPACK choose how they block and sum by the processor. Here each entry is a sum in ascending order,
-without fused operations; the innermost loops go along rows, so that they take whole registers.
+BLAS and LAPACK choose blocking and summation order by the processor. Here each entry is a sum in ascending
+order, without fused operations. The innermost loops go along rows, so that they use vector registers.
 """
 
 import math
 
 from netfall.core.kernels import inner_kernel, kernel
 
-INVERSE_ITERATIONS = 4  # each leaves of the other vectors some 1e-10
+INVERSE_ITERATIONS = 4  # each reduces the other eigenvectors to some 1e-10
 
 
 @kernel
 def product(a, b, out):
-    """out (n, m) = a (n, k) b (k, m)."""
+    """Compute out (n, m) = a (n, k) b (k, m)."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
             out[i, j] = 0.0
@@ -24,9 +24,9 @@ def product(a, b, out):
 
 @kernel
 def factorised(matrix):
-    """Cholesky's factor U of a symmetric matrix U^T U (n, n), in place, in the upper half.
+    """Compute Cholesky's factor U of a symmetric matrix U^T U (n, n), in place, in the upper half.
 
-    How many rows are singular: those are a 1 on the diagonal and else zero.
+    Return the number of singular rows; they become 1 on the diagonal and 0 otherwise.
     """
     n, singular = matrix.shape[0], 0
     for k in range(n):
@@ -47,9 +47,9 @@ def solve_factorised(upper, b):
     n = upper.shape[0]
     for i in range(n):
         b[i] /= upper[i, i]
-        found = b[i]
+        value = b[i]
         for j in range(i + 1, n):
-            b[j] -= upper[i, j] * found
+            b[j] -= upper[i, j] * value
     for i in range(n - 1, -1, -1):
         for k in range(i + 1, n):
             b[i] -= upper[i, k] * b[k]
@@ -58,7 +58,7 @@ def solve_factorised(upper, b):
 
 @kernel
 def solve_columns(upper, b):
-    """Solve U^T U x = b in place, b (n, m), a system for each column."""
+    """Solve U^T U x = b in place, b (n, m), for each column."""
     n, m = b.shape
     for i in range(n):
         for c in range(m):
@@ -76,15 +76,15 @@ def solve_columns(upper, b):
 
 @kernel
 def eliminate(matrix, b):
-    """Solve matrix x = b in place, matrix (n, n) and b (n, m) complex; rows change places for the pivots."""
+    """Solve matrix x = b in place by Gauss with row pivoting; matrix (n, n) and b (n, m) complex."""
     n, m = b.shape
     for k in range(n):
         best = k
         for i in range(k + 1, n):
-            here, there = matrix[i, k], matrix[best, k]
+            candidate, pivot = matrix[i, k], matrix[best, k]
             if (
-                here.real * here.real + here.imag * here.imag
-                > there.real * there.real + there.imag * there.imag
+                candidate.real * candidate.real + candidate.imag * candidate.imag
+                > pivot.real * pivot.real + pivot.imag * pivot.imag
             ):
                 best = i
         for j in range(n):
@@ -105,11 +105,11 @@ def eliminate(matrix, b):
 
 
 @inner_kernel
-def how_many_below(diagonal, beside, value):
-    """How many eigenvalues of a symmetric tridiagonal matrix are below a value (Sturm's sequence)."""
+def how_many_below(diagonal, off_diagonal, value):
+    """Count the eigenvalues of a symmetric tridiagonal matrix below a value (Sturm's sequence)."""
     count, pivot = 0, 1.0
     for i in range(diagonal.shape[0]):
-        square = beside[i - 1] * beside[i - 1] if i > 0 else 0.0
+        square = off_diagonal[i - 1] * off_diagonal[i - 1] if i > 0 else 0.0
         pivot = diagonal[i] - value - square / pivot
         if pivot == 0.0:
             pivot = 1e-300
@@ -118,21 +118,23 @@ def how_many_below(diagonal, beside, value):
 
 
 @kernel
-def top_of_tridiagonal(diagonal, beside, pivot, vector):
-    """The largest eigenvalue of a symmetric tridiagonal matrix, to its last digits, and its unit vector.
+def top_of_tridiagonal(diagonal, off_diagonal, pivot, vector):
+    """Compute the largest eigenvalue, to its last digits, and unit eigenvector of a tridiagonal matrix.
 
-    diagonal : (n,); beside : (n - 1,) or more; pivot : (n,), overwritten; vector : (n,), out
-    By bisection, then inverse iteration from just above it, where the shifted matrix needs no pivoting.
+    The matrix is symmetric.
+    diagonal : (n,); off_diagonal : (n - 1,) or more; pivot : (n,), overwritten; vector : (n,), out
+    It uses bisection, then inverse iteration from just above the eigenvalue, where the shifted matrix needs
+    no pivoting.
     """
     n, low, high = diagonal.shape[0], diagonal[0], diagonal[0]
     for i in range(n):
-        radius = (abs(beside[i - 1]) if i > 0 else 0.0) + (abs(beside[i]) if i < n - 1 else 0.0)
+        radius = (abs(off_diagonal[i - 1]) if i > 0 else 0.0) + (abs(off_diagonal[i]) if i < n - 1 else 0.0)
         low, high = min(low, diagonal[i] - radius), max(high, diagonal[i] + radius)
     size = max(abs(low), abs(high))
     low, high = low - 1e-15 * size, high + 1e-15 * size
     middle = 0.5 * (low + high)
     while low < middle < high:
-        if how_many_below(diagonal, beside, middle) == n:
+        if how_many_below(diagonal, off_diagonal, middle) == n:
             high = middle
         else:
             low = middle
@@ -140,16 +142,16 @@ def top_of_tridiagonal(diagonal, beside, pivot, vector):
     above = high + 1e-14 * size
     pivot[0] = above - diagonal[0]
     for i in range(1, n):
-        pivot[i] = above - diagonal[i] - beside[i - 1] * beside[i - 1] / pivot[i - 1]
+        pivot[i] = above - diagonal[i] - off_diagonal[i - 1] * off_diagonal[i - 1] / pivot[i - 1]
     for i in range(n):
         vector[i] = 1.0
     for _ in range(INVERSE_ITERATIONS):
         for i in range(1, n):
-            vector[i] += beside[i - 1] / pivot[i - 1] * vector[i - 1]
+            vector[i] += off_diagonal[i - 1] / pivot[i - 1] * vector[i - 1]
         square = 0.0
         for i in range(n - 1, -1, -1):
             if i < n - 1:
-                vector[i] += beside[i] * vector[i + 1]
+                vector[i] += off_diagonal[i] * vector[i + 1]
             vector[i] /= pivot[i]
             square += vector[i] * vector[i]
         for i in range(n):

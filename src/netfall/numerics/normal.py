@@ -28,7 +28,7 @@ CENTRE, MIDDLE, FAR_OUT = np.array(COEFFICIENTS.split(), float).reshape(3, 2, 8)
 
 
 def quantile(p: np.ndarray) -> np.ndarray:
-    """Return the x that a standard normal number stays below with probability p, 0 < p < 1 (Wichura 1988)."""
+    """Return the p-quantile of the standard normal distribution, 0 < p < 1 (Wichura 1988)."""
     q = np.asarray(p, float) - 0.5
     r = np.sqrt(-log(np.where(q < 0.0, p, 1.0 - p)))
     out = np.where(r <= 5.0, _ratio(MIDDLE, r - 1.6), _ratio(FAR_OUT, r - 5.0))
@@ -36,7 +36,8 @@ def quantile(p: np.ndarray) -> np.ndarray:
 
 
 def _ratio(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
-    above, below = np.zeros_like(x), np.zeros_like(x)
+    """Return the ratio of two polynomials at x."""
+    numerator, denominator = np.zeros_like(x), np.zeros_like(x)
     for a, b in zip(*polynomials):
-        above, below = above * x + a, below * x + b
-    return above / below
+        numerator, denominator = numerator * x + a, denominator * x + b
+    return numerator / denominator

@@ -1,16 +1,16 @@
-"""Sets of whole numbers by sorting: numpy's own hash them, which takes ten times as long at a million."""
+"""Sets of integers by sorting; numpy's own use hashing, which takes ten times as long for a million."""
 
 import numpy as np
 
 
 def distinct(values: np.ndarray) -> np.ndarray:
-    """Ascending, each once."""
+    """Return the distinct values in ascending order."""
     ordered = np.sort(values, axis=None)
     return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]
 
 
 def among(values: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Whether each of the values is one of others (k,)."""
+    """Return whether each value is one of others (k,)."""
     if not len(others):
         return np.zeros(np.shape(values), bool)
     ordered = np.sort(others)

@@ -1,21 +1,22 @@
-"""A sparse symmetric system solved directly, in one order of operations: the same bits on any processor.
+"""Direct solver for sparse symmetric systems, in one order of operations: the same bits on any processor.
 
-The factors L D L^T row by row, without pivots (Davis, Direct Methods for Sparse Linear Systems, 2006, ch. 4),
-in the order of nested dissection by METIS. scipy's solver calls BLAS, which sums as the processor likes.
+It factorises L D L^T row by row without pivoting (Davis, Direct Methods for Sparse Linear Systems, 2006, ch.
+4), in the order of nested dissection by METIS. scipy's solver calls BLAS, whose order of summation depends on
+the processor.
 """
 
 import numpy as np
 
 from netfall.core.kernels import kernel
 
-LEFT = 1e-10  # of what a pivot is made of: less is rounding, or leaves the solution six digits at most
-SHARE = 1e-3  # of the largest displacement: rows that move less are held
-FORCELESS = 1e-8  # of what a displacement is met with: less is none, after the rounding above
-MOST_DELAYED = 20  # rows that are eliminated last, each at the cost of all factors
+LEFT = 1e-10  # relative to the terms of a pivot; less is rounding, or leaves at most six digits
+SHARE = 1e-3  # relative to the largest displacement; rows that move less count as held
+FORCELESS = 1e-8  # relative to the terms of a force; less counts as no force
+MOST_DELAYED = 20  # rows moved to the end, each at the cost of a new factorisation
 
 
 class Singular(ValueError):
-    """A matrix that has no inverse; rows : those that it gives a displacement without a force."""
+    """Error of a singular matrix; rows : those that move in a displacement without force."""
 
     def __init__(self, rows: np.ndarray):
         super().__init__(f"singular in {len(rows)} rows")
@@ -24,9 +25,9 @@ class Singular(ValueError):
 
 @kernel
 def count_columns(start, column, parent, count, seen):
-    """The elimination tree (n,) and the entries (n,) below the diagonal of each column of L.
+    """Compute the elimination tree (n,), and the entries (n,) below the diagonal of each column of L.
 
-    start, column : rows of the matrix, entries left of the diagonal alone; seen : (n,), overwritten
+    start, column : rows of the matrix, only entries left of the diagonal; seen : (n,), overwritten
     """
     for k in range(parent.shape[0]):
         parent[k], seen[k], count[k] = -1, k, 0
@@ -42,8 +43,9 @@ def count_columns(start, column, parent, count, seen):
 
 @kernel
 def factorise(matrix, parent, lower, d, work):
-    """Write L, by columns, and D (n,); the first row whose pivot is zero to rounding or no number, else n.
+    """Write L, by columns, and D (n,); return the first row whose pivot is zero or nan, otherwise n.
 
+    A pivot counts as zero if it is within rounding error.
     matrix : start, column, value, left of the diagonal, the diagonal (n,) and its size (n,)
     lower : start, row, value of L
     work : row of sums (n,) of zeros, and stack, path, filled, seen (n,)
@@ -57,25 +59,25 @@ def factorise(matrix, parent, lower, d, work):
         for entry in range(start[k], start[k + 1]):
             i, length = column[entry], 0
             sums[i] = value[entry]
-            while seen[i] != k:  # up the tree to what was met before: all columns that reach row k
+            while seen[i] != k:  # up the tree to a visited node: all columns that reach row k
                 path[length], seen[i] = i, k
                 length += 1
                 i = parent[i]
             while length > 0:
                 top, length = top - 1, length - 1
                 stack[top] = path[length]
-        d[k], parts = diagonal[k], size[k]
-        for place in range(top, n):  # in this order each column comes before those that it changes
-            i = stack[place]
-            sum, sums[i] = sums[i], 0.0
+        d[k], size_sum = diagonal[k], size[k]
+        for position in range(top, n):  # topological order: each column precedes those that it changes
+            i = stack[position]
+            row_sum, sums[i] = sums[i], 0.0
             end = begin[i] + filled[i]
             for entry in range(begin[i], end):
-                sums[row[entry]] -= factor[entry] * sum
-            row[end], factor[end] = k, sum / d[i]
-            d[k] -= factor[end] * sum
-            parts += abs(factor[end] * sum)
+                sums[row[entry]] -= factor[entry] * row_sum
+            row[end], factor[end] = k, row_sum / d[i]
+            d[k] -= factor[end] * row_sum
+            size_sum += abs(factor[end] * row_sum)
             filled[i] += 1
-        if not abs(d[k]) > LEFT * parts or not abs(d[k]) < np.inf:
+        if not abs(d[k]) > LEFT * size_sum or not abs(d[k]) < np.inf:
             return k
     return n
 
@@ -85,21 +87,21 @@ def substitute(lower, d, b):
     """Solve L D L^T x = b in place, b (n,)."""
     begin, row, factor = lower
     for k in range(b.shape[0]):
-        part = b[k]
+        value = b[k]
         for entry in range(begin[k], begin[k + 1]):
-            b[row[entry]] -= factor[entry] * part
+            b[row[entry]] -= factor[entry] * value
     for k in range(b.shape[0] - 1, -1, -1):
-        part = b[k] / d[k]
+        value = b[k] / d[k]
         for entry in range(begin[k], begin[k + 1]):
-            part -= factor[entry] * b[row[entry]]
-        b[k] = part
+            value -= factor[entry] * b[row[entry]]
+        b[k] = value
 
 
 @kernel
 def unheld(lower, filled, v):
-    """Write what the rows before the last one do where that is displaced by 1, v (k + 1,), without a force.
+    """Write the displacement v (k + 1,) without force in which the last row moves by 1.
 
-    filled : (n,) entries of each column of L that are there
+    filled : (n,) number of computed entries of each column of L
     """
     begin, row, factor = lower
     v[-1] = 1.0
@@ -112,12 +114,12 @@ def unheld(lower, filled, v):
 def solve_sparse(
     ends: np.ndarray, q: np.ndarray, diagonal: np.ndarray, b: np.ndarray, size: np.ndarray | None = None
 ) -> np.ndarray:
-    """x (n, m) of a symmetric matrix times x = b (n, m). Rank 0. Raises Singular.
+    """Solve a symmetric matrix times x = b for x (n, m), b (n, m). Rank 0. Raises Singular.
 
-    ends : (k, 2) pairs of different rows, a pair as often as it likes; q : (k,) added at both their places
-    diagonal : (n,); size : (n,) sums of the absolute values that it was summed up from, None: itself
+    ends : (k, 2) pairs of different rows, repetitions allowed; q : (k,) added at both positions of a pair
+    diagonal : (n,); size : (n,) sums of the absolute values of its terms, None: the diagonal itself
 
-    A pivot of zero does not make a matrix singular that has both signs: its row is then eliminated last.
+    A zero pivot does not imply that an indefinite matrix is singular: its row is then eliminated last.
     """
     size = np.abs(diagonal) if size is None else size
     order = dissected(ends, len(diagonal))
@@ -131,28 +133,28 @@ def solve_sparse(
             return np.ascontiguousarray(x.T)[number]
         v, rows = np.empty(last + 1), order[: last + 1]
         unheld(lower, filled, v)
-        whole = np.zeros(len(order))
-        whole[rows] = v
-        if last + 1 == len(order) or _without_force(ends, q, diagonal, size, whole):
+        displacement = np.zeros(len(order))
+        displacement[rows] = v
+        if last + 1 == len(order) or _without_force(ends, q, diagonal, size, displacement):
             break
         order = np.append(np.delete(order, last), order[last])
     raise Singular(np.sort(rows[np.abs(v) > SHARE * np.abs(v).max()]))
 
 
 def _factors(ends, q, diagonal, size):
-    """As `factors_of`, of pairs as in `solve_sparse`."""
+    """Factorise a matrix given by pairs as in `solve_sparse`; return as `factors_of`."""
     n = len(diagonal)
     high, low = np.sort(ends, axis=1).T[::-1]
-    places, of_pair = np.unique(high * n + low, return_inverse=True)
+    places, pair_place = np.unique(high * n + low, return_inverse=True)
     start = np.searchsorted(places, n * np.arange(n + 1))
-    value = np.bincount(of_pair, q, len(places)).astype(float)  # without pairs it counts in integers
+    value = np.bincount(pair_place, q, len(places)).astype(float)  # without pairs it counts in integers
     return factors_of(start, places % n, value, diagonal, size)
 
 
 def factors_of(start, column, value, diagonal, size):
-    """L by columns, D, the row at which it ended, and how many entries of each column of L are there.
+    """Return L by columns, D, the row at which the factorisation ended, and the entries per column of L.
 
-    As `matrix` of `factorise`.
+    The arguments are those of `matrix` in `factorise`.
     """
     n = len(diagonal)
     parent, count = tree_of(start, column)
@@ -164,14 +166,14 @@ def factors_of(start, column, value, diagonal, size):
 
 
 def tree_of(start: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The elimination tree (n,), and the entries (n,) below the diagonal of each column of L."""
+    """Return the elimination tree (n,), and the number (n,) of entries below the diagonal of L's columns."""
     parent, count, seen = np.empty((3, len(start) - 1), np.int64)
     count_columns(start, column, parent, count, seen)
     return parent, count
 
 
 def _without_force(ends, q, diagonal, size, v) -> bool:
-    """Whether the matrix times v (n,) is zero but for rounding."""
+    """Return whether the matrix times v (n,) is zero to rounding."""
     force = diagonal * v
     np.add.at(force, ends[:, 0], q * v[ends[:, 1]])
     np.add.at(force, ends[:, 1], q * v[ends[:, 0]])
@@ -179,7 +181,7 @@ def _without_force(ends, q, diagonal, size, v) -> bool:
 
 
 def dissected(ends: np.ndarray, n: int) -> np.ndarray:
-    """An order (n,) of the rows in which L has few entries."""
+    """Return an order (n,) of the rows for which L has few entries."""
     import pymetis
 
     both = np.unique(np.concatenate([ends, ends[:, ::-1]]), axis=0)

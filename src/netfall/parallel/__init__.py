@@ -1,1 +1,1 @@
-"""The net over the ranks: partition, halo, exact sums, errors that reach every rank."""
+"""Distribution of the net over ranks: partition, halo, exact sums, errors that reach every rank."""

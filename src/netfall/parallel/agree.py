@@ -1,4 +1,4 @@
-"""Work whose errors reach every rank before any of them waits for another."""
+"""Collective work whose errors reach every rank before any rank waits for another."""
 
 import time
 from collections.abc import Callable
@@ -6,13 +6,13 @@ from typing import Any
 
 from netfall.parallel.mpi import MPI
 
-SPIN = 1e-3  # s for which a rank waits awake
-SLEEP = 0.1  # of the time waited so far: how long it sleeps between two looks, ...
+SPIN = 1e-3  # [s] for which a rank polls without sleeping
+SLEEP = 0.1  # sleep between two polls, relative to the time waited so far, ...
 LONGEST = 0.02  # ... at most [s]
 
 
 def wait_asleep(comm: MPI.Comm) -> None:
-    """A barrier that leaves the core to others: MPI waits awake, beside a rank that compiles or reads."""
+    """Wait at a barrier, sleeping between polls: MPI would use a full core next to a rank that compiles."""
     request, begin = comm.Ibarrier(), time.perf_counter()
     while not request.Test():
         waited = time.perf_counter() - begin
@@ -21,18 +21,18 @@ def wait_asleep(comm: MPI.Comm) -> None:
 
 
 def all_of(comm: MPI.Comm, own) -> tuple:
-    """What any rank has, each once, in ascending order. Collective."""
+    """Return the values of all ranks, each once, in ascending order. Collective."""
     return tuple(sorted(set().union(*comm.allgather(own))))
 
 
 def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
-    """Result of `work()` on rank 0, None elsewhere. What it raises is raised on every rank. Collective."""
+    """Return the result of `work()` on rank 0, None on others; its error is raised on all. Collective."""
     result = error = None
     if comm.rank == 0:
         try:
             result = work()
-        except Exception as raised:
-            error = raised
+        except Exception as exception:
+            error = exception
     wait_asleep(comm)
     error = comm.bcast(error)
     if error is not None:
@@ -42,12 +42,12 @@ def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
 
 
 def on_all(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
-    """Result of `work()` on every rank; an error is raised on all, the lowest rank's. Collective."""
+    """Return the result of `work()` on every rank; the lowest rank's error is raised on all. Collective."""
     result = error = None
     try:
         result = work()
-    except Exception as raised:
-        error = raised
+    except Exception as exception:
+        error = exception
     errors = [e for e in comm.allgather(error) if e is not None]
     if errors:
         errors[0].on_every_rank = True

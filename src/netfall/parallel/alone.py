@@ -1,4 +1,4 @@
-"""The start of MPI: quick in a process that no launcher has started; the ranks of a run."""
+"""Start of MPI: faster settings in a process without a launcher, and the communicator of a run."""
 
 import atexit
 import contextlib
@@ -12,19 +12,19 @@ from pathlib import Path
 from netfall.ground.errors import InputError
 from netfall.ground.launch import INSTALL, RANKS, launched, wrong_launcher
 
-# Open MPI's settings of a process that speaks to no other: no look for networks, no daemon beside it.
+# Open MPI settings for a single process: no search for networks, no daemon.
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}
 
-# Where it keeps what it shares with nobody. By default all such processes of a user have one place, which
-# each takes away as it ends: files that another one opened then failed.
+# Folder of Open MPI's session files. By default all single processes of a user share one, which each removes
+# at its end, while others still use it.
 PLACE = "OMPI_MCA_orte_tmpdir_base"
-LEFT = 600.0  # s after which a place that no process holds is one that a kill has left
+LEFT = 600.0  # [s] after which an unlocked folder counts as left by a killed process
 
 
 def start_alone() -> None:
-    """Start MPI, if no launcher has started this process, in 0.07 s instead of 0.4.
+    """Start MPI in a process without a launcher, in 0.07 s instead of 0.4 s.
 
-    What is set already stays as it is, and what this process starts itself finds the environment as it was.
+    Settings already in the environment stay. Children of this process see the original environment.
     """
     if launched(RANKS):
         yield_where_all_share()
@@ -32,7 +32,7 @@ def start_alone() -> None:
     settings = ALONE | {PLACE: own_place()}
     added = {name: value for name, value in settings.items() if name not in os.environ}
     os.environ.update(added)
-    import netfall.parallel.mpi  # noqa: F401 (which starts it)
+    import netfall.parallel.mpi  # noqa: F401 (the import starts MPI)
 
     for name in added:
         del os.environ[name]
@@ -41,8 +41,8 @@ def start_alone() -> None:
 def world():
     """Start MPI; return the communicator of all ranks.
 
-    Raises InputError if there is no MPI library, or if a launcher has started another number of processes
-    than there are ranks: each of them would run the whole job.
+    Raises InputError if there is no MPI library. It also does so if a launcher started another number of
+    processes than there are ranks, because each process would run the whole job.
     """
     start_alone()
     from netfall.parallel.mpi import MISSING, MPI
@@ -56,10 +56,10 @@ def world():
 
 
 def yield_where_all_share() -> None:
-    """Ranks that are all on one machine let others have the processor while they wait for a message.
+    """Let ranks yield the processor while they wait for messages, if all are on one machine.
 
-    What compiles beside them gets twice as much of it. Messages between machines are waited for as ever; so
-    are forces, in the memory that ranks share (`halo`).
+    A rank that compiles then gets twice as much of it. Waiting for messages between machines does not change,
+    nor does waiting for forces in shared memory (`halo`).
     """
     sizes = [os.environ.get(f"OMPI_COMM_WORLD_{name}SIZE") for name in ("", "LOCAL_")]
     if sizes[0] is not None and sizes[0] == sizes[1]:
@@ -67,27 +67,27 @@ def yield_where_all_share() -> None:
 
 
 def own_place() -> str:
-    """A folder that goes with this process; those that killed ones have left on this machine go now."""
+    """Create a folder that is removed with this process; remove those of killed processes on this machine."""
     prefix = f"netfall-{os.uname().nodename}-"
-    for there in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
-        with contextlib.suppress(OSError):  # another user's, or held
-            if time.time() - there.stat().st_mtime > LEFT:
-                held = _hold(there)
-                shutil.rmtree(there, ignore_errors=True)
-                os.close(held)
-    place = tempfile.mkdtemp(prefix=prefix)
-    with contextlib.suppress(OSError):  # a file system without locks: nobody takes it away there either
-        _hold(place)
-    atexit.register(shutil.rmtree, place, ignore_errors=True)
-    return place
+    for old_folder in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
+        with contextlib.suppress(OSError):  # owned by another user, or locked
+            if time.time() - old_folder.stat().st_mtime > LEFT:
+                lock = _hold(old_folder)
+                shutil.rmtree(old_folder, ignore_errors=True)
+                os.close(lock)
+    folder = tempfile.mkdtemp(prefix=prefix)
+    with contextlib.suppress(OSError):  # a file system without locks: no process removes the folder either
+        _hold(folder)
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
 
 
-def _hold(place: str | Path) -> int:
-    """Lock a folder, until what is returned is closed. Raises OSError if another process has it."""
-    held = os.open(place, os.O_RDONLY | os.O_DIRECTORY)
+def _hold(folder: str | Path) -> int:
+    """Lock a folder; closing the returned descriptor unlocks it. Raises OSError if it is locked."""
+    lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        os.close(held)
+        os.close(lock)
         raise
-    return held
+    return lock

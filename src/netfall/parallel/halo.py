@@ -1,13 +1,12 @@
-"""The exchange of halo particle forces, once a step: pack, send, unpack.
+"""Exchange of halo particle forces, once per step: pack, send, unpack.
 
-Ranks of one node share memory: each puts there what its neighbours need, then the number of the exchange,
-for which these look. Neighbours on other nodes get a message, by persistent requests made by mpi4py. Compiled
-code does both, the latter through the MPI library's own functions, so that the time loop never returns to
-Python between steps.
+Ranks of one node share memory. Each rank writes the data for its neighbours there, then the number of the
+exchange, which these poll. Neighbours on other nodes get a message, by persistent requests made by mpi4py.
+Compiled code does both, the latter through functions of the MPI library, so that the time loop never returns
+to Python between steps.
 
-Each rank has two buffers, used in turn. A rank fills one again only two exchanges later, when all its
-neighbours have announced the exchange between, and so have read it: nobody needs to say that something has
-been read.
+Each rank has two buffers, used in turn. A rank refills a buffer two exchanges later. By then all its
+neighbours have announced the exchange in between, and so have read the buffer. No acknowledgement is needed.
 """
 
 import os
@@ -32,22 +31,22 @@ from netfall.parallel.mpi_calls import (
 )
 from netfall.parallel.subdomain import Subdomain
 
-LINE = 8  # numbers in a cache line; what one rank writes shares none with what another does
-PATIENCE = 200  # looks, before others get the processor
-PER_NODE = "NETFALL_RANKS_PER_NODE"  # environment: take so many ranks for a node
+LINE = 8  # numbers per cache line; no two ranks write to the same line
+PATIENCE = 200  # polls before the processor is yielded
+PER_NODE = "NETFALL_RANKS_PER_NODE"  # environment variable: number of ranks to treat as a node
 
 
 class HaloBuffers(Record):
-    """What compiled code needs for the exchange; the buffers of all ranks of the node stand in one array.
+    """Data of the exchange for compiled code; the buffers of all ranks of the node are in one array.
 
     send_index : local rows of the boundary particles, in the order in which they are sent
     numbers : the buffers; places in it count in numbers
-    send_at : where this rank puts its first row
-    receive_at : (n_halo,) where it finds that of a halo particle
-    to_second : from the first buffer of a rank to its second
+    send_at : place of the first row of this rank
+    receive_at : (n_halo,) place of the row of each halo particle
+    to_second : distance from the first buffer of a rank to its second
     count : (1,) exchanges so far; own_count : address of this rank's announced count
-    counts : (k,) addresses of the neighbours' on the node
-    requests : (2, bytes) of each buffer, for neighbours on other nodes; comm : that of these
+    counts : (k,) addresses of the counts of neighbours on the node
+    requests : (2, bytes) of each buffer, for neighbours on other nodes; comm : communicator of these
     width : numbers sent for each particle
     functions : addresses of those of `mpi_calls`
     """
@@ -68,13 +67,13 @@ class HaloBuffers(Record):
 
 @inner_kernel
 def buffer_in_use(buffers):
-    """Place of the buffer of this exchange, to be added to `send_at` and `receive_at`."""
+    """Return the place of the buffer of this exchange, to be added to `send_at` and `receive_at`."""
     return buffers.to_second * (buffers.count[0] % 2)
 
 
 @inner_kernel
 def send_buffer(buffers):
-    """Let the neighbours have the buffer; MPI's error code, 0 for success."""
+    """Publish the buffer to the neighbours; return MPI's error code, 0 for success."""
     buffers.count[0] += 1
     if buffers.counts.shape[0] > 0:
         announce(buffers.own_count, buffers.count[0])
@@ -85,13 +84,13 @@ def send_buffer(buffers):
 
 @inner_kernel
 def wait_for_neighbours(buffers):
-    """Wait until the neighbours' buffers are there; MPI's error code, 0 for success."""
+    """Wait for the buffers of the neighbours; return MPI's error code, 0 for success."""
     for k in range(buffers.counts.shape[0]):
-        looks = 0
+        polls = 0
         while announced(buffers.counts[k]) < buffers.count[0]:
-            looks += 1
-            # Someone may need this processor, or a message that MPI sends on only when it is called.
-            if looks % PATIENCE == 0:
+            polls += 1
+            # Another process may need this processor; MPI may progress messages only when called.
+            if polls % PATIENCE == 0:
                 error = look_for_messages(buffers.functions, buffers.comm)
                 if error != 0:
                     return error
@@ -101,23 +100,23 @@ def wait_for_neighbours(buffers):
     return 0
 
 
-# --- the forces of a step: total force; with fracture mass and valence, which the halo cannot know of; slips
+# --- rows of a step: total force; with fracture also mass and valence, which the halo cannot compute; slips
 
 
 @inner_kernel
 def fixed_width(particles):
-    """Numbers sent for each particle besides the velocities of slips, which stand behind these."""
+    """Return the count of numbers sent for each particle before its slip velocities."""
     if not has(particles.valence):
         return 3
     return 6 if has(particles.air_mass) else 5
 
 
 @inner_kernel
-def pack_forces(particles, place, buffers):
-    """Pack the boundary particles' total forces. place : `buffer_in_use`"""
+def pack_forces(particles, buffer, buffers):
+    """Pack the total forces of the boundary particles. buffer : place of the buffer, from `buffer_in_use`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.send_index.shape[0]):
-        p, row = buffers.send_index[i], buffers.send_at + place + i * width
+        p, row = buffers.send_index[i], buffers.send_at + buffer + i * width
         for k in range(3):
             numbers[row + k] = particles.f[k, p]
         if fixed > 3:
@@ -130,11 +129,11 @@ def pack_forces(particles, place, buffers):
 
 
 @inner_kernel
-def unpack_forces(n_owned, particles, place, buffers):
-    """Unpack the total forces of the halo particles, which have arrived. place : of `pack_forces`"""
+def unpack_forces(n_owned, particles, buffer, buffers):
+    """Unpack the received total forces of the halo particles. buffer : as in `pack_forces`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.receive_at.shape[0]):
-        p, row = n_owned + i, buffers.receive_at[i] + place
+        p, row = n_owned + i, buffers.receive_at[i] + buffer
         for k in range(3):
             particles.f[k, p] = numbers[row + k]
         if fixed > 3:
@@ -153,88 +152,96 @@ def unpack_forces(n_owned, particles, place, buffers):
 
 @kernel
 def exchange_rows(sent, arrived, buffers):
-    """Send rows (k, width) of the boundary particles, take those (h, width) of the halo; MPI's error code."""
-    width, place = sent.shape[1], buffer_in_use(buffers)
+    """Send rows (k, width) of boundary particles, receive those (h, width) of the halo; return the error."""
+    width, buffer = sent.shape[1], buffer_in_use(buffers)
     for i in range(sent.shape[0]):
         for k in range(width):
-            buffers.numbers[buffers.send_at + place + i * width + k] = sent[i, k]
+            buffers.numbers[buffers.send_at + buffer + i * width + k] = sent[i, k]
     error = send_buffer(buffers)
     if error != 0:
         return error
     error = wait_for_neighbours(buffers)
     for i in range(arrived.shape[0]):
         for k in range(width):
-            arrived[i, k] = buffers.numbers[buffers.receive_at[i] + place + k]
+            arrived[i, k] = buffers.numbers[buffers.receive_at[i] + buffer + k]
     return error
 
 
 def _node_of(comm: MPI.Comm) -> MPI.Comm:
-    """The ranks that share memory with this one. Collective."""
-    asked = os.environ.get(PER_NODE)
-    if asked is None:
+    """Return the communicator of the ranks that share memory with this one. Collective."""
+    setting = os.environ.get(PER_NODE)
+    if setting is None:
         return comm.Split_type(MPI.COMM_TYPE_SHARED)
-    if not asked.isdigit() or int(asked) < 1:
+    if not setting.isdigit() or int(setting) < 1:
         raise InputError(
-            f"environment variable {PER_NODE}: {asked!r}; allowed is a number of ranks from 1; "
+            f"environment variable {PER_NODE}: {setting!r}; allowed is a number of ranks from 1; "
             "unset it to share memory where the ranks can"
         )
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    smaller = node.Split(comm.rank // int(asked))
+    smaller = node.Split(comm.rank // int(setting))
     node.Free()
     return smaller
 
 
+def _first_places(counts: tuple[int, ...], width: int) -> np.ndarray:
+    """Return the place in a buffer of each neighbour's first row, and the end (neighbours + 1,)."""
+    return np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
+
+
 class Halo:
-    """Buffers and persistent requests for one row of `width` numbers for each boundary particle."""
+    """Buffers and persistent requests for one row of `width` numbers per boundary particle."""
 
     def __init__(self, comm: MPI.Comm, subdomain: Subdomain, width: int):
-        """Collective."""
+        """Allocate the buffers and create the requests. Collective."""
         index = subdomain.send_index
-        self.boundary = int(index.max()) + 1 if len(index) else 0  # first rows, which hold boundary particles
+        self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
         self.n_owned, self.width, self._made, self._window = subdomain.n_owned, width, [], None
         node = _node_of(comm)
-        first = lambda counts: np.concatenate([[0], np.cumsum(counts)]).astype(int) * width
-        sends, receives = first(subdomain.send_counts), first(subdomain.receive_counts)  # places in a buffer
+        sends = _first_places(subdomain.send_counts, width)
+        receives = _first_places(subdomain.receive_counts, width)
         size = LINE * node.allreduce(int(-(-(sends[-1] + receives[-1]) // LINE)), MPI.MAX)
         stride = LINE + 2 * size  # of a rank: its count, and its buffers
-        numbers, mine = self._share(node, stride), node.rank * stride
-        numbers[mine : mine + stride] = 0.0
+        numbers, own_place = self._share(node, stride), node.rank * stride
+        numbers[own_place : own_place + stride] = 0.0
         send_places = dict(zip(subdomain.neighbours, sends.tolist()))
-        others = dict(node.allgather((comm.rank, (node.rank * stride, send_places))))  # also: all are zero
-        near = [neighbour in others for neighbour in subdomain.neighbours]
+        # The allgather is also a barrier: afterwards all buffers are zero.
+        others = dict(node.allgather((comm.rank, (node.rank * stride, send_places))))
+        shares_memory = [neighbour in others for neighbour in subdomain.neighbours]
         receive_at, requests = [np.zeros(0, np.int64)], [[], []]
         for k, neighbour in enumerate(subdomain.neighbours):
-            if near[k]:
+            if shares_memory[k]:
                 start = others[neighbour][0] + LINE + others[neighbour][1][comm.rank]
             else:
-                start = mine + LINE + sends[-1] + receives[k]
+                start = own_place + LINE + sends[-1] + receives[k]
                 for turn in range(2):
-                    own = numbers[mine + LINE + turn * size :]
-                    inbox = own[sends[-1] + receives[k] : sends[-1] + receives[k + 1]]
+                    own_buffer = numbers[own_place + LINE + turn * size :]
+                    inbox = own_buffer[sends[-1] + receives[k] : sends[-1] + receives[k + 1]]
                     requests[turn].append(comm.Recv_init(inbox, neighbour))
-                    requests[turn].append(comm.Send_init(own[sends[k] : sends[k + 1]], neighbour))
+                    requests[turn].append(comm.Send_init(own_buffer[sends[k] : sends[k + 1]], neighbour))
             receive_at.append(start + np.arange(0, receives[k + 1] - receives[k], width))
         node.Free()
         self._made = requests[0] + requests[1]
         address = numbers.ctypes.data
-        on_node = [others[neighbour][0] for neighbour, is_near in zip(subdomain.neighbours, near) if is_near]
+        on_node = [
+            others[neighbour][0] for neighbour, shares in zip(subdomain.neighbours, shares_memory) if shares
+        ]
         self.buffers = HaloBuffers(
             send_index=subdomain.send_index,
             numbers=numbers,
-            send_at=mine + LINE,
+            send_at=own_place + LINE,
             receive_at=np.concatenate(receive_at).astype(np.int64),
             to_second=size,
             count=np.zeros(1, np.int64),
-            own_count=address + 8 * mine,
+            own_count=address + 8 * own_place,
             counts=np.array([address + 8 * place for place in on_node], np.uint64),
-            requests=np.stack([handles(of_buffer) for of_buffer in requests]),
+            requests=np.stack([handles(buffer_requests) for buffer_requests in requests]),
             comm=handle(comm),
             width=width,
             functions=functions(),
         )
 
     def _share(self, node: MPI.Comm, stride: int) -> np.ndarray:
-        """The buffers of all ranks of the node, `stride` numbers each."""
+        """Allocate the buffers of all ranks of the node, `stride` numbers each."""
         if node.size == 1:
             return np.zeros(stride)
         self._window = MPI.Win.Allocate_shared(8 * stride * node.size if node.rank == 0 else 0, 8, comm=node)
@@ -242,7 +249,7 @@ class Halo:
         return np.frombuffer(self._window.Shared_query(0)[0], np.float64)
 
     def update(self, rows: np.ndarray) -> None:
-        """Give the owners' rows (n, width) to the halo copies. Collective among neighbours."""
+        """Copy the owners' rows (n, width) to the halo copies. Collective among neighbours."""
         index, n_halo = self.buffers.send_index, len(self.buffers.receive_at)
         if len(index) or n_halo:
             sent, arrived = np.ascontiguousarray(rows[index], np.float64), np.empty((n_halo, self.width))
@@ -250,7 +257,7 @@ class Halo:
             rows[self.n_owned : self.n_owned + n_halo] = arrived
 
     def free(self) -> None:
-        """Give the requests and the shared memory back to MPI. Collective."""
+        """Free the requests and the shared memory. Collective."""
         for request in self._made:
             request.Free()
         if self._window is not None:
@@ -260,13 +267,13 @@ class Halo:
 
 
 def buffers_alone() -> HaloBuffers:
-    """Buffers, without MPI, of a rank that has no neighbours."""
+    """Return buffers, without MPI, for a rank without neighbours."""
     return HaloBuffers.absent().replaced(
         numbers=np.zeros(LINE), send_at=LINE, count=np.zeros(1, np.int64), functions=functions()
     )
 
 
 def check(error: int) -> None:
-    """Raise what MPI's error code stands for."""
+    """Raise the MPI exception of an error code, if there is one."""
     if error:
         raise MPI.Exception(error)

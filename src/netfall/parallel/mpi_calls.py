@@ -1,7 +1,7 @@
-"""What compiled code calls of the MPI library, by the addresses of its functions; ordered memory access.
+"""MPI functions that compiled code calls by address, and ordered memory access.
 
-A request or a communicator is a pointer in Open MPI, and an integer of 32 bits in MPICH. Which of the two
-there is, the last number of the addresses tells. All are handed on in 64 bits, as registers are.
+A request or a communicator is a pointer in Open MPI, and a 32-bit integer in MPICH. The last entry of
+`functions` identifies the library. All are passed in 64 bits, as registers are.
 """
 
 import ctypes
@@ -24,22 +24,22 @@ WORD = ir.IntType(64)
 
 @cache
 def functions() -> np.ndarray:
-    """Addresses (6,) of the MPI library that mpi4py has loaded; without one no rank has neighbours."""
-    found = np.zeros(6, np.uint64)
-    of_system = ctypes.CDLL(None)
-    found[YIELD] = _address(of_system.sched_yield)
+    """Return addresses (6,) of the loaded MPI library's functions; without one that of sched_yield alone."""
+    addresses = np.zeros(6, np.uint64)
+    system = ctypes.CDLL(None)
+    addresses[YIELD] = _address(system.sched_yield)
     if MISSING:
-        return found
+        return addresses
     with open("/proc/self/maps") as maps:
         paths = (line.split()[-1] for line in maps)
         path = next((path for path in paths if re.search(r"/libmpi(ch)?\.so", path)), None)
     if path is None:
         raise RuntimeError("mpi4py has loaded no libmpi that could be found")
     library = ctypes.CDLL(path)
-    for place, name in ((START_ALL, "Startall"), (WAIT_ALL, "Waitall"), (PROBE, "Iprobe"), (CLOCK, "Wtime")):
-        found[place] = _address(library[f"MPI_{name}"])
-    found[MPICH] = MPI.get_vendor()[0] != "Open MPI"
-    return found
+    for index, name in ((START_ALL, "Startall"), (WAIT_ALL, "Waitall"), (PROBE, "Iprobe"), (CLOCK, "Wtime")):
+        addresses[index] = _address(library[f"MPI_{name}"])
+    addresses[MPICH] = MPI.get_vendor()[0] != "Open MPI"
+    return addresses
 
 
 def _address(function) -> int:
@@ -47,13 +47,13 @@ def _address(function) -> int:
 
 
 def handles(made: list) -> np.ndarray:
-    """MPI's own handles of requests or communicators, as bytes."""
-    words = np.array([MPI._handleof(one) % 2**64 for one in made], np.uint64)
-    return (words.astype(np.int32) if functions()[MPICH] else words).view(np.uint8)
+    """Return MPI's own handles of requests or communicators, as bytes."""
+    numbers = np.array([MPI._handleof(item) % 2**64 for item in made], np.uint64)
+    return (numbers.astype(np.int32) if functions()[MPICH] else numbers).view(np.uint8)
 
 
 def handle(made) -> int:
-    """MPI's own handle of one of these."""
+    """Return MPI's own handle of a request or communicator."""
     return MPI._handleof(made)
 
 
@@ -62,33 +62,33 @@ call, clock = calling(types.int32), calling(types.float64)
 
 @inner_kernel
 def count_of(functions, requests):
-    """How many requests there are in so many bytes."""
+    """Return the number of requests in an array of bytes."""
     return requests.shape[0] // (4 if functions[MPICH] else 8)
 
 
 @inner_kernel
 def start_all(functions, requests):
-    """MPI_Startall; its error code. requests : (bytes,)"""
+    """Call MPI_Startall; return its error code. requests : (bytes,)"""
     return call(functions[START_ALL], (count_of(functions, requests), requests.ctypes.data))
 
 
 @inner_kernel
 def wait_all(functions, requests):
-    """MPI_Waitall without statuses; its error code. requests : (bytes,)"""
+    """Call MPI_Waitall without statuses; return its error code. requests : (bytes,)"""
     ignore = functions[MPICH]  # MPI_STATUSES_IGNORE: null, 1 in MPICH
     return call(functions[WAIT_ALL], (count_of(functions, requests), requests.ctypes.data, ignore))
 
 
 @inner_kernel
 def look_for_messages(functions, comm):
-    """MPI_Iprobe, which moves messages on; its error code."""
-    found = np.zeros(1, np.int64)
-    return call(functions[PROBE], (ANY_SOURCE, UNUSED_TAG, comm, found.ctypes.data, functions[MPICH]))
+    """Call MPI_Iprobe, which progresses messages; return its error code."""
+    flag = np.zeros(1, np.int64)
+    return call(functions[PROBE], (ANY_SOURCE, UNUSED_TAG, comm, flag.ctypes.data, functions[MPICH]))
 
 
 @inner_kernel
 def yield_processor(functions):
-    """Let others have the processor."""
+    """Yield the processor to other processes."""
     call(functions[YIELD], (0,))
 
 
@@ -114,11 +114,11 @@ def announced(typing, address):
 
 
 @inner_kernel
-def lap(seconds, k, since, buffers):
-    """Add the time since a lap began to seconds[k] [s]; when the next begins. seconds absent: not timed."""
+def lap(seconds, k, lap_start, buffers):
+    """Add the time since a lap start to seconds[k] [s]; return the next start. seconds absent: not timed."""
     if not has(seconds):
         return 0.0
     now = clock(buffers.functions[CLOCK], (0,))
     if k >= 0:
-        seconds[k] += now - since
+        seconds[k] += now - lap_start
     return now

@@ -1,4 +1,4 @@
-"""What one process needs of MPI, with the names of mpi4py: for `netfall check` where there is no MPI library.
+"""Single-process replacement of mpi4py, for `netfall check` without an MPI library.
 
 A run needs the library (`alone.world`).
 """
@@ -8,23 +8,23 @@ COMM_TYPE_SHARED, ANY_SOURCE = "shared", -1
 
 
 class Exception(RuntimeError):
-    """An error of MPI."""
+    """MPI error."""
 
 
 class Request:
-    """A request that has ended: there are no messages."""
+    """Completed request: there are no messages."""
 
     @staticmethod
     def Waitall(requests) -> None:
-        """Wait for no message."""
+        """Return at once."""
 
     def Test(self) -> bool:
-        """Tell that it has ended."""
+        """Return True: the request is complete."""
         return True
 
 
 class Comm:
-    """A communicator of one process: what it is given is what comes of all ranks."""
+    """Communicator of one process: results of all ranks are those of this process."""
 
     rank, size = 0, 1
 
@@ -33,7 +33,7 @@ class Comm:
         return value
 
     def allgather(self, value, *_):
-        """Return the value of the only rank."""
+        """Return the value as a list of one rank."""
         return [value]
 
     def scatter(self, values, *_):
@@ -41,12 +41,12 @@ class Comm:
         return values[0]
 
     def Allreduce(self, sent, received, *_) -> None:
-        """Leave in `received` what the only rank has sent."""
+        """Copy the sent values to `received`."""
         if sent is not IN_PLACE:
             received[...] = sent
 
     def Barrier(self) -> Request:
-        """Wait for nobody."""
+        """Return at once."""
         return Request()
 
     def Split_type(self, *_) -> "Comm":
@@ -62,15 +62,15 @@ COMM_SELF = COMM_WORLD = Comm()
 
 
 def Get_library_version() -> str:
-    """Say that there is no library."""
+    """Return a text in place of the version."""
     return "no MPI library"
 
 
 def get_vendor() -> tuple[str, tuple[int, ...]]:
-    """Name no maker."""
+    """Return an empty vendor."""
     return "none", ()
 
 
 def _handleof(_) -> int:
-    """Return a handle that nobody uses."""
+    """Return a handle that is never used."""
     return 0

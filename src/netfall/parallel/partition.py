@@ -1,10 +1,10 @@
 """METIS partitions of the net's graph, and their files in METIS's own text formats.
 
-A particle is a vertex, weighted by its elements; an element is an edge. Edges between particles that follow
-each other in number weigh more, for the step goes through the numbers, and loads far ends at once where these
-follow each other too (`vectors.are_consecutive`). The files are those of gpmetis: NAME.graph
-(`n edges 011`, then for each vertex its weight, and each neighbour, from 1, with the edge's weight) and
-NAME.graph.part.P (for each vertex its part, from 0).
+A particle is a vertex, weighted by its number of elements; an element is an edge. Edges between particles
+with consecutive numbers weigh more. The step goes through the numbers, and loads far ends at once if these
+are consecutive too (`vectors.are_consecutive`). The files are those of gpmetis: NAME.graph (`n edges 011`,
+then for each vertex its weight, and each neighbour, from 1, with the edge's weight) and NAME.graph.part.P
+(for each vertex its part, from 0).
 """
 
 from pathlib import Path
@@ -16,19 +16,19 @@ from netfall.ground.errors import InputError
 from netfall.numerics.sets import distinct
 
 SEED = 1
-CUTS = 4  # that METIS tries, to keep the best
-# Weight of an edge along the numbering: rows stay whole on few parts, and on many the cut grows by a tenth.
+CUTS = 4  # partitionings that METIS tries; it keeps the best
+# Weight of an edge along the numbering. With few parts rows stay whole; with many the cut grows by 10 %.
 ALONG = 2
 FOLDER = Path("partitions")
 
 
 def graph_of(n: int, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The net's graph: xadj (n + 1,), adjncy, weights of the vertices (n,) and of the edges, as adjncy.
+    """Return the net's graph: xadj (n + 1,), adjncy, weights (n,) of vertices, weights of edges like adjncy.
 
     The weight of a vertex is its number of elements.
     """
     both = np.concatenate([elements, elements[:, ::-1]])
-    key = distinct(both[:, 0] * np.int64(n) + both[:, 1])  # elements side by side are one edge
+    key = distinct(both[:, 0] * np.int64(n) + both[:, 1])  # parallel elements are one edge
     xadj = np.zeros(n + 1, np.int64)
     start, end = key // n, key % n
     np.cumsum(np.bincount(start, minlength=n), out=xadj[1:])
@@ -36,7 +36,7 @@ def graph_of(n: int, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def metis_partition(n: int, elements: np.ndarray, parts: int) -> np.ndarray:
-    """Part of each particle (n,), by METIS's k-way method with a fixed seed."""
+    """Return the part of each particle (n,), by METIS's k-way method with a fixed seed."""
     if parts == 1 or n == 0:
         return np.zeros(n, np.int32)
     xadj, adjncy, weight, along = graph_of(n, elements)
@@ -53,7 +53,7 @@ def metis_partition(n: int, elements: np.ndarray, parts: int) -> np.ndarray:
 
 
 def graph_text(n: int, elements: np.ndarray) -> str:
-    """The net's graph as the text of a METIS graph file."""
+    """Return the net's graph as the text of a METIS graph file."""
     xadj, adjncy, weight, along = graph_of(n, elements)
     neighbours = np.column_stack([adjncy + 1, along]).astype(str).ravel().tolist()
     lines = [f"{n} {len(adjncy) // 2} 011"]
@@ -62,18 +62,18 @@ def graph_text(n: int, elements: np.ndarray) -> str:
 
 
 def edge_cut(elements: np.ndarray, part: np.ndarray) -> int:
-    """Number of elements whose ends are in different parts."""
+    """Return the number of elements whose ends are in different parts."""
     return int((part[elements[:, 0]] != part[elements[:, 1]]).sum())
 
 
 def imbalance(elements: np.ndarray, part: np.ndarray, parts: int) -> float:
-    """Work of the fullest part over the mean; 1 is perfect."""
+    """Return the work of the largest part relative to the mean; 1 is perfect."""
     load = np.bincount(part[elements.ravel()], minlength=parts)
     return float(load.max() / max(load.mean(), 1e-300))
 
 
 def write_partition(folder: Path, name: str, elements: np.ndarray, part: np.ndarray, parts: int) -> None:
-    """Write NAME.graph and NAME.graph.part.P of a net whose particles have these parts (n,)."""
+    """Write NAME.graph and NAME.graph.part.P for a net with the parts (n,) of its particles."""
     (folder / f"{name}.graph").write_text(graph_text(len(part), elements))
     (folder / f"{name}.graph.part.{parts}").write_text("".join(f"{p}\n" for p in part))
 
@@ -81,25 +81,25 @@ def write_partition(folder: Path, name: str, elements: np.ndarray, part: np.ndar
 def read_partition(
     name: str, n: int, elements: np.ndarray, parts: int, folder: Path = FOLDER
 ) -> np.ndarray | None:
-    """The part of each particle (n,) from the files of `netfall partition`, None where there are none.
+    """Return the part of each particle (n,) from the files of `netfall partition`, None without files.
 
     Raises InputError if the files belong to another net or are damaged.
     """
     graph, path = folder / f"{name}.graph", folder / f"{name}.graph.part.{parts}"
     if parts == 1 or not path.exists():
         return None
-    again = f"run `netfall partition JOB -n {parts}` again, or remove the file"
+    remedy = f"run `netfall partition JOB -n {parts}` again, or remove the file"
     try:
         lines = [line.split() for line in graph.read_text().splitlines() if not line.startswith("%")]
         words = path.read_text().split()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{graph}: cannot be read ({error}); {path} needs it; {again}") from None
+        raise InputError(f"{graph}: cannot be read ({error}); {path} needs it; {remedy}") from None
     if lines != [line.split() for line in graph_text(n, elements).splitlines()]:
         head = " ".join(lines[0][:2]) if lines else "nothing"
         edges = len(graph_of(n, elements)[1]) // 2
         raise InputError(
             f"{graph}: belongs to another net, or was not written by this version "
-            f"(it has {head} vertices and edges, the job's net {n} {edges}); {again}"
+            f"(it has {head} vertices and edges, the job's net {n} {edges}); {remedy}"
         )
     try:
         part = np.array(words, np.int64)
@@ -107,5 +107,7 @@ def read_partition(
     except (ValueError, OverflowError):
         valid = False
     if not valid:
-        raise InputError(f"{path}: damaged; expected {n} numbers from 0 to {parts - 1}, a line each; {again}")
+        raise InputError(
+            f"{path}: damaged; expected {n} numbers from 0 to {parts - 1}, a line each; {remedy}"
+        )
     return part.astype(np.int32)

@@ -1,8 +1,8 @@
 """Sums that do not depend on the order of their terms, and so not on the number of ranks.
 
 Each term is added without rounding to a fixed-point number wide enough for every double: limbs of 32 bits
-held in 64-bit integers. Limbs of different ranks add up as integers, exactly; one rounding at the very end.
-(A plain MPI sum rounds in an order that changes with the ranks.)
+held in 64-bit integers. Limbs of different ranks add up exactly, as integers; the only rounding is at the
+end. (A plain MPI sum rounds in an order that changes with the ranks.)
 """
 
 import math
@@ -13,18 +13,18 @@ from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.numerics.arithmetic import bits_of, number_of
 from netfall.parallel.mpi import MPI
 
-LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts what is not finite
+LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts nonfinite terms
 LOWEST = 1074  # the first limb's unit is 2^-1074
 ALL = np.zeros(0, np.uint8)
 MASK = np.int64(0xFFFFFFFF)
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
-BLOCK = 2048  # values whose multiples of a unit add up to less than 2^62
-LEAST, MOST = 103, 2044  # exponents, as bits have them, of a largest value whose pieces have units
+BLOCK = 2048  # values; the sum of their multiples of a unit is below 2^62
+LEAST, MOST = 103, 2044  # biased exponents of a block's largest value between which `cut_in_three` works
 
 
 @inner_kernel
 def add_term(value, limbs):
-    """Add a value to the fixed-point number in limbs (LIMBS,), exactly, for up to 2^30 values."""
+    """Add a value exactly to the fixed-point number in limbs (LIMBS,); for up to 2^30 values."""
     bits = bits_of(value)
     exponent = (bits >> 52) & np.int64(0x7FF)
     mantissa = bits & np.int64(0xFFFFFFFFFFFFF)
@@ -36,8 +36,8 @@ def add_term(value, limbs):
     else:
         mantissa |= np.int64(0x10000000000000)
     shift = exponent - 1
-    k, off = shift >> 5, shift & 31
-    low, high = (mantissa & MASK) << off, (mantissa >> 32) << off
+    k, bit_offset = shift >> 5, shift & 31
+    low, high = (mantissa & MASK) << bit_offset, (mantissa >> 32) << bit_offset
     low_carry = (low >> 32) & MASK
     sign = np.int64(1) if bits >= 0 else np.int64(-1)
     limbs[k] += sign * (low & MASK)
@@ -46,44 +46,44 @@ def add_term(value, limbs):
 
 
 @inner_kernel
-def add_multiple(count, place, limbs):
-    """Add count 2^(place - LOWEST), an integer below 2^62 in size, to the fixed-point number in limbs."""
+def add_multiple(count, position, limbs):
+    """Add count 2^(position - LOWEST), |count| < 2^62, to the fixed-point number in limbs."""
     sign = np.int64(1) if count >= 0 else np.int64(-1)
-    size, k, off = sign * count, place >> 5, place & 31
-    low, high = (size & MASK) << off, (size >> 32) << off
+    size, k, bit_offset = sign * count, position >> 5, position & 31
+    low, high = (size & MASK) << bit_offset, (size >> 32) << bit_offset
     limbs[k] += sign * (low & MASK)
     limbs[k + 1] += sign * ((low >> 32) + (high & MASK))
     limbs[k + 2] += sign * (high >> 32)
 
 
 @inner_kernel
-def largest_bits(first, last, values, there):
-    """The largest of values first to last in size, as bits; there : as of `add_exactly`"""
-    top, every = np.int64(0), there.shape[0] == 0
+def largest_bits(first, last, values, mask):
+    """Return the largest magnitude of values first to last, as bits; mask : as in `add_exactly`"""
+    top, unmasked = np.int64(0), mask.shape[0] == 0
     for i in range(np.uint64(first), np.uint64(last)):
         bits = bits_of(values[i]) & SIZE
-        top = max(top, bits if every or there[i] else np.int64(0))
+        top = max(top, bits if unmasked or mask[i] else np.int64(0))
     return top
 
 
 @part_of_kernel
 def unit_number(exponent):
-    """1.5 times the power of two with this exponent, as the bits have it."""
+    """Return 1.5 times the power of two with this biased exponent."""
     return number_of((exponent << 52) | np.int64(0x8000000000000))
 
 
 @inner_kernel
-def cut_in_three(first, last, values, there, large):
-    """Sums of values first to last in units of three large numbers, and whether bits are left.
+def cut_in_three(first, last, values, mask, large):
+    """Sum values first to last in units of three large numbers; return the sums, and whether bits are left.
 
-    x + (large - large) leaves of x what is a multiple of the unit of `large` (its last bit), and takes the
-    rest exactly (Rump, Ogita, Oishi 2008); in the bits of x + large that multiple is an integer.
+    (x + large) - large is the multiple of the unit of `large` (its last bit) in x, and the remainder is exact
+    (Rump, Ogita, Oishi 2008). In the bits of x + large that multiple is an integer.
     """
     a, b, c = np.int64(0), np.int64(0), np.int64(0)
-    left, every = np.int64(0), there.shape[0] == 0
+    leftover, unmasked = np.int64(0), mask.shape[0] == 0
     one, two, three = large
     for i in range(np.uint64(first), np.uint64(last)):
-        x = values[i] if every or there[i] else 0.0
+        x = values[i] if unmasked or mask[i] else 0.0
         y = x + one
         a += bits_of(y) - bits_of(one)
         x -= y - one
@@ -92,28 +92,28 @@ def cut_in_three(first, last, values, there, large):
         x -= y - two
         y = x + three
         c += bits_of(y) - bits_of(three)
-        left |= bits_of(x - (y - three))
-    return a, b, c, left != 0
+        leftover |= bits_of(x - (y - three))
+    return a, b, c, leftover != 0
 
 
 @kernel
-def add_exactly(values, there, limbs):
-    """Add the values (n,) that are there, (n,) not 0, to the fixed-point number in limbs; `ALL`: all.
+def add_exactly(values, mask, limbs):
+    """Add the values (n,) with nonzero mask (n,) to the fixed-point number in limbs; mask `ALL`: all values.
 
-    In blocks, cut in three pieces of 52 bits below the largest, whose sums are integers: in vector registers.
-    What has more bits, or does not fit, is added one by one.
+    Blocks of values are cut in three pieces of 52 bits below the largest, whose sums are integers, in vector
+    registers. Blocks with more bits, or outside the exponent range, are added one by one.
     """
     for first in range(0, values.shape[0], BLOCK):
         last = min(first + BLOCK, values.shape[0])
-        top = largest_bits(first, last, values, there)
+        top = largest_bits(first, last, values, mask)
         if top == 0:
             continue
-        exponent, left = top >> 52, True
+        exponent, has_more = top >> 52, True
         if LEAST <= exponent and exponent <= MOST:
             large = unit_number(exponent + 2), unit_number(exponent - 50), unit_number(exponent - 102)
-            a, b, c, left = cut_in_three(first, last, values, there, large)
-        if left:
-            add_terms(first, last, values, there, limbs)
+            a, b, c, has_more = cut_in_three(first, last, values, mask, large)
+        if has_more:
+            add_terms(first, last, values, mask, limbs)
         else:
             add_multiple(a, exponent + 1, limbs)
             add_multiple(b, exponent - 51, limbs)
@@ -121,16 +121,16 @@ def add_exactly(values, there, limbs):
 
 
 @inner_kernel
-def add_terms(first, last, values, there, limbs):
-    """`add_term` of values first to last; there : as of `add_exactly`"""
+def add_terms(first, last, values, mask, limbs):
+    """Add values first to last one by one; mask : as in `add_exactly`"""
     for i in range(first, last):
-        if there.shape[0] == 0 or there[i]:
+        if mask.shape[0] == 0 or mask[i]:
             add_term(values[i], limbs)
 
 
 @kernel
 def rounded(limbs):
-    """The double nearest to the fixed-point number, nan if a term was not finite. Uses up the limbs."""
+    """Return the double nearest to the fixed-point number, nan if a term was nonfinite; uses up the limbs."""
     if limbs[LIMBS - 1] != 0:
         return math.nan
     carry = np.int64(0)
@@ -157,27 +157,26 @@ def rounded(limbs):
         bits <<= np.uint64(1)
         shift += 1
     bits |= np.uint64((third << shift) >> 32)
-    more = (third << shift) & MASK != 0
+    sticky = (third << shift) & MASK != 0
     for k in range(highest - 2):
-        more |= limbs[k] != 0
-    kept, cut = np.int64(bits >> np.uint64(11)), np.int64(bits & np.uint64(0x7FF))
-    if cut > 0x400 or (
-        cut == 0x400 and (more or kept & 1 == 1)
-    ):  # nearest, ties to even; below 2^-1022 nothing is cut
-        kept += 1
-    amount = math.ldexp(float(kept), 32 * (highest - 1) - shift + 11 - LOWEST)
-    return -amount if negative else amount
+        sticky |= limbs[k] != 0
+    significand, tail = np.int64(bits >> np.uint64(11)), np.int64(bits & np.uint64(0x7FF))
+    # Round to nearest, ties to even; subnormals are exact.
+    if tail > 0x400 or (tail == 0x400 and (sticky or significand & 1 == 1)):
+        significand += 1
+    magnitude = math.ldexp(float(significand), 32 * (highest - 1) - shift + 11 - LOWEST)
+    return -magnitude if negative else magnitude
 
 
 def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
-    """Sums over all ranks of several arrays of terms, correctly rounded. Collective."""
+    """Return correctly rounded sums over all ranks of several arrays of terms. Collective."""
     limbs = np.zeros((len(terms), LIMBS), np.int64)
-    for values, own in zip(terms, limbs):
-        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), ALL, own)
+    for values, sum_limbs in zip(terms, limbs):
+        add_exactly(np.ascontiguousarray(values, np.float64).ravel(), ALL, sum_limbs)
     return rounded_of_all(comm, limbs).tolist()
 
 
 def rounded_of_all(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
-    """Sums (k,) over all ranks of what each has in its limbs (k, LIMBS), which are used up. Collective."""
+    """Return sums (k,) over all ranks of their limbs (k, LIMBS), which are overwritten. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-    return np.array([rounded(own) for own in limbs])
+    return np.array([rounded(sum_limbs) for sum_limbs in limbs])

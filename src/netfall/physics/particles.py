@@ -1,4 +1,4 @@
-"""The motion of a particle along one axis.
+"""Motion of a particle along one axis.
 
 Central difference in half-step velocities; damping is implicit in the mean velocity:
 
@@ -9,34 +9,37 @@ from types import SimpleNamespace
 
 
 def make(target) -> SimpleNamespace:
-    """The functions, compiled for a target."""
+    """Compile the functions for a target."""
     inline, fma = target.inline, target.fma
 
     @inline
     def between(before, after, share):
-        """The value `share` of the way between two samples."""
+        """Interpolate linearly between two samples; share : 0 at the first, 1 at the second."""
         return fma(share, after - before, before)
 
     @inline
     def kicked(v, a, c_v, c_a):
-        """v(n+1/2) [m/s] of v(n-1/2) and the acceleration a [m/s2]; c_v, c_a : factors of the kick."""
+        """Return v(n+1/2) [m/s] from v(n-1/2) and the acceleration a [m/s2]; c_v, c_a : update factors."""
         return fma(c_a, a, c_v * v)
 
     @inline
     def moved(x, v, dt):
-        """x(n+1) [m]."""
+        """Return x(n+1) [m]."""
         return fma(dt, v, x)
 
     @inline
     def works_of_motion(mass, damped, zeta, ground, old, new, twice, duration):
-        """Works [J] on the way where supports move, as factors of what the loop adds up.
+        """Return the factors of the works [J] during an interval in which supports move.
 
-        The force of the damping [N], the way against the ground [m], and the change of kinetic energy [J].
-        damped : mass on which the damping acts; old, new : velocities [m/s] at the begin and the end of the
-        way; twice : the mean one of the whole kick
+        They are the damping force [N], the displacement relative to the ground [m], and the change of kinetic
+        energy [J].
+        damped : mass on which the damping acts; old, new : velocities [m/s] at the start and the end of the
+            interval
+        twice : sum of the velocities before and after the whole velocity update; duration : [s] of the
+            interval
         """
-        pull = zeta * damped * fma(0.5, twice, -ground)
-        way = fma(-duration, ground, duration * (0.5 * (old + new)))
-        return pull, way, 0.5 * mass * fma(new, new, -(old * old))
+        f_damp = zeta * damped * fma(0.5, twice, -ground)
+        path_rel = fma(-duration, ground, duration * (0.5 * (old + new)))
+        return f_damp, path_rel, 0.5 * mass * fma(new, new, -(old * old))
 
     return SimpleNamespace(between=between, kicked=kicked, moved=moved, works_of_motion=works_of_motion)

@@ -1,4 +1,4 @@
-"""What the physics is compiled for, and the functions made for processors."""
+"""Compilation targets of the physics, and its functions compiled for CPUs."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from netfall.physics import elements, particles
 
 
 class Target(NamedTuple):
-    """Decorator that compiles a function to be inlined, and the operations that it may call."""
+    """Decorator that compiles a function for inlining, and the operations that the function may call."""
 
     inline: object
     fma: object

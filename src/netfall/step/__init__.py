@@ -1,1 +1,1 @@
-"""The fast machine that steps the particles; change it only with jobs/bench beside you."""
+"""The time loop that advances the particles; measure every change with `jobs/bench`."""

@@ -1,18 +1,18 @@
-"""The time loop: central difference in half-step velocities, compiled, the exchange included.
+"""The compiled time loop: central difference in half-step velocities, including the halo exchange.
 
-A step n takes x(n) and v(n-1/2); first the row of the history is made of them where one is due (`rows.py`).
-Cables that slip over nodes get their kick. Particles go through it in chunks that stay in the cache:
-    1. internal forces f_int(x(n)) of a chunk; where elements come near their limits, yield and fracture
-       strain
-    2. external force, kick to v(n+1/2), work; x(n+1) is written to a second array, so that the order of
+Step n starts from x(n) and v(n-1/2). If a history row is due, it is computed first (`rows.py`). Then the
+velocities of sliding cables are updated. The particles follow in chunks that fit the cache:
+    1. internal forces f_int(x(n)) of a chunk, and an exact check of yield and fracture near a limit
+    2. external force, velocity update to v(n+1/2), work; x(n+1) goes to a second array, so that the order of
        chunks does not matter
     3. after the chunks with boundary particles, which come first: their total forces are sent
-    4. the halo's total forces arrive; halo particles: the same kick and drift; drift of slips, and unstressed
-       lengths that follow
+    4. the halo's total forces arrive; halo particles get the same velocity and position update; then the
+       positions of slips and the unstressed lengths are updated
     5. elements that reached their fracture strain break at x(n+1) (`tear.py`); the loop returns if there is
-       no room for what they leave
+       no room for the fragments
 
-It is compiled once for all scenes: what a scene has is looked up in its arrays, a few times for each chunk.
+One compilation serves all problems: array presence decides at run time, a few times per chunk, which features
+apply.
 """
 
 from typing import NamedTuple
@@ -44,19 +44,19 @@ from netfall.step.rows import Rows, is_due
 from netfall.step.slots import collect_elements, follow_slips
 from netfall.step.tear import break_elements
 
-FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # what time goes into; the kick counts with the forces
+FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # timed phases; the velocity update counts with the forces
 
 
 class Interval(NamedTuple):
-    """Steps between two samples of the loads that vary, or fewer.
+    """Steps between two samples of the time-dependent loads, or fewer.
 
-    first : number of the first step, at time first * dt; steps : how many; dt : [s] their length
-    stride : how many of the steps that are counted each of them is
+    first : number of the first step, at time first * dt; steps : number of steps; dt : [s] their length
+    stride : number of counted steps that each of them covers
     before_dt : [s] length of the step before the first, 0 at the start
     zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
-    trial : whether nothing breaks yet: the steps are taken back if something reaches its fracture strain
-    pending : elements that are still to break in the step before the first, where there are no steps
-    row : whether the row of the first step is made, if it is due, and nothing else
+    trial : whether nothing breaks yet: the steps are reverted if an element reaches its fracture strain
+    pending : elements still to break in the step before the first, if there are no steps
+    row : whether only the row of the first step is made, if it is due
     """
 
     first: int
@@ -73,11 +73,11 @@ class Interval(NamedTuple):
 
 
 class Chunks(Record):
-    """Stretches of particles, each small enough for the cache, in the order in which they are stepped.
+    """Spans of particles, each small enough for the cache, in the order in which they are stepped.
 
-    First those of the owned particles, of which `boundary` chunks hold the boundary particles; then, from
-    chunk `owned` on, those of the particles that split off, `size` in each, some empty as yet.
-    low, high : (chunks,) particles of each; width : (chunks,) most elements at one of them
+    Chunks of owned particles come first; the first `boundary` of them hold the boundary particles. From chunk
+    `owned` on follow chunks of the particles that split off, `size` in each, some still empty.
+    low, high : (chunks,) particles of each; width : (chunks,) largest number of elements at one of them
     has_yielded : (chunks,) whether any of its elements may have plastic strain
     """
 
@@ -93,7 +93,10 @@ class Chunks(Record):
 
 
 class Spare(Record):
-    """Room for what breaks. rows : (1,) of particles in use, of `most_rows`; events : the same of the log."""
+    """Capacity for fragments and fracture events.
+
+    rows : (1,) particle rows in use, of `most_rows`; events : (1,) logged events, of `most_events`
+    """
 
     rows: i8
     most_rows: whole
@@ -102,12 +105,12 @@ class Spare(Record):
 
 
 class Work(Record):
-    """What the loop works on, see `plan.Plan`; absent is what a scene does not have.
+    """Everything that the loop reads and writes, see `plan.Plan`; features that the problem lacks are absent.
 
-    traits : bits of what the rank has, of `motion`
-    y : (3, n) [m] positions, in turn with those of `particles`
-    bends : joints of chains that bend; breaks : 1 where elements may break
-    seconds : (4,) [s], added to, time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
+    traits : feature bits of the rank, of `motion`
+    y : (3, n) [m] second position array, swapped with that of `particles`
+    bends : joints of bending chains; breaks : 1 if elements may break
+    seconds : (4,) [s] accumulated time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
     step_chunks, make_row, tear : addresses of these routines
     """
 
@@ -136,14 +139,14 @@ class Work(Record):
 
 @inner_kernel
 def has_room(count, spare):
-    """Whether there is room for what `count` elements can leave: two particles and two events each."""
+    """Return whether `count` fractures fit: each leaves up to two particles and two events."""
     enough = spare.rows[0] + 2 * count <= spare.most_rows
     return enough and spare.events[0] + 2 * count <= spare.most_events
 
 
 @inner_kernel
 def copy_positions(particles, x, y):
-    """Copy positions x (3, n) to y, of `particles` rows."""
+    """Copy positions x (3, n) of the first `particles` rows to y."""
     for k in range(3):
         for p in range(particles):
             y[k, p] = x[k, p]
@@ -151,7 +154,7 @@ def copy_positions(particles, x, y):
 
 @inner_kernel
 def collect(work):
-    """Bring the elements up to date with what their slots have of their own."""
+    """Update the elements from the quantities that only their slots hold."""
     chunks, slots = work.chunks, work.slots
     changed = has(slots.eps_p) and chunks.has_yielded.any()
     if changed or has(slots.highest) or has(slots.branch_a):
@@ -160,21 +163,21 @@ def collect(work):
 
 @kernel
 def collect_now(work):
-    """`collect` from Python."""
+    """Call `collect` from Python."""
     collect(work)
 
 
 @inner_kernel
-def begin_step(time, before_dt, dt, kick_dt, zeta, share, anew, work):
-    """What forces need at a time [s]: branches, air, chains that bend, drag; kick of slips.
+def begin_step(time, before_dt, dt, kick_dt, zeta, share, changed, work):
+    """Prepare the forces at a time [s]: branches, air, bending, drag; update the velocities of slips.
 
-    before_dt, dt : [s] the steps before and after; kick_dt [s], share : of the kick
-    anew : whether the kick, or a mass, is another than in the step before
+    before_dt, dt : [s] the steps before and after; kick_dt [s], share : of the velocity update
+    changed : whether its length, or a mass, differs from the step before
     """
     particles, law = work.particles, work.law
     if has(law.branches):
         set_branches(before_dt, dt, law)
-    if has(particles.air) and anew:
+    if has(particles.air) and changed:
         set_air(kick_dt, zeta, particles)
     if has(work.bends.stiffness):
         clear_bending_forces(work.bends, particles.bend.T)
@@ -187,39 +190,40 @@ def begin_step(time, before_dt, dt, kick_dt, zeta, share, anew, work):
 
 @routine(whole, real, real, real, real, Work.kind)
 def step_chunks(turned, kick_dt, zeta, share, dt, work):
-    """Step the particles that this rank owns, and send; elements that are to break, or -MPI's error code.
+    """Step the owned particles and send the boundary forces; return the number of breaking elements.
 
-    turned : whether x(n) stands in the second array, and x(n+1) goes to the first
+    A negative result is minus MPI's error code.
+    turned : whether x(n) is in the second array, and x(n+1) goes to the first
     """
     x, y = work.particles.x, work.y
     if turned:
         x, y = y, x
     chunks, particles, elements, slots, law = work.chunks, work.particles, work.elements, work.slots, work.law
     scratch, traits, seconds = work.scratch, work.traits, work.seconds
-    count, mark = 0, lap(seconds, -1, 0.0, work.buffers)
+    count, lap_start = 0, lap(seconds, -1, 0.0, work.buffers)
     for c in range(chunks.low.shape[0]):
         low, high = chunks.low[c], chunks.high[c]
         if high == low:
             continue
-        near = chunk_forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
-        keeps = near or c < chunks.boundary
-        move_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
-        if near:
+        at_limit = chunk_forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
+        keeps_forces = at_limit or c < chunks.boundary
+        move_chunk(low, high, keeps_forces, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
+        if at_limit:
             count = look_closer(c, count, x, scratch.near, chunks, elements, slots, law)
         if c == chunks.boundary - 1:
-            mark = lap(seconds, FORCES, mark, work.buffers)
+            lap_start = lap(seconds, FORCES, lap_start, work.buffers)
             pack_forces(particles, buffer_in_use(work.buffers), work.buffers)
             error = send_buffer(work.buffers)
             if error != 0:
                 return -error
-            mark = lap(seconds, EXCHANGE, mark, work.buffers)
-    lap(seconds, FORCES, mark, work.buffers)
+            lap_start = lap(seconds, EXCHANGE, lap_start, work.buffers)
+    lap(seconds, FORCES, lap_start, work.buffers)
     return count
 
 
 @routine(whole, whole, real, whole, Work.kind)
 def tear(count, number, dt, stride, work):
-    """Break elements in the step of a number. count : of those in elements.pending"""
+    """Break `count` of the elements in elements.pending, in the step with a number."""
     when = StepDone(number * dt, number * stride, dt)
     break_elements(count, when, work.chunks, work.elements, work.slots, work.law, work.fractures)
     return 0
@@ -229,18 +233,19 @@ def tear(count, number, dt, stride, work):
 def time_loop(
     first, steps, before_dt, dt, zeta, sample_time, sample_dt, stride, trial, pending, only_row, work
 ):
-    """The steps of an `Interval`; steps done, elements that are still to break, MPI's error code.
+    """Run the steps of an `Interval`; return steps done, elements still to break, and MPI's error code.
 
-    In a trial the second is the number of steps up to and with the one at whose begin the first element has
-    passed its fracture strain, one more than there are where it is at the end of the last; 0 if none has.
+    In a trial the second result is a step count instead. It includes the step at whose start an element first
+    exceeds its fracture strain. It is steps + 1 if that happens at the end of the last step, and 0 if none
+    does.
 
     only_row : `Interval.row`; work : `Work`
     """
     chunks, particles, buffers, rows = work.chunks, work.particles, work.buffers, work.rows
     seconds, n_owned = work.seconds, work.chunks.n_owned
-    x, y, turned = particles.x, work.y, False  # turned: whether x(n) stands in the second array
-    in_place = has(work.bends.stiffness) or has(work.places.node)
-    tried, kicked_dt = 0, -1.0  # kicked_dt: of the kick before, if nothing broke
+    x, y, in_second = particles.x, work.y, False  # in_second: whether x(n) is in the second array
+    needs_first = has(work.bends.stiffness) or has(work.places.node)
+    result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
     if pending > 0:
         call(work.tear, (pending, first - 1, dt, stride, work))
     done = steps
@@ -248,51 +253,51 @@ def time_loop(
         kick_dt = 0.5 * (before_dt + dt)
         n = first + s
         due = is_due(n * stride, rows)
-        if turned and (due or in_place):
+        if in_second and (due or needs_first):
             copy_positions(work.spare.rows[0], x, y)
-            x, y, turned = y, x, False
+            x, y, in_second = y, x, False
         if has(work.ground.start):
             move_ground(n * dt, before_dt, (n + 1) * dt, zeta, work.ground, particles)
         if due:
-            mark = lap(seconds, -1, 0.0, buffers)
+            lap_start = lap(seconds, -1, 0.0, buffers)
             collect(work)
             call(work.make_row, (n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows))
-            lap(seconds, ROWS, mark, buffers)
+            lap(seconds, ROWS, lap_start, buffers)
         if only_row:
             break
-        # of the step's number alone, wherever the loop was entered
+        # computed from the step number alone, so that restarts give the same bits
         share = (n * dt - sample_time) / sample_dt
         begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt, work)
         before_dt, kicked_dt = dt, kick_dt
-        place = buffer_in_use(buffers)
-        count = call(work.step_chunks, (int(turned), kick_dt, zeta, share, dt, work))
-        mark = lap(seconds, -1, 0.0, buffers)
+        buffer = buffer_in_use(buffers)
+        count = call(work.step_chunks, (int(in_second), kick_dt, zeta, share, dt, work))
+        lap_start = lap(seconds, -1, 0.0, buffers)
         error = -count if count < 0 else wait_for_neighbours(buffers)
-        mark = lap(seconds, EXCHANGE, mark, buffers)
+        lap_start = lap(seconds, EXCHANGE, lap_start, buffers)
         if error != 0:
             return s, 0, error
-        unpack_forces(n_owned, particles, place, buffers)
+        unpack_forces(n_owned, particles, buffer, buffers)
         move_halo(n_owned, n_owned + chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
-        x, y, turned = y, x, not turned
+        x, y, in_second = y, x, not in_second
         if has(work.places.node):
             drift_slips(dt, work.places, particles)
             follow_slips(work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots)
-        lap(seconds, INTEGRATION, mark, buffers)
+        lap(seconds, INTEGRATION, lap_start, buffers)
         if count > 0:
             if trial:
-                tried = s + 1 if tried == 0 else tried
+                result = s + 1 if result == 0 else result
                 continue
-            if turned:
+            if in_second:
                 copy_positions(work.spare.rows[0], x, y)
-                x, y, turned = y, x, False
+                x, y, in_second = y, x, False
             if not has_room(count, work.spare):
                 done = s + 1
-                tried = count
+                result = count
                 break
             call(work.tear, (count, n, dt, stride, work))
             kicked_dt = -1.0  # masses have changed
-    if turned:
+    if in_second:
         copy_positions(work.spare.rows[0], x, y)
-    if trial and tried == 0 and work.breaks and is_any_over(particles.x, work.elements, work.law):
-        tried = steps + 1
-    return done, tried, 0
+    if trial and result == 0 and work.breaks and is_any_over(particles.x, work.elements, work.law):
+        result = steps + 1
+    return done, result, 0

@@ -1,4 +1,4 @@
-"""How the time loop goes through the particles of a rank, prepared from the state."""
+"""Arguments of the time loop on one rank, prepared from the state."""
 
 import numpy as np
 
@@ -19,24 +19,24 @@ from netfall.step.motion import PART_HELD, PLAIN_LAW, RARE, SIDEWAYS
 from netfall.step.rows import make_row, no_rows
 from netfall.step.slots import fill_slots
 
-MOVING = (  # where nothing breaks
+MOVING = (  # fields that steps without fracture change
     *("x", "v", "work", "other_work", "highest", "lowest", "eps_p", "dissipated"),
     *("slot_eps_p", "slot_highest", "slot_lowest", "slot_branch_a", "slot_branch_b", "slot_branch_c"),
 )
-SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # where cables slip, besides
-CHUNK = 1024  # particles, a multiple of LANES: their forces stay in the first cache
-FAR_OFF = 1 << 62  # more rows than there can be
+SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # also changed if cables slide
+CHUNK = 1024  # particles, a multiple of LANES: their forces fit the first-level cache
+FAR_OFF = 1 << 62  # particle rows; an unreachable capacity
 
 
 def halo_width(state: State) -> int:
-    """Numbers sent for each boundary particle, as `halo.pack_forces` packs them."""
+    """Return the count of numbers sent for each boundary particle, as `halo.pack_forces` packs them."""
     if not state.features.fracture:
         return 3 + state.features.sliding
     return (6 if state.features.air_mass else 5) + state.features.sliding
 
 
 def traits_of(state: State) -> int:
-    """What a rank has, as bits of `motion`: they decide which variant of a kernel runs."""
+    """Return the features of a rank as bits of `motion`, which select the variant of a kernel."""
     f, s, law = state.features, state, state.law
     rare = f.varying or f.drags or f.springs or f.turned or f.motion or f.part_held
     rare = rare or f.air or f.air_mass or f.bending or f.band
@@ -47,15 +47,20 @@ def traits_of(state: State) -> int:
 
 
 def make_scratch(state: State) -> Scratch:
-    """Room for the forces on the particles of a chunk."""
-    forces = lambda: columns(3, CHUNK + LANES, float)
-    band = forces() if state.features.band else empty(f8_2)
-    near = np.zeros(CHUNK + LANES, np.uint8)
-    return Scratch(forces(), band, near, forces(), forces(), np.zeros(CHUNK + LANES))
+    """Allocate the force arrays for the particles of a chunk."""
+    rows = CHUNK + LANES
+    return Scratch(
+        f=columns(3, rows, float),
+        band=columns(3, rows, float) if state.features.band else empty(f8_2),
+        near=np.zeros(rows, np.uint8),
+        external=columns(3, rows, float),
+        total=columns(3, rows, float),
+        pull=np.zeros(rows),
+    )
 
 
 class Plan:
-    """The arguments of the time loop for a state, brought up to date when something else changes it."""
+    """Arguments of the time loop for a state, updated when anything outside the loop changes the state."""
 
     def __init__(
         self,
@@ -65,11 +70,12 @@ class Plan:
         rows=None,
         ground: Ground | None = None,
     ):
-        """rules : of fractures; None: nothing breaks; rows : as `record.rows.RowTable`, None: no history
+        """Divide the owned particles into chunks and build the arguments.
 
-        ground : where supports move
+        rules : of fractures; None: nothing breaks; rows : as `record.rows.RowTable`, None: no history
+        ground : only if supports move
         """
-        boundary = min(-(-halo.boundary // LANES) * LANES, state.n_owned)  # no vector is in two chunks
+        boundary = min(-(-halo.boundary // LANES) * LANES, state.n_owned)  # a vector lies in one chunk
         before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
         self.halo, self.boundary, self.rules, self.rows, self.ground = halo, len(before), rules, rows, ground
         self._low = np.concatenate([before, after])
@@ -83,9 +89,9 @@ class Plan:
         self.attach(state)
 
     def attach(self, state: State, filled: bool = False) -> None:
-        """Bring chunks, slots and masses up to date with what is attached to what.
+        """Update chunks, slots and masses after a change of connectivity.
 
-        filled : whether the slots are so already
+        filled : whether the slots are already up to date
         """
         if self.state is not None:
             self.collect_yield()
@@ -98,7 +104,7 @@ class Plan:
         self._works = {False: self._work(state)}
 
     def _work(self, state: State) -> Work:
-        """What the loop works on."""
+        """Build the record that the loop works on."""
         fragments = self.rules is not None and state.features.fragments
         most_rows = len(state.x) if fragments else FAR_OFF
         particles = state.particles
@@ -129,7 +135,7 @@ class Plan:
         )
 
     def _chunks_of(self, state: State) -> Chunks:
-        """The chunks of the particles as they are now."""
+        """Build the chunks for the present particles."""
         new = np.arange(state.first_split, len(state.x), CHUNK)
         low = np.concatenate([self._low, new])
         high = np.concatenate([self._high, np.clip(state.n_local, new, new + CHUNK)])
@@ -149,14 +155,14 @@ class Plan:
         )
 
     def collect_yield(self) -> None:
-        """Bring plastic strains, heat and extremes of the elements up to date: else slots alone change."""
+        """Update plastic strain, heat and extremes of the elements, which the loop changes in slots alone."""
         collect_now(self._works[False])
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
-        """Advance the state by up to the steps of an interval; how many were done.
+        """Advance the state by up to the steps of an interval; return the number of steps done.
 
-        Fewer where more breaks than there is room for: then there is, and it has broken. Collective among
-        neighbours.
+        It stops early if the fragments exceed the capacity. It then enlarges the capacity and breaks the
+        pending elements. Collective among neighbours.
         """
         done, count, error = self._steps(interval, seconds)
         check(error)
@@ -168,34 +174,43 @@ class Plan:
             if needed > len(self.events.step):
                 self.events = events_with_room(2 * needed, self.events)
             self.attach(self.state, filled=True)
-            rest = interval._replace(first=interval.first + done, steps=0, pending=count)
-            check(self._steps(rest, seconds)[2])
+            remainder = interval._replace(first=interval.first + done, steps=0, pending=count)
+            check(self._steps(remainder, seconds)[2])
         return done
 
     def try_out(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
-        """Steps of a trial before that in which an element passes its fracture strain; all, if none does."""
+        """Run a trial; return the steps before the one in which an element fractures, or all of them."""
         moving = MOVING + SLIPPING if self.state.features.sliding else MOVING
-        kept = {name: getattr(self.state, name) for name in moving}
-        kept = {name: array.copy(order="K") for name, array in kept.items() if array is not None}
+        saved = {name: getattr(self.state, name) for name in moving}
+        saved = {name: array.copy(order="K") for name, array in saved.items() if array is not None}
         rows = self.rows and self.rows.keep()
         done, tried, error = self._steps(interval, seconds)
         check(error)
-        self.before = kept, rows
-        return max(0, tried - 2) if tried else done  # it had passed it in the step before
+        self.before = saved, rows
+        return max(0, tried - 2) if tried else done  # it is checked a step later
 
     def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
-        """`time_loop` with these arguments."""
+        """Call `time_loop` for an interval, timed if `seconds` is given."""
         timed = seconds is not None
         if timed not in self._works:
             self._works[timed] = self._works[False].replaced(seconds=seconds)
-        i = interval
         return time_loop(
-            *(i.first, i.steps, i.before_dt, i.dt, i.zeta, i.sample_time, i.sample_dt),
-            *(i.stride, i.trial, i.pending, i.row, self._works[timed]),
+            interval.first,
+            interval.steps,
+            interval.before_dt,
+            interval.dt,
+            interval.zeta,
+            interval.sample_time,
+            interval.sample_dt,
+            interval.stride,
+            interval.trial,
+            interval.pending,
+            interval.row,
+            self._works[timed],
         )
 
     def take_back(self) -> None:
-        """The state is as it was before the last trial."""
+        """Restore the state to the start of the last trial."""
         moving, rows = self.before
         for name, array in moving.items():
             getattr(self.state, name)[:] = array

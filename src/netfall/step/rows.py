@@ -1,9 +1,9 @@
-"""Rows of the history, made within the time loop: several of them, before Python takes them up.
+"""History rows, computed within the time loop and buffered until Python collects them.
 
-Where rows are far apart, the envelope is widened between them too, or it would depend on their number.
+If rows are far apart, the envelope is also updated between them, so that it does not depend on their spacing.
 
-A row has all that is known of its step: what must come from all ranks, and that is left in exact parts (sums
-as limbs), until the rows are taken up (`record.rows`). So its bits do not depend on when that is.
+A row stores all that is known of its step. Contributions to global sums stay in exact parts (limbs) until the
+rows are collected (`record.rows`). So the bits of a row do not depend on when that happens.
 """
 
 import math
@@ -16,19 +16,19 @@ from netfall.core.vectors import bits_of, number_of
 from netfall.mechanics.bending import joint_moment
 from netfall.step.audit import Room, Subject, observe
 
-MOST_STRAIN = 0.1  # that any cable bears; what is beyond it without a limit of its own is told
-NO_BENDING = -2  # in place of a joint, as `net.cables` has it
-INFINITE = np.int64(0x7FF) << 52  # the bits of infinity; those of nan are more
+MOST_STRAIN = 0.1  # strain; a larger one without a fracture strain is reported
+NO_BENDING = -2  # joint number of elements without bending, as in `net.cables`
+INFINITE = np.int64(0x7FF) << 52  # bits of infinity; as integers the bits of nan are larger
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits but the sign
 
 
 class Table(Record):
-    """Rows that are made and not yet taken up, (k, ...) each, of this rank.
+    """Computed rows of this rank that are not yet collected, (k, ...) each.
 
-    number : of the step; time_step : [s] the one before; slack : cables; sums : (k, s, LIMBS)
-    probes : (k, p) displacements [m] and tensions [N], 0 where another rank has them; then what slips
-    size, who : (k, 3) largest speed [m/s], strain, and strain beyond MOST_STRAIN where nothing ever breaks,
-        with the global numbers of the particle and the elements; -1: none
+    number : of the step; time_step : [s] the one before; slack : number of slack cables; sums : (k, s, LIMBS)
+    probes : (k, p) displacements [m] and tensions [N], 0 if another rank has them; then slip values
+    size, who : (k, 3) largest speed [m/s], largest strain, and largest strain beyond MOST_STRAIN of elements
+        that never break, with the global numbers of the particle and the elements; -1: none
     """
 
     number: i8
@@ -41,9 +41,9 @@ class Table(Record):
 
 
 class Local(Record):
-    """The probes that this rank has: rows of particles and of elements, and the places of their values.
+    """Probes of this rank: rows of particles and elements, and the columns of their values.
 
-    slip, difference : (places,) where slips, and differences of the tensions beside them, stand; absent: none
+    slip, difference : (points,) columns of slips and of tension differences across slip points; absent: none
     """
 
     particle: i8
@@ -55,14 +55,14 @@ class Local(Record):
 
 
 class Rows(Record):
-    """Which rows are made, and what they are made of.
+    """Schedule of the rows and the arrays they are computed from.
 
-    due : (rows,) numbers of the steps of all rows of the stage; dt : [s] length of the steps as counted
-    made : (2,) rows made so far, those of them in the table
-    every : steps, as they are counted, after which the envelope is widened where no row is made
-    last : (1,) number of the step at which the envelope was widened last
-    element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as `State` has them
-    tension : (4, m), displacement : (2, n_owned), moment : (m,), as `record.envelope` has them
+    due : (rows,) step numbers of all rows of the stage; dt : [s] length of the steps as counted
+    made : (2,) rows made so far, and rows now in the table
+    every : counted steps after which the envelope is updated if no row is made
+    last : (1,) number of the step of the last envelope update
+    element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), as in `record.envelope`
     """
 
     due: i8
@@ -82,7 +82,7 @@ class Rows(Record):
 
 
 def no_rows() -> Rows:
-    """Where none are made."""
+    """Return a schedule without rows."""
     return Rows.absent().replaced(
         made=np.zeros(2, np.int64), every=1 << 62, last=np.zeros(1, np.int64), dt=1.0
     )
@@ -90,22 +90,22 @@ def no_rows() -> Rows:
 
 @part_of_kernel
 def has_row(number, rows):
-    """Whether a row is due at a step that is not made yet."""
+    """Return whether a row is due at a step and not yet made."""
     k = rows.made[0]
     return k < rows.due.shape[0] and rows.due[k] == number
 
 
 @part_of_kernel
 def is_due(number, rows):
-    """Whether a row is due at a step, or the envelope has not been widened for long."""
+    """Return whether a row is due at a step, or an update of the envelope."""
     return has_row(number, rows) or number - rows.last[0] >= rows.every
 
 
 @routine(whole, real, real, real, real, real, Rows.kind)
 def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
-    """The row of a step, within the time loop: into the table, and taken in by the envelope; or that alone.
+    """Observe a step within the time loop; update the envelope, and append a row if one is due.
 
-    Its arguments as of `loop.Interval`.
+    The arguments are those of `loop.Interval`.
     """
     due = has_row(number, rows)
     share = (number * rows.dt - sample_time) / sample_dt
@@ -116,9 +116,9 @@ def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
 
 @inner_kernel
 def take_row(number, step, due, rows):
-    """What was observed at a step into the envelope, and if a row is due into the table.
+    """Update the envelope with the observed step; if a row is due, append it to the table.
 
-    step : [s] the one before
+    step : [s] length of the step before
     """
     widen(number, rows)
     if not due:
@@ -138,7 +138,7 @@ def take_row(number, step, due, rows):
 
 @inner_kernel
 def widen(number, rows):
-    """Take in the axial forces, the positions and the moments at a step."""
+    """Update the envelope with axial forces, displacements and moments at a step."""
     time = number * rows.dt
     since = time - rows.last[0] * rows.dt
     rows.last[0] = number
@@ -164,7 +164,7 @@ def widen(number, rows):
 
 @kernel
 def widen_to_extremes(time, highest, lowest, tension):
-    """Take in the extremes (m,) of all steps up to a time [s]; lowest may be absent; tension : (4, m)"""
+    """Update the tension envelope (4, m) with extremes (m,) up to a time [s]; lowest may be absent."""
     for e in range(tension.shape[1]):
         if highest[e] > tension[0, e]:
             tension[0, e], tension[1, e] = highest[e], time
@@ -174,25 +174,25 @@ def widen_to_extremes(time, highest, lowest, tension):
 
 @inner_kernel
 def widen_moments(rows):
-    """Take in the bending moments [N m] at both ends of each element, 0 at the end of a chain."""
+    """Update the envelope of bending moments [N m] at element ends; the moment is 0 at the end of a chain."""
     joints, joint_at, moment = rows.subject.joints, rows.joint_at, rows.moment
     for e in range(moment.shape[0]):
         for end in range(2):
             k = joint_at[e, end]
             if k != NO_BENDING:
-                size = 0.0 if k < 0 else joint_moment(rows.subject.particles.x.T, joints, k)
-                if size > moment[e] or math.isnan(moment[e]):
-                    moment[e] = size
+                magnitude = 0.0 if k < 0 else joint_moment(rows.subject.particles.x.T, joints, k)
+                if magnitude > moment[e] or math.isnan(moment[e]):
+                    moment[e] = magnitude
 
 
 @inner_kernel
 def read_probes(rows, values):
-    """Displacements (p, 3) [m], tensions [N] of what meets there and of what is named, in one row."""
+    """Write displacements [m] and tensions [N] of the probes of this rank into one row of values."""
     local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
     for i in range(local.particle.shape[0]):
-        p, place = local.particle[i], local.particle_place[i]
+        p, column = local.particle[i], local.particle_place[i]
         for k in range(3):
-            values[place + k] = x[k, p] - start[k, p] + 0.0  # no negative zeros
+            values[column + k] = x[k, p] - start[k, p] + 0.0  # no negative zeros
     for i in range(local.element.shape[0]):
         e = local.element[i]
         N = rows.room.now.N[e] + 0.0
@@ -203,7 +203,10 @@ def read_probes(rows, values):
 
 @inner_kernel
 def read_slips(rows, values):
-    """Slips [m], and tensions after less those before their places [N], none of what has broken."""
+    """Write slips [m] and tension differences [N] (after minus before) of slip points.
+
+    Broken elements count as 0.
+    """
     places, broken, N = rows.subject.places, rows.subject.elements.broken, rows.room.now.N
     for i in range(places.node.shape[0]):
         before, after = places.before[i], places.after[i]
@@ -215,56 +218,57 @@ def read_slips(rows, values):
 
 @inner_kernel
 def size_of(bits):
-    """The number of these bits without the sign; infinite where it is none."""
+    """Return the magnitude of the number with these bits (sign cleared); infinity for nan."""
     return math.inf if bits >= INFINITE else number_of(bits)
 
 
 @inner_kernel
 def find_fastest(rows, size, who):
-    """The largest speed along an axis of the particles that can move, and its particle, into place 0."""
+    """Write the largest speed along an axis of the movable particles, and its particle, to place 0."""
     subject, velocity, free = rows.subject, rows.room.velocity, rows.subject.particles.free
-    halo, best, at = subject.first_split - subject.n_owned, np.int64(-1), np.int64(-1)
+    halo, best, fastest = subject.first_split - subject.n_owned, np.int64(-1), np.int64(-1)
     for i in range(subject.rows[0] - halo):
         p = i if i < subject.n_owned else i + halo
         bits = np.int64(0)
         for k in range(3):
             bits = max(bits, bits_of(velocity[k, i]) & SIZE)
         if bits > best and (free[0, p] or free[1, p] or free[2, p]):
-            best, at = bits, p
+            best, fastest = bits, p
     size[0], who[0] = -1.0, -1
-    if at >= 0:
-        size[0], who[0] = size_of(best), subject.particles.gid[at]
+    if fastest >= 0:
+        size[0], who[0] = size_of(best), subject.particles.gid[fastest]
 
 
 @inner_kernel
 def find_most_strained(rows, size, who):
-    """The largest strain and its element into place 1; that where nothing ever breaks into place 2."""
-    eps, best, at = rows.room.now.eps, np.int64(-1), np.int64(-1)
+    """Write the largest strain and its element to place 1; that of elements that never break to place 2."""
+    eps, best, element = rows.room.now.eps, np.int64(-1), np.int64(-1)
     for e in range(eps.shape[0]):
         bits = bits_of(eps[e]) & SIZE
         if bits > best:
-            best, at = bits, e
+            best, element = bits, e
     size[1], size[2], who[1], who[2] = -1.0, 0.0, -1, -1
-    if at >= 0:
-        size[1], who[1] = size_of(best), rows.element_gid[at]
+    if element >= 0:
+        size[1], who[1] = size_of(best), rows.element_gid[element]
     if size[1] > MOST_STRAIN:
-        at = endless_strain(rows.subject.elements, rows.room.now)
-        if at >= 0:
-            size[2], who[2] = abs(eps[at]), rows.element_gid[at]
+        element = endless_strain(rows.subject.elements, rows.room.now)
+        if element >= 0:
+            size[2], who[2] = abs(eps[element]), rows.element_gid[element]
 
 
 @inner_kernel
 def endless_strain(elements, now):
-    """The element with the largest strain beyond MOST_STRAIN of those that nothing ever breaks; -1: none.
+    """Return the element with the largest strain beyond MOST_STRAIN among those that never break; -1: none.
 
-    A slack cable may hang as it likes; what hangs on after a fracture has no limit any more.
+    Slack cables are excluded, as their strain has no meaning, and fragments, which have no limit after a
+    fracture.
     """
-    largest, at = MOST_STRAIN, -1
+    largest, element = MOST_STRAIN, -1
     for e in range(now.N.shape[0]):
         limit = math.inf
         if has(elements.eps_u):
             limit = elements.eps_u[e]
-        endless = limit == math.inf and elements.broken[e] == 0 and now.N[e] != 0.0
-        if endless and abs(now.eps[e]) > largest:
-            largest, at = abs(now.eps[e]), e
-    return at
+        counts = limit == math.inf and elements.broken[e] == 0 and now.N[e] != 0.0
+        if counts and abs(now.eps[e]) > largest:
+            largest, element = abs(now.eps[e]), e
+    return element

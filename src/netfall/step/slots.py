@@ -1,8 +1,8 @@
-"""Slots: each element stands at both of its ends, so that a particle sums over its own elements.
+"""Incident element ends (slots): each particle lists its own elements and sums over them.
 
-They stand in ascending global number; so the sum has the same order, and the same bits, on any number of
-ranks. An element is computed at both ends, from the same bits: twice the arithmetic, but nothing is
-scattered.
+The slots of a particle are in ascending global element number. So the sum has the same order, and the same
+bits, on any number of ranks. Each element is computed at both ends, from the same bits: this doubles the
+arithmetic but avoids scattered writes.
 """
 
 import math
@@ -19,7 +19,7 @@ from netfall.mechanics.state import State
 
 
 def fill_slots(state: State) -> None:
-    """Put the elements, as they are attached now, into the slots of the particles that this rank steps."""
+    """Fill the slots of the particles that this rank steps from the present connectivity."""
     s = state
     filled = np.zeros(s.n_local, np.int32)
     element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
@@ -41,8 +41,8 @@ def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element
     """Put every element into a slot of each of its ends that this rank steps, in ascending order.
 
     ends, EA : of the elements
-    other : (slots, n), out, far ends, the particle's own in an empty slot; slot_element : (slots, n), out,
-        EMPTY there; filled : (n,), out, slots in use, the first ones
+    other : (slots, n), out, far ends, the particle itself in an empty slot; slot_element : (slots, n), out,
+        EMPTY in an empty slot; filled : (n,), out, number of slots in use, which come first
     """
     for s in range(other.shape[0]):
         for p in range(n_local):
@@ -50,7 +50,7 @@ def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element
     filled[:n_local] = 0
     for e in range(ends.shape[0]):
         if EA[e] == 0.0:
-            continue  # another rank has kept it, or it is out of the net
+            continue  # held by another rank since it broke, or removed
         for end in range(2):
             p = ends[e, end]
             if n_owned <= p and p < first_split:
@@ -61,7 +61,7 @@ def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element
 
 @kernel
 def fill_lengths(n_local, slot_element, L0, inv_L0):
-    """1 / L0 of the elements, L0 (m,) [m], into the slots, inv_L0 (slots, n) [1/m]; 0 in an empty one."""
+    """Write 1 / L0 [1/m] of elements with L0 (m,) [m] to inv_L0 (slots, n); 0 in empty slots."""
     for s in range(inv_L0.shape[0]):
         for p in range(n_local):
             e = slot_element[s, p]
@@ -70,6 +70,7 @@ def fill_lengths(n_local, slot_element, L0, inv_L0):
 
 @part_of_kernel
 def _copy_to_slots(n_local, slot_element, values, slot):
+    """Copy a field of the elements (m,) to the slots (slots, n); empty slots get 0."""
     for s in range(slot.shape[0]):
         for p in range(n_local):
             e = slot_element[s, p]
@@ -81,19 +82,19 @@ def _copy_to_slots(n_local, slot_element, values, slot):
 
 @kernel
 def copy_to_slots(n_local, slot_element, values, slot):
-    """A field of the elements (m,) into a field of the slots (slots, n); nothing of use in an empty slot."""
+    """Copy a float field of the elements (m,) to the slots (slots, n)."""
     _copy_to_slots(n_local, slot_element, values, slot)
 
 
 @kernel
 def copy_marks_to_slots(n_local, slot_element, values, slot):
-    """The same of a field of bytes: of a kernel kept on disk there is one version."""
+    """Copy a byte field to the slots; separate because a kernel cached on disk has one signature."""
     _copy_to_slots(n_local, slot_element, values, slot)
 
 
 @inner_kernel
 def follow_slips(places, n_owned, first_split, particles, elements, slots):
-    """Bring unstressed lengths, in slots too, to slips that have moved. places : `slip.motion.Places`"""
+    """Update unstressed lengths, also in slots, after slips moved. places : `slip.motion.Places`"""
     for g in range(places.start.shape[0] - 1):
         first = places.element[places.start[g]]
         if not has_moved(first, particles, elements) or not is_whole(g, places, elements):
@@ -109,7 +110,7 @@ def follow_slips(places, n_owned, first_split, particles, elements, slots):
 
 @inner_kernel
 def has_moved(e, particles, elements):
-    """Whether a slip point at an end of the segment of element e has moved in this step."""
+    """Return whether a slip point at an end of the segment of element e moved in this step."""
     for end in range(2):
         c = elements.slip_place[e, end]
         if c >= 0 and particles.slip_v[c, elements.slip_at[e, end]] != 0.0:
@@ -119,7 +120,7 @@ def has_moved(e, particles, elements):
 
 @inner_kernel
 def slot_of(e, p, slots):
-    """The slot of element e at particle p, which has one."""
+    """Return the slot of element e at particle p; the particle must have the element."""
     s = 0
     while slots.element[s, p] != np.uint32(e):
         s += 1
@@ -128,9 +129,9 @@ def slot_of(e, p, slots):
 
 @inner_kernel
 def own_slot(e, n_owned, first_split, elements, slots):
-    """The slot of element e that keeps its extremes until it breaks, and the particle: the lower in number.
+    """Return the slot, and its particle, that holds the extremes of element e until it breaks.
 
-    At the other end if this one is the halo's, as what is left of a broken one may have it.
+    It is the end with the lower row. If that is a halo row, it is the other end, which may be a fragment.
     """
     a, b = elements.ends[e, 0], elements.ends[e, 1]
     p = min(a, b)
@@ -141,10 +142,11 @@ def own_slot(e, n_owned, first_split, elements, slots):
 
 @inner_kernel
 def collect_element(e, n_owned, first_split, elements, slots, law):
-    """Bring element e up to date with its slots: plastic strain and heat, extremes, branches.
+    """Update element e from its slots: plastic strain and heat, extremes, branches.
 
-    The heat of a cable, whose plastic strain only grows, follows from that; a bar's stands already. Extremes
-    until it breaks: what is left of it then has no strength, and rings on a light end.
+    The heat of a cable follows from its plastic strain, which only grows; that of a bar is already up to
+    date. Extremes count until the element breaks: its fragments have no strength and ring numerically at
+    light ends.
     """
     s, p = own_slot(e, n_owned, first_split, elements, slots)
     if has(slots.eps_p):
@@ -163,7 +165,7 @@ def collect_element(e, n_owned, first_split, elements, slots, law):
 
 @kernel
 def collect_elements(n_owned, first_split, elements, slots, law):
-    """`collect_element` of all elements that this rank steps."""
+    """Update all elements that this rank steps from their slots."""
     for e in range(elements.ends.shape[0]):
         if elements.EA[e] != 0.0:
             collect_element(e, n_owned, first_split, elements, slots, law)
@@ -171,7 +173,7 @@ def collect_elements(n_owned, first_split, elements, slots, law):
 
 @inner_kernel
 def empty_slot(s, p, slots):
-    """Leave a slot of particle p empty: it adds nothing."""
+    """Empty a slot of particle p, so that it adds no force."""
     slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
     if has(slots.bar):
         slots.bar[s, p] = 0

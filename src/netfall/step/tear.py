@@ -1,7 +1,7 @@
-"""Fractures within the time loop: elements break, and slots and chunks follow where they are touched.
+"""Fractures within the time loop: elements break, and the affected slots and chunks are updated.
 
-What an element that breaks leaves is a slot that stays empty, at the particle that it left, a new far end, at
-the particle that it stays with, and a particle with one element, which stands in a chunk of such.
+A broken element leaves an empty slot at the particle it separates from and a new far end at the particle it
+stays with. The new particle has one element and belongs to a chunk of such particles.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from netfall.step.slots import collect_element, empty_slot, fill_slot, slot_of
 
 @inner_kernel
 def break_elements(count, when, chunks, elements, slots, law, fractures):
-    """Break the `count` elements in elements.pending; what is left of a broken one grows longer.
+    """Break the `count` elements in elements.pending; lengthen fragments that exceed their strength.
 
     when : `events.StepDone`
     """
@@ -28,7 +28,7 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
             lengthen(e, when.dt, elements, fractures.particles, law)
             for end in range(2):
                 p = np.int64(elements.ends[e, end])
-                if owns(p, fractures.rules):  # one end is the halo's where nothing has split off
+                if owns(p, fractures.rules):  # without a split one end may be a halo particle
                     slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
             continue
         collect_element(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
@@ -40,39 +40,39 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
 
 @inner_kernel
 def sort(numbers, count):
-    """Sort the first `count` of some numbers, by Shell's method."""
+    """Sort the first `count` of some numbers in place (Shell sort)."""
     gap = 1
     while 3 * gap < count:
         gap = 3 * gap + 1
     while gap > 0:
         for k in range(gap, count):
-            mine, place = numbers[k], k
-            while place >= gap and numbers[place - gap] > mine:
-                numbers[place] = numbers[place - gap]
-                place -= gap
-            numbers[place] = mine
+            value, index = numbers[k], k
+            while index >= gap and numbers[index - gap] > value:
+                numbers[index] = numbers[index - gap]
+                index -= gap
+            numbers[index] = value
         gap //= 3
 
 
 @inner_kernel
 def follow_end(e, end, before, chunks, elements, slots, fractures):
-    """Slots at an end (0, 1) of element e, which has broken. before : the particle there until then"""
+    """Update the slots at an end (0, 1) of the broken element e. before : the particle there until then"""
     rules = fractures.rules
-    there, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])
-    out = elements.EA[e] == 0.0  # taken out of the net, or kept by another rank
-    if owns(before, rules) and (out or there != before):
+    now, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])
+    removed = elements.EA[e] == 0.0  # removed, or held by another rank
+    if owns(before, rules) and (removed or now != before):
         empty_slot(slot_of(e, before, slots), before, slots)
     elif owns(before, rules):
         s = slot_of(e, before, slots)
         if has(slots.reach):
             slots.reach[s, before] = elements.reach[e]
         slots.other[s, before] = far
-    if not out and there != before:
+    if not removed and now != before:
         for s in range(slots.other.shape[0]):
-            slots.other[s, there] = there
-            empty_slot(s, there, slots)
-        fill_slot(e, 0, there, far, elements, slots)
-        c = chunks.owned + (there - rules.first_split) // chunks.size
-        chunks.high[c] = max(chunks.high[c], there + 1)
+            slots.other[s, now] = now
+            empty_slot(s, now, slots)
+        fill_slot(e, 0, now, far, elements, slots)
+        c = chunks.owned + (now - rules.first_split) // chunks.size
+        chunks.high[c] = max(chunks.high[c], now + 1)
         if has(slots.eps_p):
             chunks.has_yielded[c] = 1

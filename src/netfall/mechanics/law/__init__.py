@@ -1,1 +1,1 @@
-"""The law of an element: strain, axial force, stiffness, energies, limits, damping over a band."""
+"""Law of an element: strain, axial force, stiffness, energies, limits, constant axial damping in a band."""

@@ -1,4 +1,4 @@
-"""The law of one element of `Elements`: strain, axial force, stiffness, energies. See `law.py`."""
+"""Law of one element of `Elements`: strain, axial force, stiffness, energies. See `law.py`."""
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import has
@@ -7,7 +7,7 @@ from netfall.numerics.arithmetic import exponential, exponential_less_one, logar
 
 @inner_kernel
 def strain(L, L0, law):
-    """Strain of length L [m] against the unstressed length L0 [m]."""
+    """Return the strain of length L [m] relative to the unstressed length L0 [m]."""
     if law.logarithmic:
         return logarithm(L / L0)
     return (L - L0) / L0
@@ -15,7 +15,7 @@ def strain(L, L0, law):
 
 @inner_kernel
 def length_at(L, eps, law):
-    """Unstressed length [m] of an element that has the strain eps at length L [m]."""
+    """Return the unstressed length [m] of an element that has the strain eps at length L [m]."""
     if law.logarithmic:
         return L * exponential(-eps)
     return L / (1.0 + eps)
@@ -23,7 +23,7 @@ def length_at(L, eps, law):
 
 @inner_kernel
 def axial_force(elements, e, eps, eps_p):
-    """Axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
+    """Return axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
     if has(elements.euler) and N < -elements.euler[e]:
         return -elements.euler[e], eps_p
@@ -39,9 +39,9 @@ def axial_force(elements, e, eps, eps_p):
 
 @part_of_kernel
 def tangent_stiffness(elements, e, N, eps, L, law):
-    """Axial stiffness dN/dL [N/m] of element e, of length L [m], at strain eps; 0: slack, yields, buckled.
+    """Return dN/dL [N/m] of element e, of length L [m], at strain eps; 0 if slack, yielding or buckled.
 
-    N : [N] there, on the yield plateau at its limit
+    N : [N] at that strain, equal to the limit on the yield plateau
     """
     eps_p = 0.0
     if has(elements.eps_p):
@@ -59,37 +59,37 @@ def tangent_stiffness(elements, e, N, eps, L, law):
 
 @inner_kernel
 def stored_energy(elements, e, N, L, eps_p, law):
-    """Elastic energy [J] of element e at axial force N [N], length L [m]: the integral of N dL from L0 on."""
+    """Return the elastic energy [J] of element e at force N [N] and length L [m]: the integral of N dL."""
     EA, L0 = elements.EA[e], elements.L0[e]
     if EA == 0.0:
         return 0.0
-    u, further = N / EA, 0.0
-    if has(elements.euler) and N <= -elements.euler[e]:  # on from the length at which it buckled
+    u, buckling_work = N / EA, 0.0
+    if has(elements.euler) and N <= -elements.euler[e]:  # work after the buckling length, at constant force
         stretch = exponential(eps_p + u) if law.logarithmic else 1.0 + (eps_p + u)
-        further = N * (L - L0 * stretch)
+        buckling_work = N * (L - L0 * stretch)
     if law.logarithmic:
-        return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u)) + further
-    return 0.5 * N * u * L0 + further
+        return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u)) + buckling_work
+    return 0.5 * N * u * L0 + buckling_work
 
 
 @inner_kernel
 def yield_energy(elements, e, eps_p, eps_p_new, law):
-    """Energy [J] that yield of element e from plastic strain eps_p to eps_p_new turns into heat."""
+    """Return the energy [J] that element e dissipates by yielding from plastic strain eps_p to eps_p_new."""
     if eps_p_new == eps_p:
-        return 0.0  # also of an element that never yields, whose limit is infinite
+        return 0.0  # also avoids inf * 0 for an element that never yields
     EA, L0, limit = elements.EA[e], elements.L0[e], elements.yield_force[e]
     if law.logarithmic:
-        grown = abs(exponential(eps_p_new) - exponential(eps_p))
+        change = abs(exponential(eps_p_new) - exponential(eps_p))
         tension = eps_p_new > eps_p
-        return EA * abs(exponential_less_one(limit / EA if tension else -limit / EA)) * L0 * grown
+        return EA * abs(exponential_less_one(limit / EA if tension else -limit / EA)) * L0 * change
     return limit * L0 * abs(eps_p_new - eps_p)
 
 
 @inner_kernel
 def energies_at(elements, e, L, eps_p, law):
-    """Plastic strain of element e at length L [m]; what yield to it turns to heat, and what is stored [J]."""
-    N, now = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
+    """Return plastic strain, heat of yielding [J] and stored energy [J] of element e at length L [m]."""
+    N, new_eps_p = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
     heat = 0.0
-    if has(elements.yield_force) and now != eps_p:
-        heat = yield_energy(elements, e, eps_p, now, law)
-    return now, heat, stored_energy(elements, e, N, L, now, law)
+    if has(elements.yield_force) and new_eps_p != eps_p:
+        heat = yield_energy(elements, e, eps_p, new_eps_p, law)
+    return new_eps_p, heat, stored_energy(elements, e, N, L, new_eps_p, law)

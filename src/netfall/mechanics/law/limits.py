@@ -1,18 +1,19 @@
-"""Forces that an element does not pass: where it yields, where it breaks, where a bar buckles (Euler)."""
+"""Limits of the axial force: yield, fracture, and Euler buckling of bars."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-NEARLY, REACHED = 1.0 - 1e-9, 1.0 - 1e-12  # of a limit: looked at again, exactly; as good as it
+# Shares of a limit: from NEARLY on it is checked exactly, from REACHED on it counts as reached.
+NEARLY, REACHED = 1.0 - 1e-9, 1.0 - 1e-12
 
 
 class Caps(NamedTuple):
-    """Forces (m,) [N] of elements; inf: none.
+    """Limit forces (m,) [N] of elements; inf: none.
 
-    yielding : at which they yield
-    buckling : compression at which bars buckle, where their Euler's load is less than that
-    straight : Euler's load of bars that bear more, for they neither buckle nor bend
+    yielding : yield force
+    buckling : compression at which bars buckle, if their Euler load is less than the yield force
+    straight : Euler load of bars that carry more, because they neither buckle nor bend
     """
 
     yielding: np.ndarray
@@ -21,17 +22,22 @@ class Caps(NamedTuple):
 
 
 def caps_of(yield_force, euler_load, buckling, bending) -> Caps:
-    """Caps of elements that yield at forces (m,) [N] and have Euler's loads (m,) [N]; nan: no second moment.
+    """Return limit forces of elements with yield forces (m,) [N] and Euler loads (m,) [N].
 
-    buckling, bending : (m,) bool, bars that do; None: none does
+    Euler loads are nan without a second moment of area.
+    buckling, bending : (m,) bool, bars that buckle, bars that bend; None: no bar does
     """
     none = np.zeros(len(yield_force), bool)
     buckles, bends = (none if flags is None else flags for flags in (buckling, bending))
-    of = lambda bars: np.where(bars, euler_load, np.inf)
-    straight = np.isfinite(euler_load) & ~buckles & ~bends
-    return Caps(yield_force, of(buckles & (euler_load < yield_force)), of(straight))
+    buckles_first = buckles & (euler_load < yield_force)
+    stays_straight = np.isfinite(euler_load) & ~buckles & ~bends
+    return Caps(
+        yielding=yield_force,
+        buckling=np.where(buckles_first, euler_load, np.inf),
+        straight=np.where(stays_straight, euler_load, np.inf),
+    )
 
 
 def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
-    """Axial force (m,) [N] that an element never passes before it breaks, inf: none."""
+    """Return the axial force (m,) [N] that an element never exceeds before it breaks; inf: none."""
     return np.minimum(EA * fracture_strain, yield_force)

@@ -1,1 +1,1 @@
-"""Cables that slip over nodes: the law of one place, and their motion in the step."""
+"""Sliding cables: the law of one slip point, and the motion of slips in the step."""

@@ -1,20 +1,20 @@
-"""The law of a place at which a cable slips over a node: clamp, saddle, pulley; in the step and at rest.
+"""Law of a slip point (clamp, saddle or pulley at a node), for the step and for equilibria.
 
-A coordinate s for each node and cable that may slip: the length that has passed, positive in the direction of
-the cable. The free segment from slip point a to b has L0 = L0(0) + s_a - s_b, and each of its elements a
-constant share w of that (`net.slides`). The force on s is minus the derivative of the strain energy:
+Each node and sliding cable has a coordinate s: the length that has passed, positive in the direction of the
+cable. The free segment from slip point a to b has L0 = L0(0) + s_a - s_b, and each of its elements a constant
+share w of that (`net.slides`). The force on s is minus the derivative of the strain energy:
 
     Q = sum w q(T) after it - sum w q(T) before it,   q = T + T^2 / (2 EA),
     or EA (exp(T / EA) - 1) in logarithmic strain
 
-Without friction q less the weight's potential is the same everywhere in a cable that hangs freely, so the
-sums are the values at the slip point itself. A slip point sticks while |Q| is within its limit R, and slips
-at R. T : the larger tension beside it, t : the smaller one
+Without friction, q less the potential of the weight is constant along a cable that hangs freely, so the sums
+equal the values at the slip point itself. A slip point sticks while |Q| is within its limit R, and slips at
+R. With the larger tension T and the smaller tension t of both sides:
 
     saddle:  R = q(T) - q(T exp(-mu theta))      theta: angle between both directions (Euler, Eytelwein)
     clamp:   R = q(t + resistance) - q(t)        both: the sum
 
-A segment with a broken or removed element carries nothing, and its unstressed length stays.
+A segment with a broken or removed element carries nothing, and its unstressed length stays constant.
 """
 
 import math
@@ -25,12 +25,12 @@ from netfall.core.kernels import inner_kernel, kernel
 from netfall.mechanics.state import State
 from netfall.numerics.arithmetic import exponential
 
-LEAST = 0.2  # of its first unstressed length: a shorter segment is locked
+LEAST = 0.2  # of the initial unstressed length; a shorter segment is locked
 
 
 @inner_kernel
 def slip_force(T, EA, law):
-    """q [N] of a tension T [N]: minus the derivative of the strain energy by the unstressed length."""
+    """Return q [N] at tension T [N]: minus the derivative of the strain energy by the unstressed length."""
     if law.logarithmic:
         return EA * (exponential(T / EA) - 1.0)
     return T + T * T / (2.0 * EA)
@@ -38,23 +38,27 @@ def slip_force(T, EA, law):
 
 @inner_kernel
 def slip_limit(before, after, EA_before, EA_after, friction, resistance, turn, law):
-    """R [N], up to which a place sticks. before, after : [N] tensions; turn : exp(-mu theta)"""
-    more, less, EA_more, EA_less = before, after, EA_before, EA_after
+    """Return R [N], the force up to which a slip point sticks.
+
+    before, after : [N] tensions; turn : exp(-mu theta)
+    """
+    larger, smaller, EA_larger, EA_smaller = before, after, EA_before, EA_after
     if after > before:
-        more, less, EA_more, EA_less = after, before, EA_after, EA_before
+        larger, smaller, EA_larger, EA_smaller = after, before, EA_after, EA_before
     limit = 0.0
     if friction > 0.0:
-        limit += slip_force(more, EA_more, law) - slip_force(more * turn, EA_more, law)
+        limit += slip_force(larger, EA_larger, law) - slip_force(larger * turn, EA_larger, law)
     if resistance > 0.0:
-        limit += slip_force(less + resistance, EA_less, law) - slip_force(less, EA_less, law)
+        limit += slip_force(smaller + resistance, EA_smaller, law) - slip_force(smaller, EA_smaller, law)
     return limit
 
 
 @inner_kernel
 def angle_between(ax, ay, az, bx, by, bz):
-    """Angle [rad] between two unit vectors: by sums, products and roots, the same bits on any processor.
+    """Return the angle [rad] between two unit vectors, with the same bits on any processor.
 
-    The tangent of half of it is |a - b| / |a + b|; halved three times more, its arc is a short series.
+    The tangent of half of it is |a - b| / |a + b|. After three more bisections the arc tangent is a short
+    series.
     """
     y = math.sqrt((ax - bx) * (ax - bx) + (ay - by) * (ay - by) + (az - bz) * (az - bz))
     x = math.sqrt((ax + bx) * (ax + bx) + (ay + by) * (ay + by) + (az + bz) * (az + bz))
@@ -68,7 +72,7 @@ def angle_between(ax, ay, az, bx, by, bz):
 
 
 def set_strands(state: State, L0: np.ndarray) -> None:
-    """Give the elements unstressed lengths (m,) [m]; what has slipped stays so."""
+    """Set the unstressed lengths (m,) [m] of the elements without slip; slips stay as they are."""
     state.L0[:] = L0
     if state.features.slip:
         state.strand[:] = L0
@@ -77,13 +81,13 @@ def set_strands(state: State, L0: np.ndarray) -> None:
 
 @inner_kernel
 def slipped_length(e, slip, elements):
-    """Unstressed length [m] of element e with the slip, three of (n,) [m]."""
+    """Return the unstressed length [m] of element e including slip; slip : (3, n) [m]."""
     return elements.strand[e] + elements.slip_share[e] * passed_into(e, slip, elements)
 
 
 @inner_kernel
 def passed_into(e, slip, elements):
-    """Length [m] that has passed into the segment of element e, of slips, three of (n,); or velocities."""
+    """Return the length [m] passed into the segment of element e, from slips (3, n) or slip velocities."""
     i, j, passed = elements.slip_place[e, 0], elements.slip_place[e, 1], 0.0
     if i >= 0:
         passed += slip[i, elements.slip_at[e, 0]]
@@ -94,7 +98,7 @@ def passed_into(e, slip, elements):
 
 @kernel
 def slipped_lengths(slip, elements):
-    """Bring unstressed lengths up to date with the slip, three of (n,) [m]."""
+    """Update the unstressed lengths to the slips (3, n) [m]."""
     for e in range(elements.ends.shape[0]):
         moves = elements.slip_place[e, 0] >= 0 or elements.slip_place[e, 1] >= 0
         if moves and elements.broken[e] == 0:

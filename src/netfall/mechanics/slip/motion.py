@@ -1,21 +1,23 @@
-"""Cables that slip over nodes in the step: kick and drift of the slip at each place.
+"""Sliding cables in the step: velocity and position update of the slip at each slip point.
 
 With Q of `law`, p the velocity of the slip without friction, and m its inertia:
 
     p = s'(n-1/2) + dt Q / m,    s'(n+1/2) = sign(p) max(|p| - dt R / m, 0),    s(n+1) = s(n) + dt s'
 
-So what sticks does so exactly: s' = 0. Friction turns m (p - s'(n+1/2)) (s'(n-1/2) + s'(n+1/2)) / 2 into
-heat (little may come back in a step in which slip turns). m is the mass of cable at the node, half of either
-free segment, which also moves with the node; or more if the step needs that: m = INERTIA dt^2 (k_before +
-k_after), k = sum w^2 EA / L0 of a segment, adds 1/2 to (omega dt)^2 of a segment at each of its ends. The
-automatic step keeps what is added below MOST_ADDED of the mass that moves with the slip (`inertia`).
+So a sticking slip has exactly s' = 0. Friction turns m (p - s'(n+1/2)) (s'(n-1/2) + s'(n+1/2)) / 2 into heat;
+it may return a little of that in a step in which the slip reverses. m is the mass of cable at the node, half
+of either free segment, which also moves with the node. It is larger if the step requires that: m = INERTIA
+dt^2 (k_before + k_after), with k = sum w^2 EA / L0 of a segment, adds 1/2 to (omega dt)^2 of a segment at
+each of its ends. The automatic step limits the addition to MOST_ADDED of the mass that moves with the slip
+(`inertia`).
 
-The owner of a node decides; s' goes with the forces to the ranks that have the node as halo. All compute
-unstressed lengths from the same slips. The rank that owns a slip point holds both segments beside it: cables
-with segments of several elements are not split over ranks (`together`). A segment with a broken element has
-no tension and keeps its length. A removed one pulls with what has not faded yet (`varying.FadingLoad`). The
-weight that goes with slip stays as at the start: `slip_load` is its pull. If too little of a segment is left
-(LEAST) an end on the cable stops it there, and its kinetic energy turns to heat; it may run back.
+The owner of a node updates its slips; s' travels with the forces to the ranks that have the node as halo. All
+compute unstressed lengths from the same slips. The rank that owns a slip point holds both adjacent segments;
+cables with segments of several elements are not split over ranks (`together`). A segment with a broken
+element has no tension and keeps its length. A removed one pulls with its fading tension
+(`varying.FadingLoad`). The pull of the weight that moves with a slip, `slip_load`, keeps its initial value.
+If too little of a segment remains (LEAST), an end fitting on the cable stops it, and its kinetic energy turns
+to heat; it may move back.
 """
 
 import math
@@ -30,16 +32,16 @@ from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_li
 from netfall.numerics.arithmetic import exponential
 from netfall.physics.elements import TINY
 
-STEP = 0.75**0.5  # of a limit of the step without slip: three quarters of (omega dt)^2 are left to the net
+STEP = 0.75**0.5  # of the limit without slip; leaves three quarters of (omega dt)^2 to the net
 
 
 class Places(Record):
-    """Slip points over particles of a rank, and the free segments that grow longer and shorter by them.
+    """Slip points at the particles of a rank, and the free segments whose lengths they change.
 
-    node, column : (k,) slip points at particles that it owns, ascending, and which of the cables there
-    before, after : (k,) elements beside them, along the cable; segment_before, segment_after : (k,) segments
-    moving, of : (j,) the same as node, column, with those of the halo
-    element : (q,) of all of them, segment by segment; start : (g + 1,) where each segment begins in it
+    node, column : (k,) slip points at owned particles, ascending, and the number of the cable at the node
+    before, after : (k,) adjacent elements, along the cable; segment_before, segment_after : (k,) segments
+    moving, of : (j,) like node, column, with those of the halo
+    element : (q,) of all segments, one after the other; start : (g + 1,) where each segment begins in it
     """
 
     node: i8
@@ -55,9 +57,10 @@ class Places(Record):
 
 
 class Strand(NamedTuple):
-    """One side of a place: tension and what is left of that of a lost one [N], a unit vector along the cable.
+    """One side of a slip point: tension, remaining tension of a removed element [N], and cable direction.
 
-    whole : whether it has not broken, and so grows longer; there : whether it pulls
+    whole : whether the segment is intact, and so changes its length; there : whether it pulls
+    along : unit vector along the cable
     """
 
     tension: float
@@ -68,7 +71,7 @@ class Strand(NamedTuple):
 
 
 def places_of(state, segment: np.ndarray) -> Places:
-    """Return the slip points of a rank, all elements of whose segments it holds.
+    """Return the slip points of a rank; it holds all elements of their segments.
 
     state : `state.State`, owned particles before those of the halo; segment : (m,) of `net.slides.Slides`
     """
@@ -76,8 +79,8 @@ def places_of(state, segment: np.ndarray) -> Places:
     inside = inside[np.argsort(segment[inside], kind="stable")]
     number, row = np.unique(segment[inside], return_inverse=True)
     begin, end = state.ends.T.astype(np.int64)
-    turned = state.slip_along < 0
-    begin, end = np.where(turned, end, begin), np.where(turned, begin, end)  # along the cable
+    is_reversed = state.slip_along < 0
+    begin, end = np.where(is_reversed, end, begin), np.where(is_reversed, begin, end)  # along the cable
     leaves, arrives = (
         inside[(state.slip_place[inside, k] >= 0) & (at[inside] == state.slip_at[inside, k])]
         for k, at in enumerate((begin, end))
@@ -88,19 +91,23 @@ def places_of(state, segment: np.ndarray) -> Places:
     ]
     after, before = (rows[np.lexsort((rows[:, 1], rows[:, 0]))] for rows in points)
     moving = np.unique(np.concatenate([after, before])[:, :2], axis=0)
-    after, before = (rows[rows[:, 0] < state.n_owned] for rows in (after, before))  # owned: both are here
-    row_of = lambda e: np.searchsorted(number, segment[e])
+    after, before = (rows[rows[:, 0] < state.n_owned] for rows in (after, before))  # it has both if owned
     return Places(
-        *(np.ascontiguousarray(after[:, 0]), np.ascontiguousarray(after[:, 1])),
-        *(np.ascontiguousarray(before[:, 2]), np.ascontiguousarray(after[:, 2])),
-        *(row_of(before[:, 2]), row_of(after[:, 2])),
-        *(np.ascontiguousarray(moving[:, 0]), np.ascontiguousarray(moving[:, 1])),
-        *(inside, np.append(0, np.cumsum(np.bincount(row, minlength=len(number))))),
+        node=np.ascontiguousarray(after[:, 0]),
+        column=np.ascontiguousarray(after[:, 1]),
+        before=np.ascontiguousarray(before[:, 2]),
+        after=np.ascontiguousarray(after[:, 2]),
+        segment_before=np.searchsorted(number, segment[before[:, 2]]),
+        segment_after=np.searchsorted(number, segment[after[:, 2]]),
+        moving=np.ascontiguousarray(moving[:, 0]),
+        of=np.ascontiguousarray(moving[:, 1]),
+        element=inside,
+        start=np.append(0, np.cumsum(np.bincount(row, minlength=len(number)))),
     )
 
 
 def beside(places: Places, values: np.ndarray) -> np.ndarray:
-    """Return the sums (k,) over both segments beside each slip point of values (m,)."""
+    """Return sums (k,) of values (m,) over both segments adjacent to each slip point."""
     if not len(places.element):
         return np.zeros(0)
     total = np.add.reduceat(values[places.element], places.start[:-1])
@@ -108,29 +115,29 @@ def beside(places: Places, values: np.ndarray) -> np.ndarray:
 
 
 @inner_kernel
-def _strand(e, whole, share, particles, elements, law):
-    """`Strand` of element e, beside a slip point, at the present positions.
+def _strand(e, intact, share, particles, elements, law):
+    """Return the `Strand` of element e, adjacent to a slip point, at the present positions.
 
-    whole : whether its segment is; share : of the time between samples of what fades
+    intact : whether its segment is; share : position between two samples of a fading tension
     """
     hold = 0.0
     if has(elements.hold_before):
         hold = elements.hold_before[e] + share * (elements.hold_after[e] - elements.hold_before[e])
-    if not whole and not hold > 0.0:
+    if not intact and not hold > 0.0:
         return Strand(0.0, 0.0, False, False, (0.0, 0.0, 0.0))
     a, b, x = elements.ends[e, 0], elements.ends[e, 1], particles.x
     dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
     L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
-    turned = elements.slip_along[e] / L
+    direction = elements.slip_along[e] / L
     T = 0.0
-    if whole:
+    if intact:
         T, _ = axial_force(elements, e, strain(L, elements.L0[e], law), 0.0)
-    return Strand(T, hold, whole, True, (turned * dx, turned * dy, turned * dz))
+    return Strand(T, hold, intact, True, (direction * dx, direction * dy, direction * dz))
 
 
 @inner_kernel
 def is_whole(g, places, elements):
-    """Whether no element of segment g is broken or removed."""
+    """Return whether no element of segment g is broken or removed."""
     broken = 0
     for j in range(places.start[g], places.start[g + 1]):
         broken += np.int64(elements.broken[places.element[j]] != 0)
@@ -139,7 +146,7 @@ def is_whole(g, places, elements):
 
 @inner_kernel
 def _drive(g, places, particles, elements, law):
-    """Sum [N] over the elements of segment g, which is whole, of q(T) times their shares."""
+    """Return the sum [N] of q(T) times the share over the elements of segment g, which is intact."""
     x, total = particles.x, 0.0
     for j in range(places.start[g], places.start[g + 1]):
         e = places.element[j]
@@ -152,9 +159,9 @@ def _drive(g, places, particles, elements, law):
 
 
 @inner_kernel
-def _is_short(g, e, whole, passed, places, elements):
-    """Whether too little is left of segment g, out of which `passed` [m] went beside element e."""
-    if whole:
+def _is_short(g, e, intact, passed, places, elements):
+    """Return whether too little of segment g remains, from which `passed` [m] left next to element e."""
+    if intact:
         return elements.L0[e] <= LEAST * elements.strand[e]
     length = 0.0
     for j in range(places.start[g], places.start[g + 1]):
@@ -164,9 +171,10 @@ def _is_short(g, e, whole, passed, places, elements):
 
 @inner_kernel
 def kicked_slip(i, kick_dt, share, places, particles, elements, law):
-    """Velocity of slip i half a step on, the same without friction [m/s]; Q of the strands, and besides [N].
+    """Return the velocity [m/s] of slip i half a step later, also without friction, and the forces on it.
 
-    And whether it is kept from going on.
+    The result is: velocity, velocity without friction, Q of the strands [N], other forces [N], and whether a
+    short segment blocks the slip.
     """
     p, c, b, a = places.node[i], places.column[i], places.before[i], places.after[i]
     segment_b, segment_a = places.segment_before[i], places.segment_after[i]
@@ -177,52 +185,52 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
         return 0.0, old, 0.0, 0.0, False
     EA_b = elements.EA[b] if before.whole else elements.EA[a]
     EA_a = elements.EA[a] if after.whole else elements.EA[b]
-    strands = 0.0
+    Q = 0.0
     if after.whole:
-        strands += _drive(segment_a, places, particles, elements, law)
+        Q += _drive(segment_a, places, particles, elements, law)
     if before.whole:
-        strands -= _drive(segment_b, places, particles, elements, law)
-    besides = slip_force(after.hold, EA_a, law) - slip_force(before.hold, EA_b, law)
-    besides += particles.slip_load[c, p]
+        Q -= _drive(segment_b, places, particles, elements, law)
+    other_force = slip_force(after.hold, EA_a, law) - slip_force(before.hold, EA_b, law)
+    other_force += particles.slip_load[c, p]
     mu, turn = particles.friction[c, p], 1.0
     if mu > 0.0 and before.there and after.there:
         u, w = before.along, after.along
         turn = exponential(-mu * angle_between(u[0], u[1], u[2], w[0], w[1], w[2]))
     T_b, T_a = before.tension + before.hold, after.tension + after.hold
     limit = slip_limit(T_b, T_a, EA_b, EA_a, mu, particles.resistance[c, p], turn, law)
-    free = old + kick_dt * (strands + besides) / inertia
-    left = abs(free) - kick_dt * limit / inertia
+    free = old + kick_dt * (Q + other_force) / inertia
+    speed = abs(free) - kick_dt * limit / inertia
     new, passed = 0.0, particles.slip[c, p]
-    if left > 0.0:
-        new = left if free > 0.0 else -left
+    if speed > 0.0:
+        new = speed if free > 0.0 else -speed
     if new > 0.0 and _is_short(segment_b, b, before.whole, passed, places, elements):
-        return 0.0, free, strands, besides, True
+        return 0.0, free, Q, other_force, True
     if new < 0.0 and _is_short(segment_a, a, after.whole, -passed, places, elements):
-        return 0.0, free, strands, besides, True
-    return new, free, strands, besides, False
+        return 0.0, free, Q, other_force, True
+    return new, free, Q, other_force, False
 
 
 @inner_kernel
 def kick_slips(time, kick_dt, share, places, particles, elements, law):
-    """Kick of all slips of a rank at a time [s] to n + 1/2, with work and heat. places : `Places`"""
+    """Update all slip velocities of a rank at a time [s] to n + 1/2, with work and heat. places : `Places`"""
     for i in range(places.node.shape[0]):
         p, c = places.node[i], places.column[i]
         old = particles.slip_v[c, p]
-        new, free, strands, besides, locked = kicked_slip(i, kick_dt, share, places, particles, elements, law)
+        new, free, Q, other_force, locked = kicked_slip(i, kick_dt, share, places, particles, elements, law)
         particles.slip_v[c, p] = new
         if locked and particles.slip_locked[c, p] == 0.0:
             particles.slip_locked[c, p] = max(time, TINY)
         if has(particles.slip_work):
             work = particles.slip_work
             mean = 0.5 * (old + new)
-            work[0, p] += kick_dt * mean * besides
-            work[1, p] += kick_dt * mean * strands
+            work[0, p] += kick_dt * mean * other_force
+            work[1, p] += kick_dt * mean * Q
             work[2, p] += particles.slip_mass[c, p] * (free - new) * mean
 
 
 @inner_kernel
 def drift_slips(dt, places, particles):
-    """Slips of a rank, those of its halo too, to n + 1."""
+    """Update the slips of a rank, halo included, to n + 1."""
     for j in range(places.moving.shape[0]):
         p, c = places.moving[j], places.of[j]
         particles.slip[c, p] += dt * particles.slip_v[c, p]
@@ -230,14 +238,14 @@ def drift_slips(dt, places, particles):
 
 @inner_kernel
 def slip_energies(i, part, kick_dt, share, places, particles, elements, law):
-    """Kinetic energy of slip i at the very time n, and works on the way there [J]: external, internal, heat.
+    """Return the kinetic energy of slip i at time n, and works [J] up to then: external, internal, heat.
 
-    part : share of the kick that comes before n
+    part : share of the velocity update that comes before n
     """
     p, c = places.node[i], places.column[i]
     old, inertia = particles.slip_v[c, p], particles.slip_mass[c, p]
-    new, free, strands, besides, _ = kicked_slip(i, kick_dt, share, places, particles, elements, law)
-    now, way = old + part * (new - old), part * kick_dt
+    new, free, Q, other_force, _ = kicked_slip(i, kick_dt, share, places, particles, elements, law)
+    now, duration = old + part * (new - old), part * kick_dt
     mean = 0.5 * (old + now)
     heat = part * inertia * (free - new) * mean
-    return 0.5 * inertia * now * now, way * mean * besides, way * mean * strands, heat
+    return 0.5 * inertia * now * now, duration * mean * other_force, duration * mean * Q, heat
