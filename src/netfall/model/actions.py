@@ -65,9 +65,7 @@ class StaticLoad(NamedTuple):
     before: dict[str, np.ndarray] | None = None
 
     def reached(self, share: float) -> float:
-        """Return the load factor at a share of the way from the start; nan: permanent loads have no
-        factor.
-        """
+        """Return the load factor at a share of the way from the start; nan for permanent loads."""
         return self.begins + share * (self.factor - self.begins) if self.kind != "permanent" else np.nan
 
 
@@ -124,9 +122,7 @@ def _added(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.nda
 
 
 def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:
-    """Compute the forces (n, 3) [N] of the static wind and the pressure table of a case; None: it has
-    neither.
-    """
+    """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither."""
     inputs, force = model.layout.cases[case.name], None
     if inputs.wind is not None:
         force = inputs.wind.pressure_factor * still_force(model.x, model.roof.vector, inputs.wind)
@@ -138,9 +134,7 @@ def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:
 
 
 def _feet(model: Model, spring_rest: np.ndarray, settlement: np.ndarray | None) -> np.ndarray | None:
-    """Return the displacements (n, 3) [m] at which springs on settled supports carry nothing; None: no
-    change.
-    """
+    """Return the displacements (n, 3) [m] at which settled springs carry nothing; None: no change."""
     if not model.net.spring.any() or (settlement is None and spring_rest is model.spring_rest):
         return None
     if settlement is None:

@@ -54,8 +54,7 @@ def read_cases(job: Job, net: Net, zones: Zones) -> tuple[dict[str, Inputs], lis
 
 
 def _differences(job: Job) -> list[str]:
-    """Return a note for each load of a case that a combination multiplies by another factor than that of
-    [load].
+    """Return a note for each load of a case with another factor in a combination than the load of [load].
 
     Such a combination has factor x (value of the case - value of [load]) + factor of [load] x its value.
     """

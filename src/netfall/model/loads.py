@@ -36,8 +36,9 @@ class Loading:
 
 
 def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Loading:
-    """Compute the loads of a job; own : (n,) [kg], mass of the elements; nodes : (n, 3) [N], loads of the
-    nodes.
+    """Compute the loads of a job.
+
+    own : (n,) [kg], mass of the elements; nodes : (n, 3) [N], loads of the nodes
     """
     load, permanent = job.load, np.zeros_like(nodes)
     if load is None:
@@ -110,8 +111,7 @@ def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) ->
 
 
 def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
-    """Return the net pressure coefficient (n,) of each node for the direction of the wind, and the
-    sectors.
+    """Return the net pressure coefficient (n,) of each node for the wind's direction, and the sectors.
 
     None without wind; the sectors are None without a table. Raises InputError for a wrong table.
     """
@@ -130,8 +130,7 @@ def by_node(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
-    """Compute the pressure (n,) [N/m2] of the mean wind on the roof: c_p,net rho U^2 / 2, positive onto
-    the roof.
+    """Compute the pressure (n,) [N/m2] of the mean wind, positive onto the roof: c_p,net rho U^2 / 2.
 
     coefficient : (n,); mean_gust : (c,) [m/s] at the control points, in addition to the mean of the field
     """
@@ -186,9 +185,7 @@ def drag_on(job: Job, x: np.ndarray, roof: Roof) -> Drag | None:
 
 
 def kappa_area(job: Job, roof: Roof) -> np.ndarray:
-    """Compute kappa rho A (n, 3) [kg/m] of upward vector areas A; kappa is the aerodynamic damping
-    coefficient.
-    """
+    """Compute kappa rho A (n, 3) [kg/m] of vector areas A, kappa the aerodynamic damping coefficient."""
     kappa = roof.zones.spread(job.wind, "air_damping")
     return (kappa * job.wind.air_density)[:, None] * roof.vector
 

@@ -1,6 +1,4 @@
-"""Member removals of [[remove]]: the elements removed at each step, and the particles that leave with
-them.
-"""
+"""Member removals of [[remove]]: the elements removed at each step, and the particles that leave too."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -73,8 +71,9 @@ def absent_notes(job: Job, net: Net) -> Iterator[str]:
 
 
 def shaken_notes(job: Job, varies: bool) -> Iterator[str]:
-    """Yield notes on other causes in the dynamic factors of a removal; varies : whether the wind has
-    gusts.
+    """Yield notes on causes other than the removal that contribute to dynamic factors.
+
+    varies : whether the wind has gusts
     """
     both = "so largest tensions and dynamic factors are of both"
     if job.removes and varies:
@@ -92,8 +91,7 @@ def shaken_notes(job: Job, varies: bool) -> Iterator[str]:
 
 
 def losses_of(job: Job, model, schedule) -> list[Loss]:
-    """Return the removals of the dynamic stage, by step; removals at or after its end are left out. Rank
-    0.
+    """Return the removals of the dynamic stage, step by step, up to its end. Rank 0.
 
     model : `model.Model`; schedule : `schedule.Schedule`. An element is removed once, by the first entry.
     """
@@ -117,8 +115,7 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
 def leaving_with(
     model, elements: np.ndarray, there: np.ndarray, torn=()
 ) -> tuple[np.ndarray, Redistribution]:
-    """Return the particles that only the removed elements (k,) hold, and the redistribution of their
-    loads.
+    """Return the particles that only the removed elements (k,) hold, and where their loads go.
 
     Particles inside a removed cable pass on all that they carry. The others leave only if they carry nothing.
     there : (m,) bool, elements that remain; torn : as in `redistribute`

@@ -128,9 +128,7 @@ class Model:
 
     @property
     def caps(self) -> Caps:
-        """Yield and buckling forces of the elements, and the buckling loads of bars that are not to
-        buckle.
-        """
+        """Forces at which elements yield and buckle, and Euler loads of the bars that may not buckle."""
         net = self.net
         return caps_of(net.yield_force, euler_load(net, self.cut_length), net.buckling, net.bending)
 
@@ -214,8 +212,7 @@ def make_model(
 
 
 def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
-    """Build the joints of bending chains: k = EI / l, for two different bars k = 2 / (l1 / EI1 + l2 /
-    EI2).
+    """Build the joints of bending chains, k = EI / l; for two different bars k = 2 / (l1 / EI1 + l2 / EI2).
 
     Raises InputError if a chain folds back, because the axis of bending is then undefined.
     """
@@ -233,9 +230,7 @@ def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
 
 
 def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """Compute self weight and dead load (n, 3) [N] of the net at x (n, 3) [m] with axial forces N (m,)
-    [N].
-    """
+    """Compute self weight and dead load (n, 3) [N] at x (n, 3) [m] with axial forces N (m,) [N]."""
     net, areas = layout.net, _areas(layout, x)
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain))

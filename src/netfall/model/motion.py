@@ -1,5 +1,4 @@
-"""Motion of supports, [[motion]]: records of displacements or accelerations, and the supports that follow
-them.
+"""Motion of supports, [[motion]]: records of displacements or accelerations, and the supports they move.
 
 A displacement is linear between the rows of its table and constant after the last row. An acceleration is
 linear between its rows, integrated twice in closed form, and zero after the last row. A record of PEER (.AT2)
@@ -44,9 +43,7 @@ class Motion:
 
 
 def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
-    """Build the motion of the supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all
-    errors.
-    """
+    """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors."""
     errors, notes, records, courses_of = [], [], [], {}
     for number, entry in enumerate(job.motions, 1):
         label, record_notes = f"[[motion]] {number}:", []
@@ -114,9 +111,7 @@ def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
 
 
 def _half_moved(net: Net, rows: np.ndarray) -> Iterator[str]:
-    """Yield a note on subdivided elements between a support that moves, one of `rows`, and a support that
-    does not.
-    """
+    """Yield a note on subdivided elements between a support that moves, one of `rows`, and a fixed one."""
     moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
     half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
     if half.any():
@@ -128,9 +123,7 @@ def _half_moved(net: Net, rows: np.ndarray) -> Iterator[str]:
 
 
 def _delays(x: np.ndarray, entry) -> np.ndarray:
-    """Compute the times (k,) [s] at which a wave reaches supports at x (k, 3) [m], from the first support
-    on.
-    """
+    """Compute the times (k,) [s] at which a wave reaches supports at x (k, 3) [m], 0 at the first support."""
     if entry.speed is None or entry.travel is None or not len(x):
         return np.zeros(len(x))
     along = x[:, 0] * entry.travel[0] + x[:, 1] * entry.travel[1] + x[:, 2] * entry.travel[2]
@@ -165,9 +158,7 @@ def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.nda
 
 
 def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Read times (r,) [s] from 0 on, coefficients (r, 4, 3) from each time on, and notes. Raises
-    InputError.
-    """
+    """Read times (r,) [s] from 0 on, their coefficients (r, 4, 3), and notes. Raises InputError."""
     path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
         table, time, x = _table(path, entry)
@@ -215,9 +206,7 @@ def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
 
 
 def _from_zero(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows (r,), (r, 3) from time 0 on, with a row at 0; the first row holds before its time
-    too.
-    """
+    """Return the rows (r,), (r, 3) from time 0 on, with a row at 0; values before the first row equal it."""
     first = np.array([np.interp(0.0, time, column) for column in values.T])
     later = time > 0.0
     return np.append(0.0, time[later]), np.vstack([first, values[later]])
@@ -237,8 +226,9 @@ def _polyline(table: Table, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray
 
 
 def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Integrate accelerations a (r, 3) [m/s2], linear between times (r,), to position coefficients (r, 4,
-    3).
+    """Integrate accelerations a (r, 3) [m/s2], linear between times (r,), to position coefficients.
+
+    Returns the times and the coefficients (r, 4, 3).
     """
     h = np.diff(time)[:, None]
     place = np.zeros((len(time), 4, 3))
@@ -265,9 +255,7 @@ def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
-    """Describe the peak acceleration of an integrated record, its largest displacement and its drift at
-    the end.
-    """
+    """Describe the peak acceleration and displacement of an integrated record, and its drift at the end."""
     x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
     most, a = (np.abs(place[:, k]).max() for k in (0, 2))
     return [
@@ -318,8 +306,7 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _unit_of(path: Path, head: str) -> str:
-    """Return the unit of acceleration in the head of a record. Raises InputError unless there is exactly
-    one.
+    """Return the unit of acceleration in the head of a record. Raises InputError unless it names one.
 
     A unit behind a number belongs to that number ("PGA 0.3 G"), not to the record.
     """

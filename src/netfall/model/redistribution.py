@@ -29,10 +29,11 @@ class Redistribution:
     share: np.ndarray
 
     def move(self, values: np.ndarray, gid: np.ndarray, given: np.ndarray | None = None) -> None:
-        """Move the values that particles carry, in place. values : (rows, ...), of the particles gid
-        (rows,)
+        """Move the values that particles carry, in place.
 
-        given : (k, ...) values of `particles`, if this rank lacks some of their rows
+        values : (rows, ...), of the particles gid (rows,); given : (k, ...) values of `particles`, if this
+        rank lacks
+        some of their rows
         """
         leaving = rows_of(gid, self.particles)
         given = values[leaving] if given is None else given
@@ -43,9 +44,7 @@ class Redistribution:
         values[leaving[leaving >= 0]] = 0.0
 
     def given(self, distribution: Distribution, rows: np.ndarray) -> np.ndarray:
-        """Return the values of `particles` (k, ...) on every rank; rows : of this rank's particles.
-        Collective.
-        """
+        """Return the values of `particles` (k, ...) on every rank; rows : local values. Collective."""
         return distribution.from_owners(self.particles, rows)
 
 
@@ -114,9 +113,7 @@ def _walk(neighbours: dict, cable: int, start: int, step: tuple, L0, torn: set) 
 
 
 def _shares(p: int, ends: dict, loose: np.ndarray, on_way: set) -> dict[int, float]:
-    """Return the shares of the held nodes that take the load of node p; they add to 1 unless there are
-    none.
-    """
+    """Return the shares of the held nodes that take the load of node p; they add to 1 if there are any."""
     shares = {}
     for end, weight in ends[p].items():
         if not loose[end]:

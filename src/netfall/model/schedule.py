@@ -107,8 +107,7 @@ def steps_line(schedule: Schedule) -> str:
 
 
 def stride_of(ratio: float) -> int:
-    """Return the number of fragment steps in one step of the intact net; its limit is `ratio` times
-    theirs.
+    """Return the number of fragment steps in one step of the intact net, whose limit is `ratio` times theirs.
 
     One of the two steps is shorter than its limit. The choice wastes as little of the limits as possible.
     """
@@ -163,9 +162,7 @@ def slip_step(model: Model) -> Limit:
 
 
 def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
-    """Scale the limits of a net with sliding cables; the limit for slack cables already leaves room for
-    slips.
-    """
+    """Scale the limits of a net with sliding cables; the limit for slack cables has room for slips."""
     return {
         name: limit if name in ("slackening", "slip") else replace(limit, dt=STEP * limit.dt)
         for name, limit in limits.items()
@@ -206,9 +203,7 @@ def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
 
 
 def refuse_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
-    """Raise InputError unless the step is below the exact limit of the assembled net and nothing can
-    break.
-    """
+    """Raise InputError unless the step is below the limit of the assembled net and nothing can break."""
     if limit.name == "any_shape":
         limit = limits["assembled"]
         if job.dynamics.time_step <= limit.dt:

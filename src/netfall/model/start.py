@@ -1,6 +1,4 @@
-"""Plausibility checks of the start of a job: elements that fail at once, and values that look like another
-unit.
-"""
+"""Plausibility checks of the start of a job: elements that fail at once, and values in another unit."""
 
 from collections.abc import Iterator
 
@@ -51,7 +49,7 @@ WEAKEST = 1e-4  # smallest plausible strain at the breaking force
 SLOWEST, FASTEST = 400.0, 20e3  # m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
 LOOSEST = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
 SLACKEST, TIGHTEST = -0.5, 0.1  # plausible strains at the start
-FAR = 3.0  # diagonals of the roof in plan: taps and points farther outside are probably in another unit
+FAR = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
 ROUNDING = 1e-10  # share of the largest force below which a force counts as zero
 COLLAPSED = 1e-6  # share of its given length below which an element has collapsed in form finding
 UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
@@ -114,8 +112,9 @@ def load_notes(job: Job) -> Iterator[str]:
 
 
 def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict) -> Iterator[str]:
-    """Yield a note for each table of wind or pressure of a size that no roof has; arguments as in
-    `layout.Layout`.
+    """Yield a note for each table of wind or pressure of a size that no roof has.
+
+    Arguments as in `layout.Layout`.
     """
     wind, tables = job.wind, []
     if wind and wind.sectors:
@@ -139,9 +138,7 @@ def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict)
 
 
 def weight_notes(job: Job, net: Net) -> list[str]:
-    """Return notes on nodes with weight but no mass, mass but no weight, or a ratio that suggests another
-    unit.
-    """
+    """Return notes on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
     down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
     if job.dynamics is None:
         return []
@@ -228,10 +225,9 @@ def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[s
 
 
 def place_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
-    """Yield notes on points (c, 2 or 3) [m] far outside the given roof, and on nodes with five or more
-    nearest points.
+    """Yield notes on points far outside the given roof, and on nodes with five or more nearest points.
 
-    places : None: none; what : noun for the points of key; axes : as in `place_weights`
+    places : (c, 2 or 3) [m], None: none; what : noun for the points of key; axes : as in `place_weights`
     """
     if places is None:
         return
@@ -268,8 +264,9 @@ def _buckling(net: Net, N: np.ndarray) -> Iterator[str]:
 
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
-    """Check axial forces N (m,) [N] at lengths L (m,) [m]. Raises InputError for forces that no element
-    can have.
+    """Check axial forces N (m,) [N] at lengths L (m,) [m].
+
+    Raises InputError for forces that no element can have.
     """
     yield_force, EA = net.yield_force, net.EA
     euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling

@@ -13,9 +13,7 @@ from netfall.parallel.subdomain import Distribution, rows_of
 
 
 def crushing_strain(model: Model) -> np.ndarray:
-    """Return the fracture strains in compression (m,); -inf: none, also if bars buckle below their
-    breaking force.
-    """
+    """Return the fracture strains in compression (m,); -inf: none, or bars buckle before they break."""
     net, strain = model.net, model.net.fracture_strain
     by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + ROUNDING))
     return np.where(net.buckling & ~(by_load & (model.euler < net.breaking_load)), -strain, -np.inf)
