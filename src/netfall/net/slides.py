@@ -155,9 +155,9 @@ def _crowded(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
 def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     """Return the elements of an entry, and errors: wrong names, bars, elements that yield, unknown nodes."""
     if entry.group is None:
-        title, source, (rows, errors) = "cables", "cables", elements_of_cables(net, entry.cables)
+        name, source, (rows, errors) = "cables", "cables", elements_of_cables(net, entry.cables)
     else:
-        title, source = f"group {shown(entry.group)}", f"group = {shown(entry.group)}"
+        name, source = f"group {shown(entry.group)}", f"group = {shown(entry.group)}"
         rows, errors = elements_of_group(net, entry.group)
     if errors:
         return rows, [f"{source}: {line}" for line in errors]
@@ -167,10 +167,10 @@ def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     if unknown:
         errors.append(f"nodes: no node {listed(unknown)}")
     if len(bars):
-        errors.append(f'{title}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
+        errors.append(f'{name}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
     if len(soft):
         errors.append(
-            f"{title}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
+            f"{name}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
             "group (its strength may stand as fracture_strain or breaking_load)"
         )
     return rows, errors
