@@ -107,8 +107,9 @@ def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.
 
 
 def factorise(matrix: np.ndarray) -> None:
-    """Compute the Cholesky factor in place, as `linear.factorised`. Raises InputError for a singular
-    matrix.
+    """Compute the Cholesky factor in place, as `linear.factorised`.
+
+    Raises InputError for a singular matrix.
     """
     if factorised(matrix):
         raise InputError(
@@ -232,9 +233,7 @@ def _own(R: np.ndarray) -> float:
 def _half_octaves(n, gust: Gust) -> np.ndarray:
     """Return rows (bands, nodes) of n: the half octaves, without the slowest, that judge the spectrum."""
     power = n * gust.spectrum(n)
-    first = int(
-        np.searchsorted(np.cumsum(power), BELOW_BANDS * power.sum())
-    )  # nodes are in geometric progression
+    first = int(np.searchsorted(np.cumsum(power), BELOW_BANDS * power.sum()))  # nodes are geometric
     per = PER_OCTAVE // 2
     bands = max(1, (len(n) - first) // per)
     return np.arange(len(n))[-bands * per :].reshape(bands, -1)
