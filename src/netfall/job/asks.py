@@ -19,7 +19,7 @@ def rests_in_wind(job: Job) -> bool:
 
 
 def rests_at_loss(job: Job) -> bool:
-    """Tell whether a job with removals but no wind starts its dynamic stage from the loaded equilibrium."""
+    """Tell whether the dynamic stage starts from the loaded equilibrium: removals, but no wind."""
     return bool(job.removes and job.dynamics) and job.wind is None
 
 
@@ -73,8 +73,10 @@ def has_gusts(job: Job) -> bool:
 def air_damps(job: Job) -> bool:
     """Tell whether the air damps the motion of the roof."""
     wind = job.wind
-    own = [zone["air_damping"] for zone in wind.zone.values() if "air_damping" in zone] if wind else []
-    return wind is not None and any([wind.air_damping, *own])
+    zone_values = (
+        [zone["air_damping"] for zone in wind.zone.values() if "air_damping" in zone] if wind else []
+    )
+    return wind is not None and any([wind.air_damping, *zone_values])
 
 
 def drags(job: Job) -> bool:

@@ -28,15 +28,15 @@ def rows_of_set(sections: dict, overrides: dict) -> dict[str, Key]:
     rows |= {f"wind.{key.name}": key for key in sections["wind"] if key.name in OF_WIND}
     rows["wind.pressure_factor"] = PRESSURE_FACTOR
     for section in ("load", "wind"):
-        own = {f"{section}.zone.NAME.{key.name}": key for key in overrides[section][1]}
-        rows |= {name: key for name, key in own.items() if f"{section}.{key.name}" in rows}
+        zone_rows = {f"{section}.zone.NAME.{key.name}": key for key in overrides[section][1]}
+        rows |= {name: key for name, key in zone_rows.items() if f"{section}.{key.name}" in rows}
     return rows
 
 
 def split(name: str) -> tuple[str, str, str]:
     """Split "load.snow" or "wind.zone.edge.shape_coefficient" into section, zone ("": none) and key."""
-    section, _, rest = name.partition(".zone.")
-    zone, _, key = rest.rpartition(".")
+    section, _, remainder = name.partition(".zone.")
+    zone, _, key = remainder.rpartition(".")
     if not zone:
         section, _, key = name.partition(".")
     return section, zone, key
@@ -63,16 +63,16 @@ def values_of_set(
     rows : of `rows_of_set`; put(place, name, row, value, values) takes valid values, wrong(place, what)
     errors
     """
-    place, values = f"[[{kind}]] {case.name}: set:", {}
+    label, values = f"[[{kind}]] {case.name}: set:", {}
     for name, value in _flat(case.set).items():
         section, zone, key = split(name)
         row = rows.get(f"{section}.zone.NAME.{key}" if zone else name)
         if row is None:
-            wrong(place, f"{shown(name)[1:-1]}: not what a {kind} can set; {nearest(name, rows)}")
+            wrong(label, f"{shown(name)[1:-1]}: not what a {kind} can set; {nearest(name, rows)}")
         else:
-            put(place, name, row, value, values)
+            put(label, name, row, value, values)
     if {"wind.shape_coefficient", "wind.sectors"} <= set(values):
-        wrong(place, "wind.shape_coefficient and wind.sectors exclude each other; keep one of the two")
+        wrong(label, "wind.shape_coefficient and wind.sectors exclude each other; keep one of the two")
     return values
 
 
@@ -103,37 +103,40 @@ def static_wind(wind: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace
 def wrong_cases(cases: list, wind: SimpleNamespace):
     """Yield place and error of cases whose `set` is checked; wind : [wind], or its defaults."""
     for case in cases:
-        place = f"[[case]] {case.name}:"
+        label = f"[[case]] {case.name}:"
         if case.name in OF_LOAD:
-            yield place, f"name: {shown(case.name)} is what a factor of [[combination]] means; take another"
+            yield label, f"name: {shown(case.name)} is what a factor of [[combination]] means; take another"
         if not case.set and case.pressure_table is None and not case.settlement:
-            yield place, "set, pressure_table or settlement: missing; say what acts in it"
+            yield label, "set, pressure_table or settlement: missing; say what acts in it"
         if case.factor is not None and case.pressure_table is None:
             problem = "only with pressure_table, whose values it multiplies; add it or remove factor"
-            yield place, f"factor: {problem}"
+            yield label, f"factor: {problem}"
         if blows(case):
             acting = static_wind(wind, case)
             if acting.speed is None:
-                yield place, "set: wind.speed: missing; expected a number of m/s > 0 here or in [wind]"
+                yield label, "set: wind.speed: missing; expected a number of m/s > 0 here or in [wind]"
             if acting.shape_coefficient is None and acting.sectors is None:
                 expected = "expected it, or wind.sectors, here or in [wind]"
-                yield place, f"set: wind.shape_coefficient: missing; {expected}"
+                yield label, f"set: wind.shape_coefficient: missing; {expected}"
 
 
 def wrong_combinations(combinations: list, cases: list):
     """Yield place and error of the entries of [[combination]]."""
     names = [case.name for case in cases if case.name is not None]
     for combination in combinations:
-        place, factors = f"[[combination]] {combination.name}:", combination.factors or {}
+        label, factors = f"[[combination]] {combination.name}:", combination.factors or {}
         if combination.name in names or combination.name in OF_LOAD:
-            other = "a case" if combination.name in names else "a factor"
-            yield place, f"name: {shown(combination.name)} is the name of {other} already; names are unique"
+            kind = "a case" if combination.name in names else "a factor"
+            yield label, f"name: {shown(combination.name)} is the name of {kind} already; names are unique"
         for name in factors:
             if name not in names and name not in OF_LOAD:
-                known = [*OF_LOAD, *names]
-                yield place, f"factors: {shown(name)[1:-1]}: no case bears this name; {nearest(name, known)}"
+                known_names = [*OF_LOAD, *names]
+                yield (
+                    label,
+                    f"factors: {shown(name)[1:-1]}: no case bears this name; {nearest(name, known_names)}",
+                )
         if factors.get("prestress", 1.0) < 0.0:
-            yield place, f"factors: prestress = {factors['prestress']:g}: expected a number >= 0"
+            yield label, f"factors: prestress = {factors['prestress']:g}: expected a number >= 0"
 
 
 def factor_of(combination: SimpleNamespace, name: str) -> float:

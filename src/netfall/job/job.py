@@ -51,12 +51,12 @@ class Job:
 
     def files(self) -> list[Path]:
         """Return the files that the job reads, from all keys that are paths: net, cables, loads, wind."""
-        named = [getattr(getattr(self, section), key, None) for section, key in PATHS]
-        named += [case.pressure_table for case in self.cases]
-        named += [case.set.get("wind.sectors") for case in self.cases]
+        names = [getattr(getattr(self, section), key, None) for section, key in PATHS]
+        names += [case.pressure_table for case in self.cases]
+        names += [case.set.get("wind.sectors") for case in self.cases]
         entries = [(entry, key) for key in OF_MOTION for entry in self.motions]
-        named += [getattr(entry, key) for entry, key in entries]
-        return [self.path.parent / name for name in named if name]
+        names += [getattr(entry, key) for entry, key in entries]
+        return [self.path.parent / name for name in names if name]
 
     @cached_property
     def contents(self) -> list[bytes]:
@@ -100,14 +100,14 @@ class Job:
     def values(self, name: str, key: str) -> list:
         """Return every value of a key of a section with zones: in the section, zones, cases and stages."""
         section = getattr(self, name)
-        own = [vars(section), *section.zone.values()] if section else []
-        own += [
+        tables = [vars(section), *section.zone.values()] if section else []
+        tables += [
             {path.rpartition(".")[2]: value}
             for entry in [*self.cases, *self.stages]
             for path, value in entry.set.items()
             if path.startswith(f"{name}.")
         ]
-        return [values[key] for values in own if key in values]
+        return [values[key] for values in tables if key in values]
 
     def changes_net(self) -> bool:
         """Tell whether an override changes the net, so that files made for the job's own net do not apply."""

@@ -28,8 +28,8 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     errors: list[str] = []
     apply_overrides(data, overrides, errors)
     if removes:
-        own = data.get("remove", [])
-        data["remove"] = [*own, *removes] if isinstance(own, list) else own
+        given_removes = data.get("remove", [])
+        data["remove"] = [*given_removes, *removes] if isinstance(given_removes, list) else given_removes
     sections = Validation(str(path), errors).sections(data)
     job = Job(path, text, tuple(overrides), **sections)
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]

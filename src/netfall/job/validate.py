@@ -83,13 +83,13 @@ class Validation:
         under, keys = OVERRIDES[name]
         inner = table.get(under, {}) if under else {k: v for k, v in table.items() if isinstance(v, dict)}
         own = {k: v for k, v in table.items() if k != under and (under or k not in inner)}
-        place = f"{name}.{under}" if under else name
+        path = f"{name}.{under}" if under else name
         if not isinstance(inner, dict) or not all(isinstance(v, dict) for v in inner.values()):
-            self.wrong(name, f"{under} = {shown(inner)}: expected tables, [{place}.NAME]")
+            self.wrong(name, f"{under} = {shown(inner)}: expected tables, [{path}.NAME]")
             return own, {}
         overrides: dict[str, dict] = {inner_name: {} for inner_name in inner}
         for inner_name, values in inner.items():
-            self._check(f"{place}.{inner_name}", keys, values, overrides[inner_name])
+            self._check(f"{path}.{inner_name}", keys, values, overrides[inner_name])
         return own, overrides
 
     def entries(self, name: str, keys: Sequence[Key], given) -> list[SimpleNamespace]:
@@ -97,13 +97,15 @@ class Validation:
         if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
             self.wrong("", f"{name} = {shown(given)}: expected entries, [[{name}]], each with its keys")
             return []
-        entries, places = [], {}
+        entries, first_entry = [], {}
         for number, table in enumerate(given, 1):
             entry_name = table.get("name")
-            place = f"[[{name}]] {entry_name if isinstance(entry_name, str) and entry_name else number}:"
-            entries.append(self.table(place, keys, table))
-            if isinstance(entry_name, str) and places.setdefault(entry_name, number) != number:
-                self.wrong(place, f"name: stands in entry {places[entry_name]} already; names are unique")
+            label = f"[[{name}]] {entry_name if isinstance(entry_name, str) and entry_name else number}:"
+            entries.append(self.table(label, keys, table))
+            if isinstance(entry_name, str) and first_entry.setdefault(entry_name, number) != number:
+                self.wrong(
+                    label, f"name: stands in entry {first_entry[entry_name]} already; names are unique"
+                )
         return entries
 
     def table(self, place: str, keys: Sequence[Key], table: dict) -> SimpleNamespace:
@@ -120,9 +122,9 @@ class Validation:
         rows = {key.name: key for key in keys}
         for name, value in table.items():
             if name in REMOVED.get(place, {}):
-                accepted, why = REMOVED[place][name]
+                accepted, reason = REMOVED[place][name]
                 if value != accepted:
-                    removed = f"removed in version {SINCE}, {why}; remove the key"
+                    removed = f"removed in version {SINCE}, {reason}; remove the key"
                     self.wrong(place, f"{name} = {shown(value)}: {removed}")
             elif name not in rows:
                 self.wrong(place, f"{shown(name)[1:-1]}: unknown key; {nearest(name, rows)}")
@@ -144,7 +146,7 @@ class Validation:
 def _wrong_together(given: dict, checked: dict, lists: dict) -> Iterator[tuple[str, str]]:
     """Yield place and error for everything that depends on more than one key.
 
-    given : sections as written; found, lists : checked sections and entries
+    given : sections as written; checked, lists : checked sections and entries
     """
     wind, dynamics, net = given.get("wind", {}), given.get("dynamics", {}), checked["net"]
     if "net" in given:
@@ -202,10 +204,10 @@ def _wrong_removals(given: dict, load: SimpleNamespace | None, removes: list) ->
     for number, entry in enumerate(removes, 1):
         present = [key for key in LOST if getattr(entry, key) is not None]
         if len(present) != 1:
-            both = f"{' and '.join(present)} exclude each other; keep one of them"
+            conflict = f"{' and '.join(present)} exclude each other; keep one of them"
             yield (
                 f"[[remove]] {number}:",
-                both if present else f"{' or '.join(LOST)}: missing; say what is lost",
+                conflict if present else f"{' or '.join(LOST)}: missing; say what is lost",
             )
     if removes and "dynamics" not in given:
         yield "[[remove]]", "there is no [dynamics] in which something could be lost; add it"
@@ -251,11 +253,11 @@ def _wrong_net(net: dict) -> Iterator[str]:
         yield f"unit = {shown(net['unit'])}: only for tables; dimensions are in m"
     if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
         return
-    own = () if tables else GENERATOR_KEYS[generator]
+    own_keys = () if tables else GENERATOR_KEYS[generator]
     for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
-        if name in net and name not in own:
-            others = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
-            yield f"{name} = {shown(net[name])}: only for generator = {others}; remove it"
+        if name in net and name not in own_keys:
+            generators = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
+            yield f"{name} = {shown(net[name])}: only for generator = {generators}; remove it"
 
 
 def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
@@ -294,7 +296,7 @@ def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
 
 
 def _wrong_height(wind: dict, section: SimpleNamespace | None, all_cases: list) -> Iterator[tuple[str, str]]:
-    """Yield errors of a generated or static wind without the height of z = 0; each : the cases."""
+    """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
     missing = (
         "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
         "ground), or profile_exponent = 0 for the same speed at every height"

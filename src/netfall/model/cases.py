@@ -86,10 +86,10 @@ def _differences(job: Job) -> list[str]:
 def _sum(f: float, value, g: float, base) -> str:
     """Write the sum of a load of a case and of [load] in a combination, for a note."""
     text = f"{f:g} x ({_number(value)} - {_number(base)}) + {g:g} x {_number(base)}"
-    alike = np.shape(value) == np.shape(
+    same_shape = np.shape(value) == np.shape(
         base
     )  # a pressure along the normal is a scalar, one along axes is not
-    return text + (f" = {_number(f * np.subtract(value, base) + g * np.array(base))}" if alike else "")
+    return text + (f" = {_number(f * np.subtract(value, base) + g * np.array(base))}" if same_shape else "")
 
 
 def _number(value) -> str:
@@ -165,10 +165,10 @@ def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[dict, lis
             continue
         settlement[p] = shift
         axes = [axis for axis, held in zip("xyz", can_settle[p] | (settlement[p] == 0.0)) if not held]
-        why = "neither held nor on a spring; expected 0.0 there, or a support"
+        reason = "neither held nor on a spring; expected 0.0 there, or a support"
         if is_turned(net)[p]:
-            why = "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
+            reason = "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
         if axes:
-            errors.append(f"{label}: node {int(name)}: {', '.join(axes)}: {why}")
+            errors.append(f"{label}: node {int(name)}: {', '.join(axes)}: {reason}")
     refuse(errors)
     return {"settlement": with_inner(net, settlement, net.fixed)}, []

@@ -87,8 +87,8 @@ def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
     for value, share in roof.zones.parts(load, "pressure"):
         if value is not None:
             is_scalar = isinstance(value, int | float)
-            whole = -value * roof.vector if is_scalar else roof.area[:, None] * np.array(value)
-            force += share[:, None] * whole
+            zone_force = -value * roof.vector if is_scalar else roof.area[:, None] * np.array(value)
+            force += share[:, None] * zone_force
     return force
 
 

@@ -38,9 +38,9 @@ def find_probes(job: Job, net: Net) -> Probes:
     refuse(errors)
     particles = np.array([_particle(net, probe) for probe in probes], np.int64)
     rows = [np.flatnonzero(net.element_id == number) for number in dict.fromkeys(element_ids)]
-    named = np.concatenate([np.zeros(0, np.int64), *rows])
+    named_rows = np.concatenate([np.zeros(0, np.int64), *rows])
     adjacent = np.flatnonzero(np.isin(net.elements, particles).any(1))
-    return Probes(particles, adjacent, named, net.element_id[named])
+    return Probes(particles, adjacent, named_rows, net.element_id[named_rows])
 
 
 def _particle(net: Net, probe) -> int:

@@ -85,14 +85,14 @@ def _ends_of_cables(net, L0, elements: np.ndarray, loose: np.ndarray, torn: set)
             (p, 0.0),
             *walks[1],
         ]  # positions along the cable [m]
-        for q, at in path:
+        for q, position in path:
             if len(neighbours.get((q, cable), ())) != 2:
                 continue
             done.add((q, cable))
             of_node = ends.setdefault(q, {})
-            for end, end_at in (path[0], path[-1]):
+            for end, end_position in (path[0], path[-1]):
                 if len(neighbours.get((end, cable), ())) != 2:
-                    of_node[end] = of_node.get(end, 0.0) + 1.0 / abs(end_at - at)
+                    of_node[end] = of_node.get(end, 0.0) + 1.0 / abs(end_position - position)
     return ends
 
 

@@ -78,5 +78,7 @@ def _place_joints(distribution: Distribution, model: Model | None, state: State)
         *(distribution.joints(joints and getattr(joints, k)) for k in ("stiffness", "rest")),
         owned,
     )
-    at = distribution.elements(model and model.layout.chains.at)
-    state.joint_at = np.where(at >= 0, rows_of(subdomain.joint_gid, at.ravel()).reshape(at.shape), at)
+    joint_at = distribution.elements(model and model.layout.chains.at)
+    state.joint_at = np.where(
+        joint_at >= 0, rows_of(subdomain.joint_gid, joint_at.ravel()).reshape(joint_at.shape), joint_at
+    )

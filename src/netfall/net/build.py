@@ -82,11 +82,13 @@ def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
 
 def _wrong_groups(job: Job, net: Net) -> list[str]:
     """Return an error for each section or list that names a group without elements."""
-    named = [(name, f"[cable.{name}]: no element is of this group") for name in job.groups]
-    named += [(name, f"[roof] groups: no element is of group {shown(name)}") for name in roof_groups(job)]
+    group_names = [(name, f"[cable.{name}]: no element is of this group") for name in job.groups]
+    group_names += [
+        (name, f"[roof] groups: no element is of group {shown(name)}") for name in roof_groups(job)
+    ]
     return [
-        f"{job.path}: {what}; {nearest_group(net, name)}"
-        for name, what in named
+        f"{job.path}: {problem}; {nearest_group(net, name)}"
+        for name, problem in group_names
         if name not in {*net.group_names} - {""}
     ]
 

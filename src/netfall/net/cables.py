@@ -78,10 +78,10 @@ def _bends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
     candidates, cosines, offset = [np.zeros((0, 2), np.int64)], [np.zeros(0)], 1
     while offset < len(order):
         a, b = order[:-offset], order[offset:]
-        same = (node[a] == node[b]) & (group[a] == group[b])
-        if not same.any():
+        meet = (node[a] == node[b]) & (group[a] == group[b])
+        if not meet.any():
             break
-        a, b = a[same], b[same]
+        a, b = a[meet], b[meet]
         u, v = direction[a], direction[b]
         cosine = np.round(-(u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1] + u[:, 2] * v[:, 2]), DIGITS)
         straight = cosine >= np.round(np.cos(np.radians(LARGEST_BEND)), DIGITS)
@@ -136,12 +136,12 @@ def chains_of(net: Net) -> Chains | None:
     pairs = np.concatenate([pairs, by_group[np.isin(by_group, ends[free]).all(1)]])
     pairs = pairs[np.lexsort((pairs[:, 0], node[pairs[:, 0]]))]
     middle, first, second = node[pairs[:, 0]], node[pairs[:, 0] ^ 1], node[pairs[:, 1] ^ 1]
-    at = np.full(2 * net.m, NO_BENDING)
-    at[ends] = CHAIN_END
-    at[pairs.T] = np.arange(len(pairs))
-    at = at.reshape(net.m, 2)
-    chain = parts_of(at[(at >= 0).all(1)], len(pairs))
-    return Chains(np.column_stack([first, middle, second]), pairs // 2, at, chain)
+    joint_at = np.full(2 * net.m, NO_BENDING)
+    joint_at[ends] = CHAIN_END
+    joint_at[pairs.T] = np.arange(len(pairs))
+    joint_at = joint_at.reshape(net.m, 2)
+    chain = parts_of(joint_at[(joint_at >= 0).all(1)], len(pairs))
+    return Chains(np.column_stack([first, middle, second]), pairs // 2, joint_at, chain)
 
 
 def chain_notes(chains: Chains) -> list[str]:
@@ -170,5 +170,5 @@ def pairs_meeting(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.nd
     key = node[ends] * (int(kind.max(initial=0)) + 1) + kind[ends // 2]
     order = np.argsort(key, kind="stable")
     _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    two = first[count == 2]
-    return np.column_stack([ends[order[two]], ends[order[two + 1]]])
+    first_of_two = first[count == 2]
+    return np.column_stack([ends[order[first_of_two]], ends[order[first_of_two + 1]]])

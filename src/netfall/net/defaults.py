@@ -19,7 +19,7 @@ from netfall.net.sections import are_other_bars, strength_of_cable
 
 
 class ChangedDefault(NamedTuple):
-    """A key of a section, or of the entries of a list, whose default changed from `old` to `new`.
+    """Key of a section, or of the entries of a list, whose default changed from `old` to `new`.
 
     affects : whether the results of a job that does not set the key depend on its default
     """

@@ -61,8 +61,8 @@ class Net:
     strength_deviation : (m,) scatter; strength : (m,) random factor, already applied to the strengths above
     length_deviation : (m,) [m] scatter of the length of the cable; length_error : (m,) [m], random draw
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
-    second_moment : (m,) [m4] of the area of bars, nan: none, None: no element has one; this row and the next
-        two hold given values
+    second_moment : (m,) [m4] of the area of bars, nan: none, None: no element has one; then the next two are
+        None too
     buckling_length : (m,) [m], nan: length of the element of the table; buckling_curve : (m,) row of CURVES
     bending, buckling : (m,) bool, bars of bending chains, bars that buckle; None: none
     tier : (m,) ring of a generated net, from the middle, that the element belongs to within its group;
@@ -142,7 +142,7 @@ class Net:
 
     @property
     def moves(self) -> np.ndarray:
-        """(n,) bool, nodes that can move along any axis."""
+        """(n,) bool, nodes that can move along at least one axis."""
         return ~self.fixed.all(1)
 
     @property

@@ -14,7 +14,7 @@ NIL = 1e-9  # component of a unit vector below which it is rounding
 
 
 def is_turned(net: Net) -> np.ndarray:
-    """(n,) bool, supports that their angle changes."""
+    """Tell which supports differ from those without their angle, (n,) bool."""
     if net.angle is None:
         return np.zeros(net.n, bool)
     anisotropic = (net.fixed[:, 0] != net.fixed[:, 1]) | (net.spring[:, 0] != net.spring[:, 1])
@@ -22,21 +22,21 @@ def is_turned(net: Net) -> np.ndarray:
 
 
 def is_guided(net: Net, held: np.ndarray) -> np.ndarray:
-    """(n,) bool, nodes that move along an own line; held : (n, 3) bool, in the own axes."""
+    """Tell which nodes move along an own line, (n,) bool; held : (n, 3) bool, in the own axes."""
     if net.angle is None:
         return np.zeros(net.n, bool)
     return (net.angle != 0.0) & (held[:, 0] != held[:, 1])
 
 
 def held_along(net: Net, held: np.ndarray) -> np.ndarray:
-    """(n, 3) bool, nodes held along x, y and z; held : as in `is_guided`."""
+    """Tell which nodes are held along x, y and z, (n, 3) bool; held : as in `is_guided`."""
     along = held.copy()
     along[is_guided(net, held), :2] = False
     return along
 
 
 def borne_along(net: Net) -> np.ndarray:
-    """(n, 3) bool, axes x, y and z along which rigid, elastic or guided supports have a reaction."""
+    """Tell along which of x, y and z rigid, elastic or guided supports have reactions, (n, 3) bool."""
     along = net.held.copy()
     if net.angle is not None:
         first, second = net.held[:, 0], net.held[:, 1]
@@ -46,7 +46,10 @@ def borne_along(net: Net) -> np.ndarray:
 
 
 def settles_along(net: Net, fixed: np.ndarray) -> np.ndarray:
-    """(n, 3) bool, axes along which a support, or the foot of its springs, can settle; fixed : as `held`."""
+    """Tell which axes of a support, or of the foot of its springs, can settle, (n, 3) bool.
+
+    fixed : as `held` in `is_guided`
+    """
     return held_along(net, fixed) | held_along(net, net.spring > 0.0)
 
 

@@ -42,7 +42,7 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
     ids = net.node_id[: net.given]  # nodes of `subdivide` are added later
     rows = {str(number): row for row, number in enumerate(ids.tolist())}
     place = table.stacked(AXES, unit="m")
-    corner, others = np.zeros(len(table), np.int64), {}
+    corner, extra = np.zeros(len(table), np.int64), {}
     for row, word in enumerate(table.words("node")):
         if word:
             corner[row] = rows.get(word, 0)
@@ -51,8 +51,8 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
         elif np.isnan(place[row]).any():
             table.wrong(f"{table.at(row)}: node is empty; expected an id, or x, y, z of a point without one")
         else:
-            corner[row] = net.n + others.setdefault(tuple(place[row].tolist()), len(others))
-    return corner, np.array(list(others)).reshape(-1, 3)
+            corner[row] = net.n + extra.setdefault(tuple(place[row].tolist()), len(extra))
+    return corner, np.array(list(extra)).reshape(-1, 3)
 
 
 def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray) -> None:
@@ -99,10 +99,10 @@ def faces_are_given(job: Job) -> bool:
     """Tell whether a table gives the faces. Raises InputError if other keys of [roof] also define them."""
     if getattr(job.roof, "faces", None) is None:
         return False
-    both = [key for key in ("groups", "openings", "lines") if getattr(job.roof, key)]
-    if both:
+    keys = [key for key in ("groups", "openings", "lines") if getattr(job.roof, key)]
+    if keys:
         raise InputError(
-            f"{job.path}: [roof] faces and {' and '.join(both)} exclude each other: the table has the faces; "
+            f"{job.path}: [roof] faces and {' and '.join(keys)} exclude each other: the table has the faces; "
             "keep one of the two"
         )
     return True

@@ -27,12 +27,12 @@ def nearest_areas(points, rings, vector: np.ndarray, windows: np.ndarray | None 
     face = rings.face_of_corner()
     first, second = _axes(vector)
     start = points[rings.corner[rings.start[:-1]]][rings.first_rings()]
-    reach = points[rings.corner] - start[face]
-    xy = np.column_stack([np.sum(reach * axes[face], axis=1) for axes in (first, second)])
+    relative = points[rings.corner] - start[face]
+    xy = np.column_stack([np.sum(relative * axes[face], axis=1) for axes in (first, second)])
     windows = np.zeros((0, 3)) if windows is None else windows
     slant = [np.sum(windows[:, None, :2] * axes[None, :, :2], axis=2) for axes in (first, second)]
-    rest = windows[:, 2:] - np.sum(windows[:, None, :2] * start[None, :, :2], axis=2)
-    planes = np.ascontiguousarray(np.stack([*slant, rest], -1).transpose(1, 0, 2))
+    offset = windows[:, 2:] - np.sum(windows[:, None, :2] * start[None, :, :2], axis=2)
+    planes = np.ascontiguousarray(np.stack([*slant, offset], -1).transpose(1, 0, 2))
     area = np.zeros(len(xy))
     of_face = np.append(rings.first_rings(), len(rings))
     coincident = SAME * SAME * np.maximum(lengths(vector), 1e-300)
@@ -76,18 +76,18 @@ def _bisectors(xy, begin, end, i, near, half):
     Neighbours come first: they leave few corners of the ring for the others to clip. Returns the number of
     half-planes, and the number of corners at the position of corner i.
     """
-    total, count, same = end - begin, 0, 1
+    total, count, coincident = end - begin, 0, 1
     for step in range(1, total):
         away = (step + 1) // 2 if step % 2 else total - step // 2
         j = begin + (i - begin + away) % total
         a, b = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
         square = a * a + b * b
         if square <= near:
-            same += 1
+            coincident += 1
             continue
         half[count, 0], half[count, 1], half[count, 2] = a, b, 0.5 * square
         count += 1
-    return count, same
+    return count, coincident
 
 
 @inner_kernel
@@ -114,7 +114,7 @@ def _clip_all(xy, ring_start, of_face, planes, near, area):
             for w in range(windows):
                 a, b = planes[f, w, 0], planes[f, w, 1]
                 half[w, 0], half[w, 1], half[w, 2] = a, b, planes[f, w, 2] - a * xy[i, 0] - b * xy[i, 1]
-            halves, same = _bisectors(xy, begin, end, i, near[f], half[windows:])
+            halves, coincident = _bisectors(xy, begin, end, i, near[f], half[windows:])
             for r in range(of_face[f], of_face[f + 1]):
                 count = ring_start[r + 1] - ring_start[r]
                 if count > len(ring):
@@ -128,7 +128,7 @@ def _clip_all(xy, ring_start, of_face, planes, near, area):
                     count = _clip(ring, count, half[h, 0], half[h, 1], half[h, 2], other)
                     ring, other = other, ring
                 area[i] += _signed_area(ring, count)
-            area[i] /= same
+            area[i] /= coincident
 
 
 FEW = 4  # largest number of corners of a face that is shared out by triangles from its centroid
@@ -172,13 +172,13 @@ def shares_of(points: np.ndarray, faces: Faces) -> Shares:
     corner_area, face = corner_areas(points, faces), faces.face_of_corner()
     surface, vector = np.bincount(face, corner_area), vector_areas(points, rings)
     corners = np.bincount(rings.face_of_corner())
-    few = corners <= FEW
-    parts = [_in_proportion(corner_area, face, faces.corner, few)]
-    if not few.all():
-        of_many = rings.of_faces(~few)
-        nearest = nearest_areas(points, of_many, vector[~few])
-        many = np.flatnonzero(~few)[of_many.face_of_corner()]
-        parts.append(_in_proportion(nearest, many, of_many.corner, ~few))
+    has_few = corners <= FEW
+    parts = [_in_proportion(corner_area, face, faces.corner, has_few)]
+    if not has_few.all():
+        of_many = rings.of_faces(~has_few)
+        nearest = nearest_areas(points, of_many, vector[~has_few])
+        face_of_corner = np.flatnonzero(~has_few)[of_many.face_of_corner()]
+        parts.append(_in_proportion(nearest, face_of_corner, of_many.corner, ~has_few))
     face, node, share = (np.concatenate(column) for column in zip(*parts))
     return Shares(face, node, share, surface, vector)
 

@@ -240,13 +240,14 @@ def _half_octaves(n, gust: Gust) -> np.ndarray:
 
 
 @kernel
-def step_gusts(noise, noise_root, lags, psi, first, past, terms):
-    """Advance the speeds by as many steps from `first` on as noise (s, c) has rows, in the ring `past`.
+def step_gusts(noise, noise_root, lags, psi, first, speeds, terms):
+    """Advance the gusts by as many steps from `first` on as noise (s, c) has rows.
 
     noise_root, lags, psi : as in `GustModel`
-    past : (r, c) [m/s], out, row s % r has the speeds of step s; terms : (2, c), overwritten
+    speeds : (r, c) [m/s], out, ring of past speeds, row s % r has those of step s; terms : (2, c),
+    overwritten
     """
-    ring, c = past.shape
+    ring, c = speeds.shape
     for s in range(noise.shape[0]):
         for j in range(c):
             terms[0, j] = terms[1, j] = 0.0
@@ -257,9 +258,9 @@ def step_gusts(noise, noise_root, lags, psi, first, past, terms):
             row = (first + s - lags[i]) % ring
             for k in range(c):
                 for j in range(c):
-                    terms[1, j] += past[row, k] * psi[i * c + k, j]
+                    terms[1, j] += speeds[row, k] * psi[i * c + k, j]
         for j in range(c):
-            past[(first + s) % ring, j] = terms[0, j] + terms[1, j]
+            speeds[(first + s) % ring, j] = terms[0, j] + terms[1, j]
 
 
 class GustRecursion:

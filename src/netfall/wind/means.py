@@ -51,12 +51,15 @@ class Means:
 def means_over(surface: Surface, corner: np.ndarray, weight: np.ndarray, count: int, decay) -> Means:
     """Build the means around control points from the interpolation weights (n, 4) of the nodes."""
     corner, weight = corner[surface.node], weight[surface.node]
-    at = surface.patch[:, None] * count + corner
-    shape = np.bincount(at.ravel(), (surface.area[:, None] * weight).ravel(), len(surface.place) * count)
+    index = surface.patch[:, None] * count + corner
+    shape = np.bincount(index.ravel(), (surface.area[:, None] * weight).ravel(), len(surface.place) * count)
     delay, pairs = surface.pairs(shape.reshape(-1, count), decay)
-    at = corner[:, :, None] * count + corner[:, None]
+    index = corner[:, :, None] * count + corner[:, None]
     overlap = surface.area[:, None, None] * weight[:, :, None] * weight[:, None]
-    M, inverse = np.bincount(at.ravel(), overlap.ravel(), count * count).reshape(count, count), np.eye(count)
+    M, inverse = (
+        np.bincount(index.ravel(), overlap.ravel(), count * count).reshape(count, count),
+        np.eye(count),
+    )
     if factorised(M):
         raise InputError("[wind] two control points are one to rounding; expected fewer control_points")
     solve_columns(M, inverse)

@@ -54,11 +54,17 @@ class Surface:
         d, count = self._table(decay), shape.shape[1]
         half = np.zeros(len(d) * count * count)
         for first in range(0, len(p), BLOCK):
-            one, other = p[first : first + BLOCK], q[first : first + BLOCK]
-            pair, a, share = self._shares(d, one, other, decay)
-            one, other, share = one[pair], other[pair], share * weight[first : first + BLOCK][pair]
-            index = (a[:, None] * count + column[one])[:, :, None] * count + column[other][:, None]
-            product = share[:, None, None] * value[one][:, :, None] * value[other][:, None]
+            first_patch, second_patch = p[first : first + BLOCK], q[first : first + BLOCK]
+            pair, a, share = self._shares(d, first_patch, second_patch, decay)
+            first_patch, second_patch, share = (
+                first_patch[pair],
+                second_patch[pair],
+                share * weight[first : first + BLOCK][pair],
+            )
+            index = (a[:, None] * count + column[first_patch])[:, :, None] * count + column[second_patch][
+                :, None
+            ]
+            product = share[:, None, None] * value[first_patch][:, :, None] * value[second_patch][:, None]
             half += np.bincount(index.ravel(), product.ravel(), len(half))
         half = half.reshape(len(d), count, count)
         return d, half + half.transpose(0, 2, 1)
@@ -156,8 +162,8 @@ def _differences() -> tuple[np.ndarray, np.ndarray]:
 
 def _packed(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return columns and values (q, k) of the non-zeros in rows (q, c), padded with zeros."""
-    most = np.count_nonzero(shape, axis=1).max()
-    column = np.argsort(shape == 0.0, axis=1, kind="stable")[:, :most]
+    width = np.count_nonzero(shape, axis=1).max()
+    column = np.argsort(shape == 0.0, axis=1, kind="stable")[:, :width]
     return column, np.take_along_axis(shape, column, 1)
 
 

@@ -50,8 +50,8 @@ def _ends(across, along, chord, inside, on_edge):
     low = inside[rows].argmax(1) - 1
     high = inside.shape[1] - inside[rows, ::-1].argmax(1)
     ends = []
-    for sign, beyond in ((-1.0, low), (1.0, high)):
-        reach = np.where(on_edge[rows, beyond], along[rows, beyond], sign * chord[rows, 0])
+    for sign, column in ((-1.0, low), (1.0, high)):
+        reach = np.where(on_edge[rows, column], along[rows, column], sign * chord[rows, 0])
         ends.append(np.column_stack([across[rows, 0], reach]))
     return *ends, rows
 
