@@ -121,16 +121,22 @@ def _factors(key: Key, value) -> bool:
 def _shifts(_, value) -> bool:
     """Tell whether a value is a table of three numbers by id."""
     shift = Key("", "vector", ABSENT, "", "", low=-MOST_SHIFT, high=MOST_SHIFT)
-    whole = lambda name: name.removeprefix("-").isdecimal() and name.isascii()
-    return isinstance(value, dict) and all(whole(k) and shift.numbers(v, 3) for k, v in value.items())
+
+    def is_id(name):
+        return name.removeprefix("-").isdecimal() and name.isascii()
+
+    return isinstance(value, dict) and all(is_id(k) and shift.numbers(v, 3) for k, v in value.items())
 
 
 def _lengths(_, value) -> bool:
     """Tell whether a value is a table of tables with one number each."""
     length = Key("", "number", ABSENT, "", "", low=-1e12, high=1e12)
-    one = lambda what: isinstance(what, dict) and len(what) == 1 and {*what} <= {*LENGTHS}
+
+    def is_entry(entry):
+        return isinstance(entry, dict) and len(entry) == 1 and {*entry} <= {*LENGTHS}
+
     return isinstance(value, dict) and all(
-        one(what) and all(map(length.number, what.values())) for what in value.values()
+        is_entry(entry) and all(map(length.number, entry.values())) for entry in value.values()
     )
 
 

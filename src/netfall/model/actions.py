@@ -90,7 +90,10 @@ def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
 def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Actions:
     """Return the actions of a combination. Rank 0."""
     load, net = settings_of(job), model.net
-    factor = lambda name: factor_of(combination, name)
+
+    def factor(name):
+        return factor_of(combination, name)
+
     live = live_load(load, model.roof, net.load)
     force = factor("permanent") * model.loading.permanent + factor("load") * live
     temperature, settlement = factor("temperature") * load.temperature, None

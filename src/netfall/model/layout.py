@@ -79,15 +79,26 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     measured = read_history(job)
     if measured:
         kind = "taps" if job.wind.taps else "points"
-        of_what = f"[wind] {kind}", kind, net, measured.places
-        notes += [*measured.notes, *place_notes(*of_what)]
+        notes += [*measured.notes, *place_notes(f"[wind] {kind}", kind, net, measured.places)]
     notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():
-        of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
         axes = 2 if case.points is None else case.points.shape[1]
-        notes += place_notes(*of_what, axes)
-    owned = net, roofing, zones, kept_together(part, slides, net), source
-    return Layout(*owned, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
+        notes += place_notes(f"[[case]] {name}: pressure_table", "points", net, case.points, axes)
+    return Layout(
+        net,
+        roofing,
+        zones,
+        kept_together(part, slides, net),
+        source,
+        lost,
+        probes,
+        slides,
+        coefficient,
+        measured,
+        cases,
+        chains,
+        tuple(notes),
+    )
 
 
 def _partitioned(job: Job, ranks: int) -> tuple:
@@ -125,7 +136,10 @@ def band_of(job: Job) -> tuple[float, ...]:
 
 def features_of(job: Job, net: Net, slides: Slides | None) -> Features:
     """Return the features that the kernels are compiled for."""
-    differ = lambda values: bool((values != values[:1]).any())
+
+    def differ(values):
+        return bool((values != values[:1]).any())
+
     held, breaks = held_along(net, net.fixed), bool(np.isfinite(net.fracture_strain).any())
     detaches = job.dynamics is not None and (breaks or bool(job.removes))
     return Features(

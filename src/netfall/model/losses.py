@@ -107,8 +107,9 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
         if not len(elements):  # an earlier entry removed all of them
             continue
         present[elements] = False
-        leaving = leaving_with(model, elements, present)
-        losses.append(Loss(step, entries, elements, entry[elements], model.net.elements[elements], *leaving))
+        particles, handed = leaving_with(model, elements, present)
+        ends = model.net.elements[elements]
+        losses.append(Loss(step, entries, elements, entry[elements], ends, particles, handed))
     return losses
 
 
@@ -123,11 +124,11 @@ def leaving_with(
     net = model.net
     held = (np.bincount(net.elements[there].ravel(), minlength=net.n) > 0) | net.held.any(1)
     carries = (net.mass > 0) | (model.loading.carried > 0) | net.load.any(1)
-    loose = np.zeros(net.n, bool)
-    loose[net.elements[elements]] = True
-    loose &= ~held
-    redistribution = redistribute(net, model.L0, elements, loose, torn)
-    return np.union1d(np.flatnonzero(loose & ~carries), redistribution.particles), redistribution
+    unheld = np.zeros(net.n, bool)
+    unheld[net.elements[elements]] = True
+    unheld &= ~held
+    redistribution = redistribute(net, model.L0, elements, unheld, torn)
+    return np.union1d(np.flatnonzero(unheld & ~carries), redistribution.particles), redistribution
 
 
 def leaving_then(model, losses: list[Loss], k: int, torn) -> tuple[np.ndarray, Redistribution]:

@@ -177,7 +177,10 @@ def make_model(
     loading = loading_of(job, roof, own, net.load)
     permanent = loading.permanent if asks.carries_permanent(job) else None  # in form finding
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
-    make_field = lambda *asked: memory.once("wind", key, lambda: make_wind_field(x, roof.vector, *asked))
+
+    def make_field(settings, points):
+        return memory.once("wind", key, lambda: make_wind_field(x, roof.vector, settings, points))
+
     field, history = _wind(job, layout, make_field)
     air_mass = moving_air(job, roof)
     motion = motion_of(job, net, x) if asks.moves_supports(job) else None
@@ -212,9 +215,11 @@ def make_model(
 
 
 def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
-    """Build the joints of bending chains, k = EI / l; for two different bars k = 2 / (l1 / EI1 + l2 / EI2).
+    """Build the joints of bending chains, with k = EI / l for equal bars.
 
-    Raises InputError if a chain folds back, because the axis of bending is then undefined.
+    For two different bars k = 2 / (l1 / EI1 + l2 / EI2). Raises InputError if a chain folds back, because the
+    axis of
+    bending is then undefined.
     """
     net, particles, elements = layout.net, layout.chains.particles, layout.chains.elements
     initial = curvatures(x, particles)

@@ -67,7 +67,7 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
     if start.any():
         speed = ", ".join(f"{v:.4g}" for v in start[0])
         notes.append(f"[[motion]]: the ground moves at {speed} m/s at the start, and the net with it")
-    parts = [part for one in courses for part in one]
+    parts = [part for course_parts in courses for part in course_parts]
     return Motion(
         np.concatenate([time for time, _ in records]),
         np.cumsum([0, *(len(time) for time, _ in records)]),
@@ -87,13 +87,17 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
 def _nodes(net: Net, entry) -> np.ndarray:
     """Return the rows of the supports that an entry moves."""
     held = net.fixed.any(1)
-    named = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
-    return np.flatnonzero(named | (named[ends_of_inner(net)].all(1) & held))
+    chosen = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
+    return np.flatnonzero(chosen | (chosen[ends_of_inner(net)].all(1) & held))
 
 
 def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
     """Yield an error for each defect of the nodes of an entry, which are in these rows."""
-    held, ids = net.fixed.any(1), lambda chosen: net.node_id[rows[chosen[rows]]]
+    held = net.fixed.any(1)
+
+    def ids(chosen):
+        return net.node_id[rows[chosen[rows]]]
+
     if unknown := sorted(set(entry.nodes or ()) - set(net.node_id.tolist())):
         yield f"nodes: no node {listed(unknown)} in the net"
     if len(free := ids(~held)):
@@ -135,9 +139,9 @@ def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
     """Return the course (n,) of the support that is nearest in plan to each particle."""
     supports = np.flatnonzero(net.fixed.any(1))
     nearest = course.copy()
-    others = np.setdiff1d(np.arange(net.n), supports)
-    for first in range(0, len(others), NEAR):
-        rows = others[first : first + NEAR]
+    free_particles = np.setdiff1d(np.arange(net.n), supports)
+    for first in range(0, len(free_particles), NEAR):
+        rows = free_particles[first : first + NEAR]
         distance = lengths(x[rows, None, :2] - x[None, supports, :2])
         nearest[rows] = course[supports[np.argmin(distance, axis=1)]]
     return nearest
@@ -148,8 +152,11 @@ def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.nda
 
     It is the initial velocity of the supports if all of them move with the same velocity, and zero otherwise.
     """
-    at_once = lambda parts: sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
-    start = np.array([at_once(parts) for parts in courses]).reshape(-1, 3)
+
+    def initial_velocity(parts):
+        return sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
+
+    start = np.array([initial_velocity(parts) for parts in courses]).reshape(-1, 3)
     all_move = (course[net.fixed.any(1)] >= 0).all()
     return start if all_move and (start == start[:1]).all() else np.zeros_like(start)
 
@@ -162,9 +169,9 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
     path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
         table, time, x = _table(path, entry)
-        rows, most = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
-        unit_note = [f"{entry.displacement}: displacements of up to {most:.4g} m: were mm meant?"]
-        return *rows, table.notes + unit_note * bool(most > FARTHEST)
+        rows, peak = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
+        unit_note = [f"{entry.displacement}: displacements of up to {peak:.4g} m: were mm meant?"]
+        return *rows, table.notes + unit_note * bool(peak > FARTHEST)
     if not is_record(entry):
         table, time, a = _table(path, entry)
         if time[0] > 0.0:
@@ -179,8 +186,8 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
         slope = _parabola(time, _integrated(time, a)[1][:, 1])
         change = slope[0] + 2.0 * time[:, None] * slope[1]
         a = a - change
-        most = np.abs(change).max()
-        notes.append(f"baseline correction: accelerations changed by at most {most:.3g} m/s2")
+        peak = np.abs(change).max()
+        notes.append(f"baseline correction: accelerations changed by at most {peak:.3g} m/s2")
     rows = _integrated(time, a)
     return *rows, notes + _drift(*rows)
 
@@ -216,13 +223,13 @@ def _polyline(table: Table, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray
     """Compute coefficients (r, 4, 3) of a displacement x (r, 3) [m] that is linear between times (r,) [s]."""
     time, x = _from_zero(time, x)
     if np.abs(x[0]).max() > AT_ZERO:
-        at = ", ".join(f"{value:g}" for value in x[0])
-        table.wrong(f"{at} m at time 0; expected 0: displacements count from the start of the dynamics")
+        position = ", ".join(f"{value:g}" for value in x[0])
+        table.wrong(f"{position} m at time 0; expected 0: displacements count from the start of the dynamics")
         table.finish()
-    place = np.zeros((len(time), 4, 3))
-    place[:, 0] = x - x[0]
-    place[:-1, 1] = np.diff(x, axis=0) / np.diff(time)[:, None]
-    return time, place
+    coefficients = np.zeros((len(time), 4, 3))
+    coefficients[:, 0] = x - x[0]
+    coefficients[:-1, 1] = np.diff(x, axis=0) / np.diff(time)[:, None]
+    return time, coefficients
 
 
 def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -231,14 +238,14 @@ def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray
     Returns the times and the coefficients (r, 4, 3).
     """
     h = np.diff(time)[:, None]
-    place = np.zeros((len(time), 4, 3))
+    coefficients = np.zeros((len(time), 4, 3))
     v = np.zeros_like(a)
     v[1:] = np.cumsum(0.5 * h * (a[1:] + a[:-1]), axis=0)
-    place[1:, 0] = np.cumsum(h * v[:-1] + h * h * (2.0 * a[:-1] + a[1:]) / 6.0, axis=0)
-    place[:, 1] = v
-    place[:-1, 2] = 0.5 * a[:-1]
-    place[:-1, 3] = np.diff(a, axis=0) / h / 6.0
-    return time, place
+    coefficients[1:, 0] = np.cumsum(h * v[:-1] + h * h * (2.0 * a[:-1] + a[1:]) / 6.0, axis=0)
+    coefficients[:, 1] = v
+    coefficients[:-1, 2] = 0.5 * a[:-1]
+    coefficients[:-1, 3] = np.diff(a, axis=0) / h / 6.0
+    return time, coefficients
 
 
 def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -257,10 +264,10 @@ def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
 def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
     """Describe the peak acceleration and displacement of an integrated record, and its drift at the end."""
     x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
-    most, a = (np.abs(place[:, k]).max() for k in (0, 2))
+    largest, a = (np.abs(place[:, k]).max() for k in (0, 2))
     return [
         f"accelerations of up to {2.0 * a:.3g} m/s2; drift after {time[-1]:g} s: {x:.3g} m, going on at "
-        f"{v:.3g} m/s; {most:.3g} m at most"
+        f"{v:.3g} m/s; {largest:.3g} m at most"
     ]
 
 
@@ -282,9 +289,9 @@ KNOWN = re.compile(rf"(?P<value>[\d.]\s*)?(?<![\w/]){RATE}|(?:{NAMED}|\bin\s+|[(
 
 
 def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS.
+    """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS. Raises InputError.
 
-    The fourth line of the head has "NPTS= 3000, DT= .0100 SEC", any line of it the unit. Raises InputError.
+    The fourth line of the header has "NPTS= 3000, DT= .0100 SEC", any line of it the unit.
     """
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -300,8 +307,8 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     except ValueError as error:
         raise InputError(f"{path}: {error}; expected numbers below four lines of head") from None
     if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
-        what = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
-        raise InputError(f"{path}: {what}; expected NPTS of them, 2 or more, and DT > 0")
+        problem = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
+        raise InputError(f"{path}: {problem}; expected NPTS of them, 2 or more, and DT > 0")
     return dt * np.arange(count), a, _unit_of(path, "\n".join(lines[:HEAD]))
 
 

@@ -84,7 +84,10 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -
     steps = max(1, int(step_at(dynamics.duration, long)))
     rows = np.arange(int(np.floor(steps * long / output.history + ROUNDING)) + 1) * output.history
     frames = np.linspace(0.0, steps * long, output.frames + 1)
-    at = lambda times: np.unique(np.append(np.minimum(step_at(times, long), steps), steps)).astype(np.int64)
+
+    def steps_of(times):
+        return np.unique(np.append(np.minimum(step_at(times, long), steps), steps)).astype(np.int64)
+
     every = output.checkpoint
     checkpoints = np.arange(1, int(np.floor(steps * long / every)) + 1) * every if every > 0 else np.zeros(0)
     checkpoints, dt = step_at(checkpoints, long).astype(np.int64), float(long) / stride
@@ -92,8 +95,8 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -
         dt,
         stride * steps,
         stride,
-        stride * at(rows),
-        stride * at(frames),
+        stride * steps_of(rows),
+        stride * steps_of(frames),
         stride * checkpoints[checkpoints < steps],
         float(min(long / needed / dynamics.safety, limit)),
         0.5 * (1.0 + dynamics.safety),
@@ -122,29 +125,26 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     present, mass = model.net.is_there, model.own_mass
     elements, L0, EA = (column[present] for column in (model.net.elements, model.L0, model.net.EA))
     EA = EA * stiffening(features.band) if features.band else EA
-    support, net_data = model.net.support, (elements, EA, L0, mass, model.net.moves, model.net.bar[present])
+    moves, support = model.net.moves, model.net.support
     rows, chains = np.flatnonzero(present), None
     if model.joints is not None:
-        joint_bounds = np.zeros(model.net.n)  # of joints, of angles that grow too
+        joint_bounds = np.zeros(model.net.n)  # with a margin for growing angles
         add_joint_bounds(placed(model.x), model.joints, TURNED, joint_bounds)
         support = support + joint_bounds
         chains = model.joints.particles, np.searchsorted(rows, model.layout.chains.elements[:, 0])
-    limits = any_shape_limits(*net_data, support, chains)
+    limits = any_shape_limits(elements, EA, L0, mass, moves, model.net.bar[present], support, chains)
     if features.fracture and features.fragments:
-        fragment_data = (
-            elements,
-            EA,
-            L0,
-            model.half_mass[present],
-            mass,
-            ~model.net.moves,
-            model.eps_u[present],
+        half, eps_u = model.half_mass[present], model.eps_u[present]
+        limits.append(
+            after_fracture_limit(elements, EA, L0, half, mass, ~moves, eps_u, support, fragment_mass)
         )
-        limits.append(after_fracture_limit(*fragment_data, support, fragment_mass))
     if features.sliding:
         limits.append(slip_step(model))
-    number = lambda limit: int(rows[limit.element]) if limit.element >= 0 else -1
-    return {limit.name: replace(limit, element=number(limit)) for limit in limits}
+
+    def global_element(limit):
+        return int(rows[limit.element]) if limit.element >= 0 else -1
+
+    return {limit.name: replace(limit, element=global_element(limit)) for limit in limits}
 
 
 def slip_movers(model: Model) -> Movers:

@@ -31,10 +31,7 @@ LOADS = (
     ("load", "dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
     ("load", "snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
     ("load", "pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
-    (
-        *("load", "temperature", "K", 0.0, 150.0),
-        "it is a change from that of form finding, not a temperature",
-    ),
+    ("load", "temperature", "K", 0.0, 150.0, "it is a change from that of form finding, not a temperature"),
     ("load", "air_mass", "kg/m2", 0.0, 1e3, "air that moves along has 10 to 100"),
     ("wind", "speed", "m/s", 0.0, 90.0, "storms have a mean of up to 70 at 10 m; is it in km/h?"),
     ("wind", "shape_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
@@ -57,7 +54,10 @@ UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstresse
 
 def unit_notes(net: Net) -> list[str]:
     """Return a note for each section value that no cable or bar material has."""
-    named = lambda rows: counted("element", net.element_id[rows])
+
+    def elements(rows):
+        return counted("element", net.element_id[rows])
+
     notes = []
     for column, key, unit, *of_cables in PLAUSIBLE:
         given = ~net.nominal if column in OF_MATERIAL else np.ones(net.m, bool)
@@ -68,19 +68,19 @@ def unit_notes(net: Net) -> list[str]:
             if len(odd):
                 value = f"{key} = {values[odd[0]]:g} {unit}".strip()
                 notes.append(
-                    f"{value} of {named(odd)} is far from what {kind} have, {low:g} to {high:g}: {example}"
+                    f"{value} of {elements(odd)} is far from what {kind} have, {low:g} to {high:g}: {example}"
                 )
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < SLOWEST) | (speed > FASTEST))
     if len(odd) and not notes:
         notes.append(
-            f"stiffness and mass of {named(odd)}: waves run along them at {speed[odd[0]]:.4g} m/s, in steel "
-            "at 5000 m/s; stiffness is in N, mass_per_length in kg/m: were kN, or g/m, meant?"
+            f"stiffness and mass of {elements(odd)}: waves run along them at {speed[odd[0]]:.4g} m/s, in "
+            "steel at 5000 m/s; stiffness is in N, mass_per_length in kg/m: were kN, or g/m, meant?"
         )
     weak = np.flatnonzero(net.breaking_load < WEAKEST * net.EA)
     for e in weak[:1]:
         notes.append(
-            f"breaking_load = {net.breaking_load[e]:g} N of {named(weak)} is a strain of "
+            f"breaking_load = {net.breaking_load[e]:g} N of {elements(weak)} is a strain of "
             f"{net.breaking_load[e] / net.EA[e]:.2g}, at which no cable breaks; was kN meant?"
         )
     size = float(np.ptp(net.x, axis=0).max())
@@ -142,25 +142,30 @@ def weight_notes(job: Job, net: Net) -> list[str]:
     down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
     if job.dynamics is None:
         return []
-    named = lambda rows: counted("node", net.node_id[rows])
-    weight = lambda rows: -float(net.load[rows, 2].sum())
+
+    def nodes(rows):
+        return counted("node", net.node_id[rows])
+
+    def weight(rows):
+        return -float(net.load[rows, 2].sum())
+
     notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free
     if massless.any():
         notes.append(
-            f"column load_z of {named(massless)}: {weight(massless):.4g} N downward without mass: loads of "
+            f"column load_z of {nodes(massless)}: {weight(massless):.4g} N downward without mass: loads of "
             "nodes have no inertia; of weights, column mass has to have theirs, "
             f"{weight(massless) / GRAVITY:.4g} kg in all, or periods come out too short"
         )
     if weightless.any() and job.load and (job.load.self_weight or job.load.dead):
         mass = float(net.mass[weightless].sum())
         notes.append(
-            f"column mass of {named(weightless)}: {mass:.4g} kg without weight: self_weight is that of "
+            f"column mass of {nodes(weightless)}: {mass:.4g} kg without weight: self_weight is that of "
             f"elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
         )
     mass = float(net.mass[both].sum())
     if both.any() and not mass * GRAVITY / HEAVIEST <= weight(both) <= mass * GRAVITY * HEAVIEST:
         notes.append(
-            f"columns load_z and mass of {named(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
+            f"columns load_z and mass of {nodes(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
             f"which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
         )
     return notes
@@ -274,12 +279,14 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
     checks = (
         (compressed, N, ': a cable carries no compression; give its group kind = "bar"'),
         (
-            *(np.abs(N) > yield_force, yield_force),
+            np.abs(N) > yield_force,
+            yield_force,
             ", above the yield force {:.4g} N; lower the prestress or choose a larger area",
         ),
         (N < -euler, euler, ", beyond Euler's load {:.4g} N; choose a stiffer section"),
         (
-            *(N > net.breaking_load, net.breaking_load),
+            N > net.breaking_load,
+            net.breaking_load,
             ", above the breaking load {:.4g} N; lower the prestress or choose a stronger cable",
         ),
     )

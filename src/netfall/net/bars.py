@@ -37,8 +37,8 @@ def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
 
     L0 : (m,) [m], unstressed; the length of an element of the table is the sum over all its parts
     """
-    whole = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
-    return np.where(np.isnan(net.buckling_length), whole, net.buckling_length)
+    total = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
+    return np.where(np.isnan(net.buckling_length), total, net.buckling_length)
 
 
 def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
@@ -51,7 +51,11 @@ def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
 
 def bar_errors(job: Job, net: Net) -> Iterator[str]:
     """Yield errors: keys of bars in groups of cables, unknown moduli, bars that cannot bend or buckle."""
-    absent, element = np.zeros(net.m, bool), lambda rows: net.element_id[np.flatnonzero(rows)[:1]]
+    absent = np.zeros(net.m, bool)
+
+    def first_id(rows):
+        return net.element_id[np.flatnonzero(rows)[:1]]
+
     for g, name in enumerate(net.group_names):
         if not net.bar[net.group == g].any():
             for key in (key for key in KEYS if job.groups.get(name, {}).get(key) is not None):
@@ -67,12 +71,12 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
         )
     bending, buckling = (absent if flags is None else flags for flags in (net.bending, net.buckling))
     for name, flags in (("bending", bending), ("buckling", buckling)):
-        for e in element(flags & np.isnan(moment)):
+        for e in first_id(flags & np.isnan(moment)):
             yield (
                 f"element {e}: {name} = true: needs the second moment of its section; give second_moment "
                 f"[m4], or leave {name} out"
             )
-    for e in element(bending & buckling):
+    for e in first_id(bending & buckling):
         yield (
             f"element {e}: bending and buckling exclude each other: a chain of bars that bend buckles by "
             "itself; keep one of them"
@@ -86,7 +90,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
     ):
         if bent and present:
             yield f"{problem}, or bending = true"
-    for e in element(bending & np.isfinite(net.fracture_strain) & (job.dynamics is not None)):
+    for e in first_id(bending & np.isfinite(net.fracture_strain) & (job.dynamics is not None)):
         yield (
             f"element {e}: bending = true, and it can break: a chain that breaks is not computed in the "
             "dynamic stage; give fracture_strain and breaking_load in the groups of cables alone, and "

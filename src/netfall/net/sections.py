@@ -73,18 +73,25 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
 def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
     types, names = catalogue_of(job), net.group_names
-    of_groups = *_level([job.groups.get(name, {}) for name in names]), types
+    common, common_types = _level([vars(job.cable)] * len(names))
+    groups, group_types = _level([job.groups.get(name, {}) for name in names])
     resolved, own = ({name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")} for _ in range(2))
-    in_group = lambda k: f"{job.path}: [cable.{names[k]}]"
-    errors = _put(resolved, *_level([vars(job.cable)] * len(names)), types, lambda k: f"{job.path}: [cable]")
-    errors += _put(resolved, *of_groups, in_group)
-    _put(own, *of_groups, in_group)
+
+    def in_group(k):
+        return f"{job.path}: [cable.{names[k]}]"
+
+    errors = _put(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
+    errors += _put(resolved, groups, group_types, types, in_group)
+    _put(own, groups, group_types, types, in_group)
     resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
     bars = are_other_bars(job, net)  # the breaking force of [cable] is meant for cables
     resolved["breaking_load"] = np.where(bars, own["breaking_load"], resolved["breaking_load"])
     if rows:
         row_values = {name: rows[name] for name in OF_SECTION if name in rows}
-        place = lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
+
+        def place(e):
+            return f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
+
         errors += _put(resolved, row_values, np.array(rows.get("type") or [""] * net.m), types, place)
     refuse(errors)
     if types:
@@ -94,7 +101,7 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
 
 
 def are_other_bars(job: Job, net: Net) -> np.ndarray:
-    """(m,) bool, elements that are bars although [cable] describes cables."""
+    """Tell which elements are bars although [cable] describes cables, (m,) bool."""
     return net.bar & (job.cable.kind != "bar")
 
 
@@ -108,8 +115,11 @@ def strength_of_cable(job: Job) -> float | None:
 
 def _level(tables: list[dict]) -> tuple[dict, np.ndarray]:
     """Return the values of tables for OF_SECTION, (k,) nan: not given, and their types, "": none."""
-    value = lambda table, name: np.nan if table.get(name) is None else table[name]
-    level = {name: np.array([value(table, name) for table in tables], float) for name in OF_SECTION}
+
+    def value_or_nan(table, name):
+        return np.nan if table.get(name) is None else table[name]
+
+    level = {name: np.array([value_or_nan(table, name) for table in tables], float) for name in OF_SECTION}
     return level, np.array([table.get("type") or "" for table in tables])
 
 
@@ -178,9 +188,12 @@ def _missing(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
         (absent["area"] & (~absent["modulus"] | (absent["mass_per_length"] & ~absent["density"])), "area"),
         (absent["density"] & absent["mass_per_length"], "density"),
     )
-    place = lambda group: f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+
+    def label(group):
+        return f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+
     return [
-        f"{place(net.group_names[group])} {wanted(name)}, for element "
+        f"{label(net.group_names[group])} {wanted(name)}, for element "
         f"{net.element_id[np.argmax(rows & (net.group == group))]}"
         for rows, name in lacking
         for group in np.unique(net.group[rows])
@@ -232,23 +245,26 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
     """Yield errors for elements that break at the start, or never at their breaking force."""
     limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
-    where = lambda e: f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+
+    def label(e):
+        return f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+
     unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
     brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
     brittle &= True if net.buckling is None else ~net.buckling  # these may break in compression
     for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
         yield (
-            f"{where(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
+            f"{label(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
             "stronger cable"
         )
     for e in np.flatnonzero(unreachable)[:1]:
         yield (
-            f"{where(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
+            f"{label(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
             "at most that, or fracture_strain beside it, at which it breaks as it yields"
         )
     for e in np.flatnonzero(brittle)[:1]:
         yield (
-            f"{where(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
+            f"{label(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
             "that is not computed: leave out yield_stress, give a breaking_load of at least that, or "
             "buckling = true, with which it breaks both ways"
         )

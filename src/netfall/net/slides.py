@@ -117,14 +117,14 @@ def _bare_nodes(job: Job, net: Net) -> np.ndarray:
     bare &= ~(net.held & (extent > net.tolerance)).any(1)  # a plane net may be held across its plane
     bare &= (net.mass == 0.0) & ~net.load.any(1)
     bare[: net.given] &= not loads_the_roof(job)  # areas are not known yet
-    named = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
-    bare &= ~np.isin(net.node_id, [int(p) for ids in named for p in ids])
+    staged = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
+    bare &= ~np.isin(net.node_id, [int(p) for ids in staged for p in ids])
     bare[net.given :] = True  # nodes of `subdivide`, held or not
     return bare
 
 
 def _wanted(net: Net, entry, through: list[_Pair], errors: list[str]) -> list[_Pair]:
-    """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `wrong`."""
+    """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `errors`."""
     inside = [pair for pair in through if pair.node < net.given]
     if not inside:
         errors.append("nothing slips: nowhere do exactly two of these elements meet")
@@ -190,8 +190,8 @@ def _through(net: Net, rows: np.ndarray) -> list[_Pair]:
     node, name = net.elements.ravel(), pieces_named(net)
     ends = 2 * np.repeat(rows, 2) + np.tile([0, 1], len(rows))
     crowded = np.bincount(node[ends], minlength=net.n)[node[ends]] > 2
-    named = ends[crowded & (name[ends // 2] >= 0)]
-    pairs = [*pairs_meeting(ends, node, np.zeros(net.m, int)), *pairs_meeting(named, node, name)]
+    named_ends = ends[crowded & (name[ends // 2] >= 0)]
+    pairs = [*pairs_meeting(ends, node, np.zeros(net.m, int)), *pairs_meeting(named_ends, node, name)]
     return sorted(_Pair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
 
 
@@ -257,9 +257,8 @@ def _as_arrays(net: Net, points: list[tuple], along: np.ndarray, run: np.ndarray
     at = np.where(slips, node[of_element], -1)
     friction, resistance = friction.astype(float), resistance.astype(float)
     return Slides(
-        *(node, column, before, after, friction, resistance, cable, along),
-        *(segment, share, place, at),
-    )
+        node, column, before, after, friction, resistance, cable, along, segment, share, place, at
+    )  # fmt: skip
 
 
 def kept_together(part: np.ndarray, slides: Slides | None, net: Net) -> np.ndarray:

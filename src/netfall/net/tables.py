@@ -69,8 +69,8 @@ def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
     rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
     ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
     for row in np.flatnonzero((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)):
-        both = f"start and end are both node {node_id[ends[row, 0]]}"
-        table.wrong(f"{table.at(row)}: {both}; expected two nodes")
+        problem = f"start and end are both node {node_id[ends[row, 0]]}"
+        table.wrong(f"{table.at(row)}: {problem}; expected two nodes")
     return ends
 
 
@@ -99,17 +99,20 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
             )
         first.setdefault(number, row)
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
-    along = lambda name, low, unit: nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
+
+    def vectors(name, low, unit):
+        return nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
+
     return dict(
         x=x,
         fixed=_fixed(nodes),
         node_id=node_id,
-        load=along("load", -LARGEST, "N"),
+        load=vectors("load", -LARGEST, "N"),
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
-        spring=along("spring", 0.0, "N/m"),
-        spring_rest=from_own(along("spring_rest", -LARGEST, "m"), angle),
+        spring=vectors("spring", 0.0, "N/m"),
+        spring_rest=from_own(vectors("spring_rest", -LARGEST, "m"), angle),
         angle=angle,
         **_zone_column(nodes),
     )

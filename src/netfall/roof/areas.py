@@ -59,7 +59,8 @@ def roof_of(job: Job, net: Net) -> Roofing:
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
     if faces_are_given(job):
-        return _roofing(job, net, *given_faces(job, net), carries)
+        faces, plan = given_faces(job, net)
+        return _roofing(job, net, faces, plan, carries)
     lines = bool(job.roof and job.roof.lines)
     plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
     if plan.errors and _needs_faces(job, net):
@@ -70,10 +71,10 @@ def roof_of(job: Job, net: Net) -> Roofing:
             notes = [GIVEN_AREAS] * loads_the_roof(job)
         return Roofing(no_faces(), tributary_areas(net.x, net, no_faces()), notes=notes)
     faces = _faces_but_openings(job, net, plan)
-    loose = _unconnected(net, plan, faces)
-    if loose and _needs_faces(job, net):
-        raise InputError([f"{job.path}: {error}" for error in loose])
-    return _roofing(job, net, faces, plan, carries, loose)
+    unconnected = _unconnected(net, plan, faces)
+    if unconnected and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}" for error in unconnected])
+    return _roofing(job, net, faces, plan, carries, unconnected)
 
 
 def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> Roofing:
@@ -94,9 +95,9 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
     lines = []
     for r in np.flatnonzero(of_ring != of_ring[outer]):
         corners = (rings.corner[rings.start[k] : rings.start[k + 1]] for k in (outer[r], r))
-        around, inside = (listed(np.sort(net.node_id[nodes[nodes < net.n]])) for nodes in corners)
+        outside, inside = (listed(np.sort(net.node_id[nodes[nodes < net.n]])) for nodes in corners)
         lines.append(
-            f"the face of the roof between the nodes {around} has inside it a ring with the nodes {inside} "
+            f"the face of the roof between the nodes {outside} has inside it a ring with the nodes {inside} "
             "that is connected to it by nothing, so it is not known what lies between; join the two with "
             "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
             "of [roof] groups"
@@ -160,10 +161,12 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray
         text = f"{len(without_area)} free nodes carry no roof area: {listed(without_area)}"
         notes.append(f"{text}; `area` in nodes.csv would give it")
     lines, points = plan.segment[plan.element < 0], len(plan.points)
-    loose = lines[~among(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
-    loose = [f"{a} to {b}" for a, b in net.node_id[loose[(loose < net.n).all(1)]]]
-    if loose:
-        notes.append(f"{len(loose)} edges of the roof without an element bound no face: {listed(loose)}")
+    unused_lines = lines[~among(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
+    unused_lines = [f"{a} to {b}" for a, b in net.node_id[unused_lines[(unused_lines < net.n).all(1)]]]
+    if unused_lines:
+        notes.append(
+            f"{len(unused_lines)} edges of the roof without an element bound no face: {listed(unused_lines)}"
+        )
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
@@ -192,7 +195,10 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
     """
     points = np.concatenate([x, net.corners])
     shares = shares_of(points, faces)
-    at_nodes = lambda values: np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+
+    def at_nodes(values):
+        return np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+
     surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())
     vector = np.stack([at_nodes(values) for values in shares.vectors().T], -1)
     of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])

@@ -113,14 +113,17 @@ def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Fac
 
     polygon : (r,) number of the face that each ring bounds, its outer ring first; points : (k, 2) [m]
     """
-    one = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
-    plain = one[polygon] & _seen_whole(rings, points)
+    single = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
+    plain = single[polygon] & _seen_whole(rings, points)
     simple = _selected(rings, plain)
     if plain.all():
         return simple
     corners = np.split(rings.corner, rings.start[1:-1])
     cut = [[corners[r] for r in np.flatnonzero(polygon == f)] for f in np.unique(polygon[~plain])]
-    as_rings = lambda shapes: Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+
+    def as_rings(shapes):
+        return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+
     whole = _joined(simple, [as_rings(shapes) for shapes in cut])
     return replace(_joined(simple, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
 
@@ -173,8 +176,8 @@ def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
     sides = rings.sides()
     key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
     values, row, times = np.unique(key, return_inverse=True, return_counts=True)
-    rim, loose = sides[times[row.ravel()] == 1], plan.segment[~among(bounded, values)]
-    return np.intersect1d(rim, loose)
+    rim, unbounded = sides[times[row.ravel()] == 1], plan.segment[~among(bounded, values)]
+    return np.intersect1d(rim, unbounded)
 
 
 def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
@@ -191,7 +194,10 @@ def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
     t, distance = np.arange(1, net.parts) / net.parts, lengths(ends[:, 1] - ends[:, 0])
     margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(distance, 1e-300), 0.0)[:, None]
     on_side = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
-    flip = lambda values: np.where(turned[:, None], values[:, ::-1], values)
+
+    def flip(values):
+        return np.where(turned[:, None], values[:, ::-1], values)
+
     keep = np.column_stack([np.ones(len(sides), bool), flip(on_side)])
     corner = np.column_stack([rings.corner, flip(inner)])[keep]
     return Faces(np.concatenate([[0], np.cumsum(keep.sum(1))])[rings.start], corner)
@@ -223,15 +229,18 @@ def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
 def centroids(points, faces: Faces, double) -> np.ndarray:
     """Compute the centroids (k, d) of the cells, from triangles about their mean corner, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
-    mean = lambda values, weight: np.stack(
-        [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
-    )
+
+    def mean_by_cell(values, weight):
+        return np.stack(
+            [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
+        )
+
     p = points[faces.corner]
-    middle = mean(p, np.maximum(counts, 1))
+    middle = mean_by_cell(p, np.maximum(counts, 1))
     u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
     cross = 0.5 * double(u, v)
     area = np.bincount(of_corner, cross, len(faces))
-    return middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
+    return middle + mean_by_cell(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
 
 
 def quarters(points, faces: Faces) -> np.ndarray:

@@ -43,8 +43,9 @@ def panels_of(net: Net, faces: Faces, shares: Shares) -> Panels:
     node, surface, vector = shares.node[on_node], shares.surfaces()[on_node], shares.vectors()[on_node]
     given = np.isfinite(net.normal[node])
     vector = np.where(given, surface[:, None] * net.normal[node], vector)
-    areas = surface, shares.plans()[on_node], vector
-    return Panels(*_hung(net, faces.rings), shares.face[on_node], node, faces.count, *areas)
+    element, panel = _hung(net, faces.rings)
+    plan_area, of_corner = shares.plans()[on_node], shares.face[on_node]
+    return Panels(element, panel, of_corner, node, faces.count, surface, plan_area, vector)
 
 
 def _hung(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:

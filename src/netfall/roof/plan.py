@@ -46,7 +46,8 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     segment, element = segment[long_enough], element[long_enough]
     span = np.tile([0.0, 1.0], (len(segment), 1))
     if not checked or not len(segment):
-        return Plan(points, *_once(points, segment, element, span))
+        segment, element, span = _once(points, segment, element, span)
+        return Plan(points, segment, element, span)
     errors, notes = _stacked(net, points, segment, element), []
     if not errors:
         segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
@@ -69,11 +70,14 @@ def _near(points, others, distance):
 def _stacked(net, points, segment, element) -> list[str]:
     """Return an error for nodes above one another in plan that both have elements in the roof."""
     used = distinct(segment)
-    places = shapely.points(points[used])
-    pairs = used[_near(places, places, net.tolerance)]
+    positions = shapely.points(points[used])
+    pairs = used[_near(positions, positions, net.tolerance)]
     pairs = pairs[:, pairs[0] < pairs[1]].T
-    name = lambda p: f"{_node_name(net, p)} ({_at_node(net, segment, element, p)})"
-    pair_names = "; ".join(f"{name(a)} and {name(b)}" for a, b in pairs[:MOST_NAMED])
+
+    def describe(p):
+        return f"{_node_name(net, p)} ({_at_node(net, segment, element, p)})"
+
+    pair_names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
     return [
         f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, so it is not "
         f"known which carry the roof: {pair_names}{'; ...' * (len(pairs) > MOST_NAMED)}"
@@ -95,10 +99,13 @@ def _cut_at_nodes(net, points, segment, element, span):
     stop = np.concatenate([segment[cut, 0], node, segment[cut, 1]])
     order = np.lexsort((along, owner))
     owner, along, stop = owner[order], along[order], stop[order]
-    same = owner[1:] == owner[:-1]
+    same_owner = owner[1:] == owner[:-1]
     uncut = np.ones(len(segment), bool)
     uncut[cut] = False
-    chains = lambda values: np.column_stack([values[:-1], values[1:]])[same]
+
+    def successive(values):
+        return np.column_stack([values[:-1], values[1:]])[same_owner]
+
     notes = [
         f"node {_node_name(net, p)} lies within {_member(net, segment[s], element[s])} in plan without being "
         f"an end of it{_height_over(net, p, segment[s], share)}; it counts as a corner of the roof there"
@@ -106,9 +113,9 @@ def _cut_at_nodes(net, points, segment, element, span):
     ]
     notes += more_of("nodes lie within elements in plan", len(node))
     return (
-        np.concatenate([segment[uncut], chains(stop)]),
-        np.concatenate([element[uncut], element[owner[:-1][same]]]),
-        np.concatenate([span[uncut], chains(along)]),
+        np.concatenate([segment[uncut], successive(stop)]),
+        np.concatenate([element[uncut], element[owner[:-1][same_owner]]]),
+        np.concatenate([span[uncut], successive(along)]),
         notes,
     )
 
@@ -128,11 +135,16 @@ def _crossings(net, points, segment, element) -> list[str]:
     lines = shapely.linestrings(points[segment])
     first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
     key = np.where(element >= 0, element, len(net.elements) + np.arange(len(element)))
-    pairs, at = np.unique(np.sort(key[np.column_stack([first, second])], axis=1), axis=0, return_index=True)
-    name = lambda s: _member(net, segment[s], element[s]).removeprefix("element ")
-    sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[at], second[at]))
-    named = [" and ".join(map(name, ends)) for ends in sorted_pairs]
-    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(named)}"] * (
+    pairs, first_row = np.unique(
+        np.sort(key[np.column_stack([first, second])], axis=1), axis=0, return_index=True
+    )
+
+    def describe(s):
+        return _member(net, segment[s], element[s]).removeprefix("element ")
+
+    sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
+    names = [" and ".join(map(describe, ends)) for ends in sorted_pairs]
+    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(names)}"] * (
         len(pairs) > 0
     )
 

@@ -96,7 +96,10 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     roofing : its faces are cut by polygons with `cut`; for the other polygons they only give notes on the
     area
     """
-    of_column = lambda name: SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+
+    def of_column(name):
+        return SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+
     names = [zone.name for zone in job.zones]
     names += [name for name in net.zone_names if name not in names]
     entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
@@ -142,7 +145,9 @@ def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter |
             of_node[members] = k
     if cut and not parts:
         polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
-        later = [shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))]  # which take precedence
+        later = [
+            shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))
+        ]  # later zones take precedence
         parts = dict(zip(cut, map(cutter.inside, map(shapely.difference, polygons, later))))
     part = np.column_stack([np.zeros((net.n, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
     whole_zone = of_node.copy()
@@ -174,7 +179,7 @@ def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan
 
 
 def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
-    """(n,) bool, the nodes of a zone: in or on its polygon, at elements of its groups, or by the column."""
+    """Tell which nodes are in a zone, (n,) bool: by polygon, by elements of its groups, or by the column."""
     if zone.polygon is not None:
         polygon = shapely.Polygon(zone.polygon)
         shapely.prepare(polygon)
@@ -261,19 +266,21 @@ class Cutter:
         share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
         crossed = np.zeros(self.faces.count, bool)
         crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
-        few, many = crossed & self.few, crossed & ~self.few  # in the order of shares
+        few, many = crossed & self.few, crossed & ~self.few  # `shares` has faces with few corners first
         parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[few[self.faces.face_of_corner()]])
-        within, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
+        area_inside, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
         if many.any():
-            of_many = self.faces.rings.of_faces(many), self.shares.vector[many]
-            size = np.append(size, nearest_areas(self.points, *of_many))
-            windows = (nearest_areas(self.points, *of_many, window) for window in _windows(region))
-            within = np.append(within, sum(windows))
+            rings, vector = self.faces.rings.of_faces(many), self.shares.vector[many]
+            size = np.append(size, nearest_areas(self.points, rings, vector))
+            windows = (nearest_areas(self.points, rings, vector, window) for window in _windows(region))
+            area_inside = np.append(area_inside, sum(windows))
         in_crossed = crossed[self.shares.face]
-        share[in_crossed] = np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
-        total, within = (np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans))
+        share[in_crossed] = np.divide(area_inside, size, out=np.zeros(len(size)), where=size > 0)
+        total, area_inside = (
+            np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans)
+        )
         at_position = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
-        result = np.where(total > 0, within / np.where(total > 0, total, 1.0), at_position)
+        result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
         return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
 
 

@@ -28,7 +28,8 @@ def load_power(x: np.ndarray, vector, field: WindField, settings, n, weight) -> 
     at_points = AtPoints(points, field.control_mean, decay).covariances(n, weight)
     surface = surface_of(y, up, field.mean, decay, len(points))
     share = surface.over_patches(node_load[surface.node])
-    target = Means(*surface.pairs(share[:, None], decay)).covariances(n, weight)
+    delay, pairs = surface.pairs(share[:, None], decay)
+    target = Means(delay, pairs).covariances(n, weight)
     return load @ at_points @ load / target[:, 0, 0]
 
 

@@ -92,7 +92,10 @@ def make_wind_field(
     if settings.file:
         return _measured_field(x, force, settings, places)
     y, up = along_wind(x, settings.direction), along_wind(vector, settings.direction)
-    profile = lambda z: mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
+
+    def profile(z):
+        return mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
+
     mean, gust, model = profile(x[:, 2]), gust_of(settings), None
     if gust is None:
         points, corner, weight = plan_points(y, up.any(1), settings.control_points)[:3]
@@ -113,9 +116,9 @@ def make_wind_field(
 def _points(y, vector, mean, settings) -> tuple:
     """Place the control points of `points`: on a grid in plan unless the net rises too steeply for it."""
     loaded = vector.any(1) if vector.any() else np.ones(len(y), bool)
-    *grid, cell = plan_points(y, loaded, settings.control_points)
-    if is_resolved(y[loaded], grid[0], grid[1][loaded], grid[2][loaded], cell, settings.coherence_decay):
-        return tuple(grid)
+    points, corner, weight, cell = plan_points(y, loaded, settings.control_points)
+    if is_resolved(y[loaded], points, corner[loaded], weight[loaded], cell, settings.coherence_decay):
+        return points, corner, weight
     return _clusters(y, vector, mean, settings)[1:]
 
 
@@ -124,24 +127,28 @@ def _clusters(y, vector, mean, settings) -> tuple:
     decay, limit = np.array(settings.coherence_decay), settings.control_points
     surface = surface_of(y, vector, mean, decay, limit)
     points = cluster_points(surface, decay, limit)
-    return surface, points, *cluster_weights(y, points, decay)
+    corner, weight = cluster_weights(y, points, decay)
+    return surface, points, corner, weight
 
 
-def _measured_field(x, force, settings, places) -> WindField:
+def _measured_field(x, force, settings, points) -> WindField:
     """Build the field of a table; the profile transfers its speeds to the height of each particle.
 
     The table has one speed at 10 m, or several at their points (c, 3) [m].
     """
     rows = len(x)
     corner, weight = np.zeros((rows, 4), np.int64), np.zeros((rows, 4))
-    profile = lambda z: mean_speed(z + settings.base_height, 1.0, settings.profile_exponent)
-    if places is None:
-        places = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
+
+    def profile(z):
+        return mean_speed(z + settings.base_height, 1.0, settings.profile_exponent)
+
+    if points is None:
+        points = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
         weight[:, 0] = profile(x[:, 2])
     else:
-        corner, weight = place_weights(x, places)
-        weight *= profile(x[:, 2])[:, None] / profile(places[:, 2])[corner]
-    return WindField(places, np.zeros(len(places)), None, np.zeros(rows), corner, weight, force)
+        corner, weight = place_weights(x, points)
+        weight *= profile(x[:, 2])[:, None] / profile(points[:, 2])[corner]
+    return WindField(points, np.zeros(len(points)), None, np.zeros(rows), corner, weight, force)
 
 
 def interpolated_deviation(corner, weight, covariance) -> np.ndarray:

@@ -20,7 +20,8 @@ def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple:
     plan = np.column_stack([X.ravel(), Y.ravel()])
     points = np.column_stack([plan, control_heights(plan, y[loaded] if loaded.any() else y)])
     cell = np.ptp(y[:, :2], axis=0) / np.maximum([len(gx) - 1, len(gy) - 1], 1)
-    return points, *_bilinear(y, gx, gy), cell
+    corner, weight = _bilinear(y, gx, gy)
+    return points, corner, weight, cell
 
 
 def is_resolved(y, points, corner, weight, cell, decay) -> bool:
@@ -36,12 +37,15 @@ def is_resolved(y, points, corner, weight, cell, decay) -> bool:
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     """Return coordinates along x and y of at most `limit` control points over the plan of x (n, 3)."""
     low, extent = x[:, :2].min(0), np.ptp(x[:, :2], axis=0)
-    most = 1 + np.floor(extent / CLOSEST).astype(int)
+    max_count = 1 + np.floor(extent / CLOSEST).astype(int)
     ratio = (extent[0] + 1e-9) / (extent[1] + 1e-9)
-    nx = int(np.clip(round(np.sqrt(limit * ratio)), 1, min(limit, most[0])))
-    ny = int(np.clip(limit // nx, 1, most[1]))
-    line = lambda k, count: low[k] + extent[k] * (np.linspace(0, 1, count) if count > 1 else np.array([0.5]))
-    return line(0, nx), line(1, ny)
+    nx = int(np.clip(round(np.sqrt(limit * ratio)), 1, min(limit, max_count[0])))
+    ny = int(np.clip(limit // nx, 1, max_count[1]))
+
+    def coordinates(k, count):
+        return low[k] + extent[k] * (np.linspace(0, 1, count) if count > 1 else np.array([0.5]))
+
+    return coordinates(0, nx), coordinates(1, ny)
 
 
 def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -183,7 +183,11 @@ def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
         _check_times(values, time, duration)
     else:
         table, time, value = read_rows(values, names, duration)
-        rows, notes = (lambda first, end: value[first:end]), notes + table.notes
+        notes = notes + table.notes
+
+        def rows(first, end):
+            return value[first:end]
+
     return TableHistory(time, rows, _mean(time, rows, duration), places, notes)
 
 
@@ -211,7 +215,10 @@ def _long_file(path: Path, count: int):
             f"{path}: time has the shape {time.shape} and value {shape}; expected (t,) and (t, {count}), "
             f"a column for each of the {count} taps"
         )
-    rows = lambda first, end: value[first:end].astype(float)
+
+    def rows(first, end):
+        return value[first:end].astype(float)
+
     for first in range(0, len(time), ROWS):
         invalid = ~(np.abs(rows(first, first + ROWS)) <= LARGEST).all(1)
         if invalid.any():

@@ -35,7 +35,10 @@ class Sectors:
 
     def at(self, direction: float) -> tuple[float, dict[str, float]]:
         """Return the coefficients of the roof and of the zones for a wind to a direction [degrees]."""
-        value = lambda column: float(np.interp(direction, self.direction, column, period=360.0))
+
+        def value(column):
+            return float(np.interp(direction, self.direction, column, period=360.0))
+
         return value(self.of_roof), {name: value(column) for name, column in self.of_zone.items()}
 
 
@@ -58,8 +61,8 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
     for name in coefficients:
         table.full(name, 3)
         if ROOF in job.wind.zone.get(columns.get(name, ""), {}):
-            both = f"[wind.zone.{columns[name]}] {ROOF} exclude each other; keep one of the two"
-            table.wrong(f"column {name} and {both}")
+            conflict = f"[wind.zone.{columns[name]}] {ROOF} exclude each other; keep one of the two"
+            table.wrong(f"column {name} and {conflict}")
     table.finish()
     of_roof = coefficients.pop(ROOF)
     return Sectors(direction, of_roof, {columns[name]: v for name, v in coefficients.items()}, table.notes)

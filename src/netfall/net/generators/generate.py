@@ -131,11 +131,14 @@ def generate(net) -> Net:
 
 def wrong_dimensions(net, most: int) -> str:
     """Describe the error in the dimensions of a section [net]: too many elements, or no roof; "": none."""
-    grid = lambda: 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+
+    def half_roof():
+        return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+
     key, size = {
         "saddle": ("cells", lambda: 2.0 * net.cells**2),
-        "stadium": ("spacing", lambda: net.halves * grid()),
-        "ring": ("spacing", lambda: 2.0 * grid()),
+        "stadium": ("spacing", lambda: net.halves * half_roof()),
+        "ring": ("spacing", lambda: 2.0 * half_roof()),
         "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
         "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
     }[net.generator]

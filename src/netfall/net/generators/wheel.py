@@ -67,18 +67,23 @@ def wheel(
     ):
         x[nodes] = np.column_stack([radius * cos(angle), radius * sin(angle), np.full(spokes, height)])
     step, sine = np.diff(np.append(r, 0.5 * diameter)), sin(np.pi / spokes)
-    side = lambda force, radius: force / (2.0 * radius * sine)
-    outwards = lambda nodes: np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
+
+    def ring_density(force, radius):
+        return force / (2.0 * radius * sine)
+
+    def radials(nodes):
+        return np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
+
     brace = brace_force / sqrt(_side(opening, spokes) ** 2 + ring_height**2)
     push = P / (upper - lower)
     push[0] += 2.0 * brace
     kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS, then the diagonals
-        (closed_rings(outer), -side((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
-        (closed_rings(above[0]), side(H[0] / (2.0 * sine), r[0]) - brace),
-        (closed_rings(below[0]), side(G / (2.0 * sine), r[0]) - brace),
-        (outwards(above), (H / step)[:, None]),
-        (outwards(below), (G / step)[:, None]),
-        (closed_rings(above[1:]), side(hoop_force, r[1:])[:, None]),
+        (closed_rings(outer), -ring_density((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
+        (closed_rings(above[0]), ring_density(H[0] / (2.0 * sine), r[0]) - brace),
+        (closed_rings(below[0]), ring_density(G / (2.0 * sine), r[0]) - brace),
+        (radials(above), (H / step)[:, None]),
+        (radials(below), (G / step)[:, None]),
+        (closed_rings(above[1:]), ring_density(hoop_force, r[1:])[:, None]),
         (np.stack([below, above], -1), -push[:, None]),
         (_truss(outer, chord), 0.0),
         *([(_crossed(above[0], below[0]), brace)] if brace_force else []),
@@ -116,8 +121,11 @@ def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_for
     H, G = spoke_force + 2.0 * hoop_force * sin(np.pi / spokes) * count, spoke_force
     fall_above, fall_below = (count + 1) / H * step, (count + 1) / G * step  # for P = 1
     P = ring_height / (fall_above + fall_below).sum()
-    height = lambda falls: P * falls[::-1].cumsum()[::-1]
-    return r[:-1], height(fall_above), -height(fall_below), H, G, P
+
+    def heights(falls):
+        return P * falls[::-1].cumsum()[::-1]
+
+    return r[:-1], heights(fall_above), -heights(fall_below), H, G, P
 
 
 def _supports(number: np.ndarray, spokes: int) -> np.ndarray:
