@@ -1,1 +1,1 @@
-"""What was asked: the job file, its keys, its tables, and the questions that it answers by itself."""
+"""Job file: its keys, its tables, and questions that a job answers by itself."""

@@ -1,4 +1,4 @@
-"""The keys of lists of tables: zones, cases, combinations, motions, slip, losses, targets, stages."""
+"""Keys of lists of tables: zones, cases, combinations, motions, slides, removals, targets, stages."""
 
 from netfall.job.keys import keys_of
 
@@ -64,4 +64,8 @@ clamps | choice open closed | | | clamps of [[slide]] from now on: open, without
 set | loads | | {} | what it sets from now on: dead, snow, pressure, temperature, as in a case
 """)
 
-LOST = ("elements", "group", "cables")  # keys of [[remove]] that say what is lost: one of them
+LOST = (
+    "elements",
+    "group",
+    "cables",
+)  # keys of [[remove]] of which exactly one is given

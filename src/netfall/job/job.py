@@ -1,4 +1,4 @@
-"""A validated job: what was asked, section by section, and the files that it names."""
+"""Validated job: its sections and the files that it names."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ OF_MOTION = [key.name for key in LISTS["motion"] if key.kind == "path"]
 
 @dataclass(frozen=True)
 class Job:
-    """A validated job. A section is a namespace of its keys, or None where the scene does not have it."""
+    """Validated job. A section is a namespace of its keys, or None if the job does not have it."""
 
     path: Path
     text: str  # the file as it stands
@@ -46,83 +46,83 @@ class Job:
 
     @property
     def name(self) -> str:
-        """The job file's name without its ending."""
+        """Name of the job file without its extension."""
         return self.path.stem
 
     def files(self) -> list[Path]:
-        """The files that the job reads, of all keys that are paths: of net, cables, loads, wind."""
-        named = [getattr(getattr(self, section), key, None) for section, key in PATHS]
-        named += [case.pressure_table for case in self.cases]
-        named += [case.set.get("wind.sectors") for case in self.cases]
+        """Return the files that the job reads, from all keys that are paths: net, cables, loads, wind."""
+        names = [getattr(getattr(self, section), key, None) for section, key in PATHS]
+        names += [case.pressure_table for case in self.cases]
+        names += [case.set.get("wind.sectors") for case in self.cases]
         entries = [(entry, key) for key in OF_MOTION for entry in self.motions]
-        named += [getattr(entry, key) for entry, key in entries]
-        return [self.path.parent / name for name in named if name]
+        names += [getattr(entry, key) for entry, key in entries]
+        return [self.path.parent / name for name in names if name]
 
     @cached_property
     def contents(self) -> list[bytes]:
-        """Fingerprints of `files`, as they stand when they are first asked for.
+        """Fingerprints of `files`, computed at the first access.
 
         Raises InputError for a file that cannot be read.
         """
-        found = []
+        digests = []
         for path in self.files():
             try:
-                found.append(hashlib.sha256(path.read_bytes()).digest())
+                digests.append(hashlib.sha256(path.read_bytes()).digest())
             except OSError as error:
                 raise InputError(
                     f"{path}: {error.strerror or error}; paths are relative to the job file"
                 ) from None
-        return found
+        return digests
 
     def digest(self) -> str:
-        """Fingerprint of what was asked: the job file, the values that overrides leave, the files it reads.
+        """Compute a fingerprint of the job file, the values after overrides, and the files that it reads.
 
         Raises InputError for a file that cannot be read.
         """
-        # All but where the file lies, and overrides, whose values stand in the sections.
-        kept = {each.name: getattr(self, each.name) for each in fields(self)}
-        del kept["path"], kept["overrides"]
-        total = hashlib.sha256(json.dumps(kept, default=vars, sort_keys=True).encode())
+        # Without the location of the file, and without overrides, whose values are in the sections.
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        del values["path"], values["overrides"]
+        total = hashlib.sha256(json.dumps(values, default=vars, sort_keys=True).encode())
         for content in self.contents:
             total.update(content)
         return total.hexdigest()
 
     def given(self) -> set[str]:
-        """The keys that the job file or an override gives, as "section.key"."""
+        """Return the keys that the job file or an override gives, as "section.key"."""
         data = tables_of(self.text, self.overrides)
         tables = {name: table for name, table in data.items() if isinstance(table, dict)}
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
 
     def loads(self, key: str) -> list:
-        """Every value of a key of [load]: its own, those of zones and cases."""
+        """Return every value of a key of [load]: in the section, in zones and in cases."""
         return self.values("load", key)
 
     def values(self, name: str, key: str) -> list:
-        """Every value of a key of a section that has zones: its own, those of zones, cases and stages."""
+        """Return every value of a key of a section with zones: in the section, zones, cases and stages."""
         section = getattr(self, name)
-        own = [vars(section), *section.zone.values()] if section else []
-        own += [
-            {at.rpartition(".")[2]: value}
-            for each in [*self.cases, *self.stages]
-            for at, value in each.set.items()
-            if at.startswith(f"{name}.")
+        tables = [vars(section), *section.zone.values()] if section else []
+        tables += [
+            {path.rpartition(".")[2]: value}
+            for entry in [*self.cases, *self.stages]
+            for path, value in entry.set.items()
+            if path.startswith(f"{name}.")
         ]
-        return [values[key] for values in own if key in values]
+        return [values[key] for values in tables if key in values]
 
     def changes_net(self) -> bool:
-        """Whether the command line overrides the net: files made for the job's own net then do not apply."""
+        """Tell whether an override changes the net, so that files made for the job's own net do not apply."""
         return any(o.startswith("net.") for o in self.overrides)
 
 
 def tables_of(text: str, overrides) -> dict:
-    """The tables of a job's text, with overrides that were read before."""
+    """Parse the text of a job, with overrides that are known to be valid."""
     data = tomllib.loads(text)
     apply_overrides(data, list(overrides), [])
     return data
 
 
 def apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None:
-    """Put the values of --set into the tables of a job; errors : takes a line for each wrong one."""
+    """Put the values of --set into the tables of a job; append an error for each invalid one."""
     for override in overrides:
         name, equals, value = override.partition("=")
         *section, key = [part.strip() for part in name.split(".")]
@@ -133,8 +133,8 @@ def apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None
         for part in section:
             table = table.setdefault(part, {})
             if not isinstance(table, dict):
-                what = f"a list, [[{part}]], which --set does not reach" if part in LISTS else "a key"
-                errors.append(f"--set {override}: {part} is {what}, not a section")
+                kind = f"a list, [[{part}]], which --set does not reach" if part in LISTS else "a key"
+                errors.append(f"--set {override}: {part} is {kind}, not a section")
                 break
         else:
             table[key] = toml_or_word(value.strip())

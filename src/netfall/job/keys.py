@@ -1,4 +1,4 @@
-"""What a row of the table of keys says of a key: type, unit, range, default, meaning."""
+"""Rows of the table of keys: type, unit, range, default and meaning of a key."""
 
 import math
 import tomllib
@@ -8,17 +8,17 @@ from typing import NamedTuple
 
 from netfall.ground.text_tables import rows_of
 
-REQUIRED = object()  # the key must stand in the job file if its section does
-MOST_SHIFT = 1e6  # m
-LENGTHS = ("change", "length", "force")  # what may be said of a cable in a stage
-ABSENT = None  # the key may be missing: the thing that it describes is then not there
+REQUIRED = object()  # default of a key that must be in the job file if its section is
+MOST_SHIFT = 1e6  # m: largest displacement of a support in a job
+LENGTHS = ("change", "length", "force")  # keys of a cable in a stage
+ABSENT = None  # default of a key without which its feature is absent
 
 
 class Kind(NamedTuple):
-    """What fits the keys of a kind, and how a message says so.
+    """Check of a kind of keys, and its text in messages.
 
-    expected : with {of} the unit, {within} the range, {also}, {choices} and {meaning} of the key
-    fits : of the key and the value
+    expected : text with {of} the unit, {within} the range, {also}, {choices} and {meaning} of the key
+    fits : function of the key and the value
     """
 
     expected: str
@@ -27,10 +27,10 @@ class Kind(NamedTuple):
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a section.
+    """Key of a section.
 
     kind : one of KINDS
-    low, high : bounds of a number; low_open : the lower one itself is excluded
+    low, high : bounds of a number; low_open : the lower bound is excluded
     """
 
     name: str
@@ -42,10 +42,10 @@ class Key:
     high: float | None = None
     low_open: bool = False
     choices: tuple[str, ...] = ()
-    also: tuple[str, ...] = ()  # words that stand in place of a number ("auto")
+    also: tuple[str, ...] = ()  # words allowed instead of a number ("auto")
 
     def expected(self) -> str:
-        """What is allowed, in words: "a number of m/s > 0"."""
+        """Describe the allowed values: "a number of m/s > 0"."""
         low = [] if self.low is None else [f"{'>' if self.low_open else '>='} {self.low:g}"]
         bounds = low + ([] if self.high is None else [f"<= {self.high:g}"])
         return KINDS[self.kind].expected.format(
@@ -57,11 +57,11 @@ class Key:
         )
 
     def fits(self, value) -> bool:
-        """Whether a value is what the key allows."""
+        """Tell whether the key allows a value."""
         return KINDS[self.kind].fits(self, value)
 
     def number(self, value) -> bool:
-        """Whether a value is a finite number in the range."""
+        """Tell whether a value is a finite number in the range."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             return False
         try:
@@ -73,58 +73,70 @@ class Key:
         return finite and above and below
 
     def numbers(self, value, *counts: int) -> bool:
-        """Whether a value is a list of so many such numbers."""
+        """Tell whether a value is a list of such numbers, as many as one of counts."""
         return isinstance(value, list) and len(value) in counts and all(map(self.number, value))
 
 
 def is_whole(value) -> bool:
-    """Whether a value is an integer; true and false are none."""
+    """Tell whether a value is an integer; true and false are not."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _text(key: Key, value) -> bool:
+    """Tell whether a value is a text that the key allows."""
     return isinstance(value, str) and (value != "" or key.default == "") and "\x00" not in value
 
 
 def _name(_, value) -> bool:
+    """Tell whether a value is a name that can be part of a path."""
     return isinstance(value, str) and value not in ("", ".", "..") and not set(value) & set("/\x00")
 
 
 def _points(key: Key, value) -> bool:
+    """Tell whether a value is a list of points in plan."""
     return isinstance(value, list) and all(key.numbers(point, 2) for point in value)
 
 
 def _places(key: Key, value) -> bool:
+    """Tell whether a value is a list of points or node ids."""
     return isinstance(value, list) and all(is_whole(v) or key.numbers(v, 2, 3) for v in value)
 
 
 def _some(fits: Callable[[object], bool]) -> Callable[[Key, object], bool]:
-    """What a list fits that is not empty, each of whose values fits."""
+    """Return a check for non-empty lists whose values all fit."""
     return lambda _, value: isinstance(value, list) and value != [] and all(map(fits, value))
 
 
 def _tables(key: Key, value) -> bool:
-    some = isinstance(value, list) and all(isinstance(each, dict) for each in value)
+    """Tell whether a value is a list of tables."""
+    some = isinstance(value, list) and all(isinstance(table, dict) for table in value)
     return some and (value != [] or key.default is not REQUIRED)
 
 
 def _factors(key: Key, value) -> bool:
+    """Tell whether a value is a table of numbers."""
     return isinstance(value, dict) and all(map(key.number, value.values()))
 
 
 def _shifts(_, value) -> bool:
-    """Three numbers for each id."""
+    """Tell whether a value is a table of three numbers by id."""
     shift = Key("", "vector", ABSENT, "", "", low=-MOST_SHIFT, high=MOST_SHIFT)
-    whole = lambda name: name.removeprefix("-").isdecimal() and name.isascii()
-    return isinstance(value, dict) and all(whole(k) and shift.numbers(v, 3) for k, v in value.items())
+
+    def is_id(name):
+        return name.removeprefix("-").isdecimal() and name.isascii()
+
+    return isinstance(value, dict) and all(is_id(k) and shift.numbers(v, 3) for k, v in value.items())
 
 
 def _lengths(_, value) -> bool:
-    """A table of tables, of one number each."""
+    """Tell whether a value is a table of tables with one number each."""
     length = Key("", "number", ABSENT, "", "", low=-1e12, high=1e12)
-    one = lambda what: isinstance(what, dict) and len(what) == 1 and {*what} <= {*LENGTHS}
+
+    def is_entry(entry):
+        return isinstance(entry, dict) and len(entry) == 1 and {*entry} <= {*LENGTHS}
+
     return isinstance(value, dict) and all(
-        one(what) and all(map(length.number, what.values())) for what in value.values()
+        is_entry(entry) and all(map(length.number, entry.values())) for entry in value.values()
     )
 
 
@@ -168,21 +180,22 @@ KINDS = {
 
 
 def keys_of(text: str) -> dict[str, tuple[Key, ...]]:
-    """The keys of each section of a table, below its name in brackets.
+    """Return the keys of each section of a text table; section names are in brackets.
 
     The cells of a row: name [unit]; kind, with the words of a choice or in place of a number; range; default,
-    none: absent; meaning.
+    empty: absent; meaning.
     """
-    found, section = {}, ""
+    sections, section = {}, ""
     for name, *cells in rows_of(text):
         if cells:
-            found[section] = (*found.get(section, ()), _key(name, *cells))
+            sections[section] = (*sections.get(section, ()), _key(name, *cells))
         else:
             section = name.strip("[]")
-    return found
+    return sections
 
 
 def _key(name: str, kind: str, within: str, default: str, meaning: str) -> Key:
+    """Return the key of a row."""
     name, _, unit = name.rstrip("]").partition(" [")
     kind, *words = kind.split()
     low, _, high = within.lstrip(">= ").partition(" to ")
@@ -204,7 +217,7 @@ def _key(name: str, kind: str, within: str, default: str, meaning: str) -> Key:
 
 
 def toml_or_word(text: str):
-    """The value that a text is in TOML; else the text, a word without quotes."""
+    """Parse a text as a TOML value; otherwise return the text, a word without quotes."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except (tomllib.TOMLDecodeError, KeyError):

@@ -1,6 +1,6 @@
-"""What runs in one process share: what one has found, the next need not find again.
+"""Cache of results that several runs in one process share.
 
-A key says all that a finding depends on, so that it has the same bits whether it is found or remembered.
+A key contains all inputs of a result, so a cached result has the same bits as a computed one.
 """
 
 import json
@@ -16,38 +16,38 @@ from netfall.job.job import Job
 
 
 class Memory:
-    """The last findings of each kind. On several ranks all ask for the same in the same order."""
+    """Latest results of each kind. All ranks must request the same results in the same order."""
 
     def __init__(self, most: int = 0):
-        """most : findings of each kind that are kept; 0: none"""
+        """most : number of cached results of each kind; 0: none"""
         self.most = most
         self._kept: dict[str, OrderedDict[Hashable, Any]] = {}
 
     def once(self, kind: str, key: Hashable, find: Callable[[], Any]) -> Any:
-        """What `find` finds, or found for this key before. That there is none, an error, is kept as well.
+        """Return the result of `find`, from the cache if this key is known. Errors are cached too.
 
-        What is returned is shared: nobody may change it.
+        The result is shared: callers must not change it.
         """
-        kept = self._kept.setdefault(kind, OrderedDict())
-        if key not in kept:
+        results = self._kept.setdefault(kind, OrderedDict())
+        if key not in results:
             try:
-                kept[key] = (find(), None)
+                results[key] = (find(), None)
             except (InputError, DivergedError) as error:
-                kept[key] = (None, error)
-        kept.move_to_end(key)
-        value, error = kept[key]
-        while len(kept) > self.most:
-            kept.popitem(last=False)  # that which was not asked for longest
+                results[key] = (None, error)
+        results.move_to_end(key)
+        value, error = results[key]
+        while len(results) > self.most:
+            results.popitem(last=False)  # least recently used
         if error is not None:
             raise error.with_traceback(None)
         return value
 
 
-FORGETFUL = Memory()  # for a run on its own
+FORGETFUL = Memory()  # no cache, for a single run
 
 
-# What of a job does not bear on its net, its form, its equilibria and the model of its gusts, and why not.
-# All else does, what is added to the job some day as well.
+# Ignored keys, with the reason: they do not affect net, form, equilibria or gust model. All other keys count,
+# also keys that are added later.
 BESIDE = {
     "title": "a name",
     "text": "its values stand in the sections; comments change nothing",
@@ -61,24 +61,26 @@ BESIDE = {
     "wind.seed": "gusts begin where the equilibria end",
     "wind.ramp": "over which the gusts then grow in",
 }
-# Nor do these bear on the net and its form, which no wind blows on.
+# Keys that do not affect the net and its form either, because no wind acts on them.
 OF_SPEED = ("wind.speed", "wind.turbulence", "wind.roughness")
 
 
 def key_of(job: Job, without: tuple[str, ...] = ()) -> str:
-    """What an initial state and its equilibria depend on, as a key; `without` these keys of sections too.
+    """Return a key of all inputs of an initial state and its equilibria.
 
-    The files that the job reads count by what stands in them. Raises InputError for one that cannot be read.
+    without : keys of sections to ignore. Files that the job reads enter by their content. Raises InputError
+    for a
+    file that cannot be read.
     """
-    asked = {}
-    for each in fields(job):
-        value = getattr(job, each.name)
+    inputs = {}
+    for field in fields(job):
+        value = getattr(job, field.name)
         if isinstance(value, SimpleNamespace):  # a section: its keys, as wind.speed
-            asked |= {f"{each.name}.{key}": one for key, one in vars(value).items()}
+            inputs |= {f"{field.name}.{key}": item for key, item in vars(value).items()}
         else:
-            asked[each.name] = value
-    asked = {name: value for name, value in asked.items() if name not in BESIDE.keys() | {*without}}
-    asked["removes"] = bool(job.removes)  # what is lost, and when, comes after the equilibria
-    asked["contents"] = [content.hex() for content in job.contents]
-    asked["changes_net"] = job.changes_net()  # whether a partition made for its own net applies
-    return json.dumps(asked, default=lambda value: str(value) if isinstance(value, Path) else vars(value))
+            inputs[field.name] = value
+    inputs = {name: value for name, value in inputs.items() if name not in BESIDE.keys() | {*without}}
+    inputs["removes"] = bool(job.removes)  # removals happen after the equilibria
+    inputs["contents"] = [content.hex() for content in job.contents]
+    inputs["changes_net"] = job.changes_net()  # decides whether a stored partition applies
+    return json.dumps(inputs, default=lambda value: str(value) if isinstance(value, Path) else vars(value))

@@ -1,4 +1,4 @@
-"""Reading a job file: TOML in, a validated `Job` out, or every error at once."""
+"""Reading of a job file: TOML in, a validated `Job` out, or all errors at once."""
 
 import tomllib
 from collections.abc import Iterator
@@ -9,17 +9,17 @@ from netfall.job.job import Job, apply_overrides
 from netfall.job.validate import Validation
 from netfall.wind.spectra import gust_of
 
-MOST_ROWS = 2e6  # some 500 bytes each on every rank
-MOST_SAMPLES = 1e8  # 8 bytes each on every rank
-LONGEST_GUST = 24_000  # samples, for which the model of the gusts takes seconds to make
+MOST_ROWS = 2e6  # limit of rows; each takes some 500 bytes on every rank
+MOST_SAMPLES = 1e8  # limit of samples; each takes 8 bytes on every rank
+LONGEST_GUST = 24_000  # samples; the gust model then takes seconds to fit
 
 
 def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = ()) -> Job:
-    """Job of a TOML file with `SECTION.KEY=VALUE` overrides, and entries of [[remove]] after its own.
+    """Read a job from a TOML file with `SECTION.KEY=VALUE` overrides and additional entries of [[remove]].
 
     Raises
     ------
-    InputError : one line for each thing that is wrong
+    InputError : one line for each error
     """
     path = Path(path)
     data, text = read_toml(path, "job")
@@ -28,8 +28,8 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     errors: list[str] = []
     apply_overrides(data, overrides, errors)
     if removes:
-        own = data.get("remove", [])
-        data["remove"] = [*own, *removes] if isinstance(own, list) else own
+        given_removes = data.get("remove", [])
+        data["remove"] = [*given_removes, *removes] if isinstance(given_removes, list) else given_removes
     sections = Validation(str(path), errors).sections(data)
     job = Job(path, text, tuple(overrides), **sections)
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
@@ -38,9 +38,9 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
 
 
 def read_toml(path: Path, kind: str) -> tuple[dict, str]:
-    """The tables of a TOML file, and its text. kind : of file, for the messages. Raises InputError."""
+    """Read the tables of a TOML file, and its text. kind : of file, for messages. Raises InputError."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")  # a byte-order mark is not part of it
+        text = path.read_bytes().decode("utf-8-sig")  # drops a byte-order mark
         return tomllib.loads(text), text
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; give the path of a {kind} file") from None
@@ -55,34 +55,34 @@ def read_toml(path: Path, kind: str) -> tuple[dict, str]:
 
 
 def _absurd_counts(job: Job) -> Iterator[str]:
-    """Numbers of rows and samples that no machine holds."""
+    """Yield errors for numbers of rows and samples that exceed the memory of any machine."""
     wind, output = job.wind, job.output
     if job.dynamics is None:
         return
     duration = job.dynamics.duration
-    asked = [("output", "history", duration / output.history, "rows", MOST_ROWS)]
+    counts = [("output", "history", duration / output.history, "rows", MOST_ROWS)]
     if output.checkpoint:
-        asked.append(("output", "checkpoint", duration / output.checkpoint, "checkpoints", MOST_ROWS))
+        counts.append(("output", "checkpoint", duration / output.checkpoint, "checkpoints", MOST_ROWS))
     if wind and wind.speed and not wind.pressures:
         speeds = duration / wind.time_step * wind.control_points
-        asked.append(("wind", "time_step", speeds, "wind speeds", MOST_SAMPLES))
-    for section, key, number, what, most in asked:
-        if number > most:
+        counts.append(("wind", "time_step", speeds, "wind speeds", MOST_SAMPLES))
+    for section, key, number, noun, limit in counts:
+        if number > limit:
             yield (
                 f"{job.path}: [{section}] {key} = {getattr(getattr(job, section), key):g}: asks for "
-                f"{number:.3g} {what} over the duration; at most {most:.0e} are possible"
+                f"{number:.3g} {noun} over the duration; at most {limit:.0e} are possible"
             )
 
 
 def _slow_gusts(job: Job) -> Iterator[str]:
-    """A wind so slow, or a step so short, that the model of its gusts takes minutes to make."""
+    """Yield an error for a wind so slow, or a step so short, that its gust model takes minutes to fit."""
     wind, gust = job.wind, job.wind and gust_of(job.wind)
     samples = gust.length / (wind.speed * wind.time_step) if gust else 0.0
     if samples > LONGEST_GUST:
         least = gust.length / LONGEST_GUST / wind.speed
-        none = "roughness" if wind.turbulence is None else "turbulence"
+        zero_key = "roughness" if wind.turbulence is None else "turbulence"
         yield (
             f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {gust.length:g} m lasts {samples:.3g} "
             f"samples of time_step = {wind.time_step:g} s; at most {LONGEST_GUST} are possible; expected "
-            f"[wind] time_step >= {least:.3g}, or {none} = 0 for a wind without gusts"
+            f"[wind] time_step >= {least:.3g}, or {zero_key} = 0 for a wind without gusts"
         )

@@ -1,7 +1,7 @@
-"""Every key of a job file: its type, unit, range, default and meaning, in one table.
+"""Table of all keys of a job file: type, unit, range, default and meaning.
 
 Validation, the messages for wrong input, the page jobs/KEYS.md and the tests read this table and that of
-`entries`: a key is added by adding a row here.
+`entries`. A new key is a new row here.
 """
 
 from types import SimpleNamespace
@@ -19,15 +19,15 @@ GENERATOR_KEYS = {
     ),
     "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops", "spoke_force", "ring_groups"),
 }
-OF_THE_WHOLE = ("strain", "catalogue", "strength_seed", "length_seed")  # no group has its own
-EITHER = (("modulus", "axial_stiffness"), ("density", "mass_per_length"))  # one of the two
-NEEDED = {  # what each key stands for, unless another of these or a type is given
+OF_THE_WHOLE = ("strain", "catalogue", "strength_seed", "length_seed")  # keys that groups cannot override
+EITHER = (("modulus", "axial_stiffness"), ("density", "mass_per_length"))  # exactly one of each pair is given
+NEEDED = {  # for each required key, the keys of which one must be given, unless a type is
     "modulus": ("modulus", "axial_stiffness"),
     "area": ("area", "axial_stiffness"),
     "density": ("density", "mass_per_length"),
 }
 SINCE = "0.5"  # version from which the defaults and removals of REMOVED and `net.defaults` hold
-# Keys that a former version had, by section: the value that is still accepted with a warning, and the reason.
+# Removed keys by section: the value that is still accepted with a warning, and the reason for the removal.
 REMOVED = {"dynamics": {"precision": ("double", "numbers have double precision (jobs/trade/README.md)")}}
 
 KEYS = """
@@ -206,7 +206,7 @@ SECTIONS = keys_of(KEYS)
 
 
 def row_of(section: str, name: str) -> Key:
-    """The row of a key."""
+    """Return the row of a key."""
     return next(key for key in SECTIONS[section] if key.name == name)
 
 
@@ -214,26 +214,27 @@ CURVES = row_of("cable", "buckling_curve").choices  # of EN 1993-1-1
 
 
 def may_break(cable: dict) -> bool:
-    """Whether a key of [cable] or of a group lets elements break."""
+    """Tell whether a key of [cable] or of a group lets elements break."""
     tables = [table for table in (cable, *cable.values()) if isinstance(table, dict)]
     return any(table.get(key) is not None for table in tables for key in ("fracture_strain", "breaking_load"))
 
 
 def _rows(section: str, *names: str) -> tuple[Key, ...]:
+    """Return some rows of a section."""
     return tuple(key for key in SECTIONS[section] if key.name in names)
 
 
-# Sections with tables inside that override some of their keys: where these stand, and which keys.
+# Sections with inner tables that override some of their keys: name of the tables, and these keys.
 OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
     "cable": ("", tuple(key for key in SECTIONS["cable"] if key.name not in OF_THE_WHOLE)),  # [cable.GROUP]
     "load": ("zone", _rows("load", "dead", "snow", "pressure", "air_mass")),  # [load.zone.NAME]
     "wind": ("zone", _rows("wind", "shape_coefficient", "air_damping")),  # [wind.zone.NAME]
 }
 
-IN_CASES = rows_of_set(SECTIONS, OVERRIDES)  # what a case can set
-IN_STAGES = {name: row for name, row in IN_CASES.items() if name.startswith("load.")}  # what a stage can
+IN_CASES = rows_of_set(SECTIONS, OVERRIDES)  # keys that a case can set
+IN_STAGES = {name: row for name, row in IN_CASES.items() if name.startswith("load.")}  # the same of a stage
 
 
 def defaults(section: str) -> SimpleNamespace:
-    """A section with the defaults of its keys."""
+    """Return a section with the defaults of its keys."""
     return SimpleNamespace(**{key.name: key.default for key in SECTIONS[section]}, zone={})

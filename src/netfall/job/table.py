@@ -1,4 +1,4 @@
-"""Reading tables with a header: named columns of numbers or words, every error with its line."""
+"""Tables with a header: named columns of numbers or words, and errors with line numbers."""
 
 import csv
 import difflib
@@ -11,21 +11,21 @@ import numpy as np
 from netfall.ground.errors import InputError, refuse
 from netfall.job.values import nearest
 
-MOST_ERRORS = 20  # lines reported for one table
-LARGEST = 1e15  # of any number; far beyond, products overflow
+MOST_ERRORS = 20  # largest number of errors reported for one table
+LARGEST = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
-SEVERAL = "/"  # between zones of a node in one cell, whose names have none, and between their shares
-FORMULA = re.compile(r"'*[=+\-@\t\r]")  # begins what a spreadsheet takes for a formula, or would with fewer '
-CLOSE = 0.7  # likeness from which on an unknown column is a slip of the pen
+SEVERAL = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
+FORMULA = re.compile(r"'*[=+\-@\t\r]")  # start of a formula in a spreadsheet, also behind '
+CLOSE = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
 
 class Table:
-    """Columns of a table by name, split at commas, semicolons or tabs; lines that begin with # are comments.
+    """Columns of a table by name, separated by commas, semicolons or tabs; lines with # are comments.
 
-    `numbers` and `integers` convert, and note what they cannot.
-    known : names of the columns that have a meaning, others named in `notes`; required : those that must be
+    `numbers` and `integers` convert a column and record the cells that are invalid.
+    known : names of columns with a meaning, others are named in `notes`; required : columns that must exist
 
-    Raises InputError for a file that is no table at all; `finish` raises for the rest.
+    Raises InputError for a file that is no table; `finish` raises all other errors.
     """
 
     def __init__(self, path: Path, known: tuple[str, ...], required: tuple[str, ...]):
@@ -48,14 +48,15 @@ class Table:
         self.columns = {name: [bare(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)}
 
     def _check_header(self, header, line, known, required) -> None:
+        """Record errors of the header, and notes on unknown columns."""
         unknown = [name for name in dict.fromkeys(header) if name not in known]
         for name in unknown:
             if difflib.get_close_matches(name, known, n=1, cutoff=CLOSE):
                 self.wrong(f"line {line}: {name[:40]!r}: unknown column; {nearest(name, known)}")
         if unknown:
-            named = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]]
-            left = f"columns not known and left alone: {', '.join(named)}; known: {', '.join(known)}"
-            self.notes.append(f"{self.path}: {left}")
+            names = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]]
+            text = f"columns not known and left alone: {', '.join(names)}; known: {', '.join(known)}"
+            self.notes.append(f"{self.path}: {text}")
         for name in [name for name in dict.fromkeys(header) if name in known and header.count(name) > 1]:
             self.wrong(f"column {name} stands twice")
         for name in [name for name in required if name not in header]:
@@ -68,27 +69,27 @@ class Table:
         return name in self.columns
 
     def wrong(self, what: str) -> None:
-        """Note an error; the first few are reported."""
+        """Record an error; only the first few are reported."""
         self.errors.append(f"{self.path}: {what}")
 
     def at(self, row: int) -> str:
-        """Where a row stands, for messages."""
+        """Name a row in a message."""
         return f"line {self.lines[row]}"
 
     def words(self, name: str) -> list[str]:
-        """A column as it stands; empty cells if the table does not have it."""
+        """Return a column as written; empty cells if the table does not have it."""
         return self.columns.get(name, [""] * len(self))
 
     def numbers(self, name: str, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
-        """A column of numbers from low to LARGEST; an empty cell gives `default`, which may be an array."""
+        """Return a column of numbers from low to LARGEST; an empty cell gives `default`, also an array."""
         default = np.broadcast_to(np.asarray(default, float), len(self)).copy()
         if name not in self.columns:
             return default
         words = self.columns[name]
         values = np.array([number_in(word) for word in words])
         empty = np.array([word == "" for word in words])
-        bad = ~empty & ~((values >= low) & (values <= LARGEST))
-        for row in np.flatnonzero(bad)[:MOST_ERRORS]:
+        invalid = ~empty & ~((values >= low) & (values <= LARGEST))
+        for row in np.flatnonzero(invalid)[:MOST_ERRORS]:
             limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
             of = f" of {unit}" if unit else ""
             comma = words[row].count(",") == 1 and np.isfinite(number_in(words[row].replace(",", ".")))
@@ -97,22 +98,22 @@ class Table:
         return np.where(empty, default, values)
 
     def stacked(self, names, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
-        """Columns of numbers beside one another, as `numbers` reads each."""
+        """Return columns of numbers side by side; arguments as in `numbers`."""
         return np.column_stack([self.numbers(name, default, low, unit) for name in names])
 
     def full(self, name: str, most: int | None = None) -> None:
-        """Note the first empty cells of a column, all of them by default."""
+        """Record the first empty cells of a column, all of them by default."""
         for row in [row for row, word in enumerate(self.words(name)) if word == ""][:most]:
             self.wrong(f"{self.at(row)}: {name} is empty; expected a number")
 
     def no_gaps(self, *columns: np.ndarray) -> None:
-        """Raise what was noted, and that there are empty cells in columns that were read."""
+        """Raise all recorded errors, with one for empty cells in columns that were read."""
         if any(np.isnan(values).any() for values in columns):
             self.wrong("empty cells; expected a number in each")
         self.finish()
 
     def integers(self, name: str) -> np.ndarray:
-        """A column of integers, as 64-bit numbers."""
+        """Return a column of integers, as 64-bit numbers."""
         values = np.zeros(len(self), np.int64)
         for row, word in enumerate(self.columns[name]):
             try:
@@ -122,7 +123,7 @@ class Table:
         return values
 
     def ascending(self, name: str, values: np.ndarray) -> None:
-        """Note where the values of a column do not ascend."""
+        """Record errors for values of a column that do not ascend."""
         for row in np.flatnonzero(np.diff(values) <= 0)[:3]:
             self.wrong(
                 f"{self.at(row + 1)}: {name} = {values[row + 1]:g}: not after the row before "
@@ -130,16 +131,16 @@ class Table:
             )
 
     def finish(self, *others: "Table") -> None:
-        """Raise what was noted, in other tables too."""
+        """Raise all recorded errors, of other tables too."""
         lines = []
         for table in (self, *others):
-            more = len(table.errors) - MOST_ERRORS
-            lines += table.errors[:MOST_ERRORS] + [f"{table.path}: and {more} more errors"] * (more > 0)
+            excess = len(table.errors) - MOST_ERRORS
+            lines += table.errors[:MOST_ERRORS] + [f"{table.path}: and {excess} more errors"] * (excess > 0)
         refuse(lines)
 
 
 def number_in(word: str) -> float:
-    """The number that a word of a table is; nan: it is none."""
+    """Parse a number; nan: the word is none."""
     try:
         return float(_plain(word))
     except ValueError:
@@ -147,12 +148,12 @@ def number_in(word: str) -> float:
 
 
 def _plain(word: str) -> str:
-    """A word that Python reads as a number only if others do: to Python 1_0 is ten, in a table a slip."""
+    """Return a word that Python parses only if other programs do; Python reads 1_0 as ten."""
     return word.replace("_", "?")
 
 
 def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
-    """Rows that are neither empty nor comments, each with its line, and the delimiter. Raises InputError."""
+    """Return rows that are neither empty nor comments, with lines, and the delimiter. Raises InputError."""
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             lines = ["\n" if line.lstrip().startswith("#") else line for line in file]
@@ -171,12 +172,12 @@ def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
 def write_table(path: Path, columns: dict, note: str = "", digits: int | None = None) -> None:
     """Write columns of one length by name as a table that `Table` reads; nan is an empty cell.
 
-    note : a comment above the header; digits : of numbers, None: all, so that they come back exactly
+    note : a comment above the header; digits : of numbers, None: all, so that they are read back exactly
     """
     cells = [[_cell(value, digits) for value in np.asarray(values).tolist()] for values in columns.values()]
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.write(f"# {note}\n" if note else "")
-        # a cell is quoted where it has a letter of what ends a line
+        # csv quotes cells with characters of its line terminator, here both \r and \n
         ended = SimpleNamespace(write=lambda line: file.write(line.removesuffix("\r\n") + "\n"))
         writer = csv.writer(ended, lineterminator="\r\n")
         writer.writerow([guarded(name) for name in columns])
@@ -184,16 +185,17 @@ def write_table(path: Path, columns: dict, note: str = "", digits: int | None = 
 
 
 def guarded(text: str) -> str:
-    """Return a text for a cell of a table, with a ' before what a spreadsheet would take for a formula."""
+    """Return a text for a cell, with a ' before text that a spreadsheet would take for a formula."""
     return f"'{text}" if FORMULA.match(text) and not np.isfinite(number_in(text)) else text
 
 
 def bare(text: str) -> str:
-    """Return the text that `guarded` made a cell of."""
+    """Return the text of a cell that `guarded` wrote."""
     return text[1:] if text.startswith("'") and FORMULA.match(text) else text
 
 
 def _cell(value, digits: int | None):
+    """Return the text of a value in a cell."""
     if isinstance(value, str):
         return guarded(value)
     if not isinstance(value, float):

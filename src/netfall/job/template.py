@@ -1,4 +1,4 @@
-"""`netfall init`: a commented job to start from. Every key stands in it, from the table of keys."""
+"""Template of a job for `netfall init`, with every key and its comment from the table of keys."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import SECTIONS
 from netfall.job.toml_text import toml_value
 
-# Sections that the job has, and the keys that are set in it; all else stands as a comment.
+# Active sections and the keys that they set; all other keys are comments.
 SET: dict[str, dict[str, object]] = {
     "": {"title": "A roof"},
     "net": {"generator": "saddle", "side": 40.0, "rise": 4.0, "cells": 10},
@@ -16,7 +16,11 @@ SET: dict[str, dict[str, object]] = {
     "form_finding": {},
     "load": {"dead": 300.0, "snow": 500.0, "steps": 5},
 }
-EXAMPLE = {"name": "edge", "duration": 6.0, "set": {"load.snow": 750.0}}  # of keys that have no default
+EXAMPLE = {
+    "name": "edge",
+    "duration": 6.0,
+    "set": {"load.snow": 750.0},
+}  # for keys without a default
 HEAD = """\
 # A job to start from: a net from a generator, its form, and a static load. SI units.
 #
@@ -28,11 +32,11 @@ HEAD = """\
 # Your own net: nodes = "nodes.csv", elements = "elements.csv" in [net] in place of the generator, or netfall
 # import. [cable.GROUP] overrides [cable] for the elements of a group.
 """
-COLUMN = 38  # where comments begin
+COLUMN = 38  # start of the comments
 
 
 def new_template(path: Path) -> str:
-    """The text of a job that is to be written there. Raises InputError if there is such a file."""
+    """Return the text of a job for a new file. Raises InputError if the file exists."""
     if path.exists():
         raise InputError(f"{path}: is there already; give another name")
     if not path.parent.is_dir():
@@ -41,17 +45,18 @@ def new_template(path: Path) -> str:
 
 
 def template(name: str) -> str:
-    """The text of the job, for the name of its file."""
+    """Return the text of the job, for the name of its file."""
     lines = [HEAD.format(name=name)]
     heads = {name: f"[{name}]" if name else "" for name in SECTIONS} | {name: f"[[{name}]]" for name in LISTS}
     for section, keys in (SECTIONS | LISTS).items():
-        mark = "" if section in SET else "# "  # all of a section is a comment unless something is set in it
+        mark = "" if section in SET else "# "  # a section without set keys is a comment
         lines += [mark + heads[section]] if section else []
         lines += [*(_line(key, SET.get(section, {})) for key in keys), ""]
     return "\n".join(lines) + "\n"
 
 
 def _line(key: Key, given: dict) -> str:
+    """Return the line of a key: setting and comment."""
     meaning = f"{key.unit}, {key.meaning}" if key.unit else key.meaning
     if any(word not in meaning for word in key.choices):
         meaning += ": " + ", ".join(key.choices)
@@ -70,6 +75,6 @@ def _line(key: Key, given: dict) -> str:
 
 
 def _value(value) -> str:
-    """A value as one would type it: 1.6e+11, 60000.0."""
+    """Return a value as a user would type it: 1.6e+11, 60000.0."""
     short = f"{value:.12g}" if isinstance(value, float) else ""
     return short if "e" in short else toml_value(value)

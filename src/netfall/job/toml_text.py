@@ -1,4 +1,4 @@
-"""A job from a dict to the text of a job file: the standard library reads TOML, but does not write it."""
+"""Writing of a job as TOML, which the standard library reads but does not write."""
 
 import json
 
@@ -6,7 +6,7 @@ from netfall.ground.errors import InputError
 
 
 def toml_text(job: dict) -> str:
-    """The text of a job file that says what nested dicts say; a list of dicts gives entries, [[name]]."""
+    """Return the text of a job file for nested dicts; a list of dicts gives entries, [[name]]."""
     plain = {name: value for name, value in job.items() if not _is_section(value)}
     lines = [f"{toml_name(name)} = {toml_value(value)}" for name, value in plain.items() if value is not None]
     for name, value in job.items():
@@ -19,11 +19,11 @@ def toml_text(job: dict) -> str:
 
 
 def toml_value(value) -> str:
-    """A value as TOML writes it. Numbers of numpy and arrays count as numbers and lists; None is no value.
+    """Return a value in TOML. Numbers and arrays of numpy count as numbers and lists; None is no value.
 
-    Raises InputError for what a job file cannot hold.
+    Raises InputError for a value that a job file cannot hold.
     """
-    if hasattr(value, "tolist"):  # numpy's numbers and arrays, without loading it here
+    if hasattr(value, "tolist"):  # numbers and arrays of numpy, without importing numpy
         value = value.tolist()
     if isinstance(value, bool):
         return str(value).lower()
@@ -42,12 +42,13 @@ def toml_value(value) -> str:
 
 
 def _is_section(value) -> bool:
+    """Tell whether a value is a section, or a list of entries."""
     entries = isinstance(value, list) and value != [] and all(isinstance(item, dict) for item in value)
     return isinstance(value, dict) or entries
 
 
 def _section(name: str, table: dict, head: str = "[{}]") -> list[str]:
-    """A table with its own values first, then those inside; within an entry these stand in one line."""
+    """Return the lines of a table: its own values, then its inner tables; those of an entry in one line."""
     entry = head != "[{}]"
     inner = {} if entry else {key: value for key, value in table.items() if isinstance(value, dict)}
     own = [
@@ -62,6 +63,6 @@ def _section(name: str, table: dict, head: str = "[{}]") -> list[str]:
 
 
 def toml_name(name) -> str:
-    """A name as a key of TOML."""
+    """Return a name as a key of TOML, quoted if necessary."""
     bare = str(name).replace("_", "").replace("-", "")
     return str(name) if bare.isascii() and bare.isalnum() else toml_value(str(name))

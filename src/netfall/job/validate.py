@@ -1,4 +1,4 @@
-"""Checking the tables of a job file against the schema, and against one another."""
+"""Validation of the tables of a job file, against the schema and against each other."""
 
 from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
@@ -24,50 +24,51 @@ from netfall.job.values import nearest, shown
 
 
 class Validation:
-    """Checks a job's tables, and notes a line for each error in `errors`."""
+    """Checker of the tables of a job, which appends a line for each error to `errors`."""
 
     def __init__(self, where: str, errors: list[str]):
-        """where : the file, for the messages"""
+        """where : name of the file, for messages"""
         self.where = where
         self.errors = errors
 
     def wrong(self, section: str, what: str) -> None:
-        """Note an error. section : its name, or a place in brackets as it stands"""
+        """Append an error. section : its name, or a place in brackets as written"""
         place = section if section.startswith("[") else f"[{section}]"
         self.errors.append(f"{self.where}: {place + ' ' if section else ''}{what}")
 
     def sections(self, data: dict) -> dict:
-        """The fields of a job: the title, sections, groups as dicts, entries of lists as namespaces.
+        """Return the fields of a job: the title, sections, groups as dicts, entries of lists as namespaces.
 
-        A section is a namespace of its keys, or None where it is absent. `zone` of one that has zones is a
-        dict of what each overrides.
+        A section is a namespace of its keys, or None if absent. `zone` of a section with zones is a dict of
+        the values
+        that each zone overrides.
         """
         given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LISTS}
         self._names(data, given)
-        loose = {k: v for k, v in data.items() if k not in given and k not in SECTIONS and k not in LISTS}
-        title = self.table("", SECTIONS[""], loose).title
+        scalars = {k: v for k, v in data.items() if k not in given and k not in SECTIONS and k not in LISTS}
+        title = self.table("", SECTIONS[""], scalars).title
         for name in ("net", "cable"):
             if name not in data:
                 self.wrong("", f"[{name}]: the section is missing; a job needs it")
-        found, groups = dict.fromkeys(filter(None, SECTIONS)), {}
-        for name in filter(found.__contains__, given):
-            own, within = self._overrides(name, given[name])
-            found[name] = self.table(name, SECTIONS[name], own)
+        checked, groups = dict.fromkeys(filter(None, SECTIONS)), {}
+        for name in filter(checked.__contains__, given):
+            own, inner = self._overrides(name, given[name])
+            checked[name] = self.table(name, SECTIONS[name], own)
             if name == "cable":
-                groups = within
+                groups = inner
             elif name in OVERRIDES:
-                found[name].zone = within
-        found["output"] = found["output"] or self.table("output", SECTIONS["output"], {})
+                checked[name].zone = inner
+        checked["output"] = checked["output"] or self.table("output", SECTIONS["output"], {})
         lists = {f"{name}s": self.entries(name, keys, data.get(name, [])) for name, keys in LISTS.items()}
         for kind, rows in (("case", IN_CASES), ("stage", IN_STAGES)):
             for entry in lists[f"{kind}s"]:
                 entry.set = cases.values_of_set(entry, rows, self._value, self.wrong, kind)
-        for place, what in _wrong_together(given, found, lists):
-            self.wrong(place, what)
-        return found | lists | {"title": title, "groups": groups}
+        for place, problem in _wrong_together(given, checked, lists):
+            self.wrong(place, problem)
+        return checked | lists | {"title": title, "groups": groups}
 
     def _names(self, data: dict, given: dict) -> None:
-        """The names of the sections."""
+        """Check the names of the sections."""
         for name in given:
             if name == "" or name not in SECTIONS:
                 self.wrong("", f"[{name}]: unknown section; {nearest(name, filter(None, SECTIONS))}")
@@ -76,37 +77,39 @@ class Validation:
                 self.wrong("", f"{name} = {shown(data[name])}: expected a section, [{name}]")
 
     def _overrides(self, name: str, table: dict) -> tuple[dict, dict[str, dict]]:
-        """What a section says of itself, and what the tables inside override, by their names."""
+        """Split a section into its own values and the values that its inner tables override, by name."""
         if name not in OVERRIDES:
             return table, {}
         under, keys = OVERRIDES[name]
         inner = table.get(under, {}) if under else {k: v for k, v in table.items() if isinstance(v, dict)}
         own = {k: v for k, v in table.items() if k != under and (under or k not in inner)}
-        place = f"{name}.{under}" if under else name
+        path = f"{name}.{under}" if under else name
         if not isinstance(inner, dict) or not all(isinstance(v, dict) for v in inner.values()):
-            self.wrong(name, f"{under} = {shown(inner)}: expected tables, [{place}.NAME]")
+            self.wrong(name, f"{under} = {shown(inner)}: expected tables, [{path}.NAME]")
             return own, {}
-        found: dict[str, dict] = {called: {} for called in inner}
-        for called, values in inner.items():
-            self._check(f"{place}.{called}", keys, values, found[called])
-        return own, found
+        overrides: dict[str, dict] = {inner_name: {} for inner_name in inner}
+        for inner_name, values in inner.items():
+            self._check(f"{path}.{inner_name}", keys, values, overrides[inner_name])
+        return own, overrides
 
     def entries(self, name: str, keys: Sequence[Key], given) -> list[SimpleNamespace]:
-        """The entries of a list of tables, whose names are unique."""
+        """Return the entries of a list of tables, whose names must be unique."""
         if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
             self.wrong("", f"{name} = {shown(given)}: expected entries, [[{name}]], each with its keys")
             return []
-        entries, places = [], {}
+        entries, first_entry = [], {}
         for number, table in enumerate(given, 1):
-            called = table.get("name")
-            place = f"[[{name}]] {called if isinstance(called, str) and called else number}:"
-            entries.append(self.table(place, keys, table))
-            if isinstance(called, str) and places.setdefault(called, number) != number:
-                self.wrong(place, f"name: stands in entry {places[called]} already; names are unique")
+            entry_name = table.get("name")
+            label = f"[[{name}]] {entry_name if isinstance(entry_name, str) and entry_name else number}:"
+            entries.append(self.table(label, keys, table))
+            if isinstance(entry_name, str) and first_entry.setdefault(entry_name, number) != number:
+                self.wrong(
+                    label, f"name: stands in entry {first_entry[entry_name]} already; names are unique"
+                )
         return entries
 
     def table(self, place: str, keys: Sequence[Key], table: dict) -> SimpleNamespace:
-        """The values of all keys, given or by default."""
+        """Return the values of all keys, given or by default."""
         values = {key.name: None if key.default is REQUIRED else key.default for key in keys}
         self._check(place, keys, table, values)
         for key in keys:
@@ -115,13 +118,13 @@ class Validation:
         return SimpleNamespace(**values)
 
     def _check(self, place: str, keys: Sequence[Key], table: dict, values: dict) -> None:
-        """Put what is given, and right, into `values`."""
+        """Put the given values that are valid into `values`."""
         rows = {key.name: key for key in keys}
         for name, value in table.items():
             if name in REMOVED.get(place, {}):
-                accepted, why = REMOVED[place][name]
+                accepted, reason = REMOVED[place][name]
                 if value != accepted:
-                    removed = f"removed in version {SINCE}, {why}; remove the key"
+                    removed = f"removed in version {SINCE}, {reason}; remove the key"
                     self.wrong(place, f"{name} = {shown(value)}: {removed}")
             elif name not in rows:
                 self.wrong(place, f"{shown(name)[1:-1]}: unknown key; {nearest(name, rows)}")
@@ -129,6 +132,7 @@ class Validation:
                 self._value(place, name, rows[name], value, values)
 
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
+        """Put a value into `values` if it is valid."""
         if not key.fits(value):
             self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}")
         else:
@@ -136,12 +140,15 @@ class Validation:
             values[name] = float(value) if number else value
 
 
-# --- what depends on more than one key: places and what is wrong there
+# --- errors that depend on more than one key
 
 
-def _wrong_together(given: dict, found: dict, lists: dict) -> Iterator[tuple[str, str]]:
-    """given : sections as they stand; found, lists : checked sections and entries."""
-    wind, moves, net = given.get("wind", {}), given.get("dynamics", {}), found["net"]
+def _wrong_together(given: dict, checked: dict, lists: dict) -> Iterator[tuple[str, str]]:
+    """Yield place and error for everything that depends on more than one key.
+
+    given : sections as written; checked, lists : checked sections and entries
+    """
+    wind, dynamics, net = given.get("wind", {}), given.get("dynamics", {}), checked["net"]
     if "net" in given:
         yield from (("net", what) for what in _wrong_net(given["net"]))
     if "wind" in given:
@@ -150,29 +157,29 @@ def _wrong_together(given: dict, found: dict, lists: dict) -> Iterator[tuple[str
         yield from _wrong_cables(given["cable"], "elements" in given.get("net", {}))
     if "wind" in given and "dynamics" not in given:
         yield "wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]"
-    form = found["form_finding"]
+    form = checked["form_finding"]
     if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
         what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
         yield "net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"'
     yield from _wrong_entries(lists)
-    yield from cases.wrong_cases(lists["cases"], found["wind"] or defaults("wind"))
+    yield from cases.wrong_cases(lists["cases"], checked["wind"] or defaults("wind"))
     yield from cases.wrong_combinations(lists["combinations"], lists["cases"])
-    yield from _wrong_height(wind, found["wind"], lists["cases"])
-    yield from _wrong_removals(given, found["load"], lists["removes"])
+    yield from _wrong_height(wind, checked["wind"], lists["cases"])
+    yield from _wrong_removals(given, checked["load"], lists["removes"])
     for number, entry in enumerate(lists["motions"], 1):
         yield from ((f"[[motion]] {number}:", what) for what in _wrong_motion(entry, "dynamics" in given))
-    for missing in _alone(moves, "damping_ratio", "damping_band"):
+    for missing in _alone(dynamics, "damping_ratio", "damping_band"):
         yield "dynamics", f"{missing}: missing; a ratio and the band in which it holds go together"
 
 
 def _alone(table: dict, *pair: str) -> list[str]:
-    """The key that is missing if only the other one of a pair is given."""
+    """Return the missing key if only the other key of a pair is given."""
     missing = [name for name in pair if table.get(name) is None]
     return missing if len(missing) == 1 else []
 
 
 def _wrong_entries(lists: dict) -> Iterator[tuple[str, str]]:
-    """Zones, stages, slip points and targets."""
+    """Yield errors of zones, stages, slip points and targets."""
     for zone in lists["zones"]:
         if zone.polygon is not None and zone.groups is not None:
             yield f"[[zone]] {zone.name}:", "polygon and groups exclude each other; keep one of the two"
@@ -183,21 +190,25 @@ def _wrong_entries(lists: dict) -> Iterator[tuple[str, str]]:
             yield f"[[stage]] {stage.name}:", "clamps: nothing slips; add [[slide]], or remove it"
     for number, entry in enumerate(lists["slides"], 1):
         if (entry.group is None) == (entry.cables is None):
-            what = "missing; say what slips" if entry.group is None else "exclude each other"
-            yield f"[[slide]] {number}:", f"group or cables: {what}; expected one of the two"
+            problem = "missing; say what slips" if entry.group is None else "exclude each other"
+            yield f"[[slide]] {number}:", f"group or cables: {problem}; expected one of the two"
     for number, target in enumerate(lists["targets"], 1):
         given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
         if given not in (["group", "force"], ["node", "height"]):
-            what = "expected group and force, or node and height; give one of these pairs"
-            yield f"[[target]] {number}:", what
+            problem = "expected group and force, or node and height; give one of these pairs"
+            yield f"[[target]] {number}:", problem
 
 
 def _wrong_removals(given: dict, load: SimpleNamespace | None, removes: list) -> Iterator[tuple[str, str]]:
+    """Yield errors of the entries of [[remove]]."""
     for number, entry in enumerate(removes, 1):
-        there = [key for key in LOST if getattr(entry, key) is not None]
-        if len(there) != 1:
-            two = f"{' and '.join(there)} exclude each other; keep one of them"
-            yield f"[[remove]] {number}:", two if there else f"{' or '.join(LOST)}: missing; say what is lost"
+        present = [key for key in LOST if getattr(entry, key) is not None]
+        if len(present) != 1:
+            conflict = f"{' and '.join(present)} exclude each other; keep one of them"
+            yield (
+                f"[[remove]] {number}:",
+                conflict if present else f"{' or '.join(LOST)}: missing; say what is lost",
+            )
     if removes and "dynamics" not in given:
         yield "[[remove]]", "there is no [dynamics] in which something could be lost; add it"
     if removes and "wind" not in given and load and load.ramp:
@@ -205,9 +216,10 @@ def _wrong_removals(given: dict, load: SimpleNamespace | None, removes: list) ->
 
 
 def _wrong_motion(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
+    """Yield errors of an entry of [[motion]]; moves : whether there is a dynamic stage."""
     if (entry.displacement is None) == (entry.acceleration is None):
-        what = "missing" if entry.displacement is None else "exclude each other"
-        yield f"displacement or acceleration: {what}; expected one of the two"
+        problem = "missing" if entry.displacement is None else "exclude each other"
+        yield f"displacement or acceleration: {problem}; expected one of the two"
     if entry.direction is not None and entry.displacement is not None:
         yield "direction: a displacement has x, y and z in its table; remove it"
     if is_record(entry) and entry.direction is None:
@@ -225,7 +237,7 @@ def _wrong_motion(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
 
 
 def _wrong_net(net: dict) -> Iterator[str]:
-    """Sources of the net, and dimensions of a generator that is not the net's."""
+    """Yield errors of the source of the net, and of dimensions for another generator."""
     tables, generator = "nodes" in net or "elements" in net, net.get("generator")
     if "generator" in net and tables:
         yield "generator and tables (nodes, elements) exclude each other; keep one of the two"
@@ -241,15 +253,15 @@ def _wrong_net(net: dict) -> Iterator[str]:
         yield f"unit = {shown(net['unit'])}: only for tables; dimensions are in m"
     if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
         return
-    own = () if tables else GENERATOR_KEYS[generator]
+    own_keys = () if tables else GENERATOR_KEYS[generator]
     for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
-        if name in net and name not in own:
-            others = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
-            yield f"{name} = {shown(net[name])}: only for generator = {others}; remove it"
+        if name in net and name not in own_keys:
+            generators = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
+            yield f"{name} = {shown(net[name])}: only for generator = {generators}; remove it"
 
 
 def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
-    """Sources, coefficients and gusts; detaches : whether parts may be cut free that the wind drags along."""
+    """Yield errors of sources, coefficients and gusts; detaches : whether fragments can detach and drag."""
     sources = [key for key in ("speed", "file", "pressures") if key in wind]
     if sources == ["pressures"] and _air_damping(wind):
         yield "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
@@ -283,59 +295,59 @@ def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
         )
 
 
-def _wrong_height(wind: dict, found: SimpleNamespace | None, each: list) -> Iterator[tuple[str, str]]:
-    """A generated or static wind on a profile without the height of z = 0 above ground; each : case."""
+def _wrong_height(wind: dict, section: SimpleNamespace | None, all_cases: list) -> Iterator[tuple[str, str]]:
+    """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
     missing = (
         "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
         "ground), or profile_exponent = 0 for the same speed at every height"
     )
     if "base_height" in wind:
         return
-    if _is_generated(wind) and found.profile_exponent > 0.0:
+    if _is_generated(wind) and section.profile_exponent > 0.0:
         yield "wind", missing
         return
-    for case in filter(cases.blows, each):
-        acting = cases.static_wind(found or defaults("wind"), case)
+    for case in filter(cases.blows, all_cases):
+        acting = cases.static_wind(section or defaults("wind"), case)
         if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
             yield f"[[case]] {case.name}:", f"set: wind.{missing}"
 
 
 def is_record(motion: SimpleNamespace) -> bool:
-    """Whether an entry of [[motion]] names a record of PEER's."""
+    """Tell whether an entry of [[motion]] names a record of PEER."""
     return bool(motion.acceleration) and motion.acceleration.lower().endswith(".at2")
 
 
 def _zones(table: dict) -> list[dict]:
-    """The tables of the zones of a section as it stands."""
+    """Return the tables of the zones of a section as written."""
     zones = table.get("zone")
     return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
 
 
 def _is_generated(wind: dict) -> bool:
-    """Whether [wind], as it stands, is a speed from which the wind is generated."""
+    """Tell whether [wind], as written, is a speed from which the wind is generated."""
     return "speed" in wind and "file" not in wind and "pressures" not in wind
 
 
 def _air_damping(wind: dict) -> bool:
-    """Whether [wind], as it stands, asks for air damping anywhere."""
+    """Tell whether [wind], as written, has air damping anywhere."""
     return any(table.get("air_damping") for table in (wind, *_zones(wind)))
 
 
 def _may_detach(given: dict, lists: dict) -> bool:
-    """Whether a job, as it stands, may cut parts free that the wind drags along."""
+    """Tell whether a job, as written, may detach fragments that the wind drags."""
     cut = may_break(given.get("cable", {})) or bool(lists["removes"])
     return cut and given["wind"].get("after_fracture", "detached") == "detached"
 
 
 def wanted(name: str) -> str:
-    """What is said of a key that is missing."""
+    """Return the message for a missing key."""
     key = row_of("cable", name)
-    instead = next(other for other in NEEDED[name] if other != name)
-    return f"{name}: missing; expected {key.expected()}, or {instead}, or a type of the catalogue"
+    alternative = next(other for other in NEEDED[name] if other != name)
+    return f"{name}: missing; expected {key.expected()}, or {alternative}, or a type of the catalogue"
 
 
 def _wrong_cables(cable: dict, tables: bool) -> Iterator[tuple[str, str]]:
-    """What is wrong in [cable] as it stands and in its groups; tables : rows of a table may say more."""
+    """Yield errors of [cable] and its groups as written; tables : whether table rows may add keys."""
     groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
     everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
     for place, table in everywhere.items():

@@ -1,1 +1,1 @@
-"""The model of a job on rank 0: loads, wind, losses, probes, and what is odd in it."""
+"""Model of a job on rank 0: loads, wind, member removals, probes, and plausibility notes."""

@@ -1,7 +1,8 @@
-"""What acts in static cases and in combinations: loads, temperature, prestress, settlements of supports.
+"""Actions of static cases and combinations: loads, temperature, prestress, settlements of supports.
 
-A case alone: all loads, with what it sets. In a combination a case enters with what it names, less [load]'s
-value of these, times its factor; so two cases add. A static wind presses as the mean of [wind] does.
+A case alone has all loads, with the values that it sets. A combination adds the difference between the values
+of a case and those of [load], times the factor of the case. Two cases therefore add. A static wind presses as
+the mean wind of [wind] does.
 """
 
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ ALL_LOADS = "all loads"
 
 @dataclass(frozen=True)
 class Actions:
-    """What acts in one equilibrium; None: as in the model.
+    """Actions in one equilibrium; None: as in the model.
 
     load : (n, 3) [N]; L0 : (m,) [m]; spring_rest, settlement : (n, 3) [m]
     """
@@ -37,17 +38,17 @@ class Actions:
 
 
 class StaticLoad(NamedTuple):
-    """A load whose equilibrium is looked for.
+    """A load whose equilibrium is computed.
 
     kind : "permanent", "case", "combination", "step", "at once" or "rest", see `stages.wanted`; or "loss",
         `stages.rests`
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one
-    begins : the factor of the equilibrium that it starts from
+    begins : the load factor of the equilibrium that it starts from
     weights : factor of the self weight in it
     L0, spring_rest, settlement : as in `Actions`, on this rank; None: as in the model
-    before : arrays of the state before lengths and held nodes changed, by name; None: these are the same
+    before : arrays of the state before unstressed lengths and held nodes changed, by name; None: no change
     """
 
     kind: str
@@ -64,62 +65,67 @@ class StaticLoad(NamedTuple):
     before: dict[str, np.ndarray] | None = None
 
     def reached(self, share: float) -> float:
-        """The load factor at a share of the way from its start; nan: permanent loads have none."""
+        """Return the load factor at a share of the way from the start; nan for permanent loads."""
         return self.begins + share * (self.factor - self.begins) if self.kind != "permanent" else np.nan
 
 
 def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
-    """What acts in a case: the permanent loads and [load], with what it sets. Rank 0."""
+    """Return the actions of a case: the permanent loads and [load], with the values that it sets. Rank 0."""
     load, roof = settings_of(job), model.roof
     changed = with_set(load, "load", case)
     force = model.loading.permanent + live_load(changed, roof, model.net.load)
     if _sets(case, "dead"):
         force = force + dead_load(changed, roof) - dead_load(load, roof)
-    pressed = _pressed(model, case)
+    pressure = _pressed(model, case)
     inputs = model.layout.cases[case.name]
-    warm = changed.temperature if _sets(case, "temperature") else None
+    temperature = changed.temperature if _sets(case, "temperature") else None
     return Actions(
-        force if pressed is None else force + pressed,
-        None if warm is None else warm_length(model.cut_length, model.net.expansion, warm),
+        force if pressure is None else force + pressure,
+        None if temperature is None else warm_length(model.cut_length, model.net.expansion, temperature),
         _feet(model, model.spring_rest, inputs.settlement),
         inputs.settlement,
     )
 
 
 def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Actions:
-    """What acts in a combination. Rank 0."""
+    """Return the actions of a combination. Rank 0."""
     load, net = settings_of(job), model.net
-    factor = lambda name: factor_of(combination, name)
+
+    def factor(name):
+        return factor_of(combination, name)
+
     live = live_load(load, model.roof, net.load)
     force = factor("permanent") * model.loading.permanent + factor("load") * live
-    warm, settlement = factor("temperature") * load.temperature, None
+    temperature, settlement = factor("temperature") * load.temperature, None
     for case in job.cases:
         share, inputs = factor(case.name), model.layout.cases[case.name]
         if share:
             force += share * _added(load, model, case)
-            warm += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
+            temperature += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
             if inputs.settlement is not None:
                 settlement = share * inputs.settlement + (0.0 if settlement is None else settlement)
-    L0, rest = _prestressed(model, factor("prestress"), job.cable.strain)
-    return Actions(force, warm_length(L0, net.expansion, warm), _feet(model, rest, settlement), settlement)
+    L0, spring_rest = _prestressed(model, factor("prestress"), job.cable.strain)
+    return Actions(
+        force, warm_length(L0, net.expansion, temperature), _feet(model, spring_rest, settlement), settlement
+    )
 
 
 def _sets(case: SimpleNamespace, key: str) -> bool:
-    """Whether a case sets a key of [load], in a zone too."""
+    """Tell whether a case sets a key of [load], also in a zone."""
     return any(name.startswith("load.") and name.endswith(f".{key}") for name in case.set)
 
 
 def _added(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.ndarray:
-    """The forces (n, 3) [N] with which a case enters a combination: what it names, less [load]'s of these."""
-    changed, none = with_set(load, "load", case), np.zeros_like(model.net.load)
-    force = live_load(changed, model.roof, none) - live_load(load, model.roof, none)
+    """Compute the forces (n, 3) [N] of a case in a combination: its values less those of [load]."""
+    changed, zero = with_set(load, "load", case), np.zeros_like(model.net.load)
+    force = live_load(changed, model.roof, zero) - live_load(load, model.roof, zero)
     force += dead_load(changed, model.roof) - dead_load(load, model.roof)
-    pressed = _pressed(model, case)
-    return force if pressed is None else force + pressed
+    pressure = _pressed(model, case)
+    return force if pressure is None else force + pressure
 
 
 def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:
-    """Forces (n, 3) [N] of the static wind of a case and of its table of pressures; None: neither acts."""
+    """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither."""
     inputs, force = model.layout.cases[case.name], None
     if inputs.wind is not None:
         force = inputs.wind.pressure_factor * still_force(model.x, model.roof.vector, inputs.wind)
@@ -130,19 +136,20 @@ def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:
     return force
 
 
-def _feet(model: Model, rest: np.ndarray, settlement: np.ndarray | None) -> np.ndarray | None:
-    """Displacements (n, 3) [m] at which springs carry nothing, their feet having settled; None: no change."""
-    if not model.net.spring.any() or (settlement is None and rest is model.spring_rest):
+def _feet(model: Model, spring_rest: np.ndarray, settlement: np.ndarray | None) -> np.ndarray | None:
+    """Return the displacements (n, 3) [m] at which settled springs carry nothing; None: no change."""
+    if not model.net.spring.any() or (settlement is None and spring_rest is model.spring_rest):
         return None
     if settlement is None:
-        return rest
-    return rest + np.where(model.net.spring > 0.0, settlement, 0.0)
+        return spring_rest
+    return spring_rest + np.where(model.net.spring > 0.0, settlement, 0.0)
 
 
 def _prestressed(model: Model, factor: float, strain: str) -> tuple[np.ndarray, np.ndarray]:
-    """Unstressed lengths (m,) [m], and rests of springs (n, 3) [m], at a factor of the prestress.
+    """Return unstressed lengths (m,) [m] and spring_rest (n, 3) [m] at a factor of the prestress.
 
-    An element has so many times its force at its length in the form; what carries none there stays as it is.
+    Each element has the factor times its force at its form-found length. An element without force keeps its
+    length.
     """
     if factor == 1.0:
         return model.cut_length, model.spring_rest

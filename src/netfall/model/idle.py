@@ -1,4 +1,4 @@
-"""Keys and columns that are given but change nothing in this job."""
+"""Keys and columns that are given but have no effect in this job."""
 
 import difflib
 from collections.abc import Iterator
@@ -22,32 +22,32 @@ from netfall.roof.zones import Zones, named_zones
 from netfall.wind.sectors import Sectors, origin
 from netfall.wind.spectra import intensity
 
-ALIKE = 0.8  # share of letters from which two names of groups may have been meant as one
+ALIKE = 0.8  # similarity (difflib) from which two names of groups were probably meant to be the same
 OF_GUSTS = (
     "time_step", "ar_order", "seed", "control_points", "gusts", "coherence_decay", "spectrum", "gust_length",
 )  # fmt: skip
 
 
 def without_effect(job: Job, net: Net) -> list[str]:
-    """A note for each key of the job file, or column of a table, that is given and has no effect."""
+    """Return a note for each key of the job file, or column of a table, that is given and has no effect."""
     given = job.given()
     notes = []
     for section, keys, idle, why in _idle_keys(job, net):
-        there = [key for key in keys if f"{section}.{key}" in given]
-        if idle and there:
-            notes.append(f"[{section}] {', '.join(there)}: no effect: {why}")
+        idle_keys = [key for key in keys if f"{section}.{key}" in given]
+        if idle and idle_keys:
+            notes.append(f"[{section}] {', '.join(idle_keys)}: no effect: {why}")
     return [*notes, *_idle_sections(job, net, given), *_idle_columns(job, net), *_unlike_groups(job, net)]
 
 
 def _idle_keys(job: Job, net: Net) -> list[tuple]:
-    """Section, keys, whether they have no effect, why."""
+    """List rows of: section, keys, whether they have no effect, and the reason."""
     breaks, form, load = bool(np.isfinite(net.fracture_strain).any()), job.form_finding, job.load
     rows = _idle_in_motion(job, breaks)
     if job.net.generator in ("wheel", "dome"):
-        own = f"the {job.net.generator} has the prestress of its own equilibrium"
-        rows.append(("cable", ("prestress",), True, own))
+        reason = f"the {job.net.generator} has the prestress of its own equilibrium"
+        rows.append(("cable", ("prestress",), True, reason))
     rows += _idle_of_load(job, breaks) if load else []
-    service = any(each.kind == "service" for each in job.combinations)
+    service = any(combination.kind == "service" for combination in job.combinations)
     rows.append(("limits", ("displacement", "slack"), not service, "there is no [[combination]] for service"))
     if form:
         linear = f'method = "{form.method}" is one linear solve'
@@ -61,41 +61,46 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
 
 
 def _idle_in_motion(job: Job, breaks: bool) -> list[tuple]:
-    """Keys of [output] and [dynamics]; breaks : whether anything can."""
-    moves, of_motion = job.dynamics, ("frames", "history", "energy", "probes", "elements", "checkpoint")
-    if not moves:
+    """List the rows of [output] and [dynamics]; breaks : whether any element can break."""
+    dynamics, of_motion = job.dynamics, ("frames", "history", "energy", "probes", "elements", "checkpoint")
+    if not dynamics:
         return [("output", of_motion, True, "there is no [dynamics]")]
-    whole, late = not moves.fragments, job.output.checkpoint >= moves.duration
-    fixed = moves.time_step != "auto" and (whole or not breaks)
+    no_fragments, late = not dynamics.fragments, job.output.checkpoint >= dynamics.duration
+    fixed = dynamics.time_step != "auto" and (no_fragments or not breaks)
     return [
         ("output", ("checkpoint",), late, "it is not shorter than the duration"),
         ("dynamics", ("safety",), fixed, "time_step is fixed"),
         ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
-        ("dynamics", ("fragment_mass",), breaks and whole, "with fragments = false nothing splits off"),
+        (
+            "dynamics",
+            ("fragment_mass",),
+            breaks and no_fragments,
+            "with fragments = false nothing splits off",
+        ),
     ]
 
 
 def _idle_of_load(job: Job, breaks: bool) -> list[tuple]:
-    """Keys of [load]; breaks : whether anything can."""
-    stepless = job.dynamics and not has_statics(job)
-    still = not air_moves(job) or not (job.dynamics or job.output.modes)
-    grown = "it lets the pressure grow in a dynamic stage without load steps"
+    """List the rows of [load]; breaks : whether any element can break."""
+    no_statics = job.dynamics and not has_statics(job)
+    no_inertia = not air_moves(job) or not (job.dynamics or job.output.modes)
+    reason = "it lets the pressure grow in a dynamic stage without load steps"
     return [
-        ("load", ("tolerance", "max_iterations"), stepless, "steps = 0: no statics"),
+        ("load", ("tolerance", "max_iterations"), no_statics, "steps = 0: no statics"),
         ("load", ("breaking",), not breaks, "nothing can break"),
-        ("load", ("air_mass",), still, "it is inertia, of what moves or has modes"),
-        ("load", ("ramp",), not grows(job), grown),
+        ("load", ("air_mass",), no_inertia, "it is inertia, of what moves or has modes"),
+        ("load", ("ramp",), not grows(job), reason),
     ]
 
 
 def _idle_of_wind(job: Job, breaks: bool) -> list[tuple]:
-    """Keys of [wind]; breaks : whether anything can."""
+    """List the rows of [wind]; breaks : whether any element can break."""
     wind, by_taps = job.wind, "the wind comes from pressures"
     generated = wind.speed and not wind.pressures
     source = "file" if wind.file else "pressures"
     of_speed = ("air_density", "direction", "profile_exponent", "base_height")
-    none = "roughness" if wind.turbulence is None else "turbulence"
-    still = generated and intensity(wind) == 0
+    zero_key = "roughness" if wind.turbulence is None else "turbulence"
+    no_gusts = generated and intensity(wind) == 0
     detaches = breaks or bool(job.removes)
     drag = detaches and drags(job)
     needs_speed = air_damps(job) or drag
@@ -103,14 +108,14 @@ def _idle_of_wind(job: Job, breaks: bool) -> list[tuple]:
         ("wind", ("roughness", "turbulence", *OF_GUSTS), not generated, f"the wind comes from {source}"),
         ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
         ("wind", ("direction",), wind.pressures and air_damps(job) and not drag, by_taps),
-        ("wind", OF_GUSTS, still, f"{none} = 0: there are no gusts"),
+        ("wind", OF_GUSTS, no_gusts, f"{zero_key} = 0: there are no gusts"),
         ("wind", ("after_fracture",), not detaches, "nothing can break"),
         ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
     ]
 
 
 def _idle_sections(job: Job, net: Net, given: set[str]) -> Iterator[str]:
-    """Notes on whole sections."""
+    """Yield notes on whole sections without effect."""
     load, wind, on_roof = job.load, job.wind, loads_the_roof(job)
     for number, entry in enumerate(job.removes, 1):
         if entry.time >= job.dynamics.duration:
@@ -137,7 +142,7 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> Iterator[str]:
 
 
 def _unlike_groups(job: Job, net: Net) -> Iterator[str]:
-    """Notes on groups of the table that take [cable] while a section has nearly their name."""
+    """Yield notes on groups that take [cable] although a section has nearly their name."""
     sections = {name.lower(): name for name in reversed(job.groups)}
     for name in net.group_names:
         close = difflib.get_close_matches(name.lower(), sections, 1, ALIKE)
@@ -149,7 +154,7 @@ def _unlike_groups(job: Job, net: Net) -> Iterator[str]:
 
 
 def idle_zones(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:
-    """A note for each zone that nothing gives a value; tables : of sectors, of [wind] and of cases."""
+    """Return a note for each zone without any value; tables : sectors of [wind] and of the cases."""
     named = {name for name, _ in named_zones(job)}.union(*(table.of_zone for table in tables if table))
     return [
         f"zone {shown(name)}: no effect: neither [wind] nor [load] nor a case has a value for it"
@@ -159,7 +164,7 @@ def idle_zones(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str
 
 
 def bare_zones(zones: Zones, area: np.ndarray) -> list[str]:
-    """A note for each zone whose nodes carry nothing of the roof; area : (n,) [m2] of surface."""
+    """Return a note for each zone whose nodes have no area of the roof; area : (n,) [m2] of surface."""
     return [
         f"zone {shown(name)}: no effect: its nodes have no area of the roof, on which all of its values act; "
         "[roof] groups and openings say which faces are the roof"
@@ -169,11 +174,17 @@ def bare_zones(zones: Zones, area: np.ndarray) -> list[str]:
 
 
 def _idle_columns(job: Job, net: Net) -> Iterator[str]:
-    """Notes on columns of the tables, and on prestress, which a column may stand for."""
-    form, dense, prestressed = job.form_finding, np.isfinite(net.force_density), net.prestress.any()
-    if dense.any() and not (form and "force_density" in (form.method, form.start)):
+    """Yield notes on columns of the tables, and on the prestress, without effect."""
+    form_finding, has_density, prestressed = (
+        job.form_finding,
+        np.isfinite(net.force_density),
+        net.prestress.any(),
+    )
+    if has_density.any() and not (
+        form_finding and "force_density" in (form_finding.method, form_finding.start)
+    ):
         yield "column force_density: no effect: there is no form finding by force density"
-    if prestressed and form and form.method == "force_density" and dense.all():
+    if prestressed and form_finding and form_finding.method == "force_density" and has_density.all():
         yield "prestress: no effect: every element has a force_density"
     if prestressed and np.isfinite(net.unstressed_length).all():
         yield "prestress: no effect: every element has an unstressed_length"
@@ -181,9 +192,9 @@ def _idle_columns(job: Job, net: Net) -> Iterator[str]:
         yield "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
     if net.mass.any() and not job.dynamics:
         yield "column mass: no effect: it is inertia without weight, and there is no [dynamics]"
-    alike = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_turned(net))
-    if alike:
-        yield f"column angle of {alike} nodes: no effect: they are held alike along all axes in plan"
+    without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_turned(net))
+    if without_effect:
+        yield f"column angle of {without_effect} nodes: no effect: they are held alike along all axes in plan"
     first_breaks = net.yield_stress >= net.fracture_strain * net.modulus
     brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks
     for e in np.flatnonzero(brittle)[:1]:

@@ -1,4 +1,4 @@
-"""The layout of a job: its net as it is given, on rank 0, in global order, before its form is found."""
+"""Layout of a job: its net as given, before form finding, on rank 0, in global order."""
 
 import hashlib
 from dataclasses import dataclass, fields
@@ -31,15 +31,15 @@ from netfall.wind.measured import TableHistory
 
 @dataclass(frozen=True)
 class Layout:
-    """What rank 0 knows of the whole net before its form is found.
+    """The whole net as given, before form finding, on rank 0.
 
-    part : (n,) rank of each particle; partition_source : where this comes from
+    part : (n,) rank of each particle; partition_source : origin of the partition
     lost : rows of the elements that each [[remove]] names
-    slides : where cables slip over nodes, None: nowhere
-    shape_coefficient : (n,) of the wind, None: there is none
-    measured : the wind of a file, None: it is generated, or there is none
-    cases : what each [[case]] reads, by name; chains : of bars that resist bending, None: there are none
-    notes : what is plausible but odd in the net, its tables and its roof
+    slides : sliding cables, None: none
+    shape_coefficient : (n,) net pressure coefficient of the wind, None: no wind
+    measured : wind of a file, None: the wind is generated, or there is none
+    cases : inputs of each [[case]], by name; chains : bending chains, None: none
+    notes : plausible but unusual values of the net, its tables and its roof
     """
 
     net: Net
@@ -58,43 +58,51 @@ class Layout:
 
 
 def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
-    """Net, roof, zones and partition of a job.
-
-    Raises InputError.
-    """
+    """Build the net, roof, zones and partition of a job. Raises InputError."""
     key = ranks, key_of(job, without=OF_SPEED)
     net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
     lost, probes = named_elements(job, net), find_probes(job, net)
-    slides, wrong = slides_of(job, net)
+    slides, errors = slides_of(job, net)
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
-        wrong.append(
+        errors.append(
             f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"
         )
-    refuse(wrong)
+    refuse(errors)
     coefficient, sectors = shape_coefficients(job, zones)
-    cases, of_cases = read_cases(job, net, zones)
+    cases, case_notes = read_cases(job, net, zones)
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
     notes += sectors.notes if sectors else []
     notes += idle_zones(job, zones, [sectors, *(c.sectors for c in cases.values())])
-    notes += [*of_cases, *unit_notes(net), *load_notes(job), *weight_notes(job, net)]
+    notes += [*case_notes, *unit_notes(net), *load_notes(job), *weight_notes(job, net)]
     chains = chains_of(net)
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)
     if measured:
-        what = "taps" if job.wind.taps else "points"
-        of_what = f"[wind] {what}", what, net, measured.places
-        notes += [*measured.notes, *place_notes(*of_what)]
+        kind = "taps" if job.wind.taps else "points"
+        notes += [*measured.notes, *place_notes(f"[wind] {kind}", kind, net, measured.places)]
     notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():
-        of_what = f"[[case]] {name}: pressure_table", "points", net, case.points
         axes = 2 if case.points is None else case.points.shape[1]
-        notes += place_notes(*of_what, axes)
-    owned = net, roofing, zones, kept_together(part, slides, net), source
-    return Layout(*owned, lost, probes, slides, coefficient, measured, cases, chains, tuple(notes))
+        notes += place_notes(f"[[case]] {name}: pressure_table", "points", net, case.points, axes)
+    return Layout(
+        net,
+        roofing,
+        zones,
+        kept_together(part, slides, net),
+        source,
+        lost,
+        probes,
+        slides,
+        coefficient,
+        measured,
+        cases,
+        chains,
+        tuple(notes),
+    )
 
 
 def _partitioned(job: Job, ranks: int) -> tuple:
-    """Net, roofing, zones, partition and where this comes from."""
+    """Return the net, roofing, zones, partition and the origin of the partition."""
     net = build_net(job)
     roofing = roof_of(job, net)
     zones = zones_of(job, net, roofing)
@@ -106,7 +114,7 @@ def _partitioned(job: Job, ranks: int) -> tuple:
 
 
 def layout_digest(job: Job, net: Net) -> str:
-    """Fingerprint of a job, of the files that it reads and of every column of its net."""
+    """Compute a fingerprint of a job, of the files that it reads and of every column of its net."""
     total = hashlib.sha256(job.digest().encode())
     for column in fields(Net):
         values = getattr(net, column.name)
@@ -117,14 +125,21 @@ def layout_digest(job: Job, net: Net) -> str:
 
 
 def band_of(job: Job) -> tuple[float, ...]:
-    """The branches of the damping over a band; none without it."""
-    moves = job.dynamics
-    return band_branches(moves.damping_ratio, *moves.damping_band) if moves and moves.damping_ratio else ()
+    """Return the Maxwell branches of the constant damping ratio in a band; empty without it."""
+    dynamics = job.dynamics
+    return (
+        band_branches(dynamics.damping_ratio, *dynamics.damping_band)
+        if dynamics and dynamics.damping_ratio
+        else ()
+    )
 
 
 def features_of(job: Job, net: Net, slides: Slides | None) -> Features:
-    """What the scene has, as the job names it."""
-    differ = lambda values: bool((values != values[:1]).any())
+    """Return the features that the kernels are compiled for."""
+
+    def differ(values):
+        return bool((values != values[:1]).any())
+
     held, breaks = held_along(net, net.fixed), bool(np.isfinite(net.fracture_strain).any())
     detaches = job.dynamics is not None and (breaks or bool(job.removes))
     return Features(

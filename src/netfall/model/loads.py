@@ -1,7 +1,7 @@
-"""The constant loads of a job on its particles: what is permanent, what comes on top of it, what grows later.
+"""Constant loads of a job on its particles: permanent, live and growing loads.
 
-Permanent: self weight, dead load. Live: loads of nodes, snow, pressure; statics brings these on in steps, and
-all of it stays on in the dynamic stage.
+Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, pressure. Statics applies the
+live loads in steps, and all of them act in the dynamic stage.
 """
 
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ from netfall.wind.sectors import Sectors, read_sectors
 
 @dataclass(frozen=True)
 class Loading:
-    """Forces (n, 3) [N]; carried : (n,) [kg], dead load and snow.
+    """Constant loads, forces (n, 3) [N]; carried : (n,) [kg], mass of dead load and snow.
 
-    growing : what grows over [load] ramp, None: nothing
+    growing : load that grows over [load] ramp, None: none
     """
 
     permanent: np.ndarray
@@ -36,7 +36,10 @@ class Loading:
 
 
 def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Loading:
-    """The loads of a job; own : (n,) [kg] of the elements; nodes : (n, 3) [N], loads of the nodes."""
+    """Compute the loads of a job.
+
+    own : (n,) [kg], mass of the elements; nodes : (n, 3) [N], loads of the nodes
+    """
     load, permanent = job.load, np.zeros_like(nodes)
     if load is None:
         return Loading(permanent, nodes.copy(), None, np.zeros(len(nodes)))
@@ -50,65 +53,67 @@ def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Load
 
 
 def carried_mass(load: SimpleNamespace, roof: Roof) -> np.ndarray:
-    """Mass of dead load and snow, (n,) [kg]."""
+    """Compute the mass of dead load and snow, (n,) [kg]."""
     dead = roof.zones.spread(load, "dead") * roof.area
     return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
 
 
 def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
-    """What [load] puts on top of what is permanent, (n, 3) [N]; nodes : as in `loading_of`."""
+    """Compute the live load of [load], (n, 3) [N]; nodes : as in `loading_of`."""
     return nodes + snow_load(load, roof) + pressure_load(load, roof)
 
 
 def dead_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
-    """Weight of the cladding, (n, 3) [N], on the surface."""
+    """Compute the weight of the cladding on its surface, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "dead") * roof.area
     return force
 
 
 def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
-    """Weight of the snow, (n, 3) [N], on the area in plan."""
+    """Compute the weight of the snow on the area in plan, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
     return force
 
 
 def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
-    """Force of the pressure, (n, 3) [N].
+    """Compute the force of the pressure, (n, 3) [N].
 
-    A number acts against the vector areas, whose sum is exact; three along the axes act on the surface.
+    A scalar pressure acts against the vector areas, whose sum is exact. A pressure [x, y, z] acts on the
+    surface.
     """
     force = np.zeros_like(roof.vector)
-    for value, here in roof.zones.parts(load, "pressure"):
+    for value, share in roof.zones.parts(load, "pressure"):
         if value is not None:
-            along = isinstance(value, int | float)
-            each = -value * roof.vector if along else roof.area[:, None] * np.array(value)
-            force += here[:, None] * each
+            is_scalar = isinstance(value, int | float)
+            zone_force = -value * roof.vector if is_scalar else roof.area[:, None] * np.array(value)
+            force += share[:, None] * zone_force
     return force
 
 
 def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) -> np.ndarray:
-    """Displacements (n, 3) [m] at which springs carry nothing: the form is found with their axes held.
+    """Compute the displacements (n, 3) [m] at which springs carry nothing.
 
-    So each begins with the reaction there, against the tensions N (m,) [N] of elements of length L (m,) [m]
-    and the load (n, 3) [N] that the form carries, None: none.
+    Form finding holds the axes with springs. Each spring therefore starts with the reaction to the axial
+    forces
+    N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding, None: none.
     """
     if not net.spring.any():
         return np.zeros((net.n, 3))
-    pull = np.zeros((net.n, 3)) if load is None else load.copy()
-    along = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
-    np.add.at(pull, net.elements[:, 0], along)
-    np.subtract.at(pull, net.elements[:, 1], along)
-    pull = to_own(pull, net.angle)
-    rest = np.divide(-pull, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
-    return from_own(rest, net.angle)
+    force = np.zeros((net.n, 3)) if load is None else load.copy()
+    tension = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    np.add.at(force, net.elements[:, 0], tension)
+    np.subtract.at(force, net.elements[:, 1], tension)
+    force = to_own(force, net.angle)
+    displacement = np.divide(-force, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
+    return from_own(displacement, net.angle)
 
 
 def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
-    """Coefficient (n,) of each node, for the wind's direction if there are sectors; these.
+    """Return the net pressure coefficient (n,) of each node for the wind's direction, and the sectors.
 
-    None without wind. Raises InputError for a wrong table.
+    None without wind; the sectors are None without a table. Raises InputError for a wrong table.
     """
     wind = job.wind
     sectors = read_sectors(job, zones.names) if wind and wind.sectors else None
@@ -120,43 +125,43 @@ def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Secto
 
 
 def by_node(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
-    """The section [wind] with the shape coefficient (n,) of each node."""
+    """Return the section [wind] with the net pressure coefficient (n,) of each node."""
     return SimpleNamespace(**(vars(job.wind) | {"shape_coefficient": coefficient}))
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
-    """Pressure (n,) [N/m2] of the mean wind, positive where it presses on the roof: u_s rho U^2 / 2.
+    """Compute the pressure (n,) [N/m2] of the mean wind, positive onto the roof: c_p,net rho U^2 / 2.
 
-    coefficient : (n,); mean_gust : (c,) [m/s] at the control points, beyond the mean of the field
+    coefficient : (n,); mean_gust : (c,) [m/s] at the control points, in addition to the mean of the field
     """
     square = field.mean_square(mean_gust)
     return square if field.tapped else coefficient * (0.5 * job.wind.air_density) * square
 
 
 def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
-    """The datasets of /load: snow and pressure (n,) [N/m2], temperature [K], of what has any.
+    """Build the datasets of /load that are present: snow and pressure (n,) [N/m2], temperature [K].
 
-    A pressure along axes is nan; of a node in several zones the mean by their shares.
+    A pressure along axes is nan. A node in several zones has the mean by their shares.
     """
     if job.load is None:
         return {}
-    found = {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
+    datasets = {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
     if any(value for value, _ in zones.parts(job.load, "snow")):
-        found["snow"] = zones.spread(job.load, "snow")
+        datasets["snow"] = zones.spread(job.load, "snow")
     parts = zones.parts(job.load, "pressure")
     if any(isinstance(value, int | float) for value, _ in parts):
-        found["pressure"] = np.zeros(len(zones.of_node))
+        datasets["pressure"] = np.zeros(len(zones.of_node))
         for value, share in parts:
             along_axes = np.where(share > 0.0, np.nan, 0.0)
-            found["pressure"] += along_axes if isinstance(value, list) else share * (value or 0.0)
-    return found
+            datasets["pressure"] += along_axes if isinstance(value, list) else share * (value or 0.0)
+    return datasets
 
 
-# --- air on the particles of a roof (`mechanics.air`): what its damping takes hold of, and what moves along
+# --- air on the particles of a roof (`mechanics.air`): drag, aerodynamic damping and added mass
 
 
 class Drag(NamedTuple):
-    """What the drag on parts that are cut free needs of each node.
+    """Data of each node for the drag on detached fragments.
 
     size : (n,) [kg/m] rho A / 2; speed : (n,) [m/s], mean wind speed; along : x, y of the wind's direction
     """
@@ -167,9 +172,9 @@ class Drag(NamedTuple):
 
 
 def drag_on(job: Job, x: np.ndarray, roof: Roof) -> Drag | None:
-    """Return what the drag needs, at x (n, 3) [m]; None: there is none.
+    """Return the drag data at x (n, 3) [m]; None: no drag.
 
-    The mean speed acts where the wind is given as pressures; else the speed of the gusts does.
+    If the wind is given as pressures, the mean speed acts; otherwise the speed of the gusts acts.
     """
     if not drags(job):
         return None
@@ -180,15 +185,15 @@ def drag_on(job: Job, x: np.ndarray, roof: Roof) -> Drag | None:
 
 
 def kappa_area(job: Job, roof: Roof) -> np.ndarray:
-    """kappa rho A (n, 3) [kg/m] of upward vector areas A."""
+    """Compute kappa rho A (n, 3) [kg/m] of vector areas A, kappa the aerodynamic damping coefficient."""
     kappa = roof.zones.spread(job.wind, "air_damping")
     return (kappa * job.wind.air_density)[:, None] * roof.vector
 
 
 def damping_air(job: Job, net: Net, x: np.ndarray, roof: Roof) -> np.ndarray | None:
-    """c (n, 3) of `mechanics.air` at x (n, 3) [m]; none along axes that are held. None: no air damping.
+    """Compute c (n, 3) of `mechanics.air` at x (n, 3) [m]; None: no aerodynamic damping.
 
-    Where the wind is given as pressures, it is for the mean speed, which is steady.
+    It is zero along held axes. If the wind is given as pressures, it is for the mean speed, which is steady.
     """
     if not air_damps(job):
         return None
@@ -199,5 +204,5 @@ def damping_air(job: Job, net: Net, x: np.ndarray, roof: Roof) -> np.ndarray | N
 
 
 def moving_air(job: Job, roof: Roof) -> np.ndarray | None:
-    """Mass (n,) [kg] of the air that moves with the surface; None: there is none."""
+    """Compute the added mass (n,) [kg] of the air; None: there is none."""
     return roof.zones.spread(job.load, "air_mass") * roof.area if air_moves(job) else None

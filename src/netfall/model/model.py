@@ -1,7 +1,7 @@
-"""The model of a job: its net in the initial state, on rank 0, in global order.
+"""Model of a job: its net in the initial state, on rank 0, in global order.
 
-What is a constant of a particle or an element is computed here once, and sent to whoever holds it; so it has
-the same bits on any number of ranks.
+Rank 0 computes the constants of particles and elements once and sends them to the ranks that own the rows.
+The constants therefore have the same bits on any number of ranks.
 """
 
 from collections.abc import Callable
@@ -45,29 +45,32 @@ from netfall.roof.zones import Roof
 from netfall.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.wind.measured import TableHistory
 
-FOLDED = 22.86  # 2 tan(170 deg / 2): the largest curvature without moment at which a chain has an axis
+FOLDED = 22.86  # largest initial curvature of a joint, 2 tan(170 deg / 2); no bending axis exists beyond it
 
 
 @dataclass(frozen=True)
 class Model:
-    """What rank 0 knows of the whole net in its initial state.
+    """The whole net in its initial state, on rank 0.
 
-    Attributes that bear the name of a field in `mechanics.fields` are what that field starts with; for others
-    see `model.state`.
+    An attribute that bears the name of a field in `mechanics.fields` holds the initial values of that field;
+    see
+    `model.state` for the other fields.
 
-    x : (n, 3) [m]; N : (m,) [N]; roof : areas there; area_given : [m2], surface in the geometry that is given
-    L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at that of form finding
+    x : (n, 3) [m]; N : (m,) [N]; roof : areas at x; area_given : [m2], surface in the given geometry
+    L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at the temperature of form
+    finding
     half_mass : (m,) [kg], half of each element's own mass
-    spring_rest : (n, 3) [m], displacement at which elastic supports carry nothing
-    mass : (n,) [kg]; of it, inertia without weight and None where there is none:
-    added : (n,) [kg] by mass scaling; air_mass : (n,) [kg] of air that moves along
-    air : (n, 3), c of `mechanics.air`, None: no air damping; drag : on what is cut free, None: none
+    spring_rest : (n, 3) [m], displacement at which the elastic supports carry nothing
+    mass : (n,) [kg], total; it contains two parts that are inertia without weight, None if there is no such
+    part:
+    added : (n,) [kg], by mass scaling; air_mass : (n,) [kg], added mass of the air
+    air : (n, 3), c of `mechanics.air`, None: no aerodynamic damping; drag : on detached fragments, None: none
     loading : the constant loads
-    wind_field, history : of the wind, None: there is none
-    motion : of supports, None: they stand still
-    panels : of the cladding, None: they do not tear off
-    joints : of chains of bars that bend, without moment in the initial state; None: there are none
-    start_notes : what is plausible but odd in the initial state
+    wind_field, history : of the wind, None: no wind
+    motion : of the supports, None: they do not move
+    panels : of the cladding, None: panels do not tear off
+    joints : of bending chains, free of moment in the initial state; None: no chains
+    start_notes : plausible but unusual values of the initial state
     """
 
     layout: Layout
@@ -94,22 +97,22 @@ class Model:
 
     @property
     def net(self) -> Net:
-        """As it was given."""
+        """The net as the job gives it."""
         return self.layout.net
 
     @property
     def own_mass(self) -> np.ndarray:
-        """(n,) [kg] without the air: what is left of it where a fracture takes the wind away."""
+        """(n,) [kg], mass without the added mass of the air, which a fracture removes with the wind."""
         return self.mass if self.air_mass is None else self.mass - self.air_mass
 
     @property
     def load(self) -> np.ndarray:
-        """(n, 3) [N], constant in the dynamic stage."""
+        """(n, 3) [N], constant load of the dynamic stage."""
         return self.loading.permanent + self.loading.live
 
     @property
     def wind(self) -> np.ndarray | None:
-        """(n, 3) [N s2/m2], force at 1 m/s."""
+        """(n, 3) [N s2/m2], wind force at a speed of 1 m/s."""
         return self.wind_field and self.wind_field.force
 
     @property
@@ -120,44 +123,44 @@ class Model:
 
     @property
     def eps_u(self) -> np.ndarray:
-        """(m,), strain at fracture; inf: never breaks."""
+        """(m,), strain at fracture; inf: the element never breaks."""
         return self.net.fracture_strain
 
     @property
     def caps(self) -> Caps:
-        """Forces at which elements yield and buckle, and beyond which bars should."""
+        """Forces at which elements yield and buckle, and Euler loads of the bars that may not buckle."""
         net = self.net
         return caps_of(net.yield_force, euler_load(net, self.cut_length), net.buckling, net.bending)
 
     @property
     def euler(self) -> np.ndarray:
-        """(m,) [N], compression at which bars buckle; inf: they do not."""
+        """(m,) [N], compression at which bars buckle; inf: they do not buckle."""
         return self.caps.buckling
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is plausible but odd in the net, its tables, its roof and its initial state."""
+        """Plausible but unusual values in the net, its tables, its roof and its initial state."""
         return self.layout.notes + self.start_notes
 
     def id_of(self, e: int) -> int:
-        """Id of an element."""
+        """Return the id of an element."""
         return int(self.net.element_id[e])
 
     def node_name(self, p: int) -> str:
-        """A particle by the id of its node, or by what it split off with, for messages."""
+        """Name a particle in a message: by the id of its node, or by the element whose fragment end it is."""
         if p < self.net.n:
             return f"node {self.net.node_id[p]}"
         return f"the end that broke off with element {self.id_of((p - self.net.n) // 2)}"
 
     def element_name(self, e: int) -> str:
-        """Id, ids of the nodes and length of an element, for messages."""
+        """Name an element in a message: its id, the ids of its nodes and its length."""
         return element_words(self.net, e, self.L0)
 
 
 def make_model(
     job: Job, layout: Layout, x: np.ndarray, N: np.ndarray | None, memory: Memory = FORGETFUL
 ) -> Model:
-    """Unstressed lengths, masses, loads and wind of the initial state x (n, 3) [m] with tensions N (m,) [N].
+    """Build the model of the initial state x (n, 3) [m] with axial forces N (m,) [N].
 
     N : None: the prestress of the tables. Raises InputError.
     """
@@ -165,24 +168,27 @@ def make_model(
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     N, L0 = _unstressed(job, net, L, net.prestress if N is None else N)
     notes = check_start(job, net, N, L, L0)
-    here = (key_of(job), x.tobytes()) if memory.most else None  # a key holds the tables
-    areas = memory.once("areas", here, lambda: _areas(layout, x))
+    key = (key_of(job), x.tobytes()) if memory.most else None  # `key_of` is expensive: it reads all tables
+    areas = memory.once("areas", key, lambda: _areas(layout, x))
     roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
     notes += bare_zones(layout.zones, roof.area) if asks.loads_the_roof(job) else []
     _check_normals(job, net, roof)
-    half, own = _own_mass(net, L0)
+    half_mass, own = _own_mass(net, L0)
     loading = loading_of(job, roof, own, net.load)
-    carried = loading.permanent if asks.carries_permanent(job) else None  # by the form
+    permanent = loading.permanent if asks.carries_permanent(job) else None  # in form finding
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
-    find = lambda *asked: memory.once("wind", here, lambda: make_wind_field(x, roof.vector, *asked))
-    field, history = _wind(job, layout, find)
+
+    def make_field(settings, points):
+        return memory.once("wind", key, lambda: make_wind_field(x, roof.vector, settings, points))
+
+    field, history = _wind(job, layout, make_field)
     air_mass = moving_air(job, roof)
     motion = motion_of(job, net, x) if asks.moves_supports(job) else None
     notes += motion.notes if motion else []
     if field:
         notes += low_notes(job, net, x, field.force)
     notes += [*absent_notes(job, net), *shaken_notes(job, bool(field and field.varies))]
-    tears = field and job.wind.after_fracture == "panels"
+    panels_tear = field and job.wind.after_fracture == "panels"
     return Model(
         layout,
         x,
@@ -191,8 +197,8 @@ def make_model(
         float(layout.roofing.given.surface.sum()) if job.form_finding else 0.0,
         L0=L0,
         cut_length=L0,
-        half_mass=half,
-        spring_rest=preload(net, x, N, L, carried) if job.form_finding else net.spring_rest,
+        half_mass=half_mass,
+        spring_rest=preload(net, x, N, L, permanent) if job.form_finding else net.spring_rest,
         mass=mass if air_mass is None else mass + air_mass,
         added=added,
         air_mass=air_mass,
@@ -202,32 +208,34 @@ def make_model(
         wind_field=field,
         history=history,
         motion=motion,
-        panels=_panels(job, layout, areas.shares, loading) if tears else None,
+        panels=_panels(job, layout, areas.shares, loading) if panels_tear else None,
         joints=_joints(job, layout, x, L0) if layout.chains else None,
         start_notes=tuple(notes),
     )
 
 
 def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
-    """The joints of chains that bend: k = EI / l, of two unlike bars 2 / (l1 / EI1 + l2 / EI2).
+    """Build the joints of bending chains, with k = EI / l for equal bars.
 
-    Raises InputError where a chain folds back, so that no axis is known about which it bends.
+    For two different bars k = 2 / (l1 / EI1 + l2 / EI2). Raises InputError if a chain folds back, because the
+    axis of
+    bending is then undefined.
     """
     net, particles, elements = layout.net, layout.chains.particles, layout.chains.elements
-    rest = curvatures(x, particles)
-    for k in np.flatnonzero(lengths(rest) > FOLDED)[:1]:
+    initial = curvatures(x, particles)
+    for k in np.flatnonzero(lengths(initial) > FOLDED)[:1]:
         first, second = net.element_id[elements[k]]
         raise InputError(
             f"{job.path}: node {net.node_id[particles[k, 1]]}: the bending chain turns back by more than 170 "
             f"degrees from element {first} to element {second}; expected at most 170 degrees; move the node, "
             "or put the two bars in different groups"
         )
-    gives = (L0 / (net.modulus * net.second_moment))[elements]
-    return Joints(particles, 2.0 / (gives[:, 0] + gives[:, 1]), rest)
+    flexibility = (L0 / (net.modulus * net.second_moment))[elements]
+    return Joints(particles, 2.0 / (flexibility[:, 0] + flexibility[:, 1]), initial)
 
 
 def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """Self weight and dead load (n, 3) [N] of the net at x (n, 3) [m] with axial forces N (m,) [N]."""
+    """Compute self weight and dead load (n, 3) [N] at x (n, 3) [m] with axial forces N (m,) [N]."""
     net, areas = layout.net, _areas(layout, x)
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain))
@@ -236,20 +244,23 @@ def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np
 
 
 def _own_mass(net: Net, L0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half of each element's own mass (m,) [kg], and what nodes (n,) have of it."""
+    """Compute half of each element's own mass (m,) [kg], and the sums of these at the nodes (n,) [kg]."""
     half = 0.5 * net.density * net.section * L0
     return half, np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
 
 
 def _areas(layout: Layout, x: np.ndarray) -> Areas:
-    """The areas at x (n, 3) [m]: those of the geometry as given, where that is the initial state."""
+    """Return the areas at x (n, 3) [m]; areas of the given geometry are not computed again."""
     net, roofing = layout.net, layout.roofing
-    same = np.array_equal(x, net.x)
-    return roofing.given if same else tributary_areas(x, net, roofing.faces)
+    is_given = np.array_equal(x, net.x)
+    return roofing.given if is_given else tributary_areas(x, net, roofing.faces)
 
 
 def _unstressed(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tensions (m,) [N] and unstressed lengths (m,) [m] at lengths L: as given, else those of N."""
+    """Return axial forces (m,) [N] and unstressed lengths (m,) [m] at lengths L (m,) [m].
+
+    An element with a given unstressed length takes its force from it; the others take their length from N.
+    """
     EA, strain = net.EA, job.cable.strain
     check_tensions(job, net, N, L)
     L0 = unstressed_length(L, N, EA, strain)
@@ -261,41 +272,49 @@ def _unstressed(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.nd
 
 
 def _scaled(job: Job, net: Net, L0: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Masses (n,) [kg] with what mass scaling adds, and this."""
+    """Return the masses (n,) [kg] after mass scaling, and the added part; None: there is no mass scaling."""
     if job.dynamics is None or not job.dynamics.mass_scaling:
         return mass, None
-    share, there = job.dynamics.mass_scaling, net.is_there
-    scaled = scaled_mass(net.elements[there], net.EA[there], L0[there], mass, net.moves, net.support, share)
+    share, present = job.dynamics.mass_scaling, net.is_there
+    scaled = scaled_mass(
+        net.elements[present], net.EA[present], L0[present], mass, net.moves, net.support, share
+    )
     return scaled, scaled - mass
 
 
-def _wind(job: Job, layout: Layout, find: Callable) -> tuple:
-    """The field of the wind, as `find` makes it, and its history; None, None without. Raises InputError."""
+def _wind(job: Job, layout: Layout, make_field: Callable) -> tuple:
+    """Return the wind field, built by `make_field`, and the wind history; None, None without wind.
+
+    Raises InputError.
+    """
     if job.wind is None:
         return None, None
     measured, settings = layout.measured, by_node(job, layout.shape_coefficient)
-    field = find(settings, measured.places if measured else None)
+    field = make_field(settings, measured.places if measured else None)
     return field, measured or GeneratedHistory(field, job.wind)
 
 
 def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panels:
-    """The panels that can tear off. Raises InputError where there are none, or loads grow on them."""
+    """Build the panels that can tear off.
+
+    Raises InputError if the net has no panels, or if a load that grows over [load] ramp acts on them.
+    """
     net, faces = layout.net, layout.roofing.faces
-    wrong = "not together with [load] ramp; remove one of them" if loading.growing is not None else ""
+    problem = "not together with [load] ramp; remove one of them" if loading.growing is not None else ""
     if not len(faces) or np.isfinite(net.area).any():
-        wrong = (
+        problem = (
             "panels are the closed faces of the net, and their areas those of the nodes; expected a net with "
             "faces and without a column area"
         )
-    if wrong:
-        raise InputError(f'{job.path}: [wind] after_fracture = "panels": {wrong}')
+    if problem:
+        raise InputError(f'{job.path}: [wind] after_fracture = "panels": {problem}')
     panels = panels_of(net, faces, shares)
     zones = layout.zones.at(panels.node)
     load, roof = job.load, Roof(panels.area, panels.plan_area, panels.vector, zones)
     factor = np.broadcast_to(force_factor(by_node(job, layout.shape_coefficient)), net.n)[panels.node]
-    still = np.zeros_like(roof.vector)
+    zero = np.zeros_like(roof.vector)
     return panels._replace(
-        air=kappa_area(job, roof) if asks.air_damps(job) else still,
+        air=kappa_area(job, roof) if asks.air_damps(job) else zero,
         air_mass=moving_air(job, roof) if asks.air_moves(job) else np.zeros_like(roof.area),
         mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
         pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
@@ -304,7 +323,10 @@ def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panel
 
 
 def _check_normals(job: Job, net: Net, roof: Roof) -> None:
-    """Wind and pressure along normals must not vanish silently on particles that meet no face."""
+    """Check that each free node with a roof area has a normal for wind and pressure to act along.
+
+    Raises InputError for nodes that meet no closed face in plan: their load would vanish silently.
+    """
     bare = (roof.area > 0) & ~roof.vector.any(1) & net.moves
     if asks.along_normals(job) and bare.any():
         raise InputError(

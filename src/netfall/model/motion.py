@@ -1,8 +1,8 @@
-"""Supports that move, [[motion]]: records of displacements or accelerations, and which support follows which.
+"""Motion of supports, [[motion]]: records of displacements or accelerations, and the supports they move.
 
-A displacement is linear between the rows of its table and stays after the last. An acceleration is linear
-between its rows, integrated twice in closed form, zero after the last. A record of PEER's (.AT2) is corrected
-first: of its velocity the least-squares parabola through zero, c1 t + c2 t^2, is taken off.
+A displacement is linear between the rows of its table and constant after the last row. An acceleration is
+linear between its rows, integrated twice in closed form, and zero after the last row. A record of PEER (.AT2)
+is corrected first: the least-squares parabola through zero, c1 t + c2 t^2, is subtracted from its velocity.
 """
 
 import re
@@ -22,14 +22,14 @@ from netfall.net.turned import is_turned
 from netfall.numerics.functions import lengths
 
 AXES = ("x", "y", "z")
-AT_ZERO = 1e-9  # m: what a displacement may be at the start
-FARTHEST = 5.0  # m that a support moves; more is told
-NEAR = 256  # particles whose nearest support is looked for at once
+AT_ZERO = 1e-9  # m: largest displacement at the start that counts as zero
+FARTHEST = 5.0  # m: displacement of a support above which netfall asks about the unit
+NEAR = 256  # particles per block in the search for the nearest support: bounds the memory
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How supports move: what `mechanics.ground.Ground` holds of it, the course (n,) below each particle."""
+    """Motion of supports: the arrays of `mechanics.ground.Ground`, and the course (n,) of each particle."""
 
     time: np.ndarray
     first: np.ndarray
@@ -43,31 +43,31 @@ class Motion:
 
 
 def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
-    """The motion of the supports of a net at x (n, 3) [m]. Rank 0. Raises InputError, all at once."""
-    errors, notes, records, moved = [], [], [], {}
+    """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors."""
+    errors, notes, records, courses_of = [], [], [], {}
     for number, entry in enumerate(job.motions, 1):
-        place, told = f"[[motion]] {number}:", []
+        label, record_notes = f"[[motion]] {number}:", []
         try:
-            time, rows, told = _record(job, entry)
+            time, rows, record_notes = _record(job, entry)
             records.append((time, rows))
         except InputError as error:
             errors += error.lines
         nodes = _nodes(net, entry)
-        notes += [f"{place} {line}" for line in (*told, *_half_moved(net, nodes))]
-        errors += [f"{job.path}: {place} {what}" for what in _wrong_nodes(net, entry, nodes)]
+        notes += [f"{label} {line}" for line in (*record_notes, *_half_moved(net, nodes))]
+        errors += [f"{job.path}: {label} {problem}" for problem in _wrong_nodes(net, entry, nodes)]
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
-            moved.setdefault(p, []).append((number - 1, delay))
+            courses_of.setdefault(p, []).append((number - 1, delay))
     refuse(errors)
-    courses = sorted(set(map(tuple, moved.values())))
-    row = {course: k for k, course in enumerate(courses)}
+    courses = sorted(set(map(tuple, courses_of.values())))
+    row_of = {course: k for k, course in enumerate(courses)}
     course = np.full(net.n, -1, np.int32)
-    for p, parts in moved.items():
-        course[p] = row[tuple(parts)]
+    for p, parts in courses_of.items():
+        course[p] = row_of[tuple(parts)]
     start = _start(net, course, courses, records)
     if start.any():
         speed = ", ".join(f"{v:.4g}" for v in start[0])
         notes.append(f"[[motion]]: the ground moves at {speed} m/s at the start, and the net with it")
-    parts = [part for each in courses for part in each]
+    parts = [part for course_parts in courses for part in course_parts]
     return Motion(
         np.concatenate([time for time, _ in records]),
         np.cumsum([0, *(len(time) for time, _ in records)]),
@@ -85,23 +85,27 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
 
 
 def _nodes(net: Net, entry) -> np.ndarray:
-    """Rows of the supports that an entry moves."""
+    """Return the rows of the supports that an entry moves."""
     held = net.fixed.any(1)
-    named = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
-    return np.flatnonzero(named | (named[ends_of_inner(net)].all(1) & held))
+    chosen = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
+    return np.flatnonzero(chosen | (chosen[ends_of_inner(net)].all(1) & held))
 
 
 def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
-    """What is wrong with the nodes of an entry, which are in these rows."""
-    held, ids = net.fixed.any(1), lambda chosen: net.node_id[rows[chosen[rows]]]
+    """Yield an error for each defect of the nodes of an entry, which are in these rows."""
+    held = net.fixed.any(1)
+
+    def ids(chosen):
+        return net.node_id[rows[chosen[rows]]]
+
     if unknown := sorted(set(entry.nodes or ()) - set(net.node_id.tolist())):
         yield f"nodes: no node {listed(unknown)} in the net"
     if len(free := ids(~held)):
         yield f"nodes: {listed(free)}: held on no axis; supports alone can be moved: hold it (fixed)"
     sprung = net.spring.any(1)
-    if len(named := net.node_id[sprung] if entry.nodes is None else ids(sprung)):
+    if len(nodes := net.node_id[sprung] if entry.nodes is None else ids(sprung)):
         yield (
-            f"nodes: {listed(named)}: on springs, whose feet cannot be moved; put an element with the "
+            f"nodes: {listed(nodes)}: on springs, whose feet cannot be moved; put an element with the "
             "stiffness of the spring between the node and a support, and move that"
         )
     if len(turned := ids(is_turned(net))):
@@ -111,7 +115,7 @@ def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
 
 
 def _half_moved(net: Net, rows: np.ndarray) -> Iterator[str]:
-    """A note on elements between a support that moves, one of `rows`, and one that does not, cut in parts."""
+    """Yield a note on subdivided elements between a support that moves, one of `rows`, and a fixed one."""
     moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
     half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
     if half.any():
@@ -123,7 +127,7 @@ def _half_moved(net: Net, rows: np.ndarray) -> Iterator[str]:
 
 
 def _delays(x: np.ndarray, entry) -> np.ndarray:
-    """Times (k,) [s] after which a wave comes to supports at x (k, 3) [m], from the first of them on."""
+    """Compute the times (k,) [s] at which a wave reaches supports at x (k, 3) [m], 0 at the first support."""
     if entry.speed is None or entry.travel is None or not len(x):
         return np.zeros(len(x))
     along = x[:, 0] * entry.travel[0] + x[:, 1] * entry.travel[1] + x[:, 2] * entry.travel[2]
@@ -132,21 +136,27 @@ def _delays(x: np.ndarray, entry) -> np.ndarray:
 
 
 def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
-    """Course (n,) of the support that is nearest in plan to each particle."""
+    """Return the course (n,) of the support that is nearest in plan to each particle."""
     supports = np.flatnonzero(net.fixed.any(1))
-    found = course.copy()
-    others = np.setdiff1d(np.arange(net.n), supports)
-    for begin in range(0, len(others), NEAR):
-        here = others[begin : begin + NEAR]
-        apart = lengths(x[here, None, :2] - x[None, supports, :2])
-        found[here] = course[supports[np.argmin(apart, axis=1)]]
-    return found
+    nearest = course.copy()
+    free_particles = np.setdiff1d(np.arange(net.n), supports)
+    for first in range(0, len(free_particles), NEAR):
+        rows = free_particles[first : first + NEAR]
+        distance = lengths(x[rows, None, :2] - x[None, supports, :2])
+        nearest[rows] = course[supports[np.argmin(distance, axis=1)]]
+    return nearest
 
 
 def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.ndarray:
-    """Velocity (courses, 3) [m/s] before the first step: that at its begin if all supports have the same."""
-    at_once = lambda parts: sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
-    start = np.array([at_once(parts) for parts in courses]).reshape(-1, 3)
+    """Compute the velocity (courses, 3) [m/s] before the first step.
+
+    It is the initial velocity of the supports if all of them move with the same velocity, and zero otherwise.
+    """
+
+    def initial_velocity(parts):
+        return sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
+
+    start = np.array([initial_velocity(parts) for parts in courses]).reshape(-1, 3)
     all_move = (course[net.fixed.any(1)] >= 0).all()
     return start if all_move and (start == start[:1]).all() else np.zeros_like(start)
 
@@ -155,13 +165,13 @@ def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.nda
 
 
 def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Times (r,) [s] from 0 on, coefficients (r, 4, 3) from each on, and notes. Raises InputError."""
+    """Read times (r,) [s] from 0 on, their coefficients (r, 4, 3), and notes. Raises InputError."""
     path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
         table, time, x = _table(path, entry)
-        rows, most = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
-        odd = [f"{entry.displacement}: displacements of up to {most:.4g} m: were mm meant?"]
-        return *rows, table.notes + odd * bool(most > FARTHEST)
+        rows, peak = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
+        unit_note = [f"{entry.displacement}: displacements of up to {peak:.4g} m: were mm meant?"]
+        return *rows, table.notes + unit_note * bool(peak > FARTHEST)
     if not is_record(entry):
         table, time, a = _table(path, entry)
         if time[0] > 0.0:
@@ -176,66 +186,70 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
         slope = _parabola(time, _integrated(time, a)[1][:, 1])
         change = slope[0] + 2.0 * time[:, None] * slope[1]
         a = a - change
-        most = np.abs(change).max()
-        notes.append(f"baseline correction: accelerations changed by at most {most:.3g} m/s2")
+        peak = np.abs(change).max()
+        notes.append(f"baseline correction: accelerations changed by at most {peak:.3g} m/s2")
     rows = _integrated(time, a)
     return *rows, notes + _drift(*rows)
 
 
 def _unit(vector) -> np.ndarray:
+    """Return the unit vector along a vector."""
     return np.array(vector, float) / lengths(np.array(vector, float))
 
 
 def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
-    """A table, times (r,) [s] and values (r, 3). Raises InputError."""
+    """Read a table, its times (r,) [s] and its values (r, 3). Raises InputError."""
     known = ("time", *AXES) if entry.direction is None else ("time", "acceleration")
     table = Table(path, known, known[:1] if entry.direction is None else known)
     time = table.numbers("time", unit="s")
     values = table.stacked(known[1:], 0.0 if entry.direction is None else np.nan)
-    there = [name for name in known[1:] if name in table]
-    if not there:
+    columns = [name for name in known[1:] if name in table]
+    if not columns:
         table.wrong("no column of values; expected x, y, z (or some of them)")
     table.finish()
     table.ascending("time", time)
-    table.no_gaps(time, *(table.numbers(name) for name in there))
+    table.no_gaps(time, *(table.numbers(name) for name in columns))
     return table, time, values if entry.direction is None else values * _unit(entry.direction)
 
 
 def _from_zero(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The rows (r,), (r, 3) from time 0 on, with one there; what is before the first row is as in it."""
+    """Return the rows (r,), (r, 3) from time 0 on, with a row at 0; values before the first row equal it."""
     first = np.array([np.interp(0.0, time, column) for column in values.T])
     later = time > 0.0
     return np.append(0.0, time[later]), np.vstack([first, values[later]])
 
 
 def _polyline(table: Table, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (r, 4, 3) of a displacement x (r, 3) [m] that is linear between times (r,) [s]."""
+    """Compute coefficients (r, 4, 3) of a displacement x (r, 3) [m] that is linear between times (r,) [s]."""
     time, x = _from_zero(time, x)
     if np.abs(x[0]).max() > AT_ZERO:
-        at = ", ".join(f"{value:g}" for value in x[0])
-        table.wrong(f"{at} m at time 0; expected 0: displacements count from the start of the dynamics")
+        position = ", ".join(f"{value:g}" for value in x[0])
+        table.wrong(f"{position} m at time 0; expected 0: displacements count from the start of the dynamics")
         table.finish()
-    place = np.zeros((len(time), 4, 3))
-    place[:, 0] = x - x[0]
-    place[:-1, 1] = np.diff(x, axis=0) / np.diff(time)[:, None]
-    return time, place
+    coefficients = np.zeros((len(time), 4, 3))
+    coefficients[:, 0] = x - x[0]
+    coefficients[:-1, 1] = np.diff(x, axis=0) / np.diff(time)[:, None]
+    return time, coefficients
 
 
 def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients (r, 4, 3) of the place under accelerations a (r, 3) [m/s2], linear between times (r,)."""
+    """Integrate accelerations a (r, 3) [m/s2], linear between times (r,), to position coefficients.
+
+    Returns the times and the coefficients (r, 4, 3).
+    """
     h = np.diff(time)[:, None]
-    place = np.zeros((len(time), 4, 3))
+    coefficients = np.zeros((len(time), 4, 3))
     v = np.zeros_like(a)
     v[1:] = np.cumsum(0.5 * h * (a[1:] + a[:-1]), axis=0)
-    place[1:, 0] = np.cumsum(h * v[:-1] + h * h * (2.0 * a[:-1] + a[1:]) / 6.0, axis=0)
-    place[:, 1] = v
-    place[:-1, 2] = 0.5 * a[:-1]
-    place[:-1, 3] = np.diff(a, axis=0) / h / 6.0
-    return time, place
+    coefficients[1:, 0] = np.cumsum(h * v[:-1] + h * h * (2.0 * a[:-1] + a[1:]) / 6.0, axis=0)
+    coefficients[:, 1] = v
+    coefficients[:-1, 2] = 0.5 * a[:-1]
+    coefficients[:-1, 3] = np.diff(a, axis=0) / h / 6.0
+    return time, coefficients
 
 
 def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """c1, c2 (2, 3) of c1 t + c2 t^2 nearest to velocities v (r, 3) [m/s] at times (r,) [s]."""
+    """Fit c1, c2 (2, 3) of c1 t + c2 t^2 to velocities v (r, 3) [m/s] at times (r,) [s] by least squares."""
     t = time / (time[-1] or 1.0)
     sums = [float(np.sum(t**k)) for k in (2, 3, 4)]
     right = np.array([np.sum(t[:, None] * v, axis=0), np.sum((t * t)[:, None] * v, axis=0)])
@@ -248,20 +262,20 @@ def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
-    """The largest acceleration of a record that was integrated, and what is left at its end."""
+    """Describe the peak acceleration and displacement of an integrated record, and its drift at the end."""
     x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
-    most, a = (np.abs(place[:, k]).max() for k in (0, 2))
+    largest, a = (np.abs(place[:, k]).max() for k in (0, 2))
     return [
         f"accelerations of up to {2.0 * a:.3g} m/s2; drift after {time[-1]:g} s: {x:.3g} m, going on at "
-        f"{v:.3g} m/s; {most:.3g} m at most"
+        f"{v:.3g} m/s; {largest:.3g} m at most"
     ]
 
 
 # --- PEER's files (.AT2)
 
-HEAD = 4  # lines before the numbers
+HEAD = 4  # header lines before the numbers
 UNITS = {"g": GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048}  # m/s2
-SPELLINGS = (  # of one unit, made alike
+SPELLINGS = (  # pattern, replacement: unify the spellings of a unit
     (r"\*\*|\^", ""),
     ("²", "2"),
     (r"\s*(?:/|\bper\b)\s*", "/"),
@@ -275,9 +289,9 @@ KNOWN = re.compile(rf"(?P<value>[\d.]\s*)?(?<![\w/]){RATE}|(?:{NAMED}|\bin\s+|[(
 
 
 def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS.
+    """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS. Raises InputError.
 
-    The fourth line of the head has "NPTS= 3000, DT= .0100 SEC", any line of it the unit. Raises InputError.
+    The fourth line of the header has "NPTS= 3000, DT= .0100 SEC", any line of it the unit.
     """
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -293,25 +307,25 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
     except ValueError as error:
         raise InputError(f"{path}: {error}; expected numbers below four lines of head") from None
     if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
-        what = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
-        raise InputError(f"{path}: {what}; expected NPTS of them, 2 or more, and DT > 0")
+        problem = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
+        raise InputError(f"{path}: {problem}; expected NPTS of them, 2 or more, and DT > 0")
     return dt * np.arange(count), a, _unit_of(path, "\n".join(lines[:HEAD]))
 
 
 def _unit_of(path: Path, head: str) -> str:
-    """Return the unit of acceleration that a head names. Raises InputError if it names none, or several.
+    """Return the unit of acceleration in the head of a record. Raises InputError unless it names one.
 
     A unit behind a number belongs to that number ("PGA 0.3 G"), not to the record.
     """
     head = head.lower()
-    for spelling, usual in SPELLINGS:
-        head = re.sub(spelling, usual, head)
-    found = {match["rate"] or "g" for match in KNOWN.finditer(head) if not match["value"]}
-    found |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
-    if len(found) == 1 and found <= UNITS.keys():
-        return found.pop()
-    named = f"its head names the unit {' and '.join(sorted(found))}" if found else "its head names no unit"
+    for spelling, standard in SPELLINGS:
+        head = re.sub(spelling, standard, head)
+    units = {match["rate"] or "g" for match in KNOWN.finditer(head) if not match["value"]}
+    units |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
+    if len(units) == 1 and units <= UNITS.keys():
+        return units.pop()
+    problem = f"its head names the unit {' and '.join(sorted(units))}" if units else "its head names no unit"
     raise InputError(
-        f"{path}: {named}; expected one of {', '.join(UNITS)}. Write the unit of the values into the third "
+        f"{path}: {problem}; expected one of {', '.join(UNITS)}. Write the unit of the values into the third "
         "line, as in UNITS OF G, or give a table of time, acceleration in m/s2"
     )

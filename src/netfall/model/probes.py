@@ -1,4 +1,4 @@
-"""Histories of nodes and elements that the job names: [output] probes and elements."""
+"""Probes: nodes and elements whose histories the job requests, [output] probes and elements."""
 
 from dataclasses import dataclass
 
@@ -12,10 +12,10 @@ from netfall.net.net import Net
 
 @dataclass(frozen=True)
 class Probes:
-    """Whose histories are kept, in global numbers.
+    """Nodes and elements whose histories are recorded, in global numbers.
 
-    particles : displacements; elements : tensions of those that meet there
-    named : (k,) elements by id, tensions; named_id : (k,) their ids
+    particles : displacements; elements : axial forces of the elements that meet the particles
+    named : (k,) elements by id, axial forces; named_id : (k,) their ids
     """
 
     particles: np.ndarray
@@ -25,26 +25,26 @@ class Probes:
 
 
 def find_probes(job: Job, net: Net) -> Probes:
-    """The nodes and elements that [output] names. Raises InputError where there is none of an id."""
-    probes, wanted = job.output.probes, job.output.elements or []
+    """Find the nodes and elements that [output] names. Raises InputError for an unknown id."""
+    probes, element_ids = job.output.probes, job.output.elements or []
     errors = []
-    for key, what, asked, ids in (
-        ("probes", "node", [each for each in probes if isinstance(each, int)], net.node_id),
-        ("elements", "element", wanted, net.element_id),
+    for key, noun, requested, ids in (
+        ("probes", "node", [probe for probe in probes if isinstance(probe, int)], net.node_id),
+        ("elements", "element", element_ids, net.element_id),
     ):
-        if unknown := sorted(set(asked) - set(ids.tolist())):
-            there = f"ids are {ids.min()} to {ids.max()}"
-            errors.append(f"{job.path}: [output] {key}: no {what} {listed(unknown)}; {there}")
+        if unknown := sorted(set(requested) - set(ids.tolist())):
+            known = f"ids are {ids.min()} to {ids.max()}"
+            errors.append(f"{job.path}: [output] {key}: no {noun} {listed(unknown)}; {known}")
     refuse(errors)
-    particles = np.array([_particle(net, each) for each in probes], np.int64)
-    rows = [np.flatnonzero(net.element_id == one) for one in dict.fromkeys(wanted)]
-    named = np.concatenate([np.zeros(0, np.int64), *rows])
-    met = np.flatnonzero(np.isin(net.elements, particles).any(1))
-    return Probes(particles, met, named, net.element_id[named])
+    particles = np.array([_particle(net, probe) for probe in probes], np.int64)
+    rows = [np.flatnonzero(net.element_id == number) for number in dict.fromkeys(element_ids)]
+    named_rows = np.concatenate([np.zeros(0, np.int64), *rows])
+    adjacent = np.flatnonzero(np.isin(net.elements, particles).any(1))
+    return Probes(particles, adjacent, named_rows, net.element_id[named_rows])
 
 
 def _particle(net: Net, probe) -> int:
-    """The node of an id, or the one nearest to a place: [x, y] in plan, [x, y, z] in space."""
+    """Return the node with an id, or the node nearest to a point: [x, y] in plan, [x, y, z] in space."""
     if isinstance(probe, int):
         return int(np.flatnonzero(net.node_id == probe)[0])
     return int(np.argmin(np.sum((net.x[:, : len(probe)] - np.array(probe)) ** 2, axis=1)))

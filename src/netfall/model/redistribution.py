@@ -1,9 +1,10 @@
 """Redistribution of loads to the ends of removed cables.
 
-A node inside a removed cable that nothing else holds carries cladding, wind, weights. They go to the two ends
-of the removed part of the cable, in inverse proportion to their distance along the unstressed cable. So a
+A node inside a removed cable that nothing else holds carries cladding, wind and weights. These go to the two
+ends of the removed part of the cable, in inverse proportion to their distance along the unstressed cable. So
+a
 cable leaves its loads to the same nodes by the same shares, however finely it is divided. An end that nothing
-holds takes no share; if it lies inside another removed cable, that one passes the share on to its own ends.
+holds takes no share. If it lies inside another removed cable, that cable passes the share on to its own ends.
 If removed cables cross at a node, the ends of all of them take a share by the same rule.
 """
 
@@ -16,10 +17,10 @@ from netfall.parallel.subdomain import Distribution, rows_of
 
 @dataclass(frozen=True)
 class Redistribution:
-    """What each particle gives to which others, by global numbers.
+    """Transfer of loads from particles to others, in global numbers.
 
     particles : (k,) that give all that they carry, ascending
-    source : (s,) rows of these; taker : (s,) particles; share : (s,), those of a source add to 1
+    source : (s,) rows of these; taker : (s,) particles; share : (s,), the shares of one source add to 1
     """
 
     particles: np.ndarray
@@ -28,28 +29,30 @@ class Redistribution:
     share: np.ndarray
 
     def move(self, values: np.ndarray, gid: np.ndarray, given: np.ndarray | None = None) -> None:
-        """Move what particles carry, in place. values : (rows, ...), of the particles gid (rows,)
+        """Move the values that particles carry, in place.
 
-        given : (k, ...) of `particles`, where not all of their rows are here
+        values : (rows, ...), of the particles gid (rows,); given : (k, ...) values of `particles`, if this
+        rank lacks
+        some of their rows
         """
         leaving = rows_of(gid, self.particles)
         given = values[leaving] if given is None else given
         row = rows_of(gid, self.taker)
-        here = np.flatnonzero(row >= 0)
-        share = self.share[here].reshape(-1, *[1] * (values.ndim - 1))
-        np.add.at(values, row[here], (share * given[self.source[here]]).astype(values.dtype))
+        local = np.flatnonzero(row >= 0)
+        share = self.share[local].reshape(-1, *[1] * (values.ndim - 1))
+        np.add.at(values, row[local], (share * given[self.source[local]]).astype(values.dtype))
         values[leaving[leaving >= 0]] = 0.0
 
     def given(self, distribution: Distribution, rows: np.ndarray) -> np.ndarray:
-        """What `particles` carry (k, ...), on every rank; rows : of this rank's. Collective."""
+        """Return the values of `particles` (k, ...) on every rank; rows : local values. Collective."""
         return distribution.from_owners(self.particles, rows)
 
 
 def redistribute(net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, torn=()) -> Redistribution:
-    """Return what the nodes inside removed cables give to which nodes.
+    """Return the redistribution of the loads of nodes inside removed cables.
 
-    L0 : (m,) [m]; elements : (k,) that are removed now; loose : (n,) bool, nodes that nothing else holds
-    torn : elements that had broken before, along which nothing is passed on
+    L0 : (m,) [m]; elements : (k,) removed now; loose : (n,) bool, nodes that nothing else holds
+    torn : elements that broke before, along which nothing is passed on
     """
     ends = _ends_of_cables(net, L0, elements, loose, set(torn))
     shares = {p: _shares(p, ends, loose, {p}) for p in sorted(ends)}
@@ -65,49 +68,53 @@ def redistribute(net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, t
 
 
 def _ends_of_cables(net, L0, elements: np.ndarray, loose: np.ndarray, torn: set) -> dict:
-    """Return for each node inside a removed cable the ends of that part, each with 1 / distance [1/m]."""
-    beside = {}  # of a loose node in a cable: its removed elements, each with the node at the other end
+    """Return, for each node inside a removed cable, the ends of the removed part with 1 / distance [1/m]."""
+    neighbours = {}  # (loose node, cable): removed elements and the node at the other end of each
     for e in elements.tolist():
         a, b = net.elements[e].tolist()
         for p, other in ((a, b), (b, a)):
             if loose[p]:
-                beside.setdefault((p, int(net.cable[e])), []).append((e, other))
-    ends, seen = {}, set()
-    for (p, cable), around in beside.items():
-        if len(around) != 2 or (p, cable) in seen:
+                neighbours.setdefault((p, int(net.cable[e])), []).append((e, other))
+    ends, done = {}, set()
+    for (p, cable), pair in neighbours.items():
+        if len(pair) != 2 or (p, cable) in done:
             continue
-        walks = [_walk(beside, cable, p, step, L0, torn) for step in around]
-        line = [*((q, -s) for q, s in reversed(walks[0])), (p, 0.0), *walks[1]]  # places along the cable [m]
-        for q, at in line:
-            if len(beside.get((q, cable), ())) != 2:
+        walks = [_walk(neighbours, cable, p, step, L0, torn) for step in pair]
+        path = [
+            *((q, -s) for q, s in reversed(walks[0])),
+            (p, 0.0),
+            *walks[1],
+        ]  # positions along the cable [m]
+        for q, position in path:
+            if len(neighbours.get((q, cable), ())) != 2:
                 continue
-            seen.add((q, cable))
+            done.add((q, cable))
             of_node = ends.setdefault(q, {})
-            for end, there in (line[0], line[-1]):
-                if len(beside.get((end, cable), ())) != 2:
-                    of_node[end] = of_node.get(end, 0.0) + 1.0 / abs(there - at)
+            for end, end_position in (path[0], path[-1]):
+                if len(neighbours.get((end, cable), ())) != 2:
+                    of_node[end] = of_node.get(end, 0.0) + 1.0 / abs(end_position - position)
     return ends
 
 
-def _walk(beside: dict, cable: int, start: int, step: tuple, L0, torn: set) -> list[tuple[int, float]]:
-    """Return the nodes that follow a node along a removed cable, up to its end, with their distances [m].
+def _walk(neighbours: dict, cable: int, start: int, step: tuple, L0, torn: set) -> list[tuple[int, float]]:
+    """Return the nodes after a node along a removed cable, up to its end, with their distances [m].
 
     step : the first element, and the node at its other end. The walk ends before a torn element.
     """
-    found, distance, (e, node) = [], 0.0, step
+    nodes, distance, (e, node) = [], 0.0, step
     while e not in torn and node != start:
         distance += float(L0[e])
-        found.append((node, distance))
-        around = beside.get((node, cable), ())
-        if len(around) != 2:
+        nodes.append((node, distance))
+        pair = neighbours.get((node, cable), ())
+        if len(pair) != 2:
             break
-        e, node = around[0] if around[1][0] == e else around[1]
-    return found
+        e, node = pair[0] if pair[1][0] == e else pair[1]
+    return nodes
 
 
 def _shares(p: int, ends: dict, loose: np.ndarray, on_way: set) -> dict[int, float]:
-    """Return the shares of the held nodes that take what node p carries; they add to 1, if there are any."""
-    found = {}
+    """Return the shares of the held nodes that take the load of node p; they add to 1 if there are any."""
+    shares = {}
     for end, weight in ends[p].items():
         if not loose[end]:
             takers = {end: 1.0}
@@ -116,6 +123,6 @@ def _shares(p: int, ends: dict, loose: np.ndarray, on_way: set) -> dict[int, flo
         else:
             continue
         for taker, share in takers.items():
-            found[taker] = found.get(taker, 0.0) + weight * share
-    total = sum(found[taker] for taker in sorted(found))
-    return {taker: part / total for taker, part in found.items()}
+            shares[taker] = shares.get(taker, 0.0) + weight * share
+    total = sum(shares[taker] for taker in sorted(shares))
+    return {taker: part / total for taker, part in shares.items()}

@@ -1,4 +1,4 @@
-"""The step of the dynamic stage, its limits, and the numbers of the steps at which something is due."""
+"""Time step of the dynamic stage, its limits, and the step numbers of output and checkpoints."""
 
 from dataclasses import dataclass, replace
 
@@ -16,29 +16,29 @@ from netfall.mechanics.slip.motion import STEP
 from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model
 
-ROUNDING = 1e-9  # of a step: a time this close to one counts as on it
-QUOTIENT = 4.0 * np.finfo(float).eps  # of a time divided by the step: its rounding, which counts in long runs
-TURNED = 1.5  # times the size of joints in the initial state: of joints that bend by up to half a radian
-# Short steps in a long one, at least: what a fracture sets free swings at the highest frequencies of the net,
-# and gains 5e-3 of its energy where that is stepped with the long one, 5e-4 with a third.
+ROUNDING = 1e-9  # steps: a time this close to a step counts as on it
+QUOTIENT = 4.0 * np.finfo(float).eps  # relative rounding of time / step; exceeds ROUNDING in long runs
+TURNED = 1.5  # factor on the joint bounds of the initial state that covers angles up to half a radian
+# Smallest number of short steps per long step if elements can break. A fracture excites the highest
+# frequencies of the net: their energy grows by 5e-3 with the long step, by 5e-4 with a third of it.
 RELEASE = 3
-MOST_STEPS = 1e12  # weeks for the smallest net
+MOST_STEPS = 1e12  # takes weeks even for the smallest net
 
 
 def step_at(times, dt: float):
-    """Numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
+    """Return the numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
     steps = times / dt
     return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT * steps))
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """Steps of one length dt [s], and the step numbers at which something is due.
+    """Steps of one length dt [s], and the numbers of the steps of output and checkpoints.
 
-    stride : the net is stepped with so many of these at once as long as nothing breaks; what is due is so at
-        a multiple of it
-    stable_dt : [s] for which fragments are stable: longer by the margin of safety than the step they need
-    margin : share of a limit of the step that the net as it is by now may need for the long step
+    stride : number of these steps that the net takes as one as long as nothing breaks; output and checkpoints
+        fall on multiples of it
+    stable_dt : [s], stable for fragments; longer than the step that they need by the safety margin
+    margin : share of a step limit that the net in its current state may need for the long step
     """
 
     dt: float
@@ -52,20 +52,22 @@ class Schedule:
 
     @property
     def long_dt(self) -> float:
-        """[s], of the steps as long as nothing breaks."""
+        """[s], step as long as nothing breaks."""
         return self.stride * self.dt
 
     def step_at(self, time: float) -> int:
-        """First step at or after a time [s] at which something can be due."""
+        """Return the first step at or after a time [s] on which output can fall."""
         return self.stride * int(step_at(time, self.long_dt))
 
 
 def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -> Schedule:
-    """Steps for the job: its own length, or for "auto" the largest that fits the rows of the history, or the
-    duration where that is no multiple of theirs: then they come up to a step later.
+    """Build the schedule of a job, with its own step or, for "auto", the largest step that fits.
 
-    limit, intact : [s] of the step, whatever the net does, and as long as nothing breaks
-    breaks : whether anything can
+    The largest step fits the interval of the history rows. It fits the duration if that is no multiple of the
+    interval; then the rows come up to one step late.
+
+    limit, intact : [s], limit of the step in any state, and as long as nothing breaks
+    breaks : whether any element can break
     """
     stride = needed = 1
     if dynamics.time_step == "auto":
@@ -82,32 +84,35 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -
     steps = max(1, int(step_at(dynamics.duration, long)))
     rows = np.arange(int(np.floor(steps * long / output.history + ROUNDING)) + 1) * output.history
     frames = np.linspace(0.0, steps * long, output.frames + 1)
-    at = lambda times: np.unique(np.append(np.minimum(step_at(times, long), steps), steps)).astype(np.int64)
+
+    def steps_of(times):
+        return np.unique(np.append(np.minimum(step_at(times, long), steps), steps)).astype(np.int64)
+
     every = output.checkpoint
-    saves = np.arange(1, int(np.floor(steps * long / every)) + 1) * every if every > 0 else np.zeros(0)
-    saves, dt = step_at(saves, long).astype(np.int64), float(long) / stride
+    checkpoints = np.arange(1, int(np.floor(steps * long / every)) + 1) * every if every > 0 else np.zeros(0)
+    checkpoints, dt = step_at(checkpoints, long).astype(np.int64), float(long) / stride
     return Schedule(
         dt,
         stride * steps,
         stride,
-        stride * at(rows),
-        stride * at(frames),
-        stride * saves[saves < steps],
+        stride * steps_of(rows),
+        stride * steps_of(frames),
+        stride * checkpoints[checkpoints < steps],
         float(min(long / needed / dynamics.safety, limit)),
         0.5 * (1.0 + dynamics.safety),
     )
 
 
 def steps_line(schedule: Schedule) -> str:
-    """The number of steps and their length, for messages."""
+    """Describe the number of steps and their length in a message."""
     line = f"{schedule.steps // schedule.stride} steps of {schedule.long_dt:.4g} s"
     return line + (f", of {schedule.dt:.4g} s where elements break" if schedule.stride > 1 else "")
 
 
 def stride_of(ratio: float) -> int:
-    """How many steps of fragments make one of the intact net, whose limit is `ratio` times theirs.
+    """Return the number of fragment steps in one step of the intact net, whose limit is `ratio` times theirs.
 
-    One of the two is shorter than it need be: that which loses less.
+    One of the two steps is shorter than its limit. The choice wastes as little of the limits as possible.
     """
     if not np.isfinite(ratio):
         return 1
@@ -116,43 +121,48 @@ def stride_of(ratio: float) -> int:
 
 
 def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[str, Limit]:
-    """Limits of the explicit step that hold whatever the net does, by name. Rank 0."""
-    there, mass = model.net.is_there, model.own_mass
-    elements, L0, EA = (each[there] for each in (model.net.elements, model.L0, model.net.EA))
+    """Compute the limits of the explicit step that hold in any state of the net, by name. Rank 0."""
+    present, mass = model.net.is_there, model.own_mass
+    elements, L0, EA = (column[present] for column in (model.net.elements, model.L0, model.net.EA))
     EA = EA * stiffening(features.band) if features.band else EA
-    support, of_net = model.net.support, (elements, EA, L0, mass, model.net.moves, model.net.bar[there])
-    rows, chains = np.flatnonzero(there), None
+    moves, support = model.net.moves, model.net.support
+    rows, chains = np.flatnonzero(present), None
     if model.joints is not None:
-        sizes = np.zeros(model.net.n)  # of joints, of angles that grow too
-        add_joint_bounds(placed(model.x), model.joints, TURNED, sizes)
-        support = support + sizes
+        joint_bounds = np.zeros(model.net.n)  # with a margin for growing angles
+        add_joint_bounds(placed(model.x), model.joints, TURNED, joint_bounds)
+        support = support + joint_bounds
         chains = model.joints.particles, np.searchsorted(rows, model.layout.chains.elements[:, 0])
-    limits = any_shape_limits(*of_net, support, chains)
+    limits = any_shape_limits(elements, EA, L0, mass, moves, model.net.bar[present], support, chains)
     if features.fracture and features.fragments:
-        of_ends = elements, EA, L0, model.half_mass[there], mass, ~model.net.moves, model.eps_u[there]
-        limits.append(after_fracture_limit(*of_ends, support, fragment_mass))
+        half, eps_u = model.half_mass[present], model.eps_u[present]
+        limits.append(
+            after_fracture_limit(elements, EA, L0, half, mass, ~moves, eps_u, support, fragment_mass)
+        )
     if features.sliding:
         limits.append(slip_step(model))
-    number = lambda limit: int(rows[limit.element]) if limit.element >= 0 else -1
-    return {limit.name: replace(limit, element=number(limit)) for limit in limits}
+
+    def global_element(limit):
+        return int(rows[limit.element]) if limit.element >= 0 else -1
+
+    return {limit.name: replace(limit, element=global_element(limit)) for limit in limits}
 
 
 def slip_movers(model: Model) -> Movers:
-    """Return what moves with the slips of a model."""
+    """Return the masses and stiffnesses that move with the slips of a model."""
     slides, net = model.layout.slides, model.net
     own, stiffness = slides.sides(model.half_mass, 0), slides.sides(largest_stiffness(net.EA, model.L0), 2)
     return movers_of(slides, net.elements, model.x, net.fixed, model.own_mass, own, stiffness)
 
 
 def slip_step(model: Model) -> Limit:
-    """Return the step up to which the inertia that slips need is a small share of the mass that moves."""
+    """Return the step up to which the inertia that slips need is a small share of the moving mass."""
     movers = slip_movers(model)
-    quickest = int(np.argmax(movers.stiffness / movers.own))
-    return Limit("slip", step_of_slips(movers), int(model.layout.slides.before[quickest]))
+    fastest = int(np.argmax(movers.stiffness / movers.own))
+    return Limit("slip", step_of_slips(movers), int(model.layout.slides.before[fastest]))
 
 
 def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
-    """Limits of a net in which cables slip; that for slack cables, of half the step, has room for it."""
+    """Scale the limits of a net with sliding cables; the limit for slack cables has room for slips."""
     return {
         name: limit if name in ("slackening", "slip") else replace(limit, dt=STEP * limit.dt)
         for name, limit in limits.items()
@@ -160,16 +170,16 @@ def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
 
 
 def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:
-    """The limit that the step must keep whatever the net does; intact : as long as nothing breaks
+    """Return the limit that governs the step in any state; intact : as long as nothing breaks
 
-    Those for slack cables and for slips only if the step is chosen here.
+    The limits for slack cables and for slips count only if netfall chooses the step.
     """
-    no = ["assembled"] + ["after_fracture"] * intact + ["slackening", "slip"] * (not automatic)
-    return min((limit for limit in limits.values() if limit.name not in no), key=lambda limit: limit.dt)
+    excluded = ["assembled"] + ["after_fracture"] * intact + ["slackening", "slip"] * (not automatic)
+    return min((limit for limit in limits.values() if limit.name not in excluded), key=lambda limit: limit.dt)
 
 
 def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
-    """The steps of the dynamic stage. Raises InputError for a fixed step that is not stable. Rank 0."""
+    """Build the schedule of the dynamic stage. Raises InputError for an unstable fixed step. Rank 0."""
     automatic = job.dynamics.time_step == "auto"
     limit = governing(limits, automatic)
     if not automatic and job.dynamics.time_step > limit.dt:
@@ -193,7 +203,7 @@ def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
 
 
 def refuse_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
-    """Raise InputError unless the step is below the sharp limit and nothing can break."""
+    """Raise InputError unless the step is below the limit of the assembled net and nothing can break."""
     if limit.name == "any_shape":
         limit = limits["assembled"]
         if job.dynamics.time_step <= limit.dt:
@@ -203,9 +213,9 @@ def refuse_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) 
         "any_shape": "of the net in any shape",
         "after_fracture": "of the fragments that a fracture leaves",
     }[limit.name]
-    more = " (or a larger [dynamics] fragment_mass)" if limit.name == "after_fracture" else ""
+    remedy = " (or a larger [dynamics] fragment_mass)" if limit.name == "after_fracture" else ""
     raise InputError(
         f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: above the stable step "
         f"{limit.dt:.4g} s {why}, set by element {model.element_name(limit.element)}; expected less, "
-        f'or "auto"; longer elements there would allow more{more}'
+        f'or "auto"; longer elements there would allow more{remedy}'
     )

@@ -1,4 +1,4 @@
-"""The start of a job looked at: what is broken from the beginning, and values that look like another unit."""
+"""Plausibility checks of the start of a job: elements that fail at once, and values in another unit."""
 
 from collections.abc import Iterator
 
@@ -15,7 +15,7 @@ from netfall.numerics.functions import lengths
 from netfall.wind.coherence import LOWEST_HEIGHT
 from netfall.wind.measured import between_places
 
-# Column of the net, unit, least and most that cables are made of, and an example in the right unit.
+# Column of the net, its key, unit, range plausible for cables, and an example in that unit.
 PLAUSIBLE = (
     ("modulus", "modulus", "Pa", 1e6, 2e12, "steel has 2e11 Pa; was GPa or N/mm2 meant?"),
     ("section", "area", "m2", 1e-9, 1.0, "a rope of 20 mm has some 3e-4 m2; was mm2 or cm2 meant?"),
@@ -23,64 +23,64 @@ PLAUSIBLE = (
     ("yield_stress", "yield_stress", "Pa", 1e6, 1e11, "cable steel has some 1.5e9 Pa; was N/mm2 meant?"),
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
-# The same where bars are made of other sizes.
+# Plausible ranges of bars, where they differ from those of cables.
 OF_BARS = {"section": (1e-6, 50.0, "a tube of 200 mm has some 6e-3 m2; was mm2 or cm2 meant?")}
-OF_MATERIAL = ("modulus", "section", "density")  # columns that follow from the stiffness of nominal elements
-# Section, key there, in zones, cases and stages, unit, least and most of its size for roofs, and a word.
+OF_MATERIAL = ("modulus", "section", "density")  # nominal elements derive these columns from their stiffness
+# Section, key (also in zones, cases and stages), unit, range plausible for roofs, and an example.
 LOADS = (
     ("load", "dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
     ("load", "snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
     ("load", "pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
-    (
-        *("load", "temperature", "K", 0.0, 150.0),
-        "it is a change from that of form finding, not a temperature",
-    ),
+    ("load", "temperature", "K", 0.0, 150.0, "it is a change from that of form finding, not a temperature"),
     ("load", "air_mass", "kg/m2", 0.0, 1e3, "air that moves along has 10 to 100"),
     ("wind", "speed", "m/s", 0.0, 90.0, "storms have a mean of up to 70 at 10 m; is it in km/h?"),
     ("wind", "shape_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
     ("wind", "air_density", "kg/m3", 0.5, 2.0, "air has some 1.25"),
 )
-MANY_ROWS = 1000  # of a table in time, which tell of its size
-MOST_DAMPING = 20.0  # 1/s: a motion is held back to half in 1 / 29 s
-MOST_FACTOR = 10.0  # of a combination
-WIDEST, SMALLEST = 3e3, 0.3  # m: of nets from end to end
-HEAVIEST = 100.0  # times: the weight of nodes over their mass, or the other way round
-WEAKEST = 1e-4  # no element breaks at less strain by its breaking load
-SLOWEST, FASTEST = 400.0, 20e3  # m/s: waves along cables, by stiffness and mass; in steel some 5000
-LOOSEST = 3e-6  # no net is built with less strain in its tightest element, if with any
-SLACKEST, TIGHTEST = -0.5, 0.1  # strains between which nets start
-FAR = 3.0  # times the roof's diagonal in plan: taps and points as far outside of it are in another unit
-ROUNDING = 1e-10  # of the largest force: a smaller one is none
-COLLAPSED = 1e-6  # of the length that is given: an element so short in the form is none any more
+MANY_ROWS = 1000  # rows of a time table that are enough to judge its magnitude
+MOST_DAMPING = 20.0  # 1/s: largest plausible [dynamics] damping; it halves a velocity in 1 / 29 s
+MOST_FACTOR = 10.0  # largest plausible factor of a combination
+WIDEST, SMALLEST = 3e3, 0.3  # m: plausible extents of nets
+HEAVIEST = 100.0  # largest plausible ratio of the weight of nodes to the weight of their mass, or its inverse
+WEAKEST = 1e-4  # smallest plausible strain at the breaking force
+SLOWEST, FASTEST = 400.0, 20e3  # m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
+LOOSEST = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
+SLACKEST, TIGHTEST = -0.5, 0.1  # plausible strains at the start
+FAR = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
+ROUNDING = 1e-10  # share of the largest force below which a force counts as zero
+COLLAPSED = 1e-6  # share of its given length below which an element has collapsed in form finding
 UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
 
 
 def unit_notes(net: Net) -> list[str]:
-    """A note for each section value that no material of a cable has."""
-    named = lambda rows: counted("element", net.element_id[rows])
+    """Return a note for each section value that no cable or bar material has."""
+
+    def elements(rows):
+        return counted("element", net.element_id[rows])
+
     notes = []
     for column, key, unit, *of_cables in PLAUSIBLE:
         given = ~net.nominal if column in OF_MATERIAL else np.ones(net.m, bool)
-        for kind, mine in (("cables", ~net.bar), ("bars", net.bar)):
+        for kind, of_kind in (("cables", ~net.bar), ("bars", net.bar)):
             low, high, example = OF_BARS.get(column, of_cables) if kind == "bars" else of_cables
             values = getattr(net, column)
-            odd = np.flatnonzero(given & mine & np.isfinite(values) & ((values < low) | (values > high)))
+            odd = np.flatnonzero(given & of_kind & np.isfinite(values) & ((values < low) | (values > high)))
             if len(odd):
                 value = f"{key} = {values[odd[0]]:g} {unit}".strip()
                 notes.append(
-                    f"{value} of {named(odd)} is far from what {kind} have, {low:g} to {high:g}: {example}"
+                    f"{value} of {elements(odd)} is far from what {kind} have, {low:g} to {high:g}: {example}"
                 )
     speed = np.sqrt(net.modulus / net.density)
     odd = np.flatnonzero((speed < SLOWEST) | (speed > FASTEST))
     if len(odd) and not notes:
         notes.append(
-            f"stiffness and mass of {named(odd)}: waves run along them at {speed[odd[0]]:.4g} m/s, in steel "
-            "at 5000 m/s; stiffness is in N, mass_per_length in kg/m: were kN, or g/m, meant?"
+            f"stiffness and mass of {elements(odd)}: waves run along them at {speed[odd[0]]:.4g} m/s, in "
+            "steel at 5000 m/s; stiffness is in N, mass_per_length in kg/m: were kN, or g/m, meant?"
         )
     weak = np.flatnonzero(net.breaking_load < WEAKEST * net.EA)
     for e in weak[:1]:
         notes.append(
-            f"breaking_load = {net.breaking_load[e]:g} N of {named(weak)} is a strain of "
+            f"breaking_load = {net.breaking_load[e]:g} N of {elements(weak)} is a strain of "
             f"{net.breaking_load[e] / net.EA[e]:.2g}, at which no cable breaks; was kN meant?"
         )
     size = float(np.ptp(net.x, axis=0).max())
@@ -94,16 +94,16 @@ def unit_notes(net: Net) -> list[str]:
 
 
 def load_notes(job: Job) -> Iterator[str]:
-    """A note for each kind of load, wind, factor and damping of a size that no roof has."""
+    """Yield a note for each load, wind, factor or damping of a size that no roof has."""
     for section, key, unit, low, high, example in LOADS:
         given = [value for value in job.values(section, key) if value is not None and np.any(value)]
         for value in [value for value in given if not low <= np.abs(value).max() <= high][:1]:
             yield f"{f'{key} = {shown(value)} {unit}'.strip()} is far from what roofs have: {example}"
-    for each in job.combinations:
-        for name, factor in each.factors.items():
+    for combination in job.combinations:
+        for name, factor in combination.factors.items():
             if abs(factor) > MOST_FACTOR:
-                what = f"factors: {name} = {factor:g} is far from what codes have, 0 to 2"
-                yield f'[[combination]] "{each.name}": {what}'
+                text = f"factors: {name} = {factor:g} is far from what codes have, 0 to 2"
+                yield f'[[combination]] "{combination.name}": {text}'
     if job.dynamics and job.dynamics.damping > MOST_DAMPING:
         yield (
             f"[dynamics] damping = {job.dynamics.damping:g} 1/s is far from what roofs have: it is damping x "
@@ -112,87 +112,95 @@ def load_notes(job: Job) -> Iterator[str]:
 
 
 def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict) -> Iterator[str]:
-    """Notes on tables of wind and pressure, of a size that no roof has; arguments as of `layout.Layout`."""
-    wind, found = job.wind, []
+    """Yield a note for each table of wind or pressure of a size that no roof has.
+
+    Arguments as in `layout.Layout`.
+    """
+    wind, tables = job.wind, []
     if wind and wind.sectors:
-        found.append(("shape_coefficient", wind.sectors, coefficient))
+        tables.append(("shape_coefficient", wind.sectors, coefficient))
     if measured:
         end = min(job.dynamics.duration, measured.time[min(MANY_ROWS, len(measured.time) - 1)])
         values = measured.until(end)[1]
-        found.append(("pressure" if wind.taps else "speed", wind.pressures or wind.file, values))
+        tables.append(("pressure" if wind.taps else "speed", wind.pressures or wind.file, values))
     for name, case in cases.items():
         if case.pressure is not None:
-            found.append(("pressure", f"[[case]] {name}: pressure_table", case.pressure))
-    for key, table, values in found:
+            tables.append(("pressure", f"[[case]] {name}: pressure_table", case.pressure))
+    for key, table, values in tables:
         _, _, unit, low, high, example = next(row for row in LOADS if row[1] == key)
         value = float(np.abs(values).max())
         if value and not low <= value <= high:
-            told = f"{key} of up to {value:.4g} {unit}".strip()
-            yield f"{table}: {told} is far from what roofs have: {example}"
+            text = f"{key} of up to {value:.4g} {unit}".strip()
+            yield f"{table}: {text} is far from what roofs have: {example}"
     if measured and len(measured.time) > 1 and measured.time[1] >= job.dynamics.duration:
-        none = f"no row between 0 and the duration, {job.dynamics.duration:g} s"
-        yield f"{wind.pressures or wind.file}: {none}: time is in seconds"
+        problem = f"no row between 0 and the duration, {job.dynamics.duration:g} s"
+        yield f"{wind.pressures or wind.file}: {problem}: time is in seconds"
 
 
 def weight_notes(job: Job, net: Net) -> list[str]:
-    """Notes on weights and masses of nodes: one without the other, or one that may be in another unit."""
+    """Return notes on nodes with weight but no mass, mass but no weight, or an implausible ratio."""
     down, heavy, free = net.load[:, 2] < 0.0, net.mass > 0.0, ~net.fixed[:, 2]
     if job.dynamics is None:
         return []
-    named = lambda rows: counted("node", net.node_id[rows])
-    weight = lambda rows: -float(net.load[rows, 2].sum())
+
+    def nodes(rows):
+        return counted("node", net.node_id[rows])
+
+    def weight(rows):
+        return -float(net.load[rows, 2].sum())
+
     notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free
     if massless.any():
         notes.append(
-            f"column load_z of {named(massless)}: {weight(massless):.4g} N downward without mass: loads of "
+            f"column load_z of {nodes(massless)}: {weight(massless):.4g} N downward without mass: loads of "
             "nodes have no inertia; of weights, column mass has to have theirs, "
             f"{weight(massless) / GRAVITY:.4g} kg in all, or periods come out too short"
         )
     if weightless.any() and job.load and (job.load.self_weight or job.load.dead):
         mass = float(net.mass[weightless].sum())
         notes.append(
-            f"column mass of {named(weightless)}: {mass:.4g} kg without weight: self_weight is that of "
+            f"column mass of {nodes(weightless)}: {mass:.4g} kg without weight: self_weight is that of "
             f"elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
         )
     mass = float(net.mass[both].sum())
     if both.any() and not mass * GRAVITY / HEAVIEST <= weight(both) <= mass * GRAVITY * HEAVIEST:
         notes.append(
-            f"columns load_z and mass of {named(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
+            f"columns load_z and mass of {nodes(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
             f"which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
         )
     return notes
 
 
 def strain_notes(net: Net, eps: np.ndarray) -> Iterator[str]:
-    """Notes on strains eps (m,) at the start that no net is built with."""
-    for odd, word, share in (
+    """Yield notes on strains eps (m,) at the start that no net is built with."""
+    for outside, state, limit in (
         (eps > TIGHTEST, "stretched", TIGHTEST),
         (eps < SLACKEST, "compressed or slack", -SLACKEST),
     ):
-        if odd.any():
-            e = int(np.argmax(np.where(odd, np.abs(eps), 0.0)))
+        if outside.any():
+            e = int(np.argmax(np.where(outside, np.abs(eps), 0.0)))
             yield (
-                f"{int(odd.sum())} elements start {word} by more than {share:.0%} of their unstressed "
+                f"{int(outside.sum())} elements start {state} by more than {limit:.0%} of their unstressed "
                 f"length, the most is element {net.element_id[e]} with a strain of {eps[e]:.3g}; {UNITS}"
             )
 
 
 def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
-    """Notes on the strains of elements of unstressed length L0 at lengths L (m,) [m] and forces N (m,) [N].
+    """Check the strains of elements of unstressed length L0 at lengths L (m,) [m] and forces N (m,) [N].
 
-    Raises InputError where elements yield or break in it.
+    Returns notes. Raises InputError if elements yield or break at the start.
     """
     eps = strains(L, L0, job.cable.strain)
     errors = []
-    for over, what, value, limit in (
+    for exceeds, name, value, limit in (
         (eps > net.fracture_strain, "fracture_strain", eps, net.fracture_strain),
         (np.abs(N) > net.yield_force, "yield force [N]", N, net.yield_force),
     ):
-        ids = net.element_id[over]
-        for e in np.flatnonzero(over)[:1]:
+        ids = net.element_id[exceeds]
+        for e in np.flatnonzero(exceeds)[:1]:
             errors.append(
                 f"{job.path}: {counted('element', ids)} start{'s' * (len(np.unique(ids)) == 1)} beyond "
-                f"{what}: {value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, "
+                f"{name}: {value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, "
                 f"allowed {limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS}"
             )
     refuse(errors)
@@ -200,13 +208,13 @@ def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray
 
 
 def element_words(net: Net, e: int, L0: np.ndarray) -> str:
-    """Id, ids of the nodes and length of an element, of unstressed lengths L0 (m,) [m]."""
+    """Name an element by its id, the ids of its nodes and its length; L0 : (m,) [m], unstressed lengths."""
     ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
     return f"{net.element_id[e]} (nodes {ids}, {L0[e]:.4g} m)"
 
 
 def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[str]:
-    """A note on nodes so near the ground, or below it, that the profile of the wind does not reach them.
+    """Yield a note on nodes below or so near the ground that the wind profile does not reach them.
 
     x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
     """
@@ -222,9 +230,9 @@ def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[s
 
 
 def place_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
-    """Notes on places (c, 2 or 3) [m] far outside the roof as given, and on nodes amid more than count.
+    """Yield notes on points far outside the given roof, and on nodes with five or more nearest points.
 
-    places : None: none; what : of key; axes : as of `place_weights`
+    places : (c, 2 or 3) [m], None: none; what : noun for the points of key; axes : as in `place_weights`
     """
     if places is None:
         return
@@ -249,7 +257,7 @@ def place_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: 
 
 
 def _buckling(net: Net, N: np.ndarray) -> Iterator[str]:
-    """A note for bars in parts that are compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
+    """Yield a note on subdivided bars compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
     hinged = np.ones(net.m, bool) if net.bending is None else ~net.bending
     rows = np.flatnonzero((N < 0.0) & hinged & (net.parts > 1))[:: net.parts]
     if len(rows):
@@ -261,34 +269,39 @@ def _buckling(net: Net, N: np.ndarray) -> Iterator[str]:
 
 
 def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
-    """Axial forces N (m,) [N] at lengths L (m,) [m] that no element can have. Raises InputError."""
+    """Check axial forces N (m,) [N] at lengths L (m,) [m].
+
+    Raises InputError for forces that no element can have.
+    """
     yield_force, EA = net.yield_force, net.EA
     euler = caps_of(yield_force, euler_load(net, L), net.buckling, net.bending).buckling
-    pushed = (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar
+    compressed = (N < -ROUNDING * np.abs(N).max(initial=0.0)) & ~net.bar
     checks = (
-        (pushed, N, ': a cable carries no compression; give its group kind = "bar"'),
+        (compressed, N, ': a cable carries no compression; give its group kind = "bar"'),
         (
-            *(np.abs(N) > yield_force, yield_force),
+            np.abs(N) > yield_force,
+            yield_force,
             ", above the yield force {:.4g} N; lower the prestress or choose a larger area",
         ),
         (N < -euler, euler, ", beyond Euler's load {:.4g} N; choose a stiffer section"),
         (
-            *(N > net.breaking_load, net.breaking_load),
+            N > net.breaking_load,
+            net.breaking_load,
             ", above the breaking load {:.4g} N; lower the prestress or choose a stronger cable",
         ),
     )
     errors = [
         f"{job.path}: element {net.element_id[e]}: its axial force is {N[e]:.4g} N in the initial state"
-        + words.format(limit[e])
-        for wrong, limit, words in checks
-        for e in np.flatnonzero(wrong)[:1]
+        + remedy.format(limit[e])
+        for exceeds, limit, remedy in checks
+        for e in np.flatnonzero(exceeds)[:1]
     ]
     for e in np.flatnonzero(exceeds_stiffness(N, EA, job.cable.strain))[:1]:
-        what = f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
-        errors.append(f"{job.path}: element {net.element_id[e]}: {what}")
-    share = L / net.lengths()
-    if not share.min() > COLLAPSED:
-        e = int(np.argmin(share))
+        problem = f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
+        errors.append(f"{job.path}: element {net.element_id[e]}: {problem}")
+    relative = L / net.lengths()
+    if not relative.min() > COLLAPSED:
+        e = int(np.argmin(relative))
         ids = "-".join(map(str, net.node_id[net.elements[e]]))
         errors.append(
             f"{job.path}: [form_finding]: the form has collapsed: element {net.element_id[e]} (nodes {ids}) "

@@ -1,4 +1,4 @@
-"""The state of one rank: its arrays, with what the model has of them."""
+"""State of one rank: its arrays, filled with the initial values of the model."""
 
 import numpy as np
 
@@ -13,13 +13,13 @@ from netfall.parallel.subdomain import Distribution, rows_of
 
 
 def crushing_strain(model: Model) -> np.ndarray:
-    """(m,), strain at fracture in compression; -inf: never, so where its breaking load is not reached."""
+    """Return the fracture strains in compression (m,); -inf: none, or bars buckle before they break."""
     net, strain = model.net, model.net.fracture_strain
     by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + ROUNDING))
     return np.where(net.buckling & ~(by_load & (model.euler < net.breaking_load)), -strain, -np.inf)
 
 
-# What fields start with that neither the model nor its net has under their names.
+# Initial values of fields that are not attributes of the model or its net.
 STARTS = {
     "x_start": lambda model: model.x,
     "free": lambda model: 1 - held_along(model.net, model.net.fixed).astype(np.uint8),
@@ -39,14 +39,14 @@ STARTS = {
 
 
 def start_of(model: Model, name: str) -> np.ndarray:
-    """What a field of `mechanics.fields` starts with, by its name."""
+    """Return the initial value of a field of `mechanics.fields`, by its name."""
     if name in STARTS:
         return STARTS[name](model)
     return getattr(model if hasattr(model, name) else model.net, name)
 
 
 def make_state(distribution: Distribution, model: Model | None, features: Features) -> State:
-    """The state of one rank; fields that are `given` start with what the model has. Collective."""
+    """Build the state of one rank; `given` fields start with the values of the model. Collective."""
     subdomain = distribution.subdomain
     width = int(np.bincount(subdomain.ends.ravel()).max(initial=0))
     state = State(features, subdomain.n_owned, subdomain.n_halo, len(subdomain.element_gid), width)
@@ -54,15 +54,15 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
     state.owned[:] = subdomain.element_owned
     for row in FIELDS:
         if row.given and features.has(row):
-            spread = distribution.particles if row.entity == "particle" else distribution.elements
-            getattr(state, row.name)[:] = spread(None if model is None else start_of(model, row.name))
+            distribute = distribution.particles if row.entity == "particle" else distribution.elements
+            getattr(state, row.name)[:] = distribute(None if model is None else start_of(model, row.name))
     if features.drags:
         state.wind_along = distribution.comm.bcast(model and model.drag.along)
     if features.bending:
         _place_joints(distribution, model, state)
     if features.slip:
-        at = distribution.elements(model and model.layout.slides.at)
-        state.slip_at[:] = rows_of(subdomain.particle_gid, at.ravel()).reshape(at.shape)
+        slip_at = distribution.elements(model and model.layout.slides.at)
+        state.slip_at[:] = rows_of(subdomain.particle_gid, slip_at.ravel()).reshape(slip_at.shape)
     if features.sliding:
         segment = distribution.elements(model and model.layout.slides.segment)
         state.places = places_of(state, segment)
@@ -70,11 +70,15 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
 
 
 def _place_joints(distribution: Distribution, model: Model | None, state: State) -> None:
-    """Give a state its joints, and which of them each of its elements has at its ends. Collective."""
-    d, of = distribution.subdomain, model and model.joints
-    owned = (d.joints[:, 1] < d.n_owned).astype(np.uint8)
+    """Give a state its joints, and each of its elements the joints at its two ends. Collective."""
+    subdomain, joints = distribution.subdomain, model and model.joints
+    owned = (subdomain.joints[:, 1] < subdomain.n_owned).astype(np.uint8)
     state.joints = Joints(
-        d.joints, *(distribution.joints(of and getattr(of, k)) for k in ("stiffness", "rest")), owned
+        subdomain.joints,
+        *(distribution.joints(joints and getattr(joints, k)) for k in ("stiffness", "rest")),
+        owned,
     )
-    at = distribution.elements(model and model.layout.chains.at)
-    state.joint_at = np.where(at >= 0, rows_of(d.joint_gid, at.ravel()).reshape(at.shape), at)
+    joint_at = distribution.elements(model and model.layout.chains.at)
+    state.joint_at = np.where(
+        joint_at >= 0, rows_of(subdomain.joint_gid, joint_at.ravel()).reshape(joint_at.shape), joint_at
+    )

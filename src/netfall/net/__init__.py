@@ -1,1 +1,1 @@
-"""The net: nodes, cables, supports, sections, areas and zones, from generators or tables. Arrays, no MPI."""
+"""Net: nodes, cables, supports, sections, areas and zones, from generators or tables. Arrays, no MPI."""

@@ -1,6 +1,6 @@
-"""What compressed bars have besides an area: second moment, buckling length and curve; Euler's load.
+"""Properties of compressed bars in addition to an area: second moment, buckling length and curve; Euler load.
 
-N_cr = pi^2 E I / L_k^2. As given in [cable] for all bars, in [cable.GROUP] for those of a group.
+N_cr = pi^2 E I / L_k^2. [cable] gives them for all bars, [cable.GROUP] for the bars of a group.
 """
 
 from collections.abc import Iterator
@@ -14,17 +14,17 @@ from netfall.net.net import Net
 
 OF_BARS = ("second_moment", "buckling_length")
 FLAGS = ("bending", "buckling")
-MOST_SECOND_MOMENT = 1e5  # times the square of the area; tubes have up to 10, trusses as one bar some 1000
+MOST_SECOND_MOMENT = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
 KEYS = (*OF_BARS, "buckling_curve", *FLAGS)
 
 
 def set_bars(job: Job, net: Net) -> None:
-    """Second moments of the bars of a net, and how they buckle, where any has one."""
+    """Set second moments and buckling properties of the bars of a net, if any bar has one."""
     tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
     given = {name: [np.nan if table[name] is None else table[name] for table in tables] for name in OF_BARS}
-    of = {name: np.where(net.bar, np.array(each, float)[net.group], np.nan) for name, each in given.items()}
-    if np.isfinite(of["second_moment"]).any():
-        net.second_moment, net.buckling_length = of.values()
+    rows = {name: np.where(net.bar, np.array(row, float)[net.group], np.nan) for name, row in given.items()}
+    if np.isfinite(rows["second_moment"]).any():
+        net.second_moment, net.buckling_length = rows.values()
         net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
     for name in FLAGS:
         flags = np.array([table[name] for table in tables])[net.group] & net.bar
@@ -33,25 +33,29 @@ def set_bars(job: Job, net: Net) -> None:
 
 
 def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
-    """Buckling lengths (m,) [m]: as given, else the unstressed length of the table's element, all its parts.
+    """Return the buckling lengths (m,) [m]: given ones, otherwise the length of the element of the table.
 
-    L0 : (m,) [m]
+    L0 : (m,) [m], unstressed; the length of an element of the table is the sum over all its parts
     """
-    whole = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
-    return np.where(np.isnan(net.buckling_length), whole, net.buckling_length)
+    total = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
+    return np.where(np.isnan(net.buckling_length), total, net.buckling_length)
 
 
 def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
-    """Euler's load (m,) [N] of bars of unstressed lengths L0 (m,) [m]; nan: without a second moment."""
+    """Compute the Euler load (m,) [N] of bars of unstressed lengths L0 (m,) [m]; nan: no second moment."""
     if net.second_moment is None:
         return np.full(net.m, np.nan)
-    with np.errstate(divide="ignore"):  # of a form that has collapsed, which is told by its element
+    with np.errstate(divide="ignore"):  # zero length: form finding collapsed, and `check_tensions` reports it
         return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
 
 
 def bar_errors(job: Job, net: Net) -> Iterator[str]:
-    """Keys of bars that groups of cables have; second moments of bars whose modulus is not known."""
-    absent, element = np.zeros(net.m, bool), lambda rows: net.element_id[np.flatnonzero(rows)[:1]]
+    """Yield errors: keys of bars in groups of cables, unknown moduli, bars that cannot bend or buckle."""
+    absent = np.zeros(net.m, bool)
+
+    def first_id(rows):
+        return net.element_id[np.flatnonzero(rows)[:1]]
+
     for g, name in enumerate(net.group_names):
         if not net.bar[net.group == g].any():
             for key in (key for key in KEYS if job.groups.get(name, {}).get(key) is not None):
@@ -67,26 +71,26 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
         )
     bending, buckling = (absent if flags is None else flags for flags in (net.bending, net.buckling))
     for name, flags in (("bending", bending), ("buckling", buckling)):
-        for e in element(flags & np.isnan(moment)):
+        for e in first_id(flags & np.isnan(moment)):
             yield (
                 f"element {e}: {name} = true: needs the second moment of its section; give second_moment "
                 f"[m4], or leave {name} out"
             )
-    for e in element(bending & buckling):
+    for e in first_id(bending & buckling):
         yield (
             f"element {e}: bending and buckling exclude each other: a chain of bars that bend buckles by "
             "itself; keep one of them"
         )
     bent = {net.group_names[g] for g in np.unique(net.group[bending])}
     missing = [stage.name for stage in job.stages if stage.active is not None and bent - set(stage.active)]
-    for there, what in (
+    for present, problem in (
         (missing, f"[[stage]] {', '.join(missing)}: bars that bend are not there; name them in active"),
         (job.targets, "[[target]]: lengths are not changed where bars bend; remove the targets"),
         (net.length_error.any(), "[cable] length_deviation: not where bars bend; remove it"),
     ):
-        if bent and there:
-            yield f"{what}, or bending = true"
-    for e in element(bending & np.isfinite(net.fracture_strain) & (job.dynamics is not None)):
+        if bent and present:
+            yield f"{problem}, or bending = true"
+    for e in first_id(bending & np.isfinite(net.fracture_strain) & (job.dynamics is not None)):
         yield (
             f"element {e}: bending = true, and it can break: a chain that breaks is not computed in the "
             "dynamic stage; give fracture_strain and breaking_load in the groups of cables alone, and "
@@ -95,7 +99,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 
 
 def bar_notes(job: Job, net: Net) -> list[str]:
-    """Keys of buckling that change nothing; second moments that no section of its area has."""
+    """Return notes on buckling keys without effect and on implausibly large second moments."""
     if net.second_moment is None:
         given = job.given() & {f"cable.{key}" for key in KEYS}
         given |= {f"cable.{name}.{key}" for name, table in job.groups.items() for key in KEYS if key in table}

@@ -1,4 +1,4 @@
-"""The net of a job: from a generator or from tables, with sections, checked as a whole."""
+"""Net of a job, from a generator or from tables, with sections, checked as a whole."""
 
 from collections.abc import Iterator
 
@@ -18,19 +18,19 @@ from netfall.net.sections import strength_errors, strength_notes
 from netfall.net.tables import read_lines, read_tables
 from netfall.net.turned import is_turned
 
-STEEP = ("saddle", "stadium")  # generators whose start is level inside and steep along the boundary
-MOST_ELEMENTS = 50_000_000  # some 900 bytes each on rank 0 at set-up
+STEEP = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
+MOST_ELEMENTS = 50_000_000  # limit of elements; each takes some 900 bytes on rank 0 at set-up
 
 
 def build_net(job: Job) -> Net:
-    """The net that a job describes, subdivided, with sections and areas.
+    """Build the net that a job describes, subdivided, with sections and areas.
 
-    Raises InputError with all that is wrong in the tables, or with the net as a whole.
+    Raises InputError with all errors in the tables, or in the net as a whole.
     """
     net, columns = read_tables(job) if job.net.nodes else (_from_generator(job), None)
-    given = net.prestress  # of a generator's own equilibrium
+    own_prestress = net.prestress  # the generator's own equilibrium
     _set_sections(job, net, columns)
-    net.prestress = net.prestress if given is None else given
+    net.prestress = net.prestress if own_prestress is None else own_prestress
     if net.m * job.net.subdivide > MOST_ELEMENTS:
         raise InputError(
             f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} "
@@ -50,7 +50,7 @@ def build_net(job: Job) -> Net:
 
 
 def _held_whole(job: Job, net: Net) -> list[str]:
-    """A note on elements of tables whose new nodes `subdivide` holds, for whoever meant them to hang."""
+    """Return a note on elements whose new nodes `subdivide` holds, so that they cannot sag."""
     between = net.fixed[net.elements].all((1, 2))
     if job.net.subdivide == 1 or not (job.net.nodes and between.any()):
         return []
@@ -62,36 +62,39 @@ def _held_whole(job: Job, net: Net) -> list[str]:
 
 
 def _from_generator(job: Job) -> Net:
-    wrong = generators.wrong_dimensions(job.net, MOST_ELEMENTS)
-    if wrong:
-        raise InputError(f"{job.path}: [net] {wrong}")
+    """Generate the net from the dimensions of [net]. Raises InputError."""
+    problem = generators.wrong_dimensions(job.net, MOST_ELEMENTS)
+    if problem:
+        raise InputError(f"{job.path}: [net] {problem}")
     return generators.generate(job.net)
 
 
 def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
-    """The sections of the elements; unknown groups are reported before what they leave missing."""
-    wrong = _wrong_groups(job, net)
+    """Set the sections of the elements; errors of group names come before errors of missing keys."""
+    errors = _wrong_groups(job, net)
     try:
         sections.set_sections(job, net, columns)
     except InputError as error:
-        raise InputError(wrong + error.lines) from None
-    refuse(wrong)
+        raise InputError(errors + error.lines) from None
+    refuse(errors)
     set_bars(job, net)
 
 
 def _wrong_groups(job: Job, net: Net) -> list[str]:
-    """A line for each section or list that names a group of which there is no element."""
-    named = [(name, f"[cable.{name}]: no element is of this group") for name in job.groups]
-    named += [(name, f"[roof] groups: no element is of group {shown(name)}") for name in roof_groups(job)]
+    """Return an error for each section or list that names a group without elements."""
+    group_names = [(name, f"[cable.{name}]: no element is of this group") for name in job.groups]
+    group_names += [
+        (name, f"[roof] groups: no element is of group {shown(name)}") for name in roof_groups(job)
+    ]
     return [
-        f"{job.path}: {what}; {nearest_group(net, name)}"
-        for name, what in named
+        f"{job.path}: {problem}; {nearest_group(net, name)}"
+        for name, problem in group_names
         if name not in {*net.group_names} - {""}
     ]
 
 
 def _whole_net_errors(job: Job, net: Net) -> Iterator[str]:
-    """What is wrong with the net as a whole."""
+    """Yield the errors of the net as a whole."""
     form = job.form_finding
     short = np.flatnonzero(~(net.lengths() > 0))
     for e in short[:5]:
@@ -134,21 +137,21 @@ def _whole_net_errors(job: Job, net: Net) -> Iterator[str]:
             "with the reaction of the form"
         )
     moving = ~net.held[net.elements].all((1, 2))
-    tight = net.prestress[moving].any() or carries_permanent(job)
+    tensioned = net.prestress[moving].any() or carries_permanent(job)
     if (
-        form is not None and form.method == "fpm" and moving.any() and not tight
+        form is not None and form.method == "fpm" and moving.any() and not tensioned
     ):  # any shape is in equilibrium
-        other = ', or method = "force_density", which takes the force densities of the table'
+        alternative = ', or method = "force_density", which takes the force densities of the table'
         yield (
             '[form_finding] method = "fpm": no element that can move has a prestress, and without tension '
             "there is no form; give prestress in [cable], a number of N > 0, or as a column"
-            + other
+            + alternative
             * bool(np.isfinite(net.force_density).any())
         )
 
 
 def _table_errors(job: Job, net: Net) -> list[str]:
-    """Elastic supports of axes that are fixed, supports with an angle, cables of one name."""
+    """Return errors: springs on fixed axes, unsupported angles of supports, duplicate cable names."""
     nodes, elements = (job.path.parent / str(path) for path in (job.net.nodes, job.net.elements))
     turned, form = net.node_id[is_turned(net)], job.form_finding
     refused = {
@@ -164,10 +167,10 @@ def _table_errors(job: Job, net: Net) -> list[str]:
             for p, k in np.argwhere(net.fixed & (net.spring > 0))[:5]
         ),
         *(
-            f"{nodes}: angle: {counted('node', turned)}: {what} does not know supports in axes of their own; "
+            f"{nodes}: angle: {counted('node', turned)}: {key} does not know supports in axes of their own; "
             "expected angle = 0 there, supports alike along both axes in plan, or a job without it"
-            for what, asked in refused.items()
-            if asked and len(turned)
+            for key, active in refused.items()
+            if active and len(turned)
         ),
         *(
             f"{elements}: cable = {name}: so a piece without a name is called, by the least id of its "

@@ -1,6 +1,7 @@
-"""Defaults that changed in this version, and the warnings to jobs that relied on them.
+"""Defaults that changed in this version, and warnings for jobs that relied on the old ones.
 
-A default that changes is a row of CHANGED. Everything that begins a run or describes a job says the warnings.
+Each changed default is a row of CHANGED. Every command that starts a run or describes a job prints the
+warnings.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,7 +19,7 @@ from netfall.net.sections import are_other_bars, strength_of_cable
 
 
 class ChangedDefault(NamedTuple):
-    """A key of a section, or of the entries of a list, whose default changed from `old` to `new`.
+    """Key of a section, or of the entries of a list, whose default changed from `old` to `new`.
 
     affects : whether the results of a job that does not set the key depend on its default
     """
@@ -31,10 +32,12 @@ class ChangedDefault(NamedTuple):
 
 
 def _breaks_in_wind(job: Job, net: Net) -> bool:
+    """Tell whether elements can break or are removed in a dynamic stage with wind."""
     return bool(job.wind and job.dynamics and (np.isfinite(net.fracture_strain).any() or job.removes))
 
 
 def _cuts_by_default(job: Job, net: Net) -> bool:
+    """Tell whether a zone with a polygon does not set `cut`."""
     return any(zone.polygon is not None and zone.cut is None for zone in job.zones)
 
 
@@ -48,11 +51,12 @@ CHANGED: tuple[ChangedDefault, ...] = (
 
 
 def default_warnings(job: Job, net: Net) -> list[str]:
-    """Return a warning for each key that a job does not set, whose default changed, and that affects it."""
+    """Return a warning for each key with a changed default that affects a job and that it does not set."""
     return [f"warning: {line}" for line in _warnings(job, net)]
 
 
 def _warnings(job: Job, net: Net) -> Iterator[str]:
+    """Yield the warnings of a job without their prefix."""
     given = tables_of(job.text, job.overrides)
     for section, key, new, old, affects in CHANGED:
         entries = given.get(section, []) if section in LISTS else [given.get(section, {})]
@@ -61,7 +65,7 @@ def _warnings(job: Job, net: Net) -> Iterator[str]:
             yield f"{place} {key} is not set: {shown(new)} since version {SINCE} ({shown(old)} before)"
     inherited = strength_of_cable(job)
     bars = are_other_bars(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
-    for g in np.unique(net.group[bars]):  # groups of bars that took the breaking load of [cable] before
+    for g in np.unique(net.group[bars]):  # these took the breaking force of [cable] before
         name, ids = net.group_names[g], net.element_id[bars & (net.group == g)]
         yield (
             f"{f'[cable.{name}]' if name else 'elements.csv:'} breaking_load of {counted('bar', ids)} is not "

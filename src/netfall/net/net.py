@@ -1,7 +1,7 @@
-"""The net: nodes and cables as they were given, before anything is computed. Plain arrays, in global order.
+"""Net: nodes and cables as given, before any computation, as plain arrays in global order.
 
-At the level of the net one speaks of nodes and cables; the solver's particles and elements are these same
-rows, in the same order, after subdivision.
+Nodes and cables of the net are the particles and elements of the solver: the same rows, in the same order,
+after subdivision.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -12,19 +12,23 @@ from netfall.job.values import nearest, shown
 from netfall.numerics.functions import lengths
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
-SAME_PLACE = 1e-3  # m, and at most
-SAME_SHARE = 0.01  # of the usual length of an element: nodes no farther apart were meant as one
+SAME_PLACE = 1e-3  # m: largest distance of two nodes that were meant as one; the smaller limit applies
+SAME_SHARE = 0.01  # the same as a share of the median length of the elements
 
 
 def _node(empty=None, inner=None):
-    """A column of the nodes; empty : a row where none is given; inner : a row of a node from subdivision."""
+    """Declare a column of the nodes; empty : default of a row; inner : value of nodes from subdivision."""
     return field(default=None, metadata={"entity": "node", "empty": empty, "inner": inner})
 
 
 def _element(divided: str = "each", empty=None, key: str = "", absent: float | None = None):
-    """A column of the elements; divided : what a part of an element has: "each", "split" or "multiplied".
+    """Declare a column of the elements.
 
-    key : of [cable] that it is filled from; absent : its value where the job has no such key
+    divided : value of each part of a subdivided element: the whole ("each"), or the whole divided ("split")
+    or
+    multiplied ("multiplied") by the number of parts
+    empty : default of a row; key : key of [cable] that fills the column; absent : value if the job has no
+    such key
     """
     row = {"entity": "element", "empty": empty, "divided": divided, "key": key, "absent": absent}
     return field(default=None, metadata=row)
@@ -37,34 +41,38 @@ NOTHING, UNKNOWN = (0.0, 0.0, 0.0), (np.nan, np.nan, np.nan)
 class Net:
     """Particles and elements of a net with their sections.
 
-    The table of columns: what is not given is filled in, subdivision continues it, and the digest of a run
-    covers it, all from its row here.
+    This class is the table of columns. Each row states the default of its column and how subdivision
+    continues
+    it. The digest of a run covers every column.
 
     x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
     load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
     normal : (n, 3) upward unit normal of the surface, nan: from the faces
     spring : (n, 3) [N/m] of an elastic support, 0: none; spring_rest : (n, 3) [m], displacement at which it
         carries nothing, of a net without form finding
-    angle : (n,) [degrees] about z, of the axes in which `fixed` and `spring` stand; None: x and y
-    zone : (n,) row of zone_names that the table gives, -1: none; of a node in several one of them
-    zone_share : (n, z) of each node's area in each of zone_names, where the table gives shares; None: whole
+    angle : (n,) [degrees] about z, of the axes of `fixed` and `spring`; None: x and y
+    zone : (n,) row of zone_names that the table gives, -1: none; for a node in several zones, one of them
+    zone_share : (n, z) share of each node's area in each of zone_names, if the table gives shares; None:
+    whole
     elements : (m, 2) particle numbers; group : (m,) row of group_names
     section : (m,) [m2]; nominal : (m,) bool, no area was given, the section is that of steel
     modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]; expansion : (m,) [1/K]
-    fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], inf: none
-    strength_deviation : (m,) scatter; strength : (m,) what was drawn, a factor on all of the above, in them
-    length_deviation : (m,) [m] scatter of the length of its piece of cable; length_error : (m,) [m], drawn
+    fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], breaking force, inf: none
+    strength_deviation : (m,) scatter; strength : (m,) random factor, already applied to the strengths above
+    length_deviation : (m,) [m] scatter of the length of the cable; length_error : (m,) [m], random draw
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
-    second_moment : (m,) [m4] of the area of bars, nan: none, None: of no element; for these as given
-    buckling_length : (m,) [m], nan: that of the element of the table; buckling_curve : (m,) row of CURVES
-    bending, buckling : (m,) bool, bars of chains that resist bending, that buckle; None: none does
-    tier : (m,) ring of a generated net, from the middle, that the element of its group is in; else 0
+    second_moment : (m,) [m4] of the area of bars, nan: none, None: no element has one; then the next two are
+        None too
+    buckling_length : (m,) [m], nan: length of the element of the table; buckling_curve : (m,) row of CURVES
+    bending, buckling : (m,) bool, bars of bending chains, bars that buckle; None: none
+    tier : (m,) ring of a generated net, from the middle, that the element belongs to within its group;
+    otherwise 0
     prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
     outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
         from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
-    cable : (m,) row of cable_names, the piece of cable that the element is part of (`net.cables`)
-    cable_given : name of the piece of each element of the table, "": none
-    parts : elements for each one that was given; notes : what is odd in what was given
+    cable : (m,) row of cable_names, the cable that the element is part of (`net.cables`)
+    cable_given : name of the cable of each element of the table, "": none
+    parts : elements per given element; notes : plausible but unusual input
     """
 
     x: np.ndarray
@@ -129,22 +137,22 @@ class Net:
 
     @property
     def held(self) -> np.ndarray:
-        """(n, 3) bool, axes with a support of either kind, rigid or elastic."""
+        """(n, 3) bool, axes with a rigid or elastic support."""
         return self.fixed | (self.spring > 0)
 
     @property
     def moves(self) -> np.ndarray:
-        """(n,) bool, whether any axis can move."""
+        """(n,) bool, nodes that can move along at least one axis."""
         return ~self.fixed.all(1)
 
     @property
     def valence(self) -> np.ndarray:
-        """(n,) elements attached, that are there."""
+        """(n,) number of attached elements that exist."""
         return np.bincount(self.elements[self.is_there].ravel(), minlength=self.n)
 
     @property
     def support(self) -> np.ndarray:
-        """(n,) [N/m] of elastic supports, the stiffest axis."""
+        """(n,) [N/m], stiffness of the elastic supports along their stiffest axis."""
         return self.spring.max(1)
 
     @property
@@ -154,7 +162,7 @@ class Net:
 
     @property
     def given(self) -> int:
-        """Number of nodes that were given; the particles of subdivision follow."""
+        """Number of given nodes; the particles of subdivision follow them."""
         return self.n - self.inner_particles().size
 
     @property
@@ -164,12 +172,12 @@ class Net:
 
     @property
     def tolerance(self) -> float:
-        """Distance [m] below which places are the same."""
+        """Distance [m] below which two points are the same."""
         return min(SAME_PLACE, SAME_SHARE * self.parts * float(np.median(self.lengths()))) if self.m else 0.0
 
     @property
     def is_there(self) -> np.ndarray:
-        """(m,) bool, elements but those that a stage of erection took out, which have no density."""
+        """(m,) bool, elements that exist; those that an erection stage took out have no density."""
         return self.density > 0.0
 
     @property
@@ -184,53 +192,54 @@ class Net:
 
     @property
     def own_weight(self) -> np.ndarray:
-        """(m,) [N/m], weight of the elements themselves."""
+        """(m,) [N/m], self weight of the elements."""
         return GRAVITY * self.density * self.section
 
     def undivided(self) -> np.ndarray:
-        """(m / parts, 2) particles between which the elements were given, before subdivision."""
+        """Return the two particles (m / parts, 2) of each given element, before subdivision."""
         first, last = self.elements[:: self.parts], self.elements[self.parts - 1 :: self.parts]
         return np.column_stack([first[:, 0], last[:, 1]])
 
     def inner_particles(self) -> np.ndarray:
-        """(m / parts, parts - 1) particles that subdivision put into each of these, from start to end."""
+        """Return the inner particles (m / parts, parts - 1) of each given element, from start to end."""
         return self.elements[:, 1].reshape(-1, self.parts)[:, :-1]
 
     def lengths(self) -> np.ndarray:
-        """Lengths of the elements (m,) [m] in the start geometry."""
+        """Compute the lengths of the elements (m,) [m] in the start geometry."""
         return lengths(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]])
 
 
 def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
-    """One number for each pair (k, 2) of points 0 to count - 1, the same in either order."""
+    """Return one number for each pair (k, 2) of points 0 to count - 1, the same in either order."""
     return pairs.min(1) * count + pairs.max(1)
 
 
 def nearest_group(net: Net, name: str) -> str:
-    """Advice on a name that no group of the net has."""
+    """Suggest a group for a name that no group of the net has."""
     known = [group for group in net.group_names if group]
     return nearest(name, known) if known else "the net has no groups"
 
 
 def elements_of_group(net: Net, name: str) -> tuple[np.ndarray, list[str]]:
-    """The elements (k,) of a group, and what is wrong with its name."""
+    """Return the elements (k,) of a group, and the errors in its name."""
     rows = np.flatnonzero(np.isin(net.group, [g for g, group in enumerate(net.group_names) if group == name]))
     return rows, [] if len(rows) else [f"no such group of elements; {nearest_group(net, name)}"]
 
 
 def elements_of_cables(net: Net, names: list[str]) -> tuple[np.ndarray, list[str]]:
-    """The elements (k,) of pieces of cable, and what is wrong with their names."""
+    """Return the elements (k,) of cables, and the errors in their names."""
     unknown = sorted(set(names) - set(net.cable_names))
     numbers = [net.cable_names.index(name) for name in names if name not in unknown]
-    wrong = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown]
-    return np.flatnonzero(np.isin(net.cable, numbers)), wrong
+    errors = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown]
+    return np.flatnonzero(np.isin(net.cable, numbers)), errors
 
 
 def subdivide(net: Net, parts: int) -> Net:
-    """The net with each element in `parts` equal ones; new particles follow, without load.
+    """Divide each element of a net into `parts` equal ones; new particles follow the nodes, without load.
 
-    They are free, but fixed in an element between two fixed nodes: it closes a face or stays where it is, and
-    its middle would sag or flap as no cable there does.
+    New particles are free, except in an element between two fixed nodes, where they are fixed. Such an
+    element
+    closes a face or stays in place. A free middle would sag or flap, which no cable there does.
     """
     if parts == 1:
         return net
@@ -255,17 +264,17 @@ def subdivide(net: Net, parts: int) -> Net:
 
 
 def joined(net: Net) -> Net:
-    """The net before `subdivide`, from its result; places in the middle of elements are forgotten."""
+    """Undo `subdivide`; the positions of inner particles are lost."""
     if net.parts == 1:
         return net
     n = net.given
-    columns, whole = {}, {"split": np.multiply, "multiplied": np.divide}
+    columns, undo = {}, {"split": np.multiply, "multiplied": np.divide}
     for column in fields(net):
         values, row = getattr(net, column.name), column.metadata
         if row and values is not None:
             columns[column.name] = values[:n] if row["entity"] == "node" else values[:: net.parts]
-            if row.get("divided") in whole:
-                columns[column.name] = whole[row["divided"]](columns[column.name], net.parts)
+            if row.get("divided") in undo:
+                columns[column.name] = undo[row["divided"]](columns[column.name], net.parts)
     return replace(
         net,
         x=net.x[:n],
@@ -281,18 +290,18 @@ def joined(net: Net) -> Net:
 
 
 def spaced(net: Net, x: np.ndarray) -> np.ndarray:
-    """Places (n, 3) [m] of all particles where those that were given are at x; the others evenly between."""
+    """Return positions (n, 3) [m] of all particles: given nodes at x, the others evenly spaced in between."""
     return np.concatenate([x, _evenly(x[net.undivided()], net.parts)])
 
 
 def _evenly(ends: np.ndarray, parts: int) -> np.ndarray:
-    """Places (m (parts - 1), 3) that part the ways between ends (m, 2, 3) evenly."""
+    """Return points (m (parts - 1), 3) that divide the lines between ends (m, 2, 3) evenly."""
     share = (np.arange(1, parts) / parts)[None, :, None]
     return ((1 - share) * ends[:, :1] + share * ends[:, 1:]).reshape(-1, 3)
 
 
 def ends_of_inner(net: Net) -> np.ndarray:
-    """Nodes (n, 2) at the ends of the element that `subdivide` put each particle into; of others itself."""
+    """Return the two end nodes (n, 2) of the given element around each particle; of a given node, itself."""
     ends = np.column_stack([np.arange(net.n)] * 2)
     if net.parts > 1:
         ends[net.inner_particles()] = net.undivided()[:, None]
@@ -300,33 +309,33 @@ def ends_of_inner(net: Net) -> np.ndarray:
 
 
 def with_inner(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Displacements (n, 3) of supports, and of the fixed particles that `subdivide` put between two of them.
+    """Extend displacements (n, 3) of supports to the fixed inner particles between two supports.
 
-    These stay evenly between their ends. fixed : (n, 3) bool
+    These particles stay evenly spaced between their ends. fixed : (n, 3) bool
     """
     if net.parts == 1:
         return moved
-    between = spaced(net, moved[: net.given])
+    spaced_evenly = spaced(net, moved[: net.given])
     inner = (ends_of_inner(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
-    return np.where((inner & ~moved.any(1))[:, None], between, moved)
+    return np.where((inner & ~moved.any(1))[:, None], spaced_evenly, moved)
 
 
 def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
-    """A column of a net with k more nodes, whose elements are each in `parts`; as its row in `Net` says."""
+    """Return a column of a net with k more nodes and each element in `parts`, by its row in `Net`."""
     values, row = getattr(net, column.name), column.metadata
     if values is None:
         return None
     if row["entity"] == "node":
         inner = row["inner"]
-        if column.name == "area":  # where all areas are given, what lies between has none
+        if column.name == "area":  # given areas cover the roof without the inner nodes
             inner = np.nan if np.isnan(values).any() else 0.0
-        if column.name == "zone":  # what lies between is in a zone if both ends are
+        if column.name == "zone":  # an inner node is in a zone if both ends are
             start, end = values[net.elements].T
             inner = np.repeat(np.where(start == end, start, -1), parts - 1)
         if column.name == "zone_share":
             inner = np.repeat(values[net.elements].min(axis=1), parts - 1, axis=0)
         return np.concatenate([values, np.broadcast_to(inner, (k, *values.shape[1:]))])
-    each = np.repeat(values, parts, axis=0)
+    repeated = np.repeat(values, parts, axis=0)
     if row["divided"] == "each":
-        return each
-    return each / parts if row["divided"] == "split" else each * parts
+        return repeated
+    return repeated / parts if row["divided"] == "split" else repeated * parts

@@ -1,4 +1,4 @@
-"""Which things hang together, and which points lie close to one another."""
+"""Connected parts of a graph, and pairs of points close to each other."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from netfall.numerics.sets import among
 
 
 def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
-    """For each of `count` things the lowest of the part that it belongs to; pairs (k, 2) join two of them."""
+    """Return the lowest member of the part of each of `count` things; pairs (k, 2) join two of them."""
     from scipy.sparse import coo_array  # here: it takes 0.2 s to load
     from scipy.sparse.csgraph import connected_components
 
@@ -17,20 +17,20 @@ def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
 
 
 def part_has(label: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Whether the part of each thing, by its label (n,) of `parts_of`, has one of some (n,) bool."""
-    found = np.zeros(len(label), bool)
-    found[label[some]] = True
-    return found[label]
+    """Tell whether the part of each thing, by label (n,) of `parts_of`, contains one of some (n,) bool."""
+    has = np.zeros(len(label), bool)
+    has[label[some]] = True
+    return has[label]
 
 
 def unjoined_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> np.ndarray:
-    """The pairs of `close_pairs` that no element of elements (m, 2) joins."""
+    """Return the pairs of `close_pairs` that no element of elements (m, 2) joins."""
     pairs = close_pairs(x, distance)
     return pairs[~among(pair_key(pairs, len(x)), pair_key(elements, len(x)))]
 
 
 def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
-    """(k, 2) pairs of points x (n, 3) no farther apart than `distance`, the lower number first."""
+    """Return the pairs (k, 2) of points x (n, 3) within `distance` of each other, lower number first."""
     from scipy.spatial import cKDTree  # here: it takes 0.2 s to load
 
     pairs = cKDTree(x).query_pairs(distance, output_type="ndarray")

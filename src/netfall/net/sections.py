@@ -1,14 +1,16 @@
-"""Sections and strength of the elements, as engineers have them: by modulus, area and density, or by axial
-stiffness, mass per length and breaking load, or by the name of a type in a catalogue.
+"""Sections and strengths of the elements.
 
-[cable] stands for all, [cable.GROUP] for a group, a row of elements.csv for itself; the more particular one
-counts. At one of these places `type` stands behind what is given beside it. The net has modulus, section and
-density whatever was given: without an area the section is that of steel of the same mass, and the modulus
-such that the axial stiffness is the one given.
+Sections are given by modulus, area and density, by axial stiffness, mass per length and breaking force, or by
+a type of a catalogue. [cable] holds for all elements, [cable.GROUP] for a group, and a row of elements.csv
+for
+one element; the most specific value counts. Within one of these places, explicit values take precedence over
+`type`. The net always has modulus, section and density. Without an area the section is that of steel of the
+same mass, and the modulus reproduces the given axial stiffness.
 
-An element breaks at its breaking load F_u whatever the law, N = EA (eps - eps_p) up to the yield force N_y:
-at the total strain F_u / EA, in either measure, if F_u <= N_y. Above N_y tension never gets there, and what
-breaks it is fracture_strain.
+An element breaks at its breaking force F_u whatever the law, N = EA (eps - eps_p) up to the yield force N_y:
+at the total strain F_u / EA, in either strain measure, if F_u <= N_y. Tension never exceeds N_y, so an
+element
+with F_u > N_y breaks at its fracture_strain.
 """
 
 from collections.abc import Iterator
@@ -30,18 +32,16 @@ from netfall.numerics.normal import quantile
 OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
 OF_SECTION = (*OF_TYPE, "modulus", "density")
 OF_ROW = ("prestress", "yield_stress", "fracture_strain", "expansion")
-STEEL = 7850.0  # kg/m3
-ROUNDING = 1e-9  # by which a breaking load may exceed the yield force that it is meant to equal
-DRAWN_DIGITS = 9  # of what is drawn: fewer than logarithms of different libraries agree in
-LENGTHS = 1 << 192  # where the sequence of errors of length begins, apart from that of strengths
+STEEL = 7850.0  # kg/m3, density of nominal sections
+ROUNDING = 1e-9  # relative excess up to which a breaking force equals the yield force
+DRAWN_DIGITS = 9  # digits of random draws: logarithms of different libraries agree in more
+LENGTHS = 1 << 192  # Philox counter of the first length error; the strengths start at 0
 
 
 def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
-    """Sections and strengths of the elements of a net.
+    """Set sections and strengths of the elements of a net. Raises InputError.
 
     rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words
-
-    Raises InputError.
     """
     rows = rows or {}
     tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
@@ -56,50 +56,57 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
             setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
     if "kind" in rows:
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
-    found = _found(job, net, rows)
-    errors = _missing(job, net, found)
+    resolved = _found(job, net, rows)
+    errors = _missing(job, net, resolved)
     refuse(errors)
-    net.breaking_load = np.where(np.isnan(found["breaking_load"]), np.inf, found["breaking_load"])
-    area, stiffness, mass = found["area"], found["axial_stiffness"], found["mass_per_length"]
+    net.breaking_load = np.where(np.isnan(resolved["breaking_load"]), np.inf, resolved["breaking_load"])
+    area, stiffness, mass = resolved["area"], resolved["axial_stiffness"], resolved["mass_per_length"]
     net.nominal = np.isnan(area)
     net.section = np.where(net.nominal, mass / STEEL, area)
-    net.modulus = np.where(np.isnan(stiffness), found["modulus"], stiffness / net.section)
-    net.density = np.where(np.isnan(mass), found["density"], mass / net.section)
+    net.modulus = np.where(np.isnan(stiffness), resolved["modulus"], stiffness / net.section)
+    net.density = np.where(np.isnan(mass), resolved["density"], mass / net.section)
 
 
-# --- what is given where
+# --- values by level: [cable], group, row
 
 
 def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
-    """What each element has of OF_SECTION, (m,) nan: nothing, by [cable], its group and its row, in turn."""
+    """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
     types, names = catalogue_of(job), net.group_names
-    of_groups = *_level([job.groups.get(name, {}) for name in names]), types
-    found, own = ({name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")} for _ in range(2))
-    in_group = lambda k: f"{job.path}: [cable.{names[k]}]"
-    errors = _put(found, *_level([vars(job.cable)] * len(names)), types, lambda k: f"{job.path}: [cable]")
-    errors += _put(found, *of_groups, in_group)
-    _put(own, *of_groups, in_group)
-    found, own = ({name: values[net.group] for name, values in each.items()} for each in (found, own))
-    bars = are_other_bars(job, net)  # the breaking load of [cable] is the strength of cables
-    found["breaking_load"] = np.where(bars, own["breaking_load"], found["breaking_load"])
+    common, common_types = _level([vars(job.cable)] * len(names))
+    groups, group_types = _level([job.groups.get(name, {}) for name in names])
+    resolved, own = ({name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")} for _ in range(2))
+
+    def in_group(k):
+        return f"{job.path}: [cable.{names[k]}]"
+
+    errors = _put(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
+    errors += _put(resolved, groups, group_types, types, in_group)
+    _put(own, groups, group_types, types, in_group)
+    resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
+    bars = are_other_bars(job, net)  # the breaking force of [cable] is meant for cables
+    resolved["breaking_load"] = np.where(bars, own["breaking_load"], resolved["breaking_load"])
     if rows:
-        of_rows = {name: rows[name] for name in OF_SECTION if name in rows}
-        place = lambda e: f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
-        errors += _put(found, of_rows, np.array(rows.get("type") or [""] * net.m), types, place)
+        row_values = {name: rows[name] for name in OF_SECTION if name in rows}
+
+        def place(e):
+            return f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
+
+        errors += _put(resolved, row_values, np.array(rows.get("type") or [""] * net.m), types, place)
     refuse(errors)
     if types:
-        number = found["type"]
+        number = resolved["type"]
         net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
-    return found
+    return resolved
 
 
 def are_other_bars(job: Job, net: Net) -> np.ndarray:
-    """Whether each element is a bar although [cable] describes cables, (m,) bool."""
+    """Tell which elements are bars although [cable] describes cables, (m,) bool."""
     return net.bar & (job.cable.kind != "bar")
 
 
 def strength_of_cable(job: Job) -> float | None:
-    """Return the breaking load [N] that [cable] gives by itself or by its type; None: none."""
+    """Return the breaking force [N] that [cable] gives by itself or by its type; None: none."""
     if job.cable.breaking_load is not None or job.cable.type is None:
         return job.cable.breaking_load
     value = dict(zip(OF_TYPE, catalogue_of(job)[job.cable.type]))["breaking_load"]
@@ -107,52 +114,55 @@ def strength_of_cable(job: Job) -> float | None:
 
 
 def _level(tables: list[dict]) -> tuple[dict, np.ndarray]:
-    """What tables say of OF_SECTION, (k,) nan: nothing; and their types, "": none."""
-    value = lambda table, name: np.nan if table.get(name) is None else table[name]
-    level = {name: np.array([value(table, name) for table in tables], float) for name in OF_SECTION}
+    """Return the values of tables for OF_SECTION, (k,) nan: not given, and their types, "": none."""
+
+    def value_or_nan(table, name):
+        return np.nan if table.get(name) is None else table[name]
+
+    level = {name: np.array([value_or_nan(table, name) for table in tables], float) for name in OF_SECTION}
     return level, np.array([table.get("type") or "" for table in tables])
 
 
 def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[str]]:
-    """Rows (k,) of the types that are named, -1: none; and a line for each name that there is not."""
-    if not (words != "").any():  # a million words take a second to sort
+    """Return the rows (k,) of the named types, -1: none, and an error for each unknown name."""
+    if not (words != "").any():  # saves one second of sorting for a million elements
         return np.full(len(words), -1), []
     names, first, inverse = np.unique(words, return_index=True, return_inverse=True)
     number = {name: k for k, name in enumerate(types)}
-    wrong = [
+    errors = [
         f"{place(e)} type = {shown(str(name))}: no such type in the catalogue; "
         + (nearest(str(name), types) if types else "[cable] names none: add catalogue = a path")
         for name, e in zip(names, first)
         if name and name not in number
     ]
-    return np.array([number.get(str(name), -1) for name in names])[inverse], wrong
+    return np.array([number.get(str(name), -1) for name in names])[inverse], errors
 
 
-def _put(found: dict, level: dict, words: np.ndarray, types: dict, place) -> list[str]:
-    """Put a level over what was found before: its types (k,) words first, then what it says itself.
+def _put(resolved: dict, level: dict, words: np.ndarray, types: dict, place) -> list[str]:
+    """Override values with those of a more specific level: its types (k,) first, then its explicit values.
 
-    A line for each name of a type that there is not; place(row) : where it stands
+    Returns an error for each unknown type; place(row) : text that locates a row
     """
-    row, wrong = _rows_of(words, types, place)
+    row, errors = _rows_of(words, types, place)
     typed = row >= 0
     if typed.any():
         table = np.array(list(types.values()))
         for name in OF_SECTION:
-            found[name][typed] = np.nan
+            resolved[name][typed] = np.nan
         for k, name in enumerate(OF_TYPE):
-            found[name][typed] = table[row[typed], k]
-        found["type"][typed] = row[typed]
+            resolved[name][typed] = table[row[typed], k]
+        resolved["type"][typed] = row[typed]
     for one, other in EITHER:
-        for name, instead in ((one, other), (other, one)):
+        for name, alternative in ((one, other), (other, one)):
             if name in level:
-                found[instead][~np.isnan(level[name])] = np.nan
+                resolved[alternative][~np.isnan(level[name])] = np.nan
     for name, values in level.items():
-        found[name] = np.where(np.isnan(values), found[name], values)
-    return wrong
+        resolved[name] = np.where(np.isnan(values), resolved[name], values)
+    return errors
 
 
 def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
-    """The types by name, each with its numbers in the order of OF_TYPE, nan: not given. Raises InputError."""
+    """Read the catalogue: the numbers of each type in the order of OF_TYPE, nan: none. Raises InputError."""
     if job.cable.catalogue is None:
         return {}
     path = job.path.parent / Path(job.cable.catalogue)
@@ -170,19 +180,22 @@ def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
     return types
 
 
-def _missing(job: Job, net: Net, found: dict[str, np.ndarray]) -> list[str]:
-    """A line for each group, and each key that its elements lack."""
-    no = {name: np.isnan(values) for name, values in found.items()}
-    lacks = (
-        (no["modulus"] & no["axial_stiffness"], "modulus"),
-        (no["area"] & (~no["modulus"] | (no["mass_per_length"] & ~no["density"])), "area"),
-        (no["density"] & no["mass_per_length"], "density"),
+def _missing(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
+    """Return an error for each key that the elements of a group lack."""
+    absent = {name: np.isnan(values) for name, values in resolved.items()}
+    lacking = (
+        (absent["modulus"] & absent["axial_stiffness"], "modulus"),
+        (absent["area"] & (~absent["modulus"] | (absent["mass_per_length"] & ~absent["density"])), "area"),
+        (absent["density"] & absent["mass_per_length"], "density"),
     )
-    place = lambda group: f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+
+    def label(group):
+        return f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+
     return [
-        f"{place(net.group_names[group])} {wanted(name)}, for element "
+        f"{label(net.group_names[group])} {wanted(name)}, for element "
         f"{net.element_id[np.argmax(rows & (net.group == group))]}"
-        for rows, name in lacks
+        for rows, name in lacking
         for group in np.unique(net.group[rows])
     ]
 
@@ -191,7 +204,7 @@ def _missing(job: Job, net: Net, found: dict[str, np.ndarray]) -> list[str]:
 
 
 def set_strengths(job: Job, net: Net) -> None:
-    """Draw the strength of each cable if it scatters, and let elements break at their breaking load."""
+    """Draw the random strength of each cable, and set the fracture strains from the breaking forces."""
     if net.strength_deviation.any():
         net.strength = drawn_strength(net, job.cable.strength_seed)
         for name in ("yield_stress", "breaking_load", "fracture_strain"):
@@ -213,7 +226,7 @@ def drawn_strength(net: Net, seed: int) -> np.ndarray:
 
 
 def set_length_errors(job: Job, net: Net) -> None:
-    """Draw the error [m] of the unstressed length of each piece of cable, where lengths scatter."""
+    """Draw the random error [m] of the unstressed length of each cable, if lengths scatter."""
     if net.length_deviation.any():
         error = net.length_deviation * _drawn_normal(net, job.cable.length_seed, LENGTHS)
         net.length_error = np.round(error, DRAWN_DIGITS)
@@ -222,50 +235,53 @@ def set_length_errors(job: Job, net: Net) -> None:
 def _drawn_normal(net: Net, seed: int, first: int) -> np.ndarray:
     """Return a standard normal number (m,) for the cable of each element.
 
-    first : number in the sequence of the seed at which the first cable's stands
+    first : position of the first cable in the random sequence of the seed
     """
     raw = np.random.Philox(key=seed, counter=first).random_raw(len(net.cable_names))
     return quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52)[net.cable]
 
 
 def strength_errors(job: Job, net: Net) -> Iterator[str]:
-    """Elements that would break at the start, or never by the breaking load that they were given."""
-    limit, moves, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
+    """Yield errors for elements that break at the start, or never at their breaking force."""
+    limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
-    where = lambda e: f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
-    never = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
+
+    def label(e):
+        return f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+
+    unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
     brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
-    brittle &= True if net.buckling is None else ~net.buckling  # which breaks both ways
+    brittle &= True if net.buckling is None else ~net.buckling  # these may break in compression
     for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
         yield (
-            f"{where(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
+            f"{label(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
             "stronger cable"
         )
-    for e in np.flatnonzero(never)[:1]:
+    for e in np.flatnonzero(unreachable)[:1]:
         yield (
-            f"{where(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
+            f"{label(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
             "at most that, or fracture_strain beside it, at which it breaks as it yields"
         )
     for e in np.flatnonzero(brittle)[:1]:
         yield (
-            f"{where(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
+            f"{label(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
             "that is not computed: leave out yield_stress, give a breaking_load of at least that, or "
             "buckling = true, with which it breaks both ways"
         )
-    if moves is not None and moves.mass_scaling and moves.fragments and breaks.any():
+    if dynamics is not None and dynamics.mass_scaling and dynamics.fragments and breaks.any():
         yield (
-            f"[dynamics] mass_scaling = {moves.mass_scaling:g}: a fragment would take the added inertia "
+            f"[dynamics] mass_scaling = {dynamics.mass_scaling:g}: a fragment would take the added inertia "
             "along as mass; allowed with fragments = false, or where nothing can break"
         )
 
 
 def strength_notes(job: Job, net: Net) -> Iterator[str]:
-    """Keys of the strength that change nothing, and bars whose strength may not be what was meant."""
+    """Yield notes on strength keys without effect and on bars with a doubtful strength."""
     yield from _bars_by_inheritance(job, net)
     if np.isfinite(net.fracture_strain).any():
-        endless = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
-        for g in np.unique(net.group[endless]):
-            name, bars = net.group_names[g], net.element_id[endless & (net.group == g)]
+        unlimited = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
+        for g in np.unique(net.group[unlimited]):
+            name, bars = net.group_names[g], net.element_id[unlimited & (net.group == g)]
             yield (
                 f"{counted('bar', bars)}{f' of group {shown(name)}' if name else ''} without a strength, "
                 "while others can break: nothing yields or breaks there, whatever is carried; give "
@@ -287,14 +303,14 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
 
 
 def _bars_by_inheritance(job: Job, net: Net) -> Iterator[str]:
-    """A note for each group of bars that takes the yield stress of [cable], which describes cables."""
+    """Yield a note for each group of bars that takes the yield stress of [cable], meant for cables."""
     value = job.cable.yield_stress
     for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):
         own = job.groups.get(name, {})
-        given = net.yield_stress / net.strength  # by the group's type or in rows: others
-        bare = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
-        if own.get("kind") == "bar" and not own.get("yield_stress") and bare.any():
+        given = net.yield_stress / net.strength  # values of a type or a row differ
+        bars = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
+        if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():
             yield (
-                f"[cable.{name}]: {counted('bar', net.element_id[bare])} with yield_stress = {value:g} Pa "
+                f"[cable.{name}]: {counted('bar', net.element_id[bars])} with yield_stress = {value:g} Pa "
                 f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
             )

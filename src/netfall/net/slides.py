@@ -1,12 +1,14 @@
 """Slip points of [[slide]] and the free segments between them. Rank 0, global order.
 
-A cable runs through a node where exactly two elements of the group, or of the named pieces, meet there;
-where more meet, those go on that bear the same name in the column `cable`.
+A cable runs through a node if exactly two elements of the group, or of the named cables, meet there. If more
+meet, those with the same name in the column `cable` continue each other.
 
-A free segment is a run of elements through nodes at which nothing but the cable is: nodes of `subdivide`, and
-nodes of the table that carry nothing, that nothing holds and at which no other element ends. Between two slip
-points material passes through such nodes. Each element of a segment has a constant share of the segment's
-unstressed length, that of the given geometry: so results depend on the subdivision by its second order alone.
+A free segment is a run of elements through nodes that only the cable occupies: nodes of `subdivide`, and
+nodes
+of the table without loads, supports or other elements. Between two slip points material passes through such
+nodes. Each element of a segment has a constant share of the unstressed length of the segment, its share in
+the
+given geometry. Results therefore depend on the subdivision only in second order.
 """
 
 from collections import Counter
@@ -23,21 +25,21 @@ from netfall.net.cables import pairs_meeting, pieces_named
 from netfall.net.net import Net, elements_of_cables, elements_of_group
 from netfall.net.parts import parts_of
 
-PLACES = 3  # cables that may slip over one node
+PLACES = 3  # largest number of cables that may slip over one node
 
 
 @dataclass(frozen=True)
 class Slides:
-    """Places where a cable may slip over a node, in the order of cables, along each.
+    """Slip points: places at which a cable may slip over a node, in the order of cables, along each.
 
-    node : (k,) particle; column : (k,) 0, 1, 2: which of the cables over that node
+    node : (k,) particle; column : (k,) 0, 1, 2: number of the cable over that node
     before, after : (k,) the elements on both sides, in the direction of the cable
-    friction : (k,) of a saddle; resistance : (k,) [N] of a clamp
+    friction : (k,) of a saddle; resistance : (k,) [N] slip resistance of a clamp
     cable : (k,) row of `Net.cable_names`, of the first element of the chain
-    along : (m,) 1 where an element runs from start to end in the direction of its cable, -1: the other way
-    segment : (m,) number of the free segment that an element is part of, -1: of none
+    along : (m,) 1 if an element runs from start to end in the direction of its cable, otherwise -1
+    segment : (m,) number of the free segment that contains an element, -1: none
     share : (m,) of the unstressed length of the segment
-    place, at : (m, 2) column and particle of the slip points at the begin and the end of the element's
+    place, at : (m, 2) column and particle of the slip points at the start and the end of the element's
         segment, along the cable; -1: nothing slips there
     """
 
@@ -56,11 +58,11 @@ class Slides:
 
     @property
     def count(self) -> int:
-        """How many places there are."""
+        """Number of slip points."""
         return len(self.node)
 
     def sides(self, values: np.ndarray, power: int = 1) -> np.ndarray:
-        """Return sums (k,) over both segments beside each slip point of values (m,) times their shares.
+        """Return sums (k,) over the two segments at each slip point of values (m,) times their shares.
 
         power : of the shares; 0: plain sums
         """
@@ -70,14 +72,14 @@ class Slides:
         return total[self.segment[self.before]] + total[self.segment[self.after]]
 
     def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
-        """Values (k,) of the places by particle and column, (n, 3); 0 where there is none."""
-        found = np.zeros((n, PLACES))
-        found[self.node, self.column] = values
-        return found
+        """Return values (k,) of the slip points by particle and column, (n, 3); 0 without a slip point."""
+        table = np.zeros((n, PLACES))
+        table[self.node, self.column] = values
+        return table
 
 
 class _Pair(NamedTuple):
-    """Two elements that go on through a node; first < second."""
+    """Two elements that continue each other through a node; first < second."""
 
     node: int
     first: int
@@ -85,97 +87,97 @@ class _Pair(NamedTuple):
 
 
 def slides_of(job: Job, net: Net) -> tuple[Slides | None, list[str]]:
-    """The places of all entries of [[slide]], and a line for each error; None without any."""
+    """Return the slip points of all entries of [[slide]], None without entries, and the errors."""
     if not job.slides:
         return None, []
     errors, pairs, slips = [], {}, {}
     for number, entry in enumerate(job.slides, 1):
-        rows, wrong = _rows(net, entry)
-        through = [] if wrong else _through_all(net, entry, rows)
-        wanted = [] if wrong else _wanted(net, entry, through, wrong)
+        rows, entry_errors = _rows(net, entry)
+        through = [] if entry_errors else _through_all(net, entry, rows)
+        slipping = [] if entry_errors else _wanted(net, entry, through, entry_errors)
         pairs |= dict.fromkeys(through)
-        for pair in wanted:
+        for pair in slipping:
             if pair in slips:
-                wrong.append(
+                entry_errors.append(
                     f"node {net.node_id[pair.node]}: entry {slips[pair][1]} says already how this cable "
                     "slips there; keep one of the two"
                 )
             slips.setdefault(pair, (entry, number))
-        errors += [f"{job.path}: [[slide]] {number}: {line}" for line in wrong]
+        errors += [f"{job.path}: [[slide]] {number}: {line}" for line in entry_errors]
     errors += [f"{job.path}: [[slide]]: {line}" for line in _crowded(net, pairs, slips)]
     return (None if errors else _along_cables(net, pairs, slips, _bare_nodes(job, net))), errors
 
 
 def _bare_nodes(job: Job, net: Net) -> np.ndarray:
-    """Return whether nothing but the cable is at a node, (n,): material then passes through it."""
+    """Tell whether only the cable is at a node, (n,): material then passes through it."""
     bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
-    lean = np.zeros((net.n, 3))  # of the elements at a node towards each axis
+    extent = np.zeros((net.n, 3))  # m: largest extent of the elements at a node along each axis
     for end in range(2):
-        np.maximum.at(lean, net.elements[:, end], np.abs(np.diff(net.x[net.elements], axis=1)[:, 0]))
-    bare &= ~(net.held & (lean > net.tolerance)).any(1)  # a plane net is held across its plane
+        np.maximum.at(extent, net.elements[:, end], np.abs(np.diff(net.x[net.elements], axis=1)[:, 0]))
+    bare &= ~(net.held & (extent > net.tolerance)).any(1)  # a plane net may be held across its plane
     bare &= (net.mass == 0.0) & ~net.load.any(1)
     bare[: net.given] &= not loads_the_roof(job)  # areas are not known yet
-    named = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
-    bare &= ~np.isin(net.node_id, [int(p) for ids in named for p in ids])
-    bare[net.given :] = True  # those of `subdivide`, held or not
+    staged = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
+    bare &= ~np.isin(net.node_id, [int(p) for ids in staged for p in ids])
+    bare[net.given :] = True  # nodes of `subdivide`, held or not
     return bare
 
 
-def _wanted(net: Net, entry, through: list[_Pair], wrong: list[str]) -> list[_Pair]:
-    """Those of the pairs at which an entry lets a cable slip; wrong : takes what is wrong with its nodes."""
+def _wanted(net: Net, entry, through: list[_Pair], errors: list[str]) -> list[_Pair]:
+    """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `errors`."""
     inside = [pair for pair in through if pair.node < net.given]
     if not inside:
-        wrong.append("nothing slips: nowhere do exactly two of these elements meet")
+        errors.append("nothing slips: nowhere do exactly two of these elements meet")
     if entry.nodes is None or not inside:
         return inside
-    asked = set(np.flatnonzero(np.isin(net.node_id, entry.nodes)).tolist())
-    missing = sorted(asked - {pair.node for pair in inside})
+    chosen = set(np.flatnonzero(np.isin(net.node_id, entry.nodes)).tolist())
+    missing = sorted(chosen - {pair.node for pair in inside})
     if missing:
-        wrong.append(
+        errors.append(
             f"nodes: {counted('node', net.node_id[missing])}: no cable of these runs through there, for "
             "which exactly two of its elements have to meet; where more do, the column cable of the elements "
             "says which go on"
         )
-    return [pair for pair in inside if pair.node in asked]
+    return [pair for pair in inside if pair.node in chosen]
 
 
 def _crowded(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
-    """Elements that would go on in two ways; nodes over which too many cables slip."""
-    ways = Counter((pair.node, e) for pair in pairs for e in pair[1:])
-    if twice := sorted({net.element_id[e] for (_, e), count in ways.items() if count > 1}):
+    """Yield errors: elements with two continuations, and nodes over which too many cables slip."""
+    continuations = Counter((pair.node, e) for pair in pairs for e in pair[1:])
+    if twice := sorted({net.element_id[e] for (_, e), count in continuations.items() if count > 1}):
         yield f"element {listed(twice)}: two entries let it go on differently; name cables in both"
-    many = [p for p, count in Counter(pair.node for pair in slips).items() if count > PLACES]
-    if many:
-        ids = counted("node", net.node_id[many])
+    crowded = [p for p, count in Counter(pair.node for pair in slips).items() if count > PLACES]
+    if crowded:
+        ids = counted("node", net.node_id[crowded])
         yield f"{ids}: more than {PLACES} cables slip there; name fewer in nodes or cables"
 
 
 def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
-    """The elements that an entry names, and what is wrong: names, bars, what yields, unknown nodes."""
+    """Return the elements of an entry, and errors: wrong names, bars, elements that yield, unknown nodes."""
     if entry.group is None:
-        what, named, (rows, wrong) = "cables", "cables", elements_of_cables(net, entry.cables)
+        name, source, (rows, errors) = "cables", "cables", elements_of_cables(net, entry.cables)
     else:
-        what, named = f"group {shown(entry.group)}", f"group = {shown(entry.group)}"
-        rows, wrong = elements_of_group(net, entry.group)
-    if wrong:
-        return rows, [f"{named}: {line}" for line in wrong]
+        name, source = f"group {shown(entry.group)}", f"group = {shown(entry.group)}"
+        rows, errors = elements_of_group(net, entry.group)
+    if errors:
+        return rows, [f"{source}: {line}" for line in errors]
     ids = net.element_id
     bars, soft = rows[net.bar[rows]], rows[np.isfinite(net.yield_stress[rows])]
     unknown = sorted(set(entry.nodes or []) - set(net.node_id[: net.given].tolist()))
     if unknown:
-        wrong.append(f"nodes: no node {listed(unknown)}")
+        errors.append(f"nodes: no node {listed(unknown)}")
     if len(bars):
-        wrong.append(f'{what}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
+        errors.append(f'{name}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
     if len(soft):
-        wrong.append(
-            f"{what}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
+        errors.append(
+            f"{name}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
             "group (its strength may stand as fracture_strain or breaking_load)"
         )
-    return rows, wrong
+    return rows, errors
 
 
 def _through_all(net: Net, entry, rows: np.ndarray) -> list[_Pair]:
-    """Wherever two elements of an entry go on through a node: of its group, or of each of its cables."""
+    """Return all pairs that continue each other in the group of an entry, or in each of its cables."""
     if entry.group is not None:
         return _through(net, rows)
     return [
@@ -184,59 +186,59 @@ def _through_all(net: Net, entry, rows: np.ndarray) -> list[_Pair]:
 
 
 def _through(net: Net, rows: np.ndarray) -> list[_Pair]:
-    """Wherever two of the elements, ascending, go on through a node."""
+    """Return all pairs of the elements, ascending, that continue each other through a node."""
     node, name = net.elements.ravel(), pieces_named(net)
     ends = 2 * np.repeat(rows, 2) + np.tile([0, 1], len(rows))
     crowded = np.bincount(node[ends], minlength=net.n)[node[ends]] > 2
-    named = ends[crowded & (name[ends // 2] >= 0)]
-    pairs = [*pairs_meeting(ends, node, np.zeros(net.m, int)), *pairs_meeting(named, node, name)]
+    named_ends = ends[crowded & (name[ends // 2] >= 0)]
+    pairs = [*pairs_meeting(ends, node, np.zeros(net.m, int)), *pairs_meeting(named_ends, node, name)]
     return sorted(_Pair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
 
 
 def _along_cables(net: Net, pairs: dict, slips: dict, bare: np.ndarray) -> Slides:
-    """Return the slip points in the order in which cables go through them; bare : (n,) of `_bare_nodes`."""
+    """Build the slip points in the order in which cables go through them; bare : (n,) of `_bare_nodes`."""
     label = parts_of(np.array([pair[1:] for pair in pairs], np.int64), net.m)
-    at: dict[tuple[int, int], int] = {}  # the element that an element goes on in, through a node
+    continuation: dict[tuple[int, int], int] = {}  # the next element after (node, element)
     for node, e, f in pairs:
-        at[node, e], at[node, f] = f, e
-    along, found = np.ones(net.m, np.int8), []
+        continuation[node, e], continuation[node, f] = f, e
+    along, points = np.ones(net.m, np.int8), []
     for first in sorted({int(label[pair.first]) for pair in pairs}):  # the lowest row of its chain
-        for before, node, after in _walk(net, first, at, along):
+        for before, node, after in _walk(net, first, continuation, along):
             pair = _Pair(node, min(before, after), max(before, after))
             if pair in slips:
                 entry = slips[pair][0]
-                found.append((node, before, after, entry.friction, entry.resistance, net.cable[first]))
+                points.append((node, before, after, entry.friction, entry.resistance, net.cable[first]))
     joined = [pair[1:] for pair in pairs if pair not in slips and bare[pair.node]]
-    return _as_arrays(net, found, along, parts_of(np.array(joined, np.int64).reshape(-1, 2), net.m))
+    return _as_arrays(net, points, along, parts_of(np.array(joined, np.int64).reshape(-1, 2), net.m))
 
 
-def _walk(net: Net, first: int, at: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
-    """(element before, node, element after) along a chain, in the direction of its first element."""
+def _walk(net: Net, first: int, continuation: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
+    """Return (element before, node, element after) along a chain, in the direction of its first element."""
 
-    def go(way: int) -> list[tuple[int, int, int]]:
-        e, found = first, []
-        p = int(net.elements[e, 1 if way > 0 else 0])
-        while (p, e) in at:
-            f = at[p, e]
-            found.append((e, p, f) if way > 0 else (f, p, e))
+    def go(direction: int) -> list[tuple[int, int, int]]:
+        e, steps = first, []
+        p = int(net.elements[e, 1 if direction > 0 else 0])
+        while (p, e) in continuation:
+            f = continuation[p, e]
+            steps.append((e, p, f) if direction > 0 else (f, p, e))
             if f == first:
                 break
-            leads = int(net.elements[f, 0]) == p  # from its start on
-            along[f] = 1 if leads == (way > 0) else -1
-            e, p = f, int(net.elements[f, 1] if leads else net.elements[f, 0])
-        return found
+            forward = int(net.elements[f, 0]) == p
+            along[f] = 1 if forward == (direction > 0) else -1
+            e, p = f, int(net.elements[f, 1] if forward else net.elements[f, 0])
+        return steps
 
-    ahead = go(1)
-    closed = bool(ahead) and ahead[-1][2] == first
-    return ahead if closed else go(-1)[::-1] + ahead
+    steps_ahead = go(1)
+    closed = bool(steps_ahead) and steps_ahead[-1][2] == first
+    return steps_ahead if closed else go(-1)[::-1] + steps_ahead
 
 
-def _as_arrays(net: Net, found: list[tuple], along: np.ndarray, run: np.ndarray) -> Slides:
-    """Return the slip points with their columns at the nodes.
+def _as_arrays(net: Net, points: list[tuple], along: np.ndarray, run: np.ndarray) -> Slides:
+    """Build the slip points with their columns at the nodes.
 
     run : (m,) label of the elements of a free segment
     """
-    node, before, after, friction, resistance, cable = map(np.array, zip(*found))
+    node, before, after, friction, resistance, cable = map(np.array, zip(*points))
     order = np.argsort(node, kind="stable")
     column = np.empty(len(node), np.int64)
     column[order] = np.arange(len(node)) - np.searchsorted(node[order], node[order])
@@ -247,35 +249,34 @@ def _as_arrays(net: Net, found: list[tuple], along: np.ndarray, run: np.ndarray)
     length = net.lengths()
     share = np.zeros(net.m)
     share[inside] = length[inside] / np.bincount(segment[inside], length[inside])[segment[inside]]
-    places = np.full((2, len(label)), -1)  # slip points at the begin and the end of each segment
+    places = np.full((2, len(label)), -1)  # slip points at the start and the end of each segment
     places[0, segment[after]] = places[1, segment[before]] = np.arange(len(node))
     of_element = np.where(inside, places[:, segment], -1).T
-    there = of_element >= 0
-    place = np.where(there, column[of_element], -1).astype(np.int8)
-    at = np.where(there, node[of_element], -1)
+    slips = of_element >= 0
+    place = np.where(slips, column[of_element], -1).astype(np.int8)
+    at = np.where(slips, node[of_element], -1)
     friction, resistance = friction.astype(float), resistance.astype(float)
     return Slides(
-        *(node, column, before, after, friction, resistance, cable, along),
-        *(segment, share, place, at),
-    )
+        node, column, before, after, friction, resistance, cable, along, segment, share, place, at
+    )  # fmt: skip
 
 
 def kept_together(part: np.ndarray, slides: Slides | None, net: Net) -> np.ndarray:
-    """Return the rank (n,) of each particle, with cables whose segments have several elements on one rank.
+    """Return the rank (n,) of each particle; a cable with segments of several elements stays on one rank.
 
-    part : (n,). The rank that owns a slip point needs the tensions of both segments beside it.
+    part : (n,) rank before. The rank that owns a slip point needs the axial forces of both adjacent segments.
     """
     if slides is None:
         return part
     inside = slides.segment >= 0
     count = np.bincount(slides.segment[inside])
-    beside = np.column_stack([slides.segment[slides.before], slides.segment[slides.after]])
-    cable = parts_of(beside, len(count))
+    adjacent = np.column_stack([slides.segment[slides.before], slides.segment[slides.after]])
+    cable = parts_of(adjacent, len(count))
     tied = np.isin(cable, cable[count > 1])
     rows = net.elements[inside & tied[slides.segment]]
     if not len(rows):
         return part
     label, nodes = parts_of(rows, net.n), np.unique(rows)
-    found = part.copy()
-    found[nodes] = part[label[nodes]]
-    return found
+    result = part.copy()
+    result[nodes] = part[label[nodes]]
+    return result

@@ -1,4 +1,4 @@
-"""The net of two tables, nodes and elements: columns, units, ends, and what is odd in them."""
+"""Net of two tables, nodes and elements: columns, units, ends, and plausibility."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from netfall.numerics.functions import log
 from netfall.numerics.rotation import from_own
 
 AXES = ("x", "y", "z")
-LEAST = 1e-12  # of what is to be positive
+LEAST = 1e-12  # smallest value of a positive column
 NODE_COLUMNS = (
     *("id", *AXES, "fixed", *(f"fixed_{k}" for k in AXES), *(f"load_{k}" for k in AXES), "mass", "area"),
     *(f"{name}_{k}" for name in ("normal", "spring", "spring_rest") for k in AXES),
@@ -22,7 +22,7 @@ ELEMENT_COLUMNS = (
     *("start", "end", "id", "group", "prestress", "force_density", "unstressed_length", "area", "modulus"),
     *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
 )
-OF_SECTIONS = {  # columns of the elements that override sections: least value and unit
+OF_SECTIONS = {  # columns of the elements that override sections: smallest value and unit
     "prestress": (-LARGEST, "N"),
     "area": (1e-12, "m2"),
     "modulus": (1.0, "Pa"),
@@ -33,15 +33,15 @@ OF_SECTIONS = {  # columns of the elements that override sections: least value a
     "expansion": (-LARGEST, "1/K"),
 }
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
-UNIT = 4e-16  # rounding of the length of a unit normal
-WHOLE = 1e-9  # rounding of the sum of shares
-AS_LONG = 0.2  # of the logarithm of an unstressed length over the distance of its nodes: one may be the other
+UNIT = 4e-16  # rounding error of the length of a unit normal
+WHOLE = 1e-9  # rounding error of the sum of shares
+AS_LONG = 0.2  # |log(ratio of two lengths)| below which they are probably the same length
 
 
 def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
-    """The net of a job's tables, and the columns that override its sections, (m,) nan: not given.
+    """Read the net of a job's tables, and the columns that override its sections, (m,) nan: not given.
 
-    Raises InputError with all that is wrong in the tables.
+    Raises InputError with all errors in the tables.
     """
     nodes = Table(job.path.parent / job.net.nodes, NODE_COLUMNS, ("id", *AXES))
     cables = Table(job.path.parent / job.net.elements, ELEMENT_COLUMNS, ("start", "end"))
@@ -55,7 +55,7 @@ def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
 
 
 def read_lines(job: Job, node_id: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Edges of faces without an element (k, 2), by node, of [roof] lines; notes. Raises InputError."""
+    """Read the edges of faces without an element (k, 2), [roof] lines, and notes. Raises InputError."""
     if not (job.roof and job.roof.lines):
         return np.zeros((0, 2), np.int64), []
     table = Table(job.path.parent / job.roof.lines, ("start", "end"), ("start", "end"))
@@ -65,16 +65,17 @@ def read_lines(job: Job, node_id: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
-    """The columns start and end (m, 2) as numbers of two nodes; nodes : where these stand."""
+    """Return the columns start and end (m, 2) as node rows; nodes : name of the table of nodes."""
     rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
     ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
     for row in np.flatnonzero((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)):
-        both = f"start and end are both node {node_id[ends[row, 0]]}"
-        table.wrong(f"{table.at(row)}: {both}; expected two nodes")
+        problem = f"start and end are both node {node_id[ends[row, 0]]}"
+        table.wrong(f"{table.at(row)}: {problem}; expected two nodes")
     return ends
 
 
 def _ends(table: Table, name: str, rows: dict[int, int], nodes: str) -> list[int]:
+    """Return the rows of the nodes in one column, -1: unknown."""
     numbers = table.integers(name).tolist()
     for row, number in enumerate(numbers):
         if number not in rows:
@@ -83,9 +84,10 @@ def _ends(table: Table, name: str, rows: dict[int, int], nodes: str) -> list[int
 
 
 def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
+    """Read the columns of the nodes that `Net` takes."""
     unit = job.net.unit
-    times, by = TO_METRES[unit]
-    x = nodes.stacked(AXES, unit=unit) * times / by
+    factor, divisor = TO_METRES[unit]
+    x = nodes.stacked(AXES, unit=unit) * factor / divisor
     node_id = nodes.integers("id")
     for k in AXES:
         nodes.full(k)
@@ -97,24 +99,27 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
             )
         first.setdefault(number, row)
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
-    along = lambda name, low, unit: nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
+
+    def vectors(name, low, unit):
+        return nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
+
     return dict(
         x=x,
         fixed=_fixed(nodes),
         node_id=node_id,
-        load=along("load", -LARGEST, "N"),
+        load=vectors("load", -LARGEST, "N"),
         mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
-        spring=along("spring", 0.0, "N/m"),
-        spring_rest=from_own(along("spring_rest", -LARGEST, "m"), angle),
+        spring=vectors("spring", 0.0, "N/m"),
+        spring_rest=from_own(vectors("spring_rest", -LARGEST, "m"), angle),
         angle=angle,
         **_zone_column(nodes),
     )
 
 
 def _zone_column(nodes: Table) -> dict:
-    """The names of the zones that the column names, for each node the row of its own, -1: none; shares."""
+    """Return the zone names, the row of each node's zone, -1: none, and shares if the table has them."""
     if "zone_share" in nodes:
         return _shared_zones(nodes)
     if "zone" not in nodes:
@@ -124,16 +129,16 @@ def _zone_column(nodes: Table) -> dict:
 
 
 def _shared_zones(nodes: Table) -> dict:
-    """The same where nodes lie in several zones with a share each: "edge/drift" beside "0.25/0.5"."""
+    """Return zone names, rows and shares for nodes in several zones: "edge/drift" with "0.25/0.5"."""
     words = nodes.words("zone")
     cells = [
         (word.split(SEVERAL), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
         for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
     ]
-    names = sorted({name for found, _ in cells for name in found} - {""})
+    names = sorted({name for zones, _ in cells for name in zones} - {""})
     share = np.zeros((len(nodes), len(names)))
-    for row, (found, values) in enumerate(cells):
-        for name, value in zip(found, values):
+    for row, (zones, values) in enumerate(cells):
+        for name, value in zip(zones, values):
             if name:
                 share[row, names.index(name)] += value
     zone = np.where(share.any(1), np.argmax(share, axis=1), -1) if names else np.full(len(nodes), -1)
@@ -141,7 +146,7 @@ def _shared_zones(nodes: Table) -> dict:
 
 
 def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
-    """The shares of a cell, one for each zone of the cell beside it; noted what does not fit."""
+    """Return the shares of a cell, one per zone of the zone cell; reports cells that do not fit."""
     values = [number_in(word) for word in cell.split(SEVERAL)]
     names = zone.split(SEVERAL)
     fit = len(values) == len(set(names)) == len(names) and all(names)
@@ -155,7 +160,7 @@ def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
 
 
 def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
-    """What the net needs of the elements, their groups' names, and the columns that override sections."""
+    """Read the columns of the elements for `Net`, the group names, and the columns that override sections."""
     ends = _pairs(cables, node_id, nodes.path.name)
     element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
     if len(np.unique(element_id)) < len(element_id):
@@ -176,7 +181,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
 
 
 def _kinds(cables: Table) -> np.ndarray:
-    """1 for a bar, 0 for a cable (m,), nan where the column says nothing."""
+    """Return 1 for a bar, 0 for a cable, nan for an empty cell (m,)."""
     words = cables.words("kind")
     for row, word in enumerate(words):
         if word not in ("", "cable", "bar"):
@@ -185,14 +190,14 @@ def _kinds(cables: Table) -> np.ndarray:
 
 
 def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
-    """Refuse unstressed lengths as long as elements are in the unit of the coordinates. x : (n, 3) [m]"""
-    given, (times, by) = of_elements["unstressed_length"], TO_METRES[job.net.unit]
+    """Refuse unstressed lengths that match the elements in the unit of the coordinates. x : (n, 3) [m]"""
+    given, (factor, divisor) = of_elements["unstressed_length"], TO_METRES[job.net.unit]
     distance = np.linalg.norm(np.diff(x[of_elements["elements"]], axis=1)[:, 0], axis=1)
     known = np.isfinite(given) & (distance > 0.0)
-    if times == by or not known.any():
+    if factor == divisor or not known.any():
         return
     ratio = float(np.median(log(given[known] / distance[known])))
-    if abs(ratio - float(log(by / times))) < AS_LONG:
+    if abs(ratio - float(log(divisor / factor))) < AS_LONG:
         raise InputError(
             f"{job.net.elements}: column unstressed_length: these are the lengths of the elements in "
             f"{job.net.unit}; expected metres: [net] unit is that of the coordinates alone"
@@ -200,6 +205,7 @@ def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
 
 
 def _fixed(nodes: Table) -> np.ndarray:
+    """Return the held axes (n, 3) of the nodes."""
     if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
         nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
     held = {}
@@ -209,29 +215,29 @@ def _fixed(nodes: Table) -> np.ndarray:
             held[name] = np.array([number_in(word or "0") for word in words])
             for row in np.flatnonzero((held[name] != 0) & (held[name] != 1)):
                 nodes.wrong(f"{nodes.at(row)}: {name} = {words[row]!r}: expected 0 or 1")
-    whole = held.get("fixed", np.zeros(len(nodes)))
-    return np.column_stack([held.get(f"fixed_{k}", whole) for k in AXES]) == 1
+    all_axes = held.get("fixed", np.zeros(len(nodes)))
+    return np.column_stack([held.get(f"fixed_{k}", all_axes) for k in AXES]) == 1
 
 
 def _normals(nodes: Table) -> np.ndarray:
-    """Upward unit normals (n, 3), nan where none is given."""
-    there = [f"normal_{k}" in nodes for k in AXES]
-    if any(there) and not all(there):
+    """Return the upward unit normals (n, 3), nan if none is given."""
+    present = [f"normal_{k}" in nodes for k in AXES]
+    if any(present) and not all(present):
         nodes.wrong("columns normal_x, normal_y, normal_z come together; one is missing")
     normal = nodes.stacked([f"normal_{k}" for k in AXES])
     given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
-    for row in np.flatnonzero(given.any(1) & ~given.all(1) & all(there)):
+    for row in np.flatnonzero(given.any(1) & ~given.all(1) & all(present)):
         nodes.wrong(f"{nodes.at(row)}: normal_x, normal_y, normal_z: expected three numbers, or all empty")
     for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
         shown = ", ".join(f"{value:g}" for value in normal[row])
         expected = "expected the upward normal, normal_z >= 0, not all 0"
         nodes.wrong(f"{nodes.at(row)}: normal = ({shown}): {expected}")
-    length[np.abs(length - 1.0) <= UNIT] = 1.0  # so that a normal which was written comes back as it is
+    length[np.abs(length - 1.0) <= UNIT] = 1.0  # a unit normal is read back bit by bit
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
 
 
 def _parallel_elements(net: Net) -> list[str]:
-    """A note for elements between the same two nodes."""
+    """Return a note for elements between the same two nodes."""
     key = pair_key(net.elements, net.n)
     several, times = np.unique(key, return_counts=True)
     several = several[times > 1]
@@ -247,7 +253,7 @@ def _parallel_elements(net: Net) -> list[str]:
 
 
 def _unjoined_nodes(net: Net) -> list[str]:
-    """A note for nodes so close that they were meant as one."""
+    """Return a note for nodes so close that they were probably meant as one."""
     pairs = unjoined_pairs(net.x, net.elements, net.tolerance)
     notes = [
         f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm "

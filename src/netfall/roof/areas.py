@@ -1,4 +1,4 @@
-"""Areas of the roof that each particle carries; pressure and wind act by the vector ones."""
+"""Roof areas of the particles; pressure and wind act on the vector areas."""
 
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -24,12 +24,12 @@ REMEDY = (
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
 GIVEN_AREAS = "areas and normals of the roof are those of nodes.csv"
-# generators of nets of one layer whose elements meet at their ends alone
+# generators of nets of one layer whose elements meet only at their ends
 PLAIN = ("saddle", "stadium", "ring")
 
 
 class Areas(NamedTuple):
-    """What each particle carries of the roof, and the shares of faces that this comes from.
+    """Roof areas of the particles, and the shares of faces that they are sums of.
 
     surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
     """
@@ -42,9 +42,9 @@ class Areas(NamedTuple):
 
 @dataclass(frozen=True)
 class Roofing:
-    """The faces of the roof, what share of its outline in plan they cover, and notes on what is odd.
+    """Faces of the roof, the share of its outline in plan that they cover, and notes.
 
-    given : the areas in the geometry that is given
+    given : the areas in the given geometry
     """
 
     faces: Faces
@@ -54,12 +54,13 @@ class Roofing:
 
 
 def roof_of(job: Job, net: Net) -> Roofing:
-    """The faces that carry loads and wind. Raises InputError where loads need faces that there are not."""
+    """Find the faces that carry loads and wind. Raises InputError if loads need faces that do not exist."""
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
     if faces_are_given(job):
-        return _roofing(job, net, *given_faces(job, net), carries)
+        faces, plan = given_faces(job, net)
+        return _roofing(job, net, faces, plan, carries)
     lines = bool(job.roof and job.roof.lines)
     plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
     if plan.errors and _needs_faces(job, net):
@@ -70,21 +71,21 @@ def roof_of(job: Job, net: Net) -> Roofing:
             notes = [GIVEN_AREAS] * loads_the_roof(job)
         return Roofing(no_faces(), tributary_areas(net.x, net, no_faces()), notes=notes)
     faces = _faces_but_openings(job, net, plan)
-    loose = _unconnected(net, plan, faces)
-    if loose and _needs_faces(job, net):
-        raise InputError([f"{job.path}: {error}" for error in loose])
-    return _roofing(job, net, faces, plan, carries, loose)
+    unconnected = _unconnected(net, plan, faces)
+    if unconnected and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}" for error in unconnected])
+    return _roofing(job, net, faces, plan, carries, unconnected)
 
 
 def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> Roofing:
-    """The roof of faces that are known; carries : (m / parts,) bool; loose : notes that stand last."""
+    """Build the roof of known faces; carries : (m / parts,) bool; loose : notes that come last."""
     roofing = Roofing(faces, tributary_areas(net.x, net, faces), _covered(plan, faces))
     notes = _notes(job, net, plan, roofing, carries) if loads_the_roof(job) else []
     return replace(roofing, notes=[*notes, *loose])
 
 
 def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
-    """A line for each ring inside a face of the plan that nothing connects to the ring around it."""
+    """Return an error for each ring inside a face of the plan that no element connects to the outer ring."""
     rings = faces.rings
     if len(rings) == faces.count:
         return []
@@ -94,9 +95,9 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
     lines = []
     for r in np.flatnonzero(of_ring != of_ring[outer]):
         corners = (rings.corner[rings.start[k] : rings.start[k + 1]] for k in (outer[r], r))
-        around, inside = (listed(np.sort(net.node_id[each[each < net.n]])) for each in corners)
+        outside, inside = (listed(np.sort(net.node_id[nodes[nodes < net.n]])) for nodes in corners)
         lines.append(
-            f"the face of the roof between the nodes {around} has inside it a ring with the nodes {inside} "
+            f"the face of the roof between the nodes {outside} has inside it a ring with the nodes {inside} "
             "that is connected to it by nothing, so it is not known what lies between; join the two with "
             "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
             "of [roof] groups"
@@ -105,7 +106,7 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
 
 
 def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
-    """The faces but those that [roof] openings lie in. Raises InputError for a point that is in none."""
+    """Find the faces outside the [roof] openings. Raises InputError for an opening in no face."""
     try:
         return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
     except ValueError as error:
@@ -117,11 +118,9 @@ def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
 
 
 def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
-    """Area in plan [m2] of the largest face and of the usual one, and where the largest lies [m].
+    """Return the plan areas [m2] of the largest and the median face, and a point [m] in the largest.
 
-    None where there is no face.
-
-    x : (n, 3) [m]
+    x : (n, 3) [m]; None without faces
     """
     if not len(faces):
         return None
@@ -131,23 +130,23 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     first = rings.first_rings()
     around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
     outer, *holes = (points[rings.corner[rings.start[r] : rings.start[r + 1]]] for r in around)
-    within = shapely.point_on_surface(shapely.Polygon(outer, holes))
-    return float(area[f]), float(np.median(area)), np.array([within.x, within.y])
+    point = shapely.point_on_surface(shapely.Polygon(outer, holes))
+    return float(area[f]), float(np.median(area)), np.array([point.x, point.y])
 
 
 def areas_are_given(net: Net) -> bool:
-    """Whether nodes.csv gives the area of every node, so that no area comes from faces."""
+    """Tell whether nodes.csv gives the area of every node, so that no area comes from faces."""
     return bool(np.isfinite(net.area).all())
 
 
 def _needs_faces(job: Job, net: Net) -> bool:
-    """Whether something acts on areas, or along normals, that the tables do not give."""
+    """Tell whether a load acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
     return loads_the_roof(job) and bool(not areas_are_given(net) or (along_normals(job) and bare.any()))
 
 
 def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray) -> list[str]:
-    """What a user should know of the areas that loads act on. Raises InputError if there are none."""
+    """Return notes on the areas that loads act on. Raises InputError if there are none."""
     faces, area, notes = roofing.faces, roofing.given.surface, list(plan.notes)
     if not (area > 0).any():
         raise InputError(
@@ -157,15 +156,17 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray
     free = ~net.fixed.all(1)
     in_roof = np.zeros(net.n, bool)
     in_roof[net.elements[np.repeat(carries, net.parts)]] = True
-    bare = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
-    if len(bare):
-        what = f"{len(bare)} free nodes carry no roof area: {listed(bare)}"
-        notes.append(f"{what}; `area` in nodes.csv would give it")
+    without_area = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
+    if len(without_area):
+        text = f"{len(without_area)} free nodes carry no roof area: {listed(without_area)}"
+        notes.append(f"{text}; `area` in nodes.csv would give it")
     lines, points = plan.segment[plan.element < 0], len(plan.points)
-    loose = lines[~among(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
-    loose = [f"{a} to {b}" for a, b in net.node_id[loose[(loose < net.n).all(1)]]]
-    if loose:
-        notes.append(f"{len(loose)} edges of the roof without an element bound no face: {listed(loose)}")
+    unused_lines = lines[~among(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
+    unused_lines = [f"{a} to {b}" for a, b in net.node_id[unused_lines[(unused_lines < net.n).all(1)]]]
+    if unused_lines:
+        notes.append(
+            f"{len(unused_lines)} edges of the roof without an element bound no face: {listed(unused_lines)}"
+        )
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
@@ -178,7 +179,7 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray
 
 
 def _covered(plan: Plan, faces: Faces) -> float:
-    """Area of the faces over that of the convex outline of the plan."""
+    """Compute the area of the faces over that of the convex outline of the plan."""
     if not len(faces):
         return 0.0
     outline = shapely.convex_hull(shapely.linestrings(plan.points[distinct(plan.segment)]))
@@ -186,14 +187,18 @@ def _covered(plan: Plan, faces: Faces) -> float:
 
 
 def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
-    """The areas that particles carry at x (n, 3) [m], by the shares of the faces around (`roof.shares`).
+    """Compute the areas of the particles at x (n, 3) [m], by the shares of the faces (`roof.shares`).
 
-    Shares of points without a particle go to the rigid boundary. A given `area` is one of surface; with a
-    given area or normal the vector is surface times unit normal, the one that is not given from the faces.
+    Shares of points without a particle go to the rigid boundary. A given `area` is an area of surface. With a
+    given
+    area or normal the vector is surface times unit normal; the other of the two comes from the faces.
     """
     points = np.concatenate([x, net.corners])
     shares = shares_of(points, faces)
-    at_nodes = lambda values: np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+
+    def at_nodes(values):
+        return np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+
     surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())
     vector = np.stack([at_nodes(values) for values in shares.vectors().T], -1)
     of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
@@ -207,14 +212,14 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
 
 
 def unit_normals(vector: np.ndarray) -> np.ndarray:
-    """Upward unit normals (n, 3) of vector areas (n, 3); zero where there is none."""
+    """Compute the upward unit normals (n, 3) of vector areas (n, 3); zero without an area."""
     length = lengths(vector)[:, None]
     return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
 
 
 def normals(net: Net, vector: np.ndarray) -> np.ndarray:
-    """Upward unit normals (n, 3) of the particles; zero where a particle meets no face.
+    """Return the upward unit normals (n, 3) of the particles; zero if a particle meets no face.
 
-    Those of the tables where they are given; else those of the vector areas (n, 3).
+    Normals of the tables take precedence over those of the vector areas (n, 3).
     """
     return np.where(np.isfinite(net.normal), net.normal, unit_normals(vector))

@@ -1,4 +1,7 @@
-"""Faces of the net in plan: the smallest closed rings, cut where they are not plain (holes: by shapely)."""
+"""Faces of the net in plan: the smallest closed rings of elements and outline.
+
+A face with holes, or one that is not star-shaped about its centroid, is cut into cells.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -10,20 +13,20 @@ from netfall.numerics.functions import lengths
 from netfall.numerics.sets import among, distinct
 from netfall.roof.plan import Plan, draw_plan
 
-FLAT = 1e-12  # of a face's area: a triangle about its centroid that is turned by less is rounding
+FLAT = 1e-12  # share of a face's area: a smaller inverted triangle about its centroid is rounding
 COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
 
 
 @dataclass(frozen=True)
 class Faces:
-    """Corner numbers of the faces' cells, anticlockwise in plan, each seen whole from its centroid.
+    """Corner numbers of the cells of faces, anticlockwise in plan, each star-shaped about its centroid.
 
-    A face that is not seen whole, or has holes, has several cells; any other is its own.
+    A face that is not star-shaped about its centroid, or has holes, has several cells; any other is one cell.
 
-    start : (k + 1,) rows of `corner` at which each cell begins
+    start : (k + 1,) rows of `corner` at which each cell starts
     corner : numbers, from n on points without a particle
-    open_rim : points at the edge of the faces from which an element of the roof goes on
-    face : (k,) the face of each cell, ascending; None: each is its own
+    open_rim : points at the edge of the faces from which an element of the roof continues
+    face : (k,) the face of each cell, ascending; None: each cell is a face
     whole : the rings of the faces, holes clockwise; None: as the cells
     """
 
@@ -43,53 +46,55 @@ class Faces:
 
     @property
     def rings(self) -> "Faces":
-        """The rings of the faces, each face's outer one first."""
+        """Rings of the faces, the outer ring of each face first."""
         return self if self.whole is None else self.whole
 
     def next_corner(self) -> np.ndarray:
-        """For each corner the row of the next one around its ring."""
+        """Return for each corner the row of the next one around its ring."""
         after = np.arange(1, len(self.corner) + 1)
         if len(self):
             after[self.start[1:] - 1] = self.start[:-1]
         return after
 
     def sides(self) -> np.ndarray:
-        """(c, 2) the points at both ends of the side from each corner."""
+        """Return both ends (c, 2) of the side that starts at each corner."""
         return np.column_stack([self.corner, self.corner[self.next_corner()]])
 
     def of_corner(self) -> np.ndarray:
-        """For each corner the number of its ring."""
+        """Return for each corner the number of its ring."""
         return np.repeat(np.arange(len(self)), np.diff(self.start))
 
     def face_of_corner(self) -> np.ndarray:
-        """For each corner the number of its face."""
+        """Return for each corner the number of its face."""
         return self.of_corner() if self.face is None else self.face[self.of_corner()]
 
     def first_rings(self) -> np.ndarray:
-        """(f,) the first ring of each face."""
+        """Return the first ring (f,) of each face."""
         number = np.arange(self.count)
         return number if self.face is None else np.searchsorted(self.face, number)
 
     def of_faces(self, mask: np.ndarray) -> "Faces":
-        """The rings of some faces, mask (f,), numbered anew."""
-        kept = mask if self.face is None else mask[self.face]
-        part = _selected(self, kept)
-        face = None if self.face is None else (np.cumsum(mask) - 1)[self.face[kept]]
+        """Return the rings of some faces, mask (f,), renumbered."""
+        selected = mask if self.face is None else mask[self.face]
+        part = _selected(self, selected)
+        face = None if self.face is None else (np.cumsum(mask) - 1)[self.face[selected]]
         return Faces(part.start, part.corner, face=face)
 
 
 def no_faces() -> Faces:
-    """Faces of a net that has none."""
+    """Return the faces of a net that has none."""
     return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
 
 
 def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
-    """Faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
+    """Find the faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
 
-    A face that is not seen whole from its centroid, or has holes, has the cells of its constrained Delaunay
-    tessellation, which are the same in whatever order nodes and elements are given.
+    A face that is not star-shaped about its centroid, or has holes, gets the cells of its constrained
+    Delaunay
+    tessellation. These do not depend on the order of nodes and elements.
 
-    openings : points (k, 2) [m] in the faces that are left out. Raises ValueError, with those in no face.
+    openings : points (k, 2) [m] in faces to be left out. Raises ValueError with the points that are in no
+    face.
     """
     plan = plan or draw_plan(net)
     if not len(plan.segment):
@@ -97,31 +102,34 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
     rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
     open_rim = _open_rim(rings, plan)
-    kept = ~np.isin(polygon, _open_faces(polygons, openings))
-    rings, polygon = _selected(rings, kept), polygon[kept]
+    closed = ~np.isin(polygon, _open_faces(polygons, openings))
+    rings, polygon = _selected(rings, closed), polygon[closed]
     faces = faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points)
     return replace(faces, open_rim=open_rim)
 
 
 def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Faces:
-    """The faces that rings bound, those of one ring that is seen whole first.
+    """Build the faces that rings bound, star-shaped faces of one ring first.
 
-    polygon : (r,) which rings bound one face, its outer one first; points : (k, 2) [m]
+    polygon : (r,) number of the face that each ring bounds, its outer ring first; points : (k, 2) [m]
     """
-    one = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
-    plain = one[polygon] & _seen_whole(rings, points)
-    kept = _selected(rings, plain)
+    single = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
+    plain = single[polygon] & _seen_whole(rings, points)
+    simple = _selected(rings, plain)
     if plain.all():
-        return kept
+        return simple
     corners = np.split(rings.corner, rings.start[1:-1])
     cut = [[corners[r] for r in np.flatnonzero(polygon == f)] for f in np.unique(polygon[~plain])]
-    as_rings = lambda shapes: Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
-    whole = _joined(kept, [as_rings(shapes) for shapes in cut])
-    return replace(_joined(kept, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
+
+    def as_rings(shapes):
+        return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+
+    whole = _joined(simple, [as_rings(shapes) for shapes in cut])
+    return replace(_joined(simple, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
 
 
 def _joined(plain: Faces, others: list[Faces]) -> Faces:
-    """The rings of faces that have one each, then of those that have several."""
+    """Join the rings of faces that have one each with those of faces that have several."""
     parts = [plain, *others]
     sizes = np.concatenate([np.diff(part.start) for part in parts])
     number = np.repeat(np.arange(len(others)), [len(other) for other in others])
@@ -131,7 +139,7 @@ def _joined(plain: Faces, others: list[Faces]) -> Faces:
 
 
 def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
-    """The rings of polygons between points `used`, each polygon's outer one first, and the polygon of each.
+    """Return the rings of polygons between points `used`, each polygon's outer one first, and their polygons.
 
     Holes run clockwise.
     """
@@ -147,32 +155,33 @@ def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
 
 
 def _open_faces(polygons, openings) -> np.ndarray:
-    """Numbers of the polygons that the points `openings` (k, 2) lie in. Raises ValueError, as above."""
-    places = shapely.points(np.reshape(openings, (-1, 2)))
-    place, polygon = shapely.STRtree(polygons).query(places, predicate="within")
-    astray = np.setdiff1d(np.arange(len(places)), place)
-    if len(astray):
-        raise ValueError(*(openings[k] for k in astray))
+    """Return the numbers of the polygons that contain points `openings` (k, 2). Raises ValueError."""
+    points = shapely.points(np.reshape(openings, (-1, 2)))
+    hit, polygon = shapely.STRtree(polygons).query(points, predicate="within")
+    outside = np.setdiff1d(np.arange(len(points)), hit)
+    if len(outside):
+        raise ValueError(*(openings[k] for k in outside))
     return np.unique(polygon)
 
 
 def _selected(faces: Faces, mask) -> Faces:
+    """Return the rings in mask."""
     sizes = np.diff(faces.start)
     start = np.concatenate([[0], np.cumsum(sizes[mask])]).astype(np.int64)
     return Faces(start, faces.corner[np.repeat(mask, sizes)])
 
 
 def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
-    """Ends of what bounds no face, on sides that have a face on one of their sides only."""
+    """Return the points at which segments that bound no face meet sides with a face on one side only."""
     sides = rings.sides()
     key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
     values, row, times = np.unique(key, return_inverse=True, return_counts=True)
-    rim, loose = sides[times[row.ravel()] == 1], plan.segment[~among(bounded, values)]
-    return np.intersect1d(rim, loose)
+    rim, unbounded = sides[times[row.ravel()] == 1], plan.segment[~among(bounded, values)]
+    return np.intersect1d(rim, unbounded)
 
 
 def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
-    """The rings with the particles that subdivision put on their sides as corners too."""
+    """Return the rings with the particles of subdivision on their sides as additional corners."""
     if net.parts == 1 or not len(rings):
         return rings
     sides, key = rings.sides(), pair_key(plan.segment, len(plan.points))
@@ -180,19 +189,22 @@ def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
     row = order[np.searchsorted(key[order], pair_key(sides, len(plan.points)))]
     turned = plan.segment[row, 0] != sides[:, 0]
     element, span = plan.element[row], plan.span[row]
-    inner = net.inner_particles()[element]  # of the outline some other element's, dropped by `there`
+    inner = net.inner_particles()[element]  # wrong for segments of the outline, which `on_side` drops
     ends = plan.points[net.undivided()[element]]
-    t, apart = np.arange(1, net.parts) / net.parts, lengths(ends[:, 1] - ends[:, 0])
-    margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(apart, 1e-300), 0.0)[:, None]
-    there = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
-    flip = lambda values: np.where(turned[:, None], values[:, ::-1], values)
-    keep = np.column_stack([np.ones(len(sides), bool), flip(there)])
+    t, distance = np.arange(1, net.parts) / net.parts, lengths(ends[:, 1] - ends[:, 0])
+    margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(distance, 1e-300), 0.0)[:, None]
+    on_side = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
+
+    def flip(values):
+        return np.where(turned[:, None], values[:, ::-1], values)
+
+    keep = np.column_stack([np.ones(len(sides), bool), flip(on_side)])
     corner = np.column_stack([rings.corner, flip(inner)])[keep]
     return Faces(np.concatenate([[0], np.cumsum(keep.sum(1))])[rings.start], corner)
 
 
 def _seen_whole(rings: Faces, points) -> np.ndarray:
-    """Whether the triangles from its centroid to its sides fill each ring without overlap; holes do not."""
+    """Tell whether each ring is star-shaped about its centroid; holes are not."""
     if not len(rings):
         return np.zeros(0, bool)
     double = turned_triangles(points, rings, double_area)
@@ -201,35 +213,38 @@ def _seen_whole(rings: Faces, points) -> np.ndarray:
 
 
 def double_area(u, v) -> np.ndarray:
-    """Twice the signed area of triangles in plan with sides u, v (k, 2)."""
+    """Compute twice the signed area of triangles in plan with sides u, v (k, 2)."""
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
 def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
-    """Twice the areas (c,) of the triangles from the faces' centroids to their sides, by `double`.
+    """Compute twice the areas (c,) of the triangles from the centroids to the sides, by `double`.
 
-    weigh : twice the areas, turned ones negative, that the centroid is the mean of; default: `double`
+    weigh : twice the areas, inverted ones negative, that weight the centroid; default: `double`
     """
     p, middle = points[faces.corner], centroids(points, faces, weigh or double)[faces.of_corner()]
     return double(p - middle, points[faces.corner[faces.next_corner()]] - middle)
 
 
 def centroids(points, faces: Faces, double) -> np.ndarray:
-    """Centroids (k, d) of the cells, from triangles about the mean of their corners, by `double`."""
+    """Compute the centroids (k, d) of the cells, from triangles about their mean corner, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
-    mean = lambda values, weight: np.stack(
-        [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
-    )
+
+    def mean_by_cell(values, weight):
+        return np.stack(
+            [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
+        )
+
     p = points[faces.corner]
-    middle = mean(p, np.maximum(counts, 1))
+    middle = mean_by_cell(p, np.maximum(counts, 1))
     u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
     cross = 0.5 * double(u, v)
     area = np.bincount(of_corner, cross, len(faces))
-    return middle + mean(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
+    return middle + mean_by_cell(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
 
 
 def quarters(points, faces: Faces) -> np.ndarray:
-    """(c, 4, 2) [m] what each corner of each cell has of it, up to middles of sides and centroid, in plan."""
+    """Return the quarters (c, 4, 2) [m] of the cells in plan: corner, side midpoints and centroid."""
     corner, after = points[faces.corner], faces.next_corner()
     middle = centroids(points, faces, double_area)[faces.of_corner()]
     side = 0.5 * (corner + corner[after])
@@ -239,7 +254,7 @@ def quarters(points, faces: Faces) -> np.ndarray:
 
 
 def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
-    """Vector areas (f, 3) [m2] of the faces, half the sum of x_k x x_(k+1) from a corner of their own."""
+    """Compute the vector areas (f, 3) [m2] of the faces, half the sum of x_k x x_(k+1) from one corner."""
     face = rings.face_of_corner()
     start = points[rings.corner[rings.start[:-1]]][rings.first_rings()][face]
     p, q = points[rings.corner] - start, points[rings.corner[rings.next_corner()]] - start
@@ -247,11 +262,11 @@ def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
 
 
 def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
-    """Cells of the constrained Delaunay tessellation of a polygon.
+    """Build the cells of the constrained Delaunay tessellation of a polygon.
 
     shapes : outer ring and holes as corner numbers
 
-    Triangles whose corners lie on one circle make one cell: it is chance along which diagonal they were cut.
+    Triangles with corners on one circle form one cell, because the diagonal between them is arbitrary.
     """
     polygon = shapely.Polygon(points[shapes[0]], [points[ring] for ring in shapes[1:]])
     used = np.unique(np.concatenate(shapes))
@@ -262,7 +277,7 @@ def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
     cotangent = np.sum(u * v, axis=1) / np.maximum(double_area(u, v), 1e-300)
     sides = np.column_stack([triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()])
     pairs, row, times = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
-    chance = (times == 2) & (np.abs(np.bincount(row.ravel(), cotangent)) < COCIRCULAR)
-    cells = shapely.get_parts(shapely.polygonize(shapely.linestrings(points[pairs[~chance]])))
-    cells = cells[shapely.contains(polygon, shapely.point_on_surface(cells))]  # not what fills a hole
+    arbitrary = (times == 2) & (np.abs(np.bincount(row.ravel(), cotangent)) < COCIRCULAR)
+    cells = shapely.get_parts(shapely.polygonize(shapely.linestrings(points[pairs[~arbitrary]])))
+    cells = cells[shapely.contains(polygon, shapely.point_on_surface(cells))]  # drops cells in holes
     return _rings(cells, points, used)[0]

@@ -1,4 +1,4 @@
-"""Panels of the cladding: the faces of the roof, the elements that they hang on, what nodes carry of them."""
+"""Panels of the cladding: faces of the roof, elements that support them, and loads of their corners."""
 
 from typing import NamedTuple
 
@@ -10,12 +10,12 @@ from netfall.roof.shares import Shares
 
 
 class Panels(NamedTuple):
-    """Which panel hangs on which element, and what its corners carry.
+    """Panels, the elements that support them, and the areas and loads of their corners.
 
     element, panel : (k,) pairs; of_corner : (c,) panel; node : (c,); count : of panels
     area, plan_area, vector : of c corners as in `areas.Areas`, which at a node sum up to its own
-    mass : (c,) [kg]; pressure : (c, 3) [N]; wind : (c, 3) [N s2/m2], what goes with the panel
-    air : (c, 3) [kg/m], kappa rho A; air_mass : (c,) [kg], of air that moves along
+    mass : (c,) [kg]; pressure : (c, 3) [N]; wind : (c, 3) [N s2/m2], lost with the panel
+    air : (c, 3) [kg/m], kappa rho A; air_mass : (c,) [kg], added mass of the air
     """
 
     element: np.ndarray
@@ -33,22 +33,23 @@ class Panels(NamedTuple):
     air_mass: np.ndarray = None
 
     def at(self, elements) -> np.ndarray:
-        """Panels that hang on any of some elements, ascending."""
+        """Return the panels that any of some elements supports, ascending."""
         return np.unique(self.panel[np.isin(self.element, elements)])
 
 
 def panels_of(net: Net, faces: Faces, shares: Shares) -> Panels:
-    """The panels of a roof whose faces are shared out so, without what they carry."""
-    here = shares.node < net.n
-    node, surface, vector = shares.node[here], shares.surfaces()[here], shares.vectors()[here]
+    """Build the panels of a roof from the shares of its faces, without their loads."""
+    on_node = shares.node < net.n
+    node, surface, vector = shares.node[on_node], shares.surfaces()[on_node], shares.vectors()[on_node]
     given = np.isfinite(net.normal[node])
     vector = np.where(given, surface[:, None] * net.normal[node], vector)
-    areas = surface, shares.plans()[here], vector
-    return Panels(*_hung(net, faces.rings), shares.face[here], node, faces.count, *areas)
+    element, panel = _hung(net, faces.rings)
+    plan_area, of_corner = shares.plans()[on_node], shares.face[on_node]
+    return Panels(element, panel, of_corner, node, faces.count, surface, plan_area, vector)
 
 
 def _hung(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of an element and a panel that has it as a side."""
+    """Return the pairs of an element and a panel that has it as a side."""
     points = net.n + len(net.corners)
     sides = pair_key(rings.sides(), points)
     order = np.argsort(sides, kind="stable")

@@ -1,4 +1,4 @@
-"""The roof drawn in plan: segments that meet at their ends alone, or what stands in the way of that."""
+"""Roof in plan: segments that meet only at their ends, or the errors that prevent such a drawing."""
 
 from dataclasses import dataclass, field
 
@@ -17,8 +17,8 @@ class Plan:
 
     points : (N, 2) [m] particles, then corners without one; segment : (s, 2) points
     element : (s,) row of the undivided net that it lies on, -1: outline
-    span : (s, 2) from where to where on that element, 0 to 1
-    notes : what is odd; errors : why the drawing has no faces
+    span : (s, 2) start and end on that element, 0 to 1
+    notes : plausible but unusual drawing; errors : reasons for which the drawing has no faces
     """
 
     points: np.ndarray
@@ -30,10 +30,11 @@ class Plan:
 
 
 def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True) -> Plan:
-    """The plan of the elements that carry the roof and of the outline; upright elements vanish in it.
+    """Draw the elements that carry the roof and the outline in plan; vertical elements are left out.
 
-    carries : (m,) bool of the undivided net, default all; checked : look for nodes within elements, for nodes
-    above one another and for crossings, which a generator's net has not
+    carries : (m,) bool of the undivided net, default all; checked : whether to look for nodes within
+    elements,
+    nodes above one another and crossings, which the net of a generator does not have
     """
     points = np.concatenate([net.x, net.corners])[:, :2]
     ends = net.undivided()
@@ -41,11 +42,12 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     segment = np.concatenate([ends[element], net.outline])
     element = np.concatenate([element, np.full(len(net.outline), -1)])
     length = lengths(points[segment[:, 1]] - points[segment[:, 0]])
-    lies = length > (net.tolerance if checked else 0.0)
-    segment, element = segment[lies], element[lies]
+    long_enough = length > (net.tolerance if checked else 0.0)
+    segment, element = segment[long_enough], element[long_enough]
     span = np.tile([0.0, 1.0], (len(segment), 1))
     if not checked or not len(segment):
-        return Plan(points, *_once(points, segment, element, span))
+        segment, element, span = _once(points, segment, element, span)
+        return Plan(points, segment, element, span)
     errors, notes = _stacked(net, points, segment, element), []
     if not errors:
         segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
@@ -55,35 +57,38 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
 
 
 def _once(points, segment, element, span):
-    """Each pair of points once, under the element that was named first."""
+    """Keep each pair of points once, with the element that comes first."""
     first = np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])
     return segment[first], element[first], span[first]
 
 
 def _near(points, others, distance):
-    """Rows (i, k) of all that are no farther apart than `distance`: points i, shapes k."""
+    """Return rows (i, k) of the pairs of points i and shapes k within `distance` of each other."""
     return shapely.STRtree(others).query(points, predicate="dwithin", distance=distance)
 
 
 def _stacked(net, points, segment, element) -> list[str]:
-    """Nodes above one another in plan that both have elements in the roof: which carries it is not known."""
+    """Return an error for nodes above one another in plan that both have elements in the roof."""
     used = distinct(segment)
-    places = shapely.points(points[used])
-    pairs = used[_near(places, places, net.tolerance)]
+    positions = shapely.points(points[used])
+    pairs = used[_near(positions, positions, net.tolerance)]
     pairs = pairs[:, pairs[0] < pairs[1]].T
-    name = lambda p: f"{_node_name(net, p)} ({_at_node(net, segment, element, p)})"
-    named = "; ".join(f"{name(a)} and {name(b)}" for a, b in pairs[:MOST_NAMED])
+
+    def describe(p):
+        return f"{_node_name(net, p)} ({_at_node(net, segment, element, p)})"
+
+    pair_names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
     return [
         f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, so it is not "
-        f"known which carry the roof: {named}{'; ...' * (len(pairs) > MOST_NAMED)}"
+        f"known which carry the roof: {pair_names}{'; ...' * (len(pairs) > MOST_NAMED)}"
     ] * (len(pairs) > 0)
 
 
 def _cut_at_nodes(net, points, segment, element, span):
-    """Segments cut where a node of the roof lies within them, the uncut ones first; a note with the ids."""
+    """Cut segments at nodes of the roof within them, uncut ones first; also return notes on these nodes."""
     used = distinct(segment)
-    near, row = _near(shapely.points(points[used]), shapely.linestrings(points[segment]), net.tolerance)
-    node = used[near]
+    rank, row = _near(shapely.points(points[used]), shapely.linestrings(points[segment]), net.tolerance)
+    node = used[rank]
     inner = (node[:, None] != segment[row]).all(1)
     node, row = node[inner], row[inner]
     start, end = points[segment[row, 0]], points[segment[row, 1]]
@@ -94,10 +99,13 @@ def _cut_at_nodes(net, points, segment, element, span):
     stop = np.concatenate([segment[cut, 0], node, segment[cut, 1]])
     order = np.lexsort((along, owner))
     owner, along, stop = owner[order], along[order], stop[order]
-    same = owner[1:] == owner[:-1]
-    whole = np.ones(len(segment), bool)
-    whole[cut] = False
-    chains = lambda values: np.column_stack([values[:-1], values[1:]])[same]
+    same_owner = owner[1:] == owner[:-1]
+    uncut = np.ones(len(segment), bool)
+    uncut[cut] = False
+
+    def successive(values):
+        return np.column_stack([values[:-1], values[1:]])[same_owner]
+
     notes = [
         f"node {_node_name(net, p)} lies within {_member(net, segment[s], element[s])} in plan without being "
         f"an end of it{_height_over(net, p, segment[s], share)}; it counts as a corner of the roof there"
@@ -105,39 +113,44 @@ def _cut_at_nodes(net, points, segment, element, span):
     ]
     notes += more_of("nodes lie within elements in plan", len(node))
     return (
-        np.concatenate([segment[whole], chains(stop)]),
-        np.concatenate([element[whole], element[owner[:-1][same]]]),
-        np.concatenate([span[whole], chains(along)]),
+        np.concatenate([segment[uncut], successive(stop)]),
+        np.concatenate([element[uncut], element[owner[:-1][same_owner]]]),
+        np.concatenate([span[uncut], successive(along)]),
         notes,
     )
 
 
 def _height_over(net, p: int, ends, share: float) -> str:
-    """How far node p is from an element between `ends` in height, at a share of its length, in words."""
+    """Describe the height of node p over an element between `ends`, at a share of its length."""
     z = np.append(net.x[:, 2], net.corners[:, 2])
-    over = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
-    if abs(over) <= net.tolerance:
+    height = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
+    if abs(height) <= net.tolerance:
         return ""
-    word = "above" if over > 0 else "below"
-    return f", {abs(over):.3g} m {word} it (of another layer? name the roof's groups in [roof] groups)"
+    word = "above" if height > 0 else "below"
+    return f", {abs(height):.3g} m {word} it (of another layer? name the roof's groups in [roof] groups)"
 
 
 def _crossings(net, points, segment, element) -> list[str]:
-    """Pairs of elements, or of edges without one, that cross in plan without a node."""
+    """Return an error for elements, or edges without one, that cross in plan without a node."""
     lines = shapely.linestrings(points[segment])
     first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
-    own = np.where(element >= 0, element, len(net.elements) + np.arange(len(element)))
-    pairs, at = np.unique(np.sort(own[np.column_stack([first, second])], axis=1), axis=0, return_index=True)
-    name = lambda s: _member(net, segment[s], element[s]).removeprefix("element ")
-    both = (sorted(ends, key=own.__getitem__) for ends in zip(first[at], second[at]))
-    named = [" and ".join(map(name, ends)) for ends in both]
-    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(named)}"] * (
+    key = np.where(element >= 0, element, len(net.elements) + np.arange(len(element)))
+    pairs, first_row = np.unique(
+        np.sort(key[np.column_stack([first, second])], axis=1), axis=0, return_index=True
+    )
+
+    def describe(s):
+        return _member(net, segment[s], element[s]).removeprefix("element ")
+
+    sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
+    names = [" and ".join(map(describe, ends)) for ends in sorted_pairs]
+    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(names)}"] * (
         len(pairs) > 0
     )
 
 
 def _node_name(net, p: int) -> str:
-    """A point by the id of its node; of the boundary by its place."""
+    """Name a point by the id of its node, or by its position on the boundary."""
     if p < net.n:
         return str(net.node_id[p])
     x, y, _ = net.corners[p - net.n]
@@ -145,15 +158,15 @@ def _node_name(net, p: int) -> str:
 
 
 def _member(net, ends, e: int) -> str:
-    """An element by its id, an edge without one by its ends."""
+    """Name an element by its id, an edge without one by its ends."""
     if e >= 0:
         return f"element {net.element_id[net.parts * e]}"
     return "the line " + " to ".join(_node_name(net, p) for p in ends)
 
 
 def _at_node(net, segment, element, p: int) -> str:
-    """What of the roof is at a node, in words."""
-    here = element[(segment == p).any(1)]
-    if not (here >= 0).any():
+    """Name the elements of the roof at a node."""
+    at_node = element[(segment == p).any(1)]
+    if not (at_node >= 0).any():
         return "lines of [roof] lines"
-    return f"elements {listed(net.element_id[net.parts * here[here >= 0]])}"
+    return f"elements {listed(net.element_id[net.parts * at_node[at_node >= 0]])}"

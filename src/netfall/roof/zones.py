@@ -1,4 +1,4 @@
-"""Zones of the roof: which node belongs to which, and the values that hold there."""
+"""Zones of the roof: the nodes in each, and the values that hold there."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -16,17 +16,17 @@ from netfall.roof.areas import Roofing
 from netfall.roof.faces import Faces, quarters
 from netfall.roof.shares import FEW, Shares, nearest_areas
 
-MUCH = 0.02  # of a zone's area: so much that lies outside its polygon is reported
+MUCH = 0.02  # share of a zone's area outside its polygon above which netfall reports it
 NOBODY = "no node lies in it; the polygon is in metres, in plan"
-LAST_BITS = 4e-16  # what the sum of shares of a whole node may lack
-ROUNDING = 1e-9  # of a node's area
+LAST_BITS = 4e-16  # rounding error of the sum of shares of a whole node
+ROUNDING = 1e-9  # share of a node's area that counts as none
 
 
 @dataclass(frozen=True)
 class Zones:
-    """Each node in one zone or none, or in several with a share of its area each.
+    """Zone of each node: one or none, or several with a share of its area each.
 
-    names : in order, of which the last that a node lies in has it
+    names : in order; a node in several whole zones belongs to the last of them
     share : (n, z + 1) of each node's area in each zone, then in none
     """
 
@@ -36,47 +36,47 @@ class Zones:
 
     @property
     def mixed(self) -> np.ndarray:
-        """(k,) nodes that lie in several zones."""
+        """(k,) nodes in several zones."""
         return np.flatnonzero(((self.share > 0.0) & (self.share < 1.0)).any(1))
 
     @property
     def of_node(self) -> np.ndarray:
-        """(n,) row of names, -1: none; of a node in several the one with the largest share."""
-        last_first = np.append(np.arange(len(self.names))[::-1], -1)  # of equal shares the last zone's
+        """(n,) row of names, -1: none; for a node in several zones the one with the largest share."""
+        last_first = np.append(np.arange(len(self.names))[::-1], -1)  # among equal shares the last zone wins
         return last_first[np.argmax(self.share[:, last_first], axis=1)]
 
     def at(self, rows: np.ndarray) -> "Zones":
-        """The zones of the nodes in some rows."""
+        """Return the zones of the nodes in some rows."""
         return Zones(self.names, self.share[rows])
 
     def by_node(self, base: float | None, own: dict[str, float]) -> np.ndarray:
-        """The number (n,) of each node: of its zone, where that has its own, else the base; None: 0.
+        """Return the value (n,) of each node: the own value of its zone, otherwise the base; None: 0.
 
-        Of a node in several zones the mean by their shares.
+        A node in several zones has the mean by their shares.
         """
-        each = [own.get(name, base) for name in self.names] + [base]
-        return sum(share * (0.0 if value is None else value) for share, value in zip(self.share.T, each))
+        values = [own.get(name, base) for name in self.names] + [base]
+        return sum(share * (0.0 if value is None else value) for share, value in zip(self.share.T, values))
 
     def parts(self, section: SimpleNamespace, key: str) -> list[tuple[object, np.ndarray]]:
-        """Each distinct value of a key, with the share (n,) of nodes that have it; the section's own first.
+        """Return each distinct value of a key, the section's own first, and the share (n,) of nodes with it.
 
-        section : with `zone`, what the zones override
+        section : with `zone`, the values that the zones override
         """
         base, own = getattr(section, key), _own(section, key)
         values = [base, *(own.get(name, base) for name in self.names)]
         shares = [self.share[:, k] for k in range(-1, len(self.names))]
         distinct = [value for k, value in enumerate(values) if value not in values[:k]]
-        found = [(v, sum(share for share, each in zip(shares, values) if each == v)) for v in distinct]
-        return [(value, share) for value, share in found if share.any()]
+        pairs = [(v, sum(share for share, other in zip(shares, values) if other == v)) for v in distinct]
+        return [(value, share) for value, share in pairs if share.any()]
 
     def spread(self, section: SimpleNamespace, key: str) -> np.ndarray:
-        """The number (n,) that each node has of a key; 0 where there is none."""
+        """Return the value (n,) of a key at each node; 0 without one."""
         return self.by_node(getattr(section, key), _own(section, key))
 
 
 @dataclass(frozen=True)
 class Roof:
-    """What loads act on: area of surface and in plan (n,) [m2], vector area (n, 3) [m2], upward, zones."""
+    """Areas that loads act on: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones."""
 
     area: np.ndarray
     plan_area: np.ndarray
@@ -85,29 +85,33 @@ class Roof:
 
 
 def _own(section: SimpleNamespace, key: str) -> dict:
-    """The values of zones that have one of their own."""
+    """Return the own values of the zones that have one."""
     return {name: values[key] for name, values in section.zone.items() if key in values}
 
 
 def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
-    """The zones of a job, by where the nodes lie at the start. Raises InputError with all that is wrong.
+    """Build the zones of a job, by the positions of the nodes at the start. Raises InputError.
 
-    Those of the column `zone` that have no entry in the job stand after the entries.
-    roofing : whose faces polygons with `cut` cut, and of which others take more than lies inside
+    Zones of the column `zone` without an entry in the job follow the entries.
+    roofing : its faces are cut by polygons with `cut`; for the other polygons they only give notes on the
+    area
     """
-    of_column = lambda name: SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+
+    def of_column(name):
+        return SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+
     names = [zone.name for zone in job.zones]
     names += [name for name in net.zone_names if name not in names]
     entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
     refuse(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names)))
     inside = [_members(zone, net) for zone in entries]
-    drawn = any(zone.polygon is not None for zone in entries)
-    cutter = Cutter(net, roofing.faces, roofing.given.shares) if drawn and len(roofing.faces) else None
-    found = Zones(names, _shares(net, entries, inside, cutter))
+    has_polygons = any(zone.polygon is not None for zone in entries)
+    cutter = Cutter(net, roofing.faces, roofing.given.shares) if has_polygons and len(roofing.faces) else None
+    zones = Zones(names, _shares(net, entries, inside, cutter))
     notes = [
         f"zone {shown(name)}: "
         + ("all of its nodes lie in zones after it too, and belong to these" if members.any() else NOBODY)
-        for name, members, share in zip(names, inside, found.share.T)
+        for name, members, share in zip(names, inside, zones.share.T)
         if not share.any()
     ]
     for zone, members in zip(entries, inside):
@@ -115,20 +119,22 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
             notes += _astray(zone, members, cutter.inside(shapely.Polygon(zone.polygon)), roofing.given.plan)
         elif zone.cut and not cutter:
             notes.append(f"zone {shown(zone.name)}: cut: no effect: the net has no faces")
-    return replace(found, notes=notes)
+    return replace(zones, notes=notes)
 
 
 def is_cut(zone: SimpleNamespace) -> bool:
-    """Whether an entry of [[zone]] takes the part of each node's area that lies inside its polygon."""
+    """Tell whether an entry of [[zone]] takes the part of each node's area inside its polygon."""
     return zone.polygon is not None and zone.cut is not False
 
 
 def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter | None") -> np.ndarray:
-    """Share (n, z + 1) of each node's area in each zone, then in none; inside : nodes (n,) bool of each.
+    """Compute the share (n, z + 1) of each node's area in each zone, then in none.
 
-    What zones with a part of a node leave is of the zone that has it whole otherwise, or of none.
+    inside : nodes (n,) bool of each zone. The rest of a node with parts in zones belongs to the zone that
+    contains
+    the whole node, or to none.
     """
-    parts = {}  # share (n,) of the nodes, by zones that take a part of each
+    parts = {}  # zones with parts of nodes: share (n,) of each node
     if net.zone_share is not None:
         of_name = dict(zip(net.zone_names, net.zone_share.T))
         parts = {k: of_name[zone.name] for k, zone in enumerate(entries) if zone.name in of_name}
@@ -139,39 +145,41 @@ def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter |
             of_node[members] = k
     if cut and not parts:
         polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
-        later = [shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))]  # which take precedence
+        later = [
+            shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))
+        ]  # later zones take precedence
         parts = dict(zip(cut, map(cutter.inside, map(shapely.difference, polygons, later))))
     part = np.column_stack([np.zeros((net.n, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
-    whole = of_node.copy()
+    whole_zone = of_node.copy()
     for k, share in zip(parts, part.T):
-        whole[share == 1.0] = k
-    shares, mixed = np.eye(len(entries) + 1)[whole], np.flatnonzero(((part > 0.0) & (part < 1.0)).any(1))
+        whole_zone[share == 1.0] = k
+    shares, mixed = np.eye(len(entries) + 1)[whole_zone], np.flatnonzero(((part > 0.0) & (part < 1.0)).any(1))
     shares[mixed] = 0.0
     shares[np.ix_(mixed, list(parts))] = part[mixed]
-    rest = 1.0 - shares[mixed].sum(1)
-    shares[mixed, of_node[mixed]] += np.where(rest > LAST_BITS, rest, 0.0)
+    remainder = 1.0 - shares[mixed].sum(1)
+    shares[mixed, of_node[mixed]] += np.where(remainder > LAST_BITS, remainder, 0.0)
     return shares
 
 
 def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
-    """A note on a polygon that takes nodes whole, if much of these lies outside, or is left inside.
+    """Return a note on a polygon that takes whole nodes, if these match its area badly.
 
-    inside : (n,) share of each node that lies in the polygon; plan : (n,) [m2]
+    inside : (n,) share of each node in the polygon; plan : (n,) [m2]
     """
     area = float(plan[members].sum())
     outside = float((plan * (1.0 - inside))[members].sum())
-    left = float((plan * inside)[~members].sum())
-    if max(outside, left) <= MUCH * area:
+    remaining = float((plan * inside)[~members].sum())
+    if max(outside, remaining) <= MUCH * area:
         return []
     return [
         f"zone {shown(zone.name)}: nodes belong to it whole: of its {area:.4g} m2 in plan {outside:.4g} m2 "
-        f"({outside / area if area else 0.0:.1%}) lie outside its polygon, and {left:.4g} m2 inside the "
+        f"({outside / area if area else 0.0:.1%}) lie outside its polygon, and {remaining:.4g} m2 inside the "
         "polygon are not in it; cut = true in its [[zone]] takes what lies inside"
     ]
 
 
 def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
-    """(n,) bool, the nodes of a zone: in or on its polygon, at elements of its groups, or by the column."""
+    """Tell which nodes are in a zone, (n,) bool: by polygon, by elements of its groups, or by the column."""
     if zone.polygon is not None:
         polygon = shapely.Polygon(zone.polygon)
         shapely.prepare(polygon)
@@ -186,14 +194,14 @@ def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
 
 
 def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
-    """A line for each entry whose nodes are not known."""
+    """Yield an error for each entry whose nodes are not defined."""
     for zone in entries:
         place, in_column = f"[[zone]] {zone.name}:", zone.name in net.zone_names
         polygon = shapely.Polygon(zone.polygon or ())
         if zone.polygon is not None and not (polygon.is_valid and polygon.area > 0):
-            why = "no area" if polygon.is_valid else shapely.is_valid_reason(polygon)
+            problem = "no area" if polygon.is_valid else shapely.is_valid_reason(polygon)
             expected = "expected corners in order around an area, without sides that cross"
-            yield f"{place} polygon: {why}; {expected}"
+            yield f"{place} polygon: {problem}; {expected}"
         for name in zone.groups or ():
             if name not in net.group_names:
                 yield f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
@@ -213,33 +221,33 @@ def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
 
 
 def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
-    """A line for each place that names a zone that there is not."""
-    none = "the job has none: give a [[zone]], or the column zone in nodes.csv"
+    """Yield an error for each place that names an unknown zone."""
+    no_zones = "the job has none: give a [[zone]], or the column zone in nodes.csv"
     for name, place in named_zones(job):
         if name not in names:
-            yield f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else none}"
+            yield f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else no_zones}"
 
 
 def named_zones(job: Job) -> list[tuple[str, str]]:
-    """The zones that sections and cases name, and where."""
-    found = []
+    """Return the zones that sections and cases name, and the places that name them."""
+    named = []
     for section in ("load", "wind"):
         table = getattr(job, section)
-        found += [(name, f"[{section}.zone.{name}]") for name in (table.zone if table else ())]
+        named += [(name, f"[{section}.zone.{name}]") for name in (table.zone if table else ())]
     for kind, case in [("case", case) for case in job.cases] + [("stage", stage) for stage in job.stages]:
         of_zones = [(split(key)[1], key) for key in case.set]
-        found += [(zone, f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
-    return found
+        named += [(zone, f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
+    return named
 
 
-# --- what polygons cut out of the areas of nodes, exactly as the faces are shared out
+# --- parts of the areas of nodes inside polygons, by the same shares of faces
 
 
 class Cutter:
-    """Cuts what the nodes of a net have of its faces."""
+    """Intersection of polygons with the areas that nodes have of the faces of a net."""
 
     def __init__(self, net: Net, faces: Faces, shares: Shares):
-        """shares : of the faces in the geometry that is given"""
+        """shares : of the faces in the given geometry"""
         self.net, self.faces, self.shares = net, faces, shares
         self.points = np.concatenate([net.x, net.corners])
         self.few = np.bincount(self.faces.rings.face_of_corner()) <= FEW
@@ -249,33 +257,35 @@ class Cutter:
         self.boxes = shapely.STRtree(shapely.box(*low.T, *high.T))  # around each face in plan
 
     def inside(self, region) -> np.ndarray:
-        """(n,) the share of each node's area in plan that lies in a polygon, or in several.
+        """Return the share (n,) of each node's area in plan inside a polygon, or several.
 
-        Of a node without a face all of it or nothing, by its place.
+        A node without a face is inside or outside as a whole, by its position.
         """
         shapely.prepare(region)
         net, corner, plans = self.net, self.shares.node, self.shares.plans()
         share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
         crossed = np.zeros(self.faces.count, bool)
         crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
-        few, many = crossed & self.few, crossed & ~self.few  # in the order of shares
+        few, many = crossed & self.few, crossed & ~self.few  # `shares` has faces with few corners first
         parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[few[self.faces.face_of_corner()]])
-        within, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
+        area_inside, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
         if many.any():
-            of_many = self.faces.rings.of_faces(many), self.shares.vector[many]
-            size = np.append(size, nearest_areas(self.points, *of_many))
-            windows = (nearest_areas(self.points, *of_many, window) for window in _windows(region))
-            within = np.append(within, sum(windows))
-        here = crossed[self.shares.face]
-        share[here] = np.divide(within, size, out=np.zeros(len(size)), where=size > 0)
-        total, within = (np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans))
-        alone = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
-        found = np.where(total > 0, within / np.where(total > 0, total, 1.0), alone)
-        return np.where(found > 1.0 - ROUNDING, 1.0, np.where(found < ROUNDING, 0.0, found))
+            rings, vector = self.faces.rings.of_faces(many), self.shares.vector[many]
+            size = np.append(size, nearest_areas(self.points, rings, vector))
+            windows = (nearest_areas(self.points, rings, vector, window) for window in _windows(region))
+            area_inside = np.append(area_inside, sum(windows))
+        in_crossed = crossed[self.shares.face]
+        share[in_crossed] = np.divide(area_inside, size, out=np.zeros(len(size)), where=size > 0)
+        total, area_inside = (
+            np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans)
+        )
+        at_position = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
+        result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
+        return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
 
 
 def _windows(region) -> np.ndarray:
-    """Triangles that fill a region, each as three half-planes a x + b y <= c: (t, 3, 3)."""
+    """Return triangles that fill a region, each as three half-planes a x + b y <= c: (t, 3, 3)."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
     corner = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)
     start, along = corner[:, :3], np.diff(corner, axis=1)

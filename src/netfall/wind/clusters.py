@@ -1,10 +1,10 @@
-"""Control points in the space that the loaded nodes fill, and gusts between them.
+"""Control points in the space of the loaded nodes, and interpolation of gusts between them.
 
 The points are the centres of clusters of the surface (k-means, Lloyd 1982, from the farthest-point choice of
-Gonzalez 1985), by area, in stretched axes (`surface.stretch`). Between them gusts are the best
-linear estimate from the nearest four of a field whose difference has a variance in proportion to distance
-(ordinary kriging with a linear variogram, Matheron 1963): so Davenport's coherence begins. In a row of points
-it is linear interpolation.
+Gonzalez 1985), weighted by area, in stretched axes (`surface.stretch`). The gust between them is the best
+linear estimate from the nearest four. It assumes a field whose differences have a variance proportional to
+distance (ordinary kriging with a linear variogram, Matheron 1963), as Davenport's coherence has for short
+distances. In a row of points this is linear interpolation.
 """
 
 import numpy as np
@@ -13,13 +13,13 @@ from netfall.numerics.functions import lengths
 from netfall.wind.measured import nearest_places
 from netfall.wind.surface import Surface, by_area, stretch
 
-CLOSEST = 5.0  # m between control points times the root of decay, at the least
-ROUNDS = 50  # of k-means, at most
-BLOCK = 1 << 16  # nodes whose weights are found at once
+CLOSEST = 5.0  # smallest distance of control points: m times the root of decay
+ROUNDS = 50  # largest number of k-means iterations
+BLOCK = 1 << 16  # nodes per block of weights: bounds the memory
 
 
 def cluster_points(surface: Surface, decay, limit: int) -> np.ndarray:
-    """Return at most `limit` control points (c, 3) [m] amid the patches of a surface, in axes of the wind."""
+    """Return at most `limit` control points (c, 3) [m] among the patches of a surface, in wind axes."""
     y = surface.place * stretch(decay)
     area = surface.over_patches(surface.area)
     centre = y[_farthest(y, area, limit)]
@@ -29,23 +29,23 @@ def cluster_points(surface: Surface, decay, limit: int) -> np.ndarray:
         if (label == before).all():
             break
         centre = _centres(y, area, label)
-        label = np.unique(label, return_inverse=True)[1].reshape(-1)  # without clusters that became empty
+        label = np.unique(label, return_inverse=True)[1].reshape(-1)  # drops empty clusters
     return _centres(surface.place, area, label)
 
 
 def _farthest(y: np.ndarray, area: np.ndarray, limit: int) -> list[int]:
-    """Rows of y (q, 3): the one farthest from the centre, then again and again that farthest from those."""
-    apart = lengths(y - _centres(y, area, np.zeros(len(y), int)))
-    found = [int(np.argmax(apart))]
-    apart = lengths(y - y[found[0]])
-    while len(found) < limit and apart.max() >= CLOSEST:
-        found.append(int(np.argmax(apart)))
-        apart = np.minimum(apart, lengths(y - y[found[-1]]))
-    return found
+    """Return rows of y (q, 3): the one farthest from the centre, then repeatedly the farthest from these."""
+    distance = lengths(y - _centres(y, area, np.zeros(len(y), int)))
+    rows = [int(np.argmax(distance))]
+    distance = lengths(y - y[rows[0]])
+    while len(rows) < limit and distance.max() >= CLOSEST:
+        rows.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, lengths(y - y[rows[-1]]))
+    return rows
 
 
 def _centres(y: np.ndarray, area: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """Centres (c, 3) of clusters, those that have members, by area."""
+    """Compute the area-weighted centres (c, 3) of the clusters that have members."""
     label = np.unique(label, return_inverse=True)[1].reshape(-1)
     return by_area(label, area, y)
 
@@ -58,16 +58,17 @@ def cluster_weights(y: np.ndarray, points: np.ndarray, decay) -> tuple[np.ndarra
 
 
 def _weights(y: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    few = min(4, len(points))
-    order, apart = (found[:, :few] for found in nearest_places(y, points))
+    """Return nearest control points and weights of one block of nodes; arguments as in `cluster_weights`."""
+    count = min(4, len(points))
+    order, distance = (table[:, :count] for table in nearest_places(y, points))
     corner, weight = np.zeros((len(y), 4), np.int64), np.zeros((len(y), 4))
-    corner[:, :few] = order
-    near = points[order]
-    gap = lengths(near[:, :, None] - near[:, None])
-    # covariances of what differs from the nearest point: twice those of a field of variogram = distance
-    between = gap[:, 1:, :1] + gap[:, :1, 1:] - gap[:, 1:, 1:]
-    there = gap[:, 1:, 0] + apart[:, :1] - apart[:, 1:]
-    weight[:, 1:few] = _solved(between, there)
+    corner[:, :count] = order
+    nearest = points[order]
+    separation = lengths(nearest[:, :, None] - nearest[:, None])
+    # covariances of differences from the nearest point, twice those of a field of variogram = distance
+    between = separation[:, 1:, :1] + separation[:, :1, 1:] - separation[:, 1:, 1:]
+    to_node = separation[:, 1:, 0] + distance[:, :1] - distance[:, 1:]
+    weight[:, 1:count] = _solved(between, to_node)
     weight[:, 0] = 1.0 - weight[:, 1:].sum(1)
     return corner, weight
 

@@ -1,17 +1,17 @@
-"""Control points on a grid over the plan, along the wind and across it, and gusts between them."""
+"""Control points on a grid over the plan, along and across the wind, and bilinear gusts between them."""
 
 import numpy as np
 
 from netfall.numerics.functions import lengths
 
-CLOSEST = 2.0  # m between control points, at the least
-AS_NEAR = 1e-5  # of the size in plan: nodes that much farther from a control point count as the nearest
+CLOSEST = 2.0  # m: smallest distance of control points
+AS_NEAR = 1e-5  # share of the plan size up to which distances from a control point count as equal
 
 
 def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple:
     """Return control points (c, 3) [m] on a grid over the plan of nodes y (n, 3), in axes of the wind.
 
-    Also the points around each node (n, 4), their weights (n, 4), and the sides (2,) [m] of a cell.
+    Also returns the points around each node (n, 4), their weights (n, 4), and the sides (2,) [m] of a cell.
 
     loaded : (n,) whether the wind acts on a node
     """
@@ -20,13 +20,14 @@ def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple:
     plan = np.column_stack([X.ravel(), Y.ravel()])
     points = np.column_stack([plan, control_heights(plan, y[loaded] if loaded.any() else y)])
     cell = np.ptp(y[:, :2], axis=0) / np.maximum([len(gx) - 1, len(gy) - 1], 1)
-    return points, *_bilinear(y, gx, gy), cell
+    corner, weight = _bilinear(y, gx, gy)
+    return points, corner, weight, cell
 
 
 def is_resolved(y, points, corner, weight, cell, decay) -> bool:
-    """Return whether every node y (n, 3) has control points as near in height as in plan, by coherence.
+    """Tell whether every node y (n, 3) is as close to control points in height as in plan, by coherence.
 
-    Its height above the surface through the control points counts against half a diagonal of a cell.
+    The height of a node above the surface through the control points counts against half a cell diagonal.
     """
     height = np.sum(weight * points[corner, 2], axis=1)
     reach = 0.5 * lengths(np.asarray(decay[:2])[None] * cell)[0]
@@ -34,34 +35,37 @@ def is_resolved(y, points, corner, weight, cell, decay) -> bool:
 
 
 def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates along x and y of a grid of at most `limit` control points over the plan of x (n, 3)."""
+    """Return coordinates along x and y of at most `limit` control points over the plan of x (n, 3)."""
     low, extent = x[:, :2].min(0), np.ptp(x[:, :2], axis=0)
-    most = 1 + np.floor(extent / CLOSEST).astype(int)
+    max_count = 1 + np.floor(extent / CLOSEST).astype(int)
     ratio = (extent[0] + 1e-9) / (extent[1] + 1e-9)
-    nx = int(np.clip(round(np.sqrt(limit * ratio)), 1, min(limit, most[0])))
-    ny = int(np.clip(limit // nx, 1, most[1]))
-    line = lambda k, count: low[k] + extent[k] * (np.linspace(0, 1, count) if count > 1 else np.array([0.5]))
-    return line(0, nx), line(1, ny)
+    nx = int(np.clip(round(np.sqrt(limit * ratio)), 1, min(limit, max_count[0])))
+    ny = int(np.clip(limit // nx, 1, max_count[1]))
+
+    def coordinates(k, count):
+        return low[k] + extent[k] * (np.linspace(0, 1, count) if count > 1 else np.array([0.5]))
+
+    return coordinates(0, nx), coordinates(1, ny)
 
 
 def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Heights z (c,) [m] of control points, in plan (c, 2), over the nodes x (n, 3) that the wind acts on.
+    """Return heights z (c,) [m] of control points, in plan (c, 2), over the loaded nodes x (n, 3).
 
-    That of the nearest; of several as near the middle between highest and lowest. So the order of the nodes
-    does not matter, and a roof that is mirrored has mirrored points.
+    It is the height of the nearest node; of several nearest nodes, the middle between highest and lowest. The
+    result does not depend on the order of the nodes, and a mirrored roof has mirrored points.
     """
     slack = AS_NEAR * np.ptp(x[:, :2], axis=0).max()
 
-    def height(place):
-        away = np.sqrt(np.sum((x[:, :2] - place) ** 2, axis=1))
-        z = x[away <= away.min() + slack, 2]
+    def height(point):
+        distance = np.sqrt(np.sum((x[:, :2] - point) ** 2, axis=1))
+        z = x[distance <= distance.min() + slack, 2]
         return 0.5 * (z.min() + z.max())
 
-    return np.array([height(place) for place in plan])
+    return np.array([height(point) for point in plan])
 
 
 def _bilinear(x, gx, gy):
-    """Control points (n, 4) around each particle in plan, and their weights."""
+    """Return the control points (n, 4) around each particle in plan, and their weights."""
 
     def along(values, grid):
         if len(grid) == 1:

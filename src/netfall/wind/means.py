@@ -1,13 +1,15 @@
-"""Gusts that are means over the loaded surface around control points, with which its load is right.
+"""Gusts as means over the loaded surface around control points, which give the exact spectrum of its load.
 
 Between the control points gusts are g(y) = sum_i h_i(y) u_i, where the h_i sum to 1 at every node. The u_i
 are the projection of the gusts u on the surface,
 
     u_i = sum_j M^-1_ij sum_p a_p h_j(y_p) u(y_p),    M_ij = sum_p a_p h_i(y_p) h_j(y_p),    a_p the areas.
 
-So a load whose shape is made of the h_i, such as the whole load, has at every frequency the spectrum that
-Davenport's coherence gives it. Gusts at the points, interpolated, are alike over a whole cell, however fast
-they vary. Means are weaker at a single node: they lack what is alike over less than a cell.
+A load whose shape is a sum of the h_i, such as the whole load, therefore has at every frequency the spectrum
+of
+Davenport's coherence. Interpolated gusts at points are too coherent over a cell at high frequencies. Means
+are
+weaker at a single node, because they lack gusts smaller than a cell.
 """
 
 from dataclasses import dataclass
@@ -28,41 +30,45 @@ class Means:
     pairs: np.ndarray
 
     def covariances(self, n, weight) -> np.ndarray:
-        """Sums (w, c, c) over frequencies n (f,) [Hz] of their coherence, by weights (w, f)."""
+        """Compute sums (w, c, c) of their coherence over frequencies n (f,) [Hz] with weights (w, f)."""
         r = np.empty((len(weight), len(self.delay)))
         product(weight, self._coherence(n), r)
-        found = np.empty((len(weight), self.pairs[0].size))
-        product(r, self.pairs.reshape(len(self.delay), -1), found)
-        return found.reshape(-1, *self.pairs.shape[1:])
+        sums = np.empty((len(weight), self.pairs[0].size))
+        product(r, self.pairs.reshape(len(self.delay), -1), sums)
+        return sums.reshape(-1, *self.pairs.shape[1:])
 
     def kept(self, n, some) -> np.ndarray:
-        """Share (f,) of the spectrum at frequencies n (f,) that some of them have, mean over these."""
-        found = np.empty((len(n), len(some)))
-        product(self._coherence(n), np.ascontiguousarray(self.pairs[:, some, some]), found)
-        return found.mean(1)
+        """Compute the share (f,) of the spectrum at n (f,) [Hz] in the means `some`, averaged over these."""
+        shares = np.empty((len(n), len(some)))
+        product(self._coherence(n), np.ascontiguousarray(self.pairs[:, some, some]), shares)
+        return shares.mean(1)
 
     def _coherence(self, n) -> np.ndarray:
+        """Compute the coherence (f, a) of the delays."""
         return exp(-np.multiply.outer(n, self.delay))
 
 
 def means_over(surface: Surface, corner: np.ndarray, weight: np.ndarray, count: int, decay) -> Means:
-    """Return the means around control points of which the nodes have the weights (n, 4)."""
+    """Build the means around control points from the interpolation weights (n, 4) of the nodes."""
     corner, weight = corner[surface.node], weight[surface.node]
-    at = surface.patch[:, None] * count + corner
-    shape = np.bincount(at.ravel(), (surface.area[:, None] * weight).ravel(), len(surface.place) * count)
+    index = surface.patch[:, None] * count + corner
+    shape = np.bincount(index.ravel(), (surface.area[:, None] * weight).ravel(), len(surface.place) * count)
     delay, pairs = surface.pairs(shape.reshape(-1, count), decay)
-    at = corner[:, :, None] * count + corner[:, None]
-    alike = surface.area[:, None, None] * weight[:, :, None] * weight[:, None]
-    M, inverse = np.bincount(at.ravel(), alike.ravel(), count * count).reshape(count, count), np.eye(count)
+    index = corner[:, :, None] * count + corner[:, None]
+    overlap = surface.area[:, None, None] * weight[:, :, None] * weight[:, None]
+    M, inverse = (
+        np.bincount(index.ravel(), overlap.ravel(), count * count).reshape(count, count),
+        np.eye(count),
+    )
     if factorised(M):
         raise InputError("[wind] two control points are one to rounding; expected fewer control_points")
     solve_columns(M, inverse)
-    return Means(delay, np.array([_between(inverse, each) for each in pairs]))
+    return Means(delay, np.array([_between(inverse, matrix) for matrix in pairs]))
 
 
-def _between(inverse: np.ndarray, each: np.ndarray) -> np.ndarray:
-    """Return inverse each inverse^T, symmetric to the last bit."""
-    half, whole = np.empty_like(each), np.empty_like(each)
-    product(inverse, each, half)
-    product(half, np.ascontiguousarray(inverse.T), whole)
-    return 0.5 * (whole + whole.T)
+def _between(inverse: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Return inverse matrix inverse^T, symmetric to the last bit."""
+    half, full = np.empty_like(matrix), np.empty_like(matrix)
+    product(inverse, matrix, half)
+    product(half, np.ascontiguousarray(inverse.T), full)
+    return 0.5 * (full + full.T)

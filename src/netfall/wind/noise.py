@@ -1,8 +1,9 @@
 """Standard normal numbers by the ziggurat (Marsaglia and Tsang 2000), the same bits on any processor.
 
-The density is covered by layers of one area, the lowest with the tail. A draw takes a layer by chance and a
-place in it; all but 0.7 % are below the density whatever the height. numpy's generator does the same with the
-same bits of chance, and gives the same numbers; but its exponential and logarithm are the C library's.
+The density is covered by layers of equal area, the lowest with the tail. A draw takes a random layer and a
+random position in it; 99.3 % of the positions are below the density at any height. numpy's generator uses the
+same method and random bits and gives the same numbers, but its exponential and logarithm are those of the C
+library.
 """
 
 import numpy as np
@@ -12,14 +13,14 @@ from netfall.numerics.arithmetic import exponential, logarithm
 from netfall.numerics.functions import exp, log
 
 LAYERS = 256
-TAIL = 3.6541528853610088  # where the tail begins
-AREA = 0.0049286732339746548702  # of a layer
-PLACES = 2.0**52  # in a layer
-MOST_FOR_ONE = 64  # bits of chance that are left for a number in the tail, or more are drawn
+TAIL = 3.6541528853610088  # start of the tail
+AREA = 0.0049286732339746548702  # area of a layer
+PLACES = 2.0**52  # positions in a layer
+MOST_FOR_ONE = 64  # random words reserved for a number in the tail; with fewer left, more are drawn
 
 
 def _layers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Width of a place in each layer, number of places wholly below the density, the density at its edge."""
+    """Return for each layer: width of a position, positions below the density, density at the edge."""
     width, height, inside = np.empty(LAYERS), np.empty(LAYERS), np.empty(LAYERS)
     edge, height[0] = TAIL, 1.0
     height[-1] = exp(-0.5 * TAIL * TAIL)
@@ -37,15 +38,15 @@ WIDTH, INSIDE, HEIGHT = _layers()
 
 @part_of_kernel
 def _share(bits):
-    """A number from 0 to 1, 1 excluded, of bits of chance."""
+    """Convert random bits to a number from 0 to 1, 1 excluded."""
     return np.float64(bits >> np.uint64(11)) * 2.0**-53
 
 
 @kernel
-def fill_normal(raw, width, inside, height, found):
-    """Numbers found (n,), out, of bits of chance raw (r,) by the layers; how many there were bits for."""
+def fill_normal(raw, width, inside, height, numbers):
+    """Fill numbers (n,) from random bits raw (r,) by the layers; return how many the bits sufficed for."""
     enough, used = raw.shape[0] - MOST_FOR_ONE, 0
-    for i in range(found.shape[0]):
+    for i in range(numbers.shape[0]):
         while used < enough:
             bits = raw[used]
             used += 1
@@ -70,13 +71,13 @@ def fill_normal(raw, width, inside, height, found):
             break
         else:
             return i
-        found[i] = -x if rest & np.uint64(1) else x
-    return found.shape[0]
+        numbers[i] = -x if rest & np.uint64(1) else x
+    return numbers.shape[0]
 
 
 def standard_normal(bits: np.random.BitGenerator, count: int) -> np.ndarray:
-    """Independent standard normal numbers (count,)."""
-    raw, found = bits.random_raw(count + count // 8 + 8 * MOST_FOR_ONE), np.empty(count)
-    while fill_normal(raw, WIDTH, INSIDE, HEIGHT, found) < count:
+    """Draw independent standard normal numbers (count,)."""
+    raw, numbers = bits.random_raw(count + count // 8 + 8 * MOST_FOR_ONE), np.empty(count)
+    while fill_normal(raw, WIDTH, INSIDE, HEIGHT, numbers) < count:
         raw = np.concatenate([raw, bits.random_raw(count)])
-    return found
+    return numbers

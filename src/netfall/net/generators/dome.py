@@ -1,19 +1,22 @@
-"""A cable dome after Levy, in equilibrium under its prestress: rings of struts that float between cables.
+"""Cable dome after Levy, in equilibrium under its prestress: rings of struts that float between cables.
 
-From the central ring (level 0) to the supports (level h + 1) a level has n nodes at the radius r_j, turned by
+From the central ring (level 0) to the supports (level h + 1) a level has n nodes at the radius r_j, rotated
+by
 half a sector from level to level. Each strut stands between a ridge node at z_j and a lower node at z_j - L.
 From a node of level j two ridge cables (force density q_j) and from its lower node two diagonals (d_j) run to
 the ridge nodes, or supports, of level j + 1. With
 
-    fall_j = z_j - z_(j+1)                 climb_j = L - fall_j           upright parts of ridge, diagonal
-    out_j = r_(j+1) cos(pi/n) - r_j        in_j = r_(j+1) - r_j cos(pi/n) radial ones at level j, at j + 1
+    fall_j = z_j - z_(j+1)                 climb_j = L - fall_j           vertical parts of ridge, diagonal
+    out_j = r_(j+1) cos(pi/n) - r_j        in_j = r_(j+1) - r_j cos(pi/n) radial parts at level j, at j + 1
 
-the equilibrium of ridge and lower nodes is, along the radius and upright,
+the equilibrium of ridge and lower nodes is, radially and vertically,
 
     q_(j+1) out_(j+1) = (q_j + d_j) in_j          P_j = 2 q_j fall_j      P_j the force of a strut
     c_j r_j (1 - cos(2 pi/n)) = d_j out_j         P_j = 2 d_j climb_j     c_j the force density of a hoop
 
-so that d_j = q_j fall_j / climb_j, and all follows from q_0. The upper ring of level 0 has q_0 for d_0.
+Hence d_j = q_j fall_j / climb_j, and everything follows from q_0. The upper ring of level 0 has q_0 in place
+of
+d_0.
 """
 
 import numpy as np
@@ -28,7 +31,7 @@ GROUPS = ["ridge", "diagonal", "hoop", "ring_upper", "ring_lower", "strut"]
 def dome(
     diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_force, ring_groups=False
 ) -> Net:
-    """The net with its prestress; the arguments as in the job. Its supports are the outermost nodes."""
+    """Generate the net with its prestress, by the keys of the job. Its supports are the outermost nodes."""
     r, z, q, d, c, ring, P = profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force)
     above = np.arange((hoops + 2) * spokes).reshape(-1, spokes)  # the supports are the last row
     below = above.size + np.arange((hoops + 1) * spokes).reshape(-1, spokes)
@@ -51,7 +54,7 @@ def dome(
 
 
 def _both_ways(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
-    """(h + 1, 2, n, 2): from each node (h + 1, n) to its two neighbours of the level beyond."""
+    """Return elements (h + 1, 2, n, 2) from each node (h + 1, n) to its two neighbours of the next level."""
     even = np.arange(len(inner))[:, None] % 2 == 0
     before = np.where(even, np.roll(outer, 1, 1), outer)
     after = np.where(even, outer, np.roll(outer, -1, 1))
@@ -59,7 +62,7 @@ def _both_ways(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
 
 
 def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
-    """Radii, heights (h + 2,) [m] of levels; q, d, c (h + 1,) and upper ring [N/m]; P (h + 1,) [N]."""
+    """Return radii, heights (h + 2,) [m] of levels; q, d, c (h + 1,) and upper ring [N/m]; P (h + 1,) [N]."""
     r, z = levels(diameter, opening, dome_height, hoops)
     cosine = cos(np.pi / spokes)
     fall, out, inwards = -np.diff(z), r[1:] * cosine - r[:-1], r[1:] - r[:-1] * cosine
@@ -71,13 +74,13 @@ def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
 
 
 def levels(diameter, opening, dome_height, hoops):
-    """Radii and heights (h + 2,) [m] of the ridge nodes, on a paraboloid, from central ring to supports."""
+    """Return radii and heights (h + 2,) [m] of ridge nodes on a paraboloid, from the ring to the supports."""
     r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
     return r, dome_height * (r[-1] ** 2 - r**2) / (r[-1] ** 2 - r[0] ** 2)
 
 
 def wrong_dome(net) -> str:
-    """What is wrong with the dimensions of a dome, in words: no cable may push."""
+    """Describe the error in the dimensions of a dome: no cable may be in compression; "": none."""
     r, z = levels(net.diameter, net.opening, net.dome_height, net.hoops)
     if not (r[1:] * cos(np.pi / net.spokes) > r[:-1]).all():
         return (

@@ -2,15 +2,16 @@
 
 import numpy as np
 
-SNAP = 1e-3  # of the spacing: a grid point this close to the ellipse is a support on it
+SNAP = 1e-3  # share of the spacing: a grid point this close to the ellipse is a support on it
 
 
 def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True):
-    """Places (n, 2) [m] in rows along x, whether each is a support (n,), elements (k, 2) along x and along y.
+    """Lay out the nodes and elements of a cable grid inside an ellipse.
 
-    a, b : half axes [m]; whole : False: only y > 0, where the cables along y begin in supports on y = 0
+    a, b : half axes [m]; whole : False: only y > 0, where the cables along y start in supports on y = 0
 
-    Each cable ends in a support of its own, or in a point of the grid that lies on the ellipse.
+    Returns points (n, 2) [m] in rows along x, whether each is a support (n,), and elements (k, 2) along x and
+    along y. Each cable ends in its own support, or in a grid point on the ellipse.
     """
     across, away = (np.arange(-int(h / spacing) - 1, int(h / spacing) + 2) * spacing for h in (a, b))
     X, Y = np.meshgrid(across, away if whole else away[away > 0.0], indexing="ij")
@@ -34,40 +35,40 @@ def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True):
 
 
 def _chord(share: np.ndarray) -> np.ndarray:
-    """Half of a chord of the unit circle, from its distance to the middle; negative beyond the circle."""
+    """Return half of a chord of the unit circle at a distance from the middle; -inf beyond the circle."""
     return np.where(np.abs(share) <= 1.0, np.sqrt(np.maximum(0.0, 1.0 - share**2)), -np.inf)
 
 
 def _ends(across, along, chord, inside, on_edge):
-    """Where the cables along the second axis of the grid end, (k, 2) [m] each, and which rows have one.
+    """Return both ends (k, 2) [m] of the cables along the second axis of the grid, and their rows.
 
-    across, along, chord : places on the grid's axes and half the chord of the ellipse there [m]
+    across, along, chord : coordinates on the axes of the grid, and half the chord of the ellipse there [m]
 
-    A cable ends on the ellipse, or in a point of the grid that lies on it.
+    A cable ends on the ellipse, or in a grid point on it.
     """
-    of = np.flatnonzero(inside.any(1))
-    low = inside[of].argmax(1) - 1
-    high = inside.shape[1] - inside[of, ::-1].argmax(1)
+    rows = np.flatnonzero(inside.any(1))
+    low = inside[rows].argmax(1) - 1
+    high = inside.shape[1] - inside[rows, ::-1].argmax(1)
     ends = []
-    for sign, beyond in ((-1.0, low), (1.0, high)):
-        reach = np.where(on_edge[of, beyond], along[of, beyond], sign * chord[of, 0])
-        ends.append(np.column_stack([across[of, 0], reach]))
-    return *ends, of
+    for sign, column in ((-1.0, low), (1.0, high)):
+        reach = np.where(on_edge[rows, column], along[rows, column], sign * chord[rows, 0])
+        ends.append(np.column_stack([across[rows, 0], reach]))
+    return *ends, rows
 
 
-def _chains(number: np.ndarray, of: np.ndarray, ends) -> np.ndarray:
-    """Elements (k, 2) of the cables along the second axis of the grid."""
+def _chains(number: np.ndarray, cables: np.ndarray, ends) -> np.ndarray:
+    """Return the elements (k, 2) of the cables along the second axis of the grid."""
     pairs = np.stack([number[:, :-1], number[:, 1:]], -1).reshape(-1, 2)
-    rows = number[of]
+    rows = number[cables]
     inside = rows >= 0
-    k, count = np.arange(len(of)), rows.shape[1]
+    k, count = np.arange(len(cables)), rows.shape[1]
     first, last = rows[k, inside.argmax(1)], rows[k, count - 1 - inside[:, ::-1].argmax(1)]
     inner = pairs[(pairs >= 0).all(1)]
     return np.concatenate([np.column_stack([ends[0], first]), inner, np.column_stack([last, ends[1]])])
 
 
 def in_order(along_x, along_y):
-    """Elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
+    """Return the elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
     elements = np.concatenate([along_x, along_y])
     group = np.repeat([0, 1], [len(along_x), len(along_y)])
     order = np.lexsort((elements[:, 1], elements[:, 0]))
@@ -75,5 +76,5 @@ def in_order(along_x, along_y):
 
 
 def around(edge: np.ndarray, xy: np.ndarray, a: float, b: float) -> np.ndarray:
-    """The nodes `edge` on an ellipse at xy (n, 2) [m] in their order around it, by the angle from -x on."""
+    """Sort the nodes `edge` on an ellipse at xy (n, 2) [m] around it, by the angle from -x on."""
     return edge[np.argsort(np.arctan2(xy[edge, 1] / b, xy[edge, 0] / a))]

@@ -1,4 +1,4 @@
-"""Nets from dimensions: those of the paper, saddle (4.1), stadium (4.2); others: ring, wheel, dome."""
+"""Nets from dimensions: saddle (4.1) and stadium (4.2) of the paper; ring, wheel and dome."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from netfall.net.net import Net, pair_key
 
 
 def saddle(side: float, rise: float, cells: int) -> Net:
-    """Square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2, free particles on z = 0.
+    """Generate a square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2.
 
-    The square's corners carry no cable and are no particles.
+    Free particles are on z = 0. The corners of the square carry no cable and are no particles.
     """
     a, count = 0.5 * side, cells + 1
     line = np.linspace(-a, a, count)
@@ -44,42 +44,45 @@ def saddle(side: float, rise: float, cells: int) -> Net:
 
 
 def stadium(length: float, width: float, arch_rise: float, spacing: float, halves: int = 1) -> Net:
-    """A stadium roof, one half as in the paper or both, which share the arch."""
+    """Generate a stadium roof: one half as in the paper, or both halves, which share the arch."""
     half = half_stadium(length, width, arch_rise, spacing)
     return half if halves == 1 else mirrored(half)
 
 
 def mirrored(half: Net) -> Net:
-    """A net on one side of its supports on y = 0 together with its mirror image on the other side of them."""
+    """Join a net on one side of its supports on y = 0 with its mirror image on the other side."""
     away = np.flatnonzero(half.x[:, 1] > 0)
     away = away[np.lexsort((half.x[away, 0], -half.x[away, 1]))]
     k, corners = len(away), len(half.corners)
-    here = k + np.arange(half.n + corners)
-    there = here.copy()
-    there[away] = np.arange(k)
+    own = k + np.arange(half.n + corners)
+    image = own.copy()
+    image[away] = np.arange(k)
     along_x, along_y = (half.elements[half.group == group] for group in (0, 1))
     elements, group = in_order(
-        np.concatenate([there[along_x], here[along_x]]),
-        np.concatenate([there[along_y][:, ::-1], here[along_y]]),
+        np.concatenate([image[along_x], own[along_x]]),
+        np.concatenate([image[along_y][:, ::-1], own[along_y]]),
     )
-    outline = np.concatenate([there[half.outline], here[half.outline]])
-    once = np.sort(np.unique(pair_key(outline, len(here) + k), return_index=True)[1])  # the arch has it twice
+    outline = np.concatenate([image[half.outline], own[half.outline]])
+    first = np.sort(
+        np.unique(pair_key(outline, len(own) + k), return_index=True)[1]
+    )  # both halves have the arch
     return Net(
         np.concatenate([half.x[away] * [1.0, -1.0, 1.0], half.x]),
         np.concatenate([half.fixed[away], half.fixed]),
         elements,
         group,
         half.group_names,
-        outline=outline[once],
+        outline=outline[first],
         corners=half.corners,
     )
 
 
 def half_stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
-    """Half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
+    """Generate half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
 
-    Cables along x and y at multiples of `spacing`, each ending on the arch or on the ellipse. The start
-    geometry is the ruled surface, straight in the y direction from arch to edge.
+    Cables run along x and y at multiples of `spacing` and end on the arch or the ellipse. The start geometry
+    is
+    the ruled surface that is straight in the y direction from arch to edge.
     """
     a, b = 0.5 * length, 0.5 * width
     xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
@@ -103,10 +106,11 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
 
 
 def ring(length: float, width: float, rise: float, spacing: float) -> Net:
-    """Cables along x and y at multiples of `spacing`, each from the ring to the ring, z = rise (u^2 - v^2).
+    """Generate cables along x and y at multiples of `spacing` inside an elliptic ring, z = rise (u^2 - v^2).
 
-    u = x / a, v = y / b, with a and b half of length and width: so the ring stands `rise` above the middle at
-    the ends of the long axis, and as far below it at those of the short one.
+    u = x / a, v = y / b, with a and b half of length and width. The ring is `rise` above the middle at the
+    ends of
+    the long axis, and `rise` below it at the ends of the short axis.
     """
     a, b = 0.5 * length, 0.5 * width
     plan, held, along_x, along_y = cables_in_ellipse(a, b, spacing)
@@ -119,19 +123,22 @@ def ring(length: float, width: float, rise: float, spacing: float) -> Net:
 
 
 def generate(net) -> Net:
-    """The net of a section [net] with a generator."""
+    """Generate the net of a section [net] with a generator."""
     makers = {"saddle": saddle, "stadium": stadium, "ring": ring, "wheel": wheel, "dome": dome}
     make = makers[net.generator]
     return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
 
 
 def wrong_dimensions(net, most: int) -> str:
-    """What is wrong with the dimensions of a section [net], in words: too many elements, or no roof."""
-    grid = lambda: 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+    """Describe the error in the dimensions of a section [net]: too many elements, or no roof; "": none."""
+
+    def half_roof():
+        return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+
     key, size = {
         "saddle": ("cells", lambda: 2.0 * net.cells**2),
-        "stadium": ("spacing", lambda: net.halves * grid()),
-        "ring": ("spacing", lambda: 2.0 * grid()),
+        "stadium": ("spacing", lambda: net.halves * half_roof()),
+        "ring": ("spacing", lambda: 2.0 * half_roof()),
         "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
         "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
     }[net.generator]
