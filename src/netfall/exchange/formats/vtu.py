@@ -1,4 +1,4 @@
-"""A result as an UnstructuredGrid of lines, for ParaView."""
+"""Export of a result as an UnstructuredGrid of lines, for ParaView."""
 
 from pathlib import Path
 
