@@ -84,5 +84,5 @@ def parts_of_chains(f) -> np.ndarray:
         return np.zeros(len(f["net/elements"]), bool)
     cable, names = job_of(f).get("cable", {}), f["net/group_names"].asstr()[:]
     lengths = [{**cable, **cable.get(name, {})}.get("buckling_length") for name in names]
-    given = np.array([length is not None for length in lengths])
-    return (f["net/bending"][:] == 1) & ~given[f["net/group"][:]]
+    has_length = np.array([length is not None for length in lengths])
+    return (f["net/bending"][:] == 1) & ~has_length[f["net/group"][:]]

@@ -57,8 +57,8 @@ class Checked:
 
         An element with a utilisation ranks before all without. One that fails ranks before all that do not.
         """
-        used = np.where(self.fails[check], np.fmax(self.utilisation[check], ABOVE), self.utilisation[check])
-        return _by(used, self.force[check])
+        values = np.where(self.fails[check], np.fmax(self.utilisation[check], ABOVE), self.utilisation[check])
+        return _by(values, self.force[check])
 
     def why_empty(self, check: Check) -> str:
         """Explain why no element has a utilisation in a check."""
@@ -112,7 +112,7 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
     largest_forces = {check.name: largest[check.compression](stages[check.name]) for check in checks}
     force, of = ({name: pair[k] for name, pair in largest_forces.items()} for k in (0, 1))
     unused = {False: only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
-    used = {
+    utilisation = {
         each.name: np.where(unused[each.compression], np.nan, force[each.name] / resistance[each.name])
         for each in checks
     }
@@ -123,11 +123,11 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
     fails = {}
     for each in checks:
         at_limit = force[each.name] >= REACHED * limits[each.compression]
-        beyond = (used[each.name] > 1.0) | at_limit | (failed & (stages[each.name] & is_motion).any())
-        fails[each.name] = np.isfinite(used[each.name]) & beyond
+        beyond = (utilisation[each.name] > 1.0) | at_limit | (failed & (stages[each.name] & is_motion).any())
+        fails[each.name] = np.isfinite(utilisation[each.name]) & beyond
     moment = moment_columns(f).get("bending_moment_max", np.full(len(caps.yielding), np.nan))
-    unborne = {name: unborne_of(f, places_of(envelope, which)) for name, which in stages.items()}
-    return Checked(checks, resistance, used, force, of, fails, unborne, np.isfinite(moment))
+    unborne = {name: unborne_of(f, places_of(envelope, counting)) for name, counting in stages.items()}
+    return Checked(checks, resistance, utilisation, force, of, fails, unborne, np.isfinite(moment))
 
 
 def results_of(checked: Checked, check: str) -> np.ndarray:
@@ -272,9 +272,9 @@ def measured_lengths(f, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.nd
     return load, warm, stretched_length(warm, load[cable], EA, states.strain_measure(f))
 
 
-def _by(used: np.ndarray, N: np.ndarray) -> np.ndarray:
+def _by(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:
     """Rank elements by utilisation; those without one follow in the order of their forces."""
-    return np.where(np.isnan(used), N / (1.0 + np.abs(N).max()) - 2.0, used)
+    return np.where(np.isnan(utilisation), N / (1.0 + np.abs(N).max()) - 2.0, utilisation)
 
 
 def _first_by(key: np.ndarray, cable: np.ndarray) -> np.ndarray:

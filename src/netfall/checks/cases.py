@@ -33,8 +33,8 @@ def _extremes(f, case: Case, groups: dict[str, np.ndarray]) -> dict[str, list]:
     slack, by_group = (N <= 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f), {}
     for name, rows in groups.items():
         low, high, node = rows[np.argmin(N[rows])], rows[np.argmax(N[rows])], np.unique(ends[rows])
-        far = node[np.argmax(displacement[node])]
-        extremes = [N[low], ids[low], N[high], ids[high], displacement[far], nodes[far]]
+        farthest = node[np.argmax(displacement[node])]
+        extremes = [N[low], ids[low], N[high], ids[high], displacement[farthest], nodes[farthest]]
         by_group[name] = [*extremes, int(slack[rows].sum())]
     return by_group
 
@@ -82,8 +82,8 @@ def displacement_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
 
 def name_in(columns: dict, cases: list[Case], stage: ShownState) -> str:
     """Return the name of a stage's column: the name of its case, unless a column has it already."""
-    own = [case.name for case in cases if case.shown.place == stage.place and stage.place]
-    return own[0] if own and own[0] not in columns else stage.name
+    own_names = [case.name for case in cases if case.shown.place == stage.place and stage.place]
+    return own_names[0] if own_names and own_names[0] not in columns else stage.name
 
 
 def factor(cases: list[Case], stage: ShownState) -> float:

@@ -21,12 +21,12 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     include stages of no kind, such as member removals and dynamics, whose loads are accidental. If the job
     has none, all stages count but the combinations of the other kind.
     """
-    own = kinds == kind
-    if not kind or not own.any():
+    counts = kinds == kind
+    if not kind or not counts.any():
         return ~np.isin(kinds, KINDS) if kind else np.ones(len(kinds), bool)
-    own |= (kinds == "") & (kind == KINDS[0])
-    own[0] = True
-    return own
+    counts |= (kinds == "") & (kind == KINDS[0])
+    counts[0] = True
+    return counts
 
 
 def places_of(envelope: Envelope, which: np.ndarray) -> list[str]:

@@ -84,25 +84,27 @@ def _firsts(group: np.ndarray, rows: list[tuple[int, int]]) -> list[tuple[int, i
     return list(first_rows.values())
 
 
-def limits_of(job: dict, cases: list[Case], moved: list[tuple[float, int]], slack: list[int]) -> list[Limit]:
+def limits_of(
+    job: dict, cases: list[Case], largest: list[tuple[float, int]], slack: list[int]
+) -> list[Limit]:
     """Compare the combinations of service with the limits of [limits].
 
-    moved : largest displacement [m] of each case, nan: none, and its node's id
+    largest : largest displacement [m] of each case, nan: none, and its node's id
     slack : slack cables of each case
     """
-    given, limits = job.get("limits", {}), []
-    for case, (reached, node), slack_count in zip(cases, moved, slack):
+    allowed, limits = job.get("limits", {}), []
+    for case, (reached, node), slack_count in zip(cases, largest, slack):
         if case.kind != KINDS[1]:
             continue
         valid = case.state == EQUILIBRIUM
-        if "displacement" in given:
-            limit = float(given["displacement"])
+        if "displacement" in allowed:
+            limit = float(allowed["displacement"])
             at = f"node {node}" if reached == reached else case.state
             limits.append(
                 Limit(case.name, "displacement", "m", reached, limit, at, valid and reached <= limit)
             )
-        if "slack" in given:
-            limit = float(given["slack"])
+        if "slack" in allowed:
+            limit = float(allowed["slack"])
             at, value = ("", float(slack_count)) if case.carries else (case.state, np.nan)
             limits.append(Limit(case.name, "slack", "cables", value, limit, at, valid and value <= limit))
     return limits

@@ -83,10 +83,10 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
     table = Table(path, COLUMNS, ())
     pin, socket = (table.numbers(name, 0.0, low=0.0, unit="mm") / MM for name in COLUMNS[2:])
     words = {name: table.words(name) for name in COLUMNS[:2]}
-    for name, known in (("group", groups), ("type", types)):
+    for name, names in (("group", groups), ("type", types)):
         for row, word in enumerate(words[name]):
-            if word and word not in known:
-                hint = nearest(word, known) if known else "the net has none"
+            if word and word not in names:
+                hint = nearest(word, names) if names else "the net has none"
                 table.wrong(f"{table.at(row)}: {name} = {word[:40]!r}: no such {name} in the result; {hint}")
     table.finish()
     return [Deduction(*row) for row in zip(words["group"], words["type"], pin.tolist(), socket.tolist())]

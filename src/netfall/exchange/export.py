@@ -56,13 +56,13 @@ def export(source: Path, target: Path, wanted: Wanted, say: Callable[[str], None
         say(line)
 
 
-def lacking(result: Result, ending: str, held: tuple[str, ...]) -> list[str]:
+def lacking(result: Result, ending: str, contents: tuple[str, ...]) -> list[str]:
     """Return a note on the contents of this net that a file with this ending does not hold.
 
-    held : contents of `of_net` that it holds
+    contents : contents of `of_net` that it holds
     """
-    words = [word for word, present in of_net(result).items() if present and word not in held]
-    return [f"note: a {ending} does not hold this net's {', '.join(words)}; a .csv does"]
+    missing = [word for word, present in of_net(result).items() if present and word not in contents]
+    return [f"note: a {ending} does not hold this net's {', '.join(missing)}; a .csv does"]
 
 
 def of_net(result: Result) -> dict[str, bool]:

@@ -56,10 +56,10 @@ class State:
         """
         return self.ends[:, 0] == self.ends[:, 1]
 
-    def told_out(self, what: str) -> list[str]:
-        """Return a line on the elements out of the net, if any; what : the objects that the file lacks."""
+    def told_out(self, objects: str) -> list[str]:
+        """Return a line on the elements out of the net, if any; objects : what the file lacks."""
         ids = self.element_id[self.out()]
-        return [f"{counted('element', ids)} out of the net by then: no {what}"] if len(ids) else []
+        return [f"{counted('element', ids)} out of the net by then: no {objects}"] if len(ids) else []
 
     def unstressed(self) -> dict[str, np.ndarray]:
         """Return the unstressed lengths by name, also at the temperature of the loads if it differs."""

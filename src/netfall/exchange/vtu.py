@@ -23,10 +23,10 @@ SUPPORTS = ("held", "fixed", "is_anchor", "is_fixed")
 VARIABLE = re.compile("Poly|Strip|Lagrange|Bezier")  # classes of cells with any number of points
 
 
-def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
+def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
     """Read the lines, polylines and sides of faces of a grid.
 
-    supports, wanted : as in `read_dxf`, for groups
+    supports, layers : as in `read_dxf`, for groups
 
     Raises InputError for another file.
     """
@@ -42,8 +42,8 @@ def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
     group = np.zeros(len(ends), np.int64) if number is None else number.astype(np.int64)[cell]
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
-    if wanted is not None:
-        selected = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*wanted, *supports))])
+    if layers is not None:
+        selected = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*layers, *supports))])
         ends, layer = ends[selected], layer[selected]
     arrays = [_array(grid.GetPointData(), name) for name in (*SUPPORTS, "node_id")]
     keys, held = arrays.pop(), next((array for array in arrays if array is not None), np.zeros(len(x)))
@@ -158,9 +158,9 @@ def _left_out(inner_points: Counter, deviations: list[float], others: Counter) -
             f"higher order, those of curves up to {max(deviations, default=0.0):.4g} beside the straight "
             "lines that were read"
         )
-    words = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
+    names = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
     return lines + [
-        f"{others[kind]} cells of type {name}, which is no line and no face" for kind, name in words.items()
+        f"{others[kind]} cells of type {name}, which is no line and no face" for kind, name in names.items()
     ]
 
 

@@ -210,7 +210,7 @@ def stages(job: Job) -> list[str]:
 def feature_words(job: Job, model: Model) -> str:
     """List the features of the problem, in words."""
     features, load = features_of(job, model.layout.net, model.layout.slides), job.load
-    words = (
+    table = (
         ("yield", features.plastic),
         ("fracture", features.fracture),
         ("wind", features.wind),
@@ -229,7 +229,7 @@ def feature_words(job: Job, model: Model) -> str:
         (f"{features.strain} strain", features.strain != Features.strain),
         ("broken elements taken out", features.fracture and not features.fragments),
     )
-    return ", ".join(word for word, present in words if present) or "elastic elements alone"
+    return ", ".join(word for word, present in table if present) or "elastic elements alone"
 
 
 def limit_line(limit: Limit, model: Model) -> str:
@@ -273,11 +273,11 @@ def probe_remarks(model: Model, probes) -> list[str]:
     net, remarks = model.net, []
     ends = model.x[net.elements]
     longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
-    for place, p in zip(probes, model.layout.probes.particles):
-        if isinstance(place, int):
+    for probe, p in zip(probes, model.layout.probes.particles):
+        if isinstance(probe, int):
             continue
-        axes, name = len(place), ", ".join(f"{value:g}" for value in place)
-        distance = np.linalg.norm(net.x[:, :axes] - np.array(place), axis=1)
+        axes, name = len(probe), ", ".join(f"{value:g}" for value in probe)
+        distance = np.linalg.norm(net.x[:, :axes] - np.array(probe), axis=1)
         offset = float(distance[p])
         equal = np.flatnonzero(distance <= offset + net.tolerance)
         if axes == 2 and len(equal) > 1 and np.ptp(net.x[equal, :2], axis=0).max() <= net.tolerance:
@@ -327,10 +327,10 @@ def step_remarks(scene: Scene) -> list[str]:
 
 def _added_mass(model: Model) -> str:
     """Return the line on mass scaling."""
-    added, own = model.added, model.mass - model.added
-    worst = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
+    added, own_mass = model.added, model.mass - model.added
+    worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
     return (
         f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
-        f"particles, {added.sum() / own[model.net.moves].sum():.2%} of what moves; at most "
-        f"{added[worst] / own[worst]:.2g} times a particle's own (node {model.net.node_id[worst]})"
+        f"particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of what moves; at most "
+        f"{added[worst] / own_mass[worst]:.2g} times a particle's own (node {model.net.node_id[worst]})"
     )

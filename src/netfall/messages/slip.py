@@ -32,7 +32,7 @@ def unlike_notes(model: Model) -> list[str]:
     """Return a note on slip points where tensions of the form differ by more than the slip resistance."""
     slides, net, x = model.layout.slides, model.net, model.x
     u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
-    u, w = (along / lengths(along)[:, None] for along in (u, w))
+    u, w = (vector / lengths(vector)[:, None] for vector in (u, w))
     turn = 2.0 * np.arctan2(lengths(u + w), lengths(u - w))
     N = model.N[np.stack([slides.before, slides.after])]
     slip_resistance = slides.resistance + np.maximum(N.min(0), 0.0) * np.expm1(slides.friction * turn)

@@ -63,8 +63,8 @@ def save(figure, path: Path) -> Path:
             if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
                 axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
     write_out_controls(figure)
-    with whole(path) as place:
-        figure.savefig(place, bbox_inches="tight", pad_inches=0.2)
+    with whole(path) as temporary:
+        figure.savefig(temporary, bbox_inches="tight", pad_inches=0.2)
     plt.close(figure)
     return path
 
@@ -76,12 +76,12 @@ def write_out_controls(figure) -> None:
             text.set_text(plain(text.get_text()))
 
 
-def heading(figure, title: str, words: str) -> None:
-    """Set the title of a figure: the job's title, shortened, then `words`, wrapped to the width."""
+def heading(figure, title: str, subtitle: str) -> None:
+    """Set the title of a figure: the job's title, shortened, then a subtitle, wrapped to the width."""
     title = one_line(title)
     title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
     line_length = int(CHARACTERS * figure.get_figwidth())  # matplotlib's wrapping parses dollar signs
-    figure.suptitle("\n".join(fill(line, line_length) for line in f"{title}{words}".split("\n")))
+    figure.suptitle("\n".join(fill(line, line_length) for line in f"{title}{subtitle}".split("\n")))
 
 
 def unit_of(largest: float, unit: str) -> tuple[float, str]:
@@ -123,17 +123,17 @@ def add_scale(axes, norm, palette, label: str, **more):
     return figure.colorbar(colours, ax=axes, **style)
 
 
-def line_width(elements: int, most: float = 1.4) -> float:
+def line_width(elements: int, largest: float = 1.4) -> float:
     """Return the width of lines [pt] that keeps that many elements apart."""
-    return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, most))
+    return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, largest))
 
 
-def in_space(figure, place, points, zoom: float = 1.0):
+def in_space(figure, position, points, zoom: float = 1.0):
     """Add axes in space with equal scales around points (n, 3), labelled in metres.
 
     zoom : factor on the size that fits. A net in an upright plane along x is seen from the front.
     """
-    axes = figure.add_subplot(*place, projection="3d")
+    axes = figure.add_subplot(*position, projection="3d")
     low, high = points.min(0), points.max(0)
     extent = np.maximum(high - low, 0.02 * (high - low).max() + 1e-9)
     middle, share = 0.5 * (low + high), extent / extent.max()
@@ -190,12 +190,12 @@ def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) ->
     along = lambda kind, rows: ", ".join(
         f"{axis}: {kind[rows, k].sum()}" for k, axis in enumerate("xyz") if kind[rows, k].any()
     )
-    for which, kind, marker, colour, word in (
+    for selected, kind, marker, colour, word in (
         (fully_fixed, None, "s", SUPPORT, "supports"),
         (fixed.any(1) & ~fully_fixed, fixed, "^", GUIDED, "held in part"),
         (spring.any(1), spring, "D", SPRING, "springs"),
     ):
-        rows = np.flatnonzero(which)
+        rows = np.flatnonzero(selected)
         if len(rows):
             label = f"{word}, {len(rows)}" + (f" ({along(kind, rows)})" if kind is not None else "")
             style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **OVER}

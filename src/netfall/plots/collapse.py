@@ -61,18 +61,18 @@ def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
     """Draw the elements at a step in the window (2, 3); smaller compressions than `trace` [N] are ignored."""
-    every = max(1, frames.cells // MOST_DRAWN)
-    present = frames.present(step)[::every]
-    lines, N = frames.lines(step)[::every][present], frames.tension(step)[::every][present]
-    broken = frames.broken(step)[::every][present]
+    stride = max(1, frames.cells // MOST_DRAWN)
+    present = frames.present(step)[::stride]
+    lines, N = frames.lines(step)[::stride][present], frames.tension(step)[::stride][present]
+    broken = frames.broken(step)[::stride][present]
     inside = within(window, lines)
     unloaded = (N <= 0) & (N >= -trace)
     kinds = (~broken & (N > 0), ~broken & (N < -trace), ~broken & unloaded, broken)
     for (_, colour, width), rows in zip(STYLES, kinds):
         add_lines(axes, lines[rows & inside], colors=colour, linewidths=width)
-    failed, outside = int(frames.broken(step).sum()), int((~inside).sum()) * every
+    failed, outside = int(frames.broken(step).sum()), int((~inside).sum()) * stride
     out_of_view = f", {outside} out of view" if outside else ""
-    slack = int(kinds[2].sum()) * every
+    slack = int(kinds[2].sum()) * stride
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or lost, {slack} slack{out_of_view}")
 
 

@@ -133,13 +133,13 @@ def mark_events(axes, f) -> None:
     marks += [(t, f"loss {t:.3f} s", "--") for t in np.unique(lost[~np.isnan(lost)])]
     low, high = axes.get_xlim()
     labelled: list[float] = []
-    for t, words, style in marks:
+    for t, text, style in marks:
         axes.axvline(t, color="0.5", lw=0.8, ls=style)
         if all(abs(t - other) > ROOM * (high - low) for other in labelled):
             labelled.append(t)
             above = axes.get_xaxis_transform()
-            place = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": SMALL, "color": "0.4"}
-            axes.annotate(words, (t, 1.0), xycoords=above, **place)
+            text_style = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": SMALL, "color": "0.4"}
+            axes.annotate(text, (t, 1.0), xycoords=above, **text_style)
 
 
 def tensions(f):
@@ -200,8 +200,8 @@ def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
     """
     h, frames, curves, chosen = f["history"], Frames(f), [], []
     if "element_tension" in h:
-        named = h["element"][:MOST_NAMED]
-        return [(h["time"][:], h["element_tension"][:, k], e) for k, e in enumerate(named)]
+        elements = h["element"][:MOST_NAMED]
+        return [(h["time"][:], h["element_tension"][:, k], e) for k, e in enumerate(elements)]
     if "probe_tension" in h and h["probe_tension"].shape[1]:
         chosen = h["probe_element"][:MOST_CURVES].tolist()
         curves = [(h["time"][:], h["probe_tension"][:, k], e) for k, e in enumerate(chosen)]
@@ -259,8 +259,8 @@ def wind(f):
     points = g["tap" if tapped else "control_point"][:]
     figure, ((axes,),) = charts(1, 1, 9, 4.2)
     for k in np.unique(np.linspace(0, values.shape[1] - 1, 3).astype(int)):
-        place = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
-        axes.plot(t, values[:, k], lw=0.9, label=f"at ({place}) m")
+        position = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
+        axes.plot(t, values[:, k], lw=0.9, label=f"at ({position}) m")
     if not tapped:
         axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
     axes.set_xlabel("time [s]")

@@ -65,9 +65,12 @@ class Motion(Frames):
         """Mark the supports of a frame."""
         add_supports(self.f, axes, self.positions(step)[: len(self.f["net/fixed"])])
 
-    def words(self, step: int, away: int) -> str:
-        """Describe a frame; away : elements out of view."""
-        word, out = "broken or lost" if len(self.lost) else "broken", f", {away} out of view" if away else ""
+    def words(self, step: int, outside: int) -> str:
+        """Describe a frame; outside : elements out of view."""
+        word, out = (
+            "broken or lost" if len(self.lost) else "broken",
+            f", {outside} out of view" if outside else "",
+        )
         broken_count, present_count = int(self.broken(step).sum()), self.present(step).sum()
         return f"t = {self.times[step]:.3f} s: {broken_count} of {present_count} {word}{out}"
 
@@ -89,7 +92,7 @@ class Erection(StageFrames):
         """Mark the supports of a stage."""
         add_supports(self.f, axes, self.positions(step), self.states[step].place)
 
-    def words(self, step: int, away: int) -> str:
+    def words(self, step: int, outside: int) -> str:
         """Describe a stage."""
         return force_words(self.f, self.states[step])
 
@@ -113,8 +116,8 @@ def animate(
         for reel in _reels(f, result, shot.until):
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{result.stem}_{reel.name}.{form}"
-            with whole(path) as place:
-                _write(f, reel, shot, place, fps or reel.fps)
+            with whole(path) as temporary:
+                _write(f, reel, shot, temporary, fps or reel.fps)
             written.append((path, f"{_told(reel, fps or reel.fps)}, {path.stat().st_size / 1e6:.2g} MB"))
     return written
 
@@ -132,8 +135,8 @@ def _write(f: h5py.File, reel: Motion | Erection, shot: Shot, path: Path, fps: i
 
 def _told(reel: Motion | Erection, fps: int) -> str:
     """Return the line that describes a film."""
-    count, every = len(reel.steps), int(np.diff(reel.steps).min(initial=MOST_FRAMES))
-    thinning = f" (every {every}-th of the file)" * (1 < every < MOST_FRAMES)
+    count, stride = len(reel.steps), int(np.diff(reel.steps).min(initial=MOST_FRAMES))
+    thinning = f" (every {stride}-th of the file)" * (1 < stride < MOST_FRAMES)
     return f"{count} frames{thinning} at {fps} a second: {count / fps:.3g} s for {reel.span(reel.steps[-1])}"
 
 
@@ -195,9 +198,9 @@ class _Film:
         self.done.set_width(reel.times[step] - reel.begin)
 
 
-def _axes(figure, place, window: np.ndarray, shot: Shot):
+def _axes(figure, position, window: np.ndarray, shot: Shot):
     """Add axes in space around a window (2, 3) [m] with the view of a shot."""
-    axes = in_space(figure, (place,), window, shot.zoom)
+    axes = in_space(figure, (position,), window, shot.zoom)
     axes.view_init(*shot.view)
     elevation, azimuth = np.radians(shot.view)
     eye = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)

@@ -80,8 +80,8 @@ def limits(sizes: np.ndarray) -> tuple[float, float] | None:
 
 def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, width: float) -> None:
     """Add elements (m, 2, 3) [m] coloured by axial forces N (m,) [N]; the largest forces are on top."""
-    every = max(1, len(lines) // MOST_DRAWN)
-    lines, N = lines[::every], N[::every]
+    stride = max(1, len(lines) // MOST_DRAWN)
+    lines, N = lines[::stride], N[::stride]
     N = np.where((N < 0.0) & (N >= -scale.trace), 0.0, N)
     add_lines(axes, lines[N == 0.0], colors=SLACK, linewidths=0.7 * width)
     for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):

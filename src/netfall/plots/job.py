@@ -66,7 +66,7 @@ class JobNet:
 def draw_job(job: JobNet, path: Path) -> None:
     """Write the picture: in space by groups, in plan by zones."""
     net = job.net
-    rows, every = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
+    rows, stride = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
     figure = plt.figure(figsize=(13, 7.2), layout="constrained")
     left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
     space = in_space(left, (1, 1, 1), net.x)
@@ -80,7 +80,7 @@ def draw_job(job: JobNet, path: Path) -> None:
     _draw_plan(plan, job, rows)
     for half, axes in ((left, space), (right, plan)):
         _add_legend(half, axes)
-    heading(figure, job.title, _words(net, every))
+    heading(figure, job.title, _words(net, stride))
     save(figure, path)
 
 
@@ -93,9 +93,9 @@ def _add_legend(figure, axes) -> None:
             line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
 
 
-def _words(net: Net, every: int) -> str:
+def _words(net: Net, stride: int) -> str:
     size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
-    left_out = f"; one of {every} cables is drawn" if every > 1 else ""
+    left_out = f"; one of {stride} cables is drawn" if stride > 1 else ""
     return f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
 
 

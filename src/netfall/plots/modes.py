@@ -40,7 +40,7 @@ def modes(f):
         canvas.dot_supports(plan, x[:, :2], held)
         space.set_title(_words(f, k, "xyz"[axis]))
     label = "displacement along the axis that a title names, of the largest of a node [-]"
-    canvas.add_scale([each for pair in panels for each in pair], norm, COLOURS, label)
+    canvas.add_scale([panel for pair in panels for panel in pair], norm, COLOURS, label)
     canvas.heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
     return figure
 

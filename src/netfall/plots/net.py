@@ -27,13 +27,13 @@ def named_groups(names: list[str], count) -> list[str | None]:
     return labels
 
 
-def whole_cables(x, elements, cable, group, most: int) -> tuple[np.ndarray, int]:
+def whole_cables(x, elements, cable, group, limit: int) -> tuple[np.ndarray, int]:
     """Select the elements that are drawn, as complete cables evenly over each group; and their stride.
 
-    x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; most : elements that are drawn
+    x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; limit : elements that are drawn
     """
-    every = max(1, -(-len(elements) // most))
-    if every == 1:
+    stride = max(1, -(-len(elements) // limit))
+    if stride == 1:
         return np.arange(len(elements)), 1
     name, first, row = np.unique(cable, return_index=True, return_inverse=True)
     middle = x[elements, :2].mean(1)
@@ -41,13 +41,13 @@ def whole_cables(x, elements, cable, group, most: int) -> tuple[np.ndarray, int]
     selected, group = np.zeros(len(name), bool), group[first]
     for g in np.unique(group):
         rows = np.flatnonzero(group == g)
-        selected[rows[in_turn(centre[rows])][::every]] = True
-    return np.flatnonzero(selected[row]), every
+        selected[rows[in_turn(centre[rows])][::stride]] = True
+    return np.flatnonzero(selected[row]), stride
 
 
-def in_turn(places: np.ndarray) -> np.ndarray:
+def in_turn(points: np.ndarray) -> np.ndarray:
     """Sort points (k, 2) so that neighbours follow one another, by Morton's curve."""
-    box = places - places.min(0)
+    box = points - points.min(0)
     cell = (1023 * box / max(box.max(), 1e-9)).astype(np.int64)
     code = sum(((cell[:, axis] >> bit) & 1) << (2 * bit + axis) for bit in range(10) for axis in (0, 1))
     return np.argsort(code, kind="stable")
@@ -73,8 +73,8 @@ def as_read(x, ends, group: list[str], fixed, spring, marks, title: str, path) -
     """
     names, rows = np.unique(group, return_inverse=True)
     figure, (axes,) = space_panels(x, 1)
-    every = max(1, len(ends) // MOST_READ)
-    add_groups(axes, x[ends][::every], rows[::every], names.tolist(), 0.9)
+    stride = max(1, len(ends) // MOST_READ)
+    add_groups(axes, x[ends][::stride], rows[::stride], names.tolist(), 0.9)
     mark_supports(axes, x, fixed, spring)
     if len(marks):
         style = {"ls": "", "marker": "x", "ms": 4, "color": BROKEN, **OVER}

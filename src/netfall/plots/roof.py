@@ -40,8 +40,8 @@ def roof(f):
         _draw_values(f, axes, *row)
     explanation = "each node its part of the faces" if has_faces(f) else "each node a square of its area"
     legend = f"({explanation}; dots: supports; a positive pressure presses)"
-    drawn = " as given, with the areas of the form" if "form_finding" in f else ""
-    heading(figure, title_of(f), f": roof in plan{drawn}\n{legend}")
+    geometry = " as given, with the areas of the form" if "form_finding" in f else ""
+    heading(figure, title_of(f), f": roof in plan{geometry}\n{legend}")
     return figure
 
 
@@ -57,20 +57,20 @@ def _draw_zones(f, axes) -> None:
         part[:, 0] = np.clip(1.0 - part[:, 1:].sum(1), 0.0, 1.0)
     cells.set_facecolor(np.clip(part[rows] @ [to_rgba(colour) for colour in colours], 0.0, 1.0))
     axes.add_collection(cells)
-    area, shown = f["net/tributary_area"][:], sorted(set(zone[zone < 0])) + list(range(len(names)))
-    handles = [plt.Rectangle((0, 0), 1, 1, color=colours[k + 1]) for k in shown]
-    labels = [f"{names[k] if k >= 0 else '(none)'}: {area @ part[:, k + 1]:.4g} m2" for k in shown]
+    area, listed = f["net/tributary_area"][:], sorted(set(zone[zone < 0])) + list(range(len(names)))
+    handles = [plt.Rectangle((0, 0), 1, 1, color=colours[k + 1]) for k in listed]
+    labels = [f"{names[k] if k >= 0 else '(none)'}: {area @ part[:, k + 1]:.4g} m2" for k in listed]
     axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.02, 1.0))
     axes.set_title("zones, with their area of surface")
 
 
-def _draw_values(f, axes, name: str, what: str, unit: str, colours: str, signed: bool) -> None:
+def _draw_values(f, axes, name: str, quantity: str, unit: str, colours: str, signed: bool) -> None:
     """Draw a value of each node by colour, with its range."""
     values = f[name][:]
     palette = plt.get_cmap(colours).with_extremes(bad=OUTSIDE)
     cells, rows = node_cells(f, cmap=palette)
-    known = values[rows][np.isfinite(values[rows])]
-    low, high = (known.min(), known.max()) if len(known) else (0.0, 0.0)
+    finite = values[rows][np.isfinite(values[rows])]
+    low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 0.0)
     largest = max(abs(low), abs(high))
     factor, symbol = unit_of(largest, unit) if unit != "m2" else (1.0, unit)
     cells.set_array(np.ma.masked_invalid(factor * values[rows]))
@@ -80,5 +80,5 @@ def _draw_values(f, axes, name: str, what: str, unit: str, colours: str, signed:
     bar = axes.figure.colorbar(cells, cax=axes.inset_axes((1.03, 0.0, 0.04, 1.0)))
     bar.set_label(f"[{symbol}]")
     least, most = f"{factor * low:.4g}", f"{factor * high:.4g}"
-    along_axes = ", grey: along axes" if len(known) < len(rows) else ""
-    axes.set_title(f"{what}: {least if least == most else f'{least} to {most}'} {symbol}{along_axes}")
+    along_axes = ", grey: along axes" if len(finite) < len(rows) else ""
+    axes.set_title(f"{quantity}: {least if least == most else f'{least} to {most}'} {symbol}{along_axes}")

@@ -26,8 +26,8 @@ def plot_state(result: Path, folder: Path, name: str) -> Path:
     with reading(result) as f:
         figure = one_state(f, named_state(f, name))
         folder.mkdir(parents=True, exist_ok=True)
-        words = re.sub(r"[^\w.-]+", "_", name)
-        return save(figure, folder / f"{result.stem}_{words}.png")
+        suffix = re.sub(r"[^\w.-]+", "_", name)
+        return save(figure, folder / f"{result.stem}_{suffix}.png")
 
 
 def plot_all(result: Path, folder: Path) -> list[Path]:

@@ -36,8 +36,8 @@ def form(f):
     force_bars(axes, scale, N)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     iterations, residual = f["form_finding/iterations"][()], f["form_finding/residual"][()]
-    words = f"iterations: {iterations}, residual {residual:.1e} of the prestress"
-    canvas.heading(figure, title_of(f), f": form, {words}")
+    text = f"iterations: {iterations}, residual {residual:.1e} of the prestress"
+    canvas.heading(figure, title_of(f), f": form, {text}")
     return figure
 
 
@@ -65,27 +65,27 @@ def states(f):
 def stages(f):
     """Draw the stages of erection in space on one scale."""
     stage_states = [state for state in equilibria(f) if _is_stage(state.place)]
-    every = -(-len(stage_states) // MOST_PANELS)
-    chosen = stage_states[::-every][::-1]
-    remark = f" (one in {every} of {len(stage_states)}; others: --case NAME)" if every > 1 else ""
+    stride = -(-len(stage_states) // MOST_PANELS)
+    chosen = stage_states[::-stride][::-1]
+    remark = f" (one in {stride} of {len(stage_states)}; others: --case NAME)" if stride > 1 else ""
     return _panels(f, chosen, f"axial forces in the stages of erection{remark}")
 
 
-def _panels(f, chosen: list[ShownState], words: str):
+def _panels(f, chosen: list[ShownState], subtitle: str):
     """Draw equilibria in space on one scale."""
-    forces, places = [state.tension() for state in chosen], [state.position() for state in chosen]
+    forces, positions = [state.tension() for state in chosen], [state.position() for state in chosen]
     all_forces = np.concatenate(forces)
     scale = ForceScale.of(all_forces, np.tile(moving_elements(f), len(chosen)))
     elements = f["net/elements"][:]
-    figure, panels = canvas.space_panels(np.concatenate(places), len(chosen))
-    for axes, state, x, N in zip(panels, chosen, places, forces):
+    figure, panels = canvas.space_panels(np.concatenate(positions), len(chosen))
+    for axes, state, x, N in zip(panels, chosen, positions, forces):
         present = ~absent(f, state.place)
         add_by_force(axes, x[elements[present]], N[present], scale, canvas.line_width(len(N)))
         add_supports(f, axes, x, state.place)
         axes.set_title(force_words(f, state, "\n" if len(chosen) > canvas.IN_TWOS else ": "))
     force_bars(panels, scale, all_forces)
     figure.legend(*panels[-1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    canvas.heading(figure, title_of(f), f": {words}")
+    canvas.heading(figure, title_of(f), f": {subtitle}")
     return figure
 
 
@@ -94,11 +94,11 @@ def force_words(f, state: ShownState, then: str = ": ") -> str:
     N, present = state.tension(), ~absent(f, state.place)
     factor, unit = canvas.unit_of(np.abs(N).max(), "N")
     slack = _slack(f, state)
-    words = (
+    text = (
         f"{shown_name(f, state)}{then}{factor * N[present].min():.4g} "
         f"to {factor * N[present].max():.4g} {unit}"
     )
-    return words + (f", {slack} slack (grey)" if slack else "")
+    return text + (f", {slack} slack (grey)" if slack else "")
 
 
 def _slack(f, state: ShownState) -> int:
@@ -188,11 +188,11 @@ def _tell_forces(f, axes, x: np.ndarray, N: np.ndarray, present: np.ndarray) -> 
     add_labels(axes, middle[rows], texts)
 
 
-def _tell_deflection(f, axes, drawn: np.ndarray, displacement: np.ndarray, size: np.ndarray) -> None:
+def _tell_deflection(f, axes, positions: np.ndarray, displacement: np.ndarray, size: np.ndarray) -> None:
     """Label the largest deflection, and the largest ones down and up, at their nodes."""
     down, up = int(np.nanargmin(displacement[:, 2])), int(np.nanargmax(displacement[:, 2]))
     rows = [int(np.nanargmax(size)), down, up]
     rows = [p for p in dict.fromkeys(rows) if size[p] > 0.0]
     node = f["net/node_id"][:]
     tell = lambda p: ", ".join(f"{1e3 * value:.1f}" for value in displacement[p])
-    add_labels(axes, drawn[rows], [f"node {node[p]}: ({tell(p)}) mm" for p in rows])
+    add_labels(axes, positions[rows], [f"node {node[p]}: ({tell(p)}) mm" for p in rows])

@@ -72,10 +72,10 @@ def moments(f, moment: np.ndarray, path: Path) -> None:
     _draw(f, path, factor * moment, scale, "bending moments, the largest of each element", label)
 
 
-def _draw(f, path: Path, values: np.ndarray, scale, words: str, label: str, over: str | None = None) -> None:
+def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over: str | None = None) -> None:
     """Write the net in space and in plan, coloured by values; squares and dots are supports.
 
-    values : (m,) of the elements, nan: none; words : title; label : of the scale
+    values : (m,) of the elements, nan: none; title : of the picture; label : of the scale
     over : colour of values beyond the scale
     """
     x, palette = start_position(f), plt.get_cmap(COLOURS).with_extremes(over=over)
@@ -95,7 +95,7 @@ def _draw(f, path: Path, values: np.ndarray, scale, words: str, label: str, over
     bar = canvas.add_scale([space, plan], scale, palette, label, **options)
     if isinstance(scale, LogNorm):
         bar.set_ticks(canvas.ROUND[(canvas.ROUND >= scale.vmin) & (canvas.ROUND <= scale.vmax)])
-    canvas.heading(figure, title_of(f), f": {words}, in space and in plan")
+    canvas.heading(figure, title_of(f), f": {title}, in space and in plan")
     canvas.save(figure, path)
 
 
@@ -105,34 +105,34 @@ def slips(f):
     stages = list(dict.fromkeys(table["stage"]))
     of = lambda name: np.abs(np.nan_to_num(table[name].reshape(len(stages), -1)))
     slip, utilisation_of = of("slip"), of("utilisation")
-    every = sorted(set(cable), key=lambda name: (-slip[:, cable == name].max(), name))
-    cables = every[:MOST_CABLES]
-    shown = sorted(np.lexsort((-utilisation_of.max(1), -slip.max(1)))[:MOST_STATES])
+    ranked = sorted(set(cable), key=lambda name: (-slip[:, cable == name].max(), name))
+    cables = ranked[:MOST_CABLES]
+    states = sorted(np.lexsort((-utilisation_of.max(1), -slip.max(1)))[:MOST_STATES])
     figure, panels = canvas.charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
     for column, name in enumerate(cables):
-        places = np.flatnonzero(cable == name)
-        along = _along(f, places)
-        for k in shown:
-            rows = k * len(cable) + places
+        points = np.flatnonzero(cable == name)
+        distance = _along(f, points)
+        for k in states:
+            rows = k * len(cable) + points
             for axes, values in zip(panels[:, column], (1e3 * table["slip"], table["utilisation"])):
                 label = "dynamics, the largest" if stages[k] == "dynamics" else stages[k]
-                axes.plot(along, values[rows], ".-", lw=1.2, label=label)
+                axes.plot(distance, values[rows], ".-", lw=1.2, label=label)
         panels[0, column].set_title(f"cable {name}")
         panels[1, column].axhline(USED, color="0.5", lw=0.8, ls="--")
-        panels[1, column].set_xlabel(f"along it from node {f['slide/node'][places[0]]} [m]")
+        panels[1, column].set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
     panels[1, 0].set_ylabel("utilisation of what holds [-]")
     canvas.legend_below(figure, panels[0, 0], ncols=3)
-    selection = f", {len(cables)} of {len(every)} cables" if len(every) > len(cables) else ""
+    selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
     canvas.heading(figure, title_of(f), f": slip over nodes{selection}")
     return figure
 
 
-def _along(f, places: np.ndarray) -> np.ndarray:
+def _along(f, points: np.ndarray) -> np.ndarray:
     """Compute the distances (k,) [m] of slip points from the first, along elements of the cable's group."""
     ends, group, L0 = f["net/elements"][:], f["net/group"][:], f["net/unstressed_length"][:]
     row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}
-    before, after, node = (f[f"slide/{name}"][:][places] for name in ("before", "after", "node"))
+    before, after, node = (f[f"slide/{name}"][:][points] for name in ("before", "after", "node"))
     distances = []
     for k, (a, b) in enumerate(pairwise(row[number] for number in node.tolist())):
         in_group = group == group[after[k]]

@@ -15,10 +15,12 @@ from netfall.results.states import Envelope, is_undecided, start_words, state_wo
 WORST = 10  # rows of the most used elements, and stages that are named
 
 
-def cases(f, made: list[Case], table: dict) -> list[str]:
+def cases(f, all_cases: list[Case], table: dict) -> list[str]:
     """Return the table of cases, one row each; table : see `case_columns`."""
     lines = []
-    for case, (largest, node), count in zip(made, largest_displacements(f, made), slack_cables(f, made)):
+    for case, (largest, node), count in zip(
+        all_cases, largest_displacements(f, all_cases), slack_cables(f, all_cases)
+    ):
         rows, numbers = table["case"] == case.name, [""] * 4
         if largest == largest:
             low, high = np.min(table["tension_min"][rows]), np.max(table["tension_max"][rows])
@@ -27,10 +29,12 @@ def cases(f, made: list[Case], table: dict) -> list[str]:
         lines.append([case.name, case.kind, case.state.replace("_", " ") + reached, *numbers])
     header = ["case", "kind", "state", "smallest force", "largest force", "largest displacement"]
     header += ["slack cables"]
-    failed = [case for case in made if case.state != EQUILIBRIUM]
+    failed = [case for case in all_cases if case.state != EQUILIBRIUM]
     remarks = [item(f"{case.name}: {case.reason}") for case in failed if case.reason]
     if failed:
-        text = bold(f"{len(failed)} of {len(made)} cases have no equilibrium that was found and is stable.")
+        text = bold(
+            f"{len(failed)} of {len(all_cases)} cases have no equilibrium that was found and is stable."
+        )
         remarks = [text, "", *remarks]
     return [
         f"Each is an equilibrium of its own; displacements count from {start_words(f)}. By groups:",
@@ -51,9 +55,9 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
     lines, kinds = [], stage_kinds(f, envelope)
     has_utilisation = np.isfinite(table["utilisation"].astype(float))
     for check in checked.checks:
-        which = counted(kinds, check.kind)
-        names = [name for name, counts in zip(envelope.names, which) if counts]
-        places = places_of(envelope, which)
+        counting = counted(kinds, check.kind)
+        names = [name for name, counts in zip(envelope.names, counting) if counts]
+        places = places_of(envelope, counting)
         rows = np.flatnonzero(has_utilisation & (table["check"] == check.name))
         lines += [heading(3, check.title), "", _counts(names, check), ""]
         failures = [
@@ -95,10 +99,10 @@ def _group_row(table: dict, k: int) -> list:
 def most_used(f, envelope: Envelope, checked: Checked) -> list[str]:
     """Return the table of the elements that the first check uses most, symmetric ones in one row."""
     check = checked.checks[0].name
-    used, ids, cable = checked.utilisation[check], f["net/element_id"][:], f["net/cable"][:]
+    utilisation, ids, cable = checked.utilisation[check], f["net/element_id"][:], f["net/cable"][:]
     names, groups = f["net/cable_names"].asstr()[:], f["net/group_names"].asstr()[:][f["net/group"][:]]
-    ranked = [(e, alike) for e, alike in members(f, checked, check) if np.isfinite(used[e])][:WORST]
-    shares_of = {one.name: checked.utilisation[one.name] for one in checked.checks}
+    ranked = [(e, alike) for e, alike in members(f, checked, check) if np.isfinite(utilisation[e])][:WORST]
+    shares_of = {entry.name: checked.utilisation[entry.name] for entry in checked.checks}
     columns = [name for name, shares in shares_of.items() if any(np.isfinite(shares[e]) for e, _ in ranked)]
     lines = [
         [names[cable[e]], groups[e], ids[e], alike, force(checked.force[check][e])]
@@ -111,12 +115,12 @@ def most_used(f, envelope: Envelope, checked: Checked) -> list[str]:
     return ["", f"The {len(lines)} most used by {check}:", "", *as_table(header, lines)] if lines else []
 
 
-def limits(f, made: list[Case]) -> list[str]:
+def limits(f, all_cases: list[Case]) -> list[str]:
     """Return the table of the service limits."""
     job = job_of(f)
     if "limits" not in job:
         return ["None: the job has no [limits]."]
-    results = limits_of(job, made, largest_displacements(f, made), slack_cables(f, made))
+    results = limits_of(job, all_cases, largest_displacements(f, all_cases), slack_cables(f, all_cases))
     if not results:
         return [f"Not checked: no combination is of kind {KINDS[1]}."]
     lines = [

@@ -141,10 +141,10 @@ def _energies(f):
     """Yield the lines on the final energies and their errors."""
     h = f["history"]
     names = [*ENERGIES, *(name for name in OF_FEW if name in h)]
-    known = [name for name in names if np.isfinite(h[name][-1])]
-    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in known]
+    finite = [name for name in names if np.isfinite(h[name][-1])]
+    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in finite]
     yield "energy at the end [J]: " + ", ".join(at_end)
-    if len(known) < len(names):
+    if len(finite) < len(names):
         yield "audits: none, the job has [output] energy = false"
         return
     work_error = np.abs(h["identity_error"][:]).max()

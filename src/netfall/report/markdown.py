@@ -83,6 +83,6 @@ def share(value: float) -> str:
     return f"{value:.3f}" if np.isfinite(value) else ""
 
 
-def picture(words: str, name: str) -> list[str]:
+def picture(caption: str, name: str) -> list[str]:
     """Return the lines of a picture in the folder of the page."""
-    return ["", markup("![{}]({})", words, Markup(name))]
+    return ["", markup("![{}]({})", caption, Markup(name))]

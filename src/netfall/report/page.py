@@ -79,11 +79,15 @@ COLUMNS = {
 
 def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
     """Assemble the page."""
-    cables, made, bends = tables["cables.csv"], cases_of(f), "bending_moment_max" in tables["elements.csv"]
+    cables, all_cases, bends = (
+        tables["cables.csv"],
+        cases_of(f),
+        "bending_moment_max" in tables["elements.csv"],
+    )
     sections = {
-        "Cases and combinations": made and cases(f, made, tables["cases.csv"]),
+        "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
-        "Limits in service": made and limits(f, made),
+        "Limits in service": all_cases and limits(f, all_cases),
         "Utilisation": _utilisation(f, cables, envelope, checked),
         "Bending": bends and _bending(tables["elements.csv"]),
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
@@ -153,8 +157,8 @@ def _sentences(lines: list[str]) -> list[str]:
 def _worst_balance(f) -> str:
     """Format the largest energy balance error."""
     history = f["history"]
-    known = np.isfinite(history["balance_error"]).any()
-    return balance_words(history) if known else "not known (no audit)"
+    computed = np.isfinite(history["balance_error"]).any()
+    return balance_words(history) if computed else "not known (no audit)"
 
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:
@@ -195,8 +199,8 @@ def _unchecked(cables: dict, checked: Checked) -> list[str]:
             compressed[np.isfinite(cables[f"resistance_{check.name}"])] = 0.0
     least = int(np.argmin(compressed))
     if compressed[least] < 0.0:
-        place = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
-        lines.append(item(f"compression, not checked: largest {force(-compressed[least])} in cable {place}"))
+        where = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
+        lines.append(item(f"compression, not checked: largest {force(-compressed[least])} in cable {where}"))
     return lines
 
 
@@ -226,10 +230,10 @@ def _slides(table: dict) -> list[str]:
         )
         worst = stage_rows[np.lexsort((np.nan_to_num(difference), utilisation))[-1]]
         slip = np.abs(np.nan_to_num(table["slip"][stage_rows]))
-        place = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
+        where = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
         holds = table["holds"][worst]  # nan for saddles in motion, whose tensions are not recorded
         numbers = [force(abs(table["difference"][worst])), "not known" if np.isnan(holds) else force(holds)]
-        rows.append([stage, place, *numbers, share(table["utilisation"][worst])])
+        rows.append([stage, where, *numbers, share(table["utilisation"][worst])])
         rows[-1].append(
             f"{int((slip > 0.0).sum())}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
         )
@@ -311,9 +315,9 @@ def _slack(cables: dict, envelope: Envelope) -> list[str]:
     rows = np.flatnonzero(cables["slack_in"] != "")
     if not len(rows):
         return ["None that is whole, in any of: " + ", ".join(envelope.names) + "."]
-    words = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
-    rows = sorted(rows, key=lambda k: words[k] == ALWAYS)  # cables that are always slack come last
-    table = [[cables["cable"][k], cables["group"][k], words[k]] for k in rows[:MOST_LISTED]]
+    stages_of = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
+    rows = sorted(rows, key=lambda k: stages_of[k] == ALWAYS)  # cables that are always slack come last
+    table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows[:MOST_LISTED]]
     lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
     return lines + as_table(["cable", "group", "slack in"], table) + more(rows, "cables.csv")
 

@@ -60,14 +60,14 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
         for name, columns in tables.items():
             _check_ours(folder / name, columns)
         for name, columns in tables.items():
-            with whole(folder / name) as place:
-                write_table(place, columns, digits=DIGITS)
+            with whole(folder / name) as temporary:
+                write_table(temporary, columns, digits=DIGITS)
         pictures = _pictures(f, envelope, checked, tables, folder)
         title = title_of(f) or result.stem
         pages = {"summary.md": text, "report.html": one_page(text, title, folder, pictures)}
     for name, page in pages.items():
-        with whole(folder / name) as place:
-            place.write_text(page, encoding="utf-8", errors="surrogateescape")
+        with whole(folder / name) as temporary:
+            temporary.write_text(page, encoding="utf-8", errors="surrogateescape")
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 

@@ -42,7 +42,7 @@ def page_of(f) -> Page:
     frames = f"{len(shown[0].time)} frames, " if len(shown[0].time) else ""
     static_count = sum(not len(states.time) for states in shown)
     omissions = f"; of this result {', '.join(left_out)}" if left_out else ""
-    words = f"{len(drawn.rows)} elements, {frames}{static_count} states at rest{omissions}"
+    description = f"{len(drawn.rows)} elements, {frames}{static_count} states at rest{omissions}"
     net = net_data(numbers, drawn, title_of(f), f["net/element_id"][:], x, held_axes(f), springs_at(f))
     data = net | {
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
@@ -58,7 +58,7 @@ def page_of(f) -> Page:
             for entry in shown
         ],
     }
-    return Page(data, numbers, drawn, words)
+    return Page(data, numbers, drawn, description)
 
 
 def net_data(numbers: Numbers, drawn: Drawn, title: str, ids, x: np.ndarray, held, sprung) -> dict:

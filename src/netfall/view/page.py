@@ -55,6 +55,6 @@ def put(path: Path, page: Page) -> str:
     body = re.sub(r"\[\[(\w+)\]\]", lambda name: parts[name[1]], body)
     text = re.sub(r"<title>.*?</title>", lambda _: f"<title>{parts['title']}</title>", text, count=1)
     text = text.replace("<body>", f"<body>\n{body}", 1)
-    with whole(path) as place:
-        place.write_text(text, encoding="utf-8")
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return f"{path.stat().st_size / 1e6:.2g} MB, {page.words}"

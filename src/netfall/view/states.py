@@ -56,7 +56,7 @@ class States:
 def drawn_part(f) -> Drawn:
     """Select the part of the net of a result file that is drawn."""
     x, elements = start_position(f), f["net/elements"][:]
-    rows, every = whole_cables(x, elements, f["net/cable"][:], f["net/group"][:], MOST_ELEMENTS)
+    rows, stride = whole_cables(x, elements, f["net/cable"][:], f["net/group"][:], MOST_ELEMENTS)
     nodes, ends = np.unique(elements[rows], return_inverse=True)
     ends, loose = ends.reshape(-1, 2), np.zeros((0, 2), int)
     if moves(f):
@@ -64,7 +64,7 @@ def drawn_part(f) -> Drawn:
         loose = np.argwhere(frames.ends(len(frames.times) - 1)[rows] >= len(x))
         ends[tuple(loose.T)] = len(nodes) + np.arange(len(loose))
     origin = np.concatenate([nodes, elements[rows][tuple(loose.T)]])
-    return Drawn(rows, every, x[origin], origin, ends, loose)
+    return Drawn(rows, stride, x[origin], origin, ends, loose)
 
 
 def moves(f) -> bool:
@@ -81,10 +81,10 @@ def states_shown(f, drawn: Drawn) -> tuple[list[States], list[str]]:
     shown = [_at_rest(f, drawn, state) for state in static_states[:capacity]]
     if moves(f):
         capacity = max(2, (MOST_VALUES // len(drawn.rows)) - len(shown))
-        every = -(-len(f["VTKHDF/Steps/Values"]) // capacity)
-        if every > 1:
-            omissions.append(f"one in {every} of the frames")
-        shown.insert(0, _motion(f, drawn, every))
+        stride = -(-len(f["VTKHDF/Steps/Values"]) // capacity)
+        if stride > 1:
+            omissions.append(f"one in {stride} of the frames")
+        shown.insert(0, _motion(f, drawn, stride))
     if drawn.every > 1:
         omissions.append(f"one in {drawn.every} of the cables")
     return shown, omissions
@@ -100,10 +100,10 @@ def _at_rest(f, drawn: Drawn, state: ShownState) -> States:
     return States(name, np.zeros(0), displacement[None], N[None], None, slack, none, missing)
 
 
-def _motion(f, drawn: Drawn, every: int) -> States:
-    """Return every `every`-th snapshot of the dynamic stage for the page."""
+def _motion(f, drawn: Drawn, stride: int) -> States:
+    """Return every `stride`-th snapshot of the dynamic stage for the page."""
     frames, bar = Frames(f), f["net/bar"][:].astype(bool)
-    steps = np.arange(0, len(frames.times), every)
+    steps = np.arange(0, len(frames.times), stride)
     displacement = np.empty((len(steps), *drawn.start.shape), np.float32)
     tension, strain = (np.empty((len(steps), len(drawn.rows)), np.float32) for _ in range(2))
     slack, broken = (np.empty(len(steps), int) for _ in range(2))

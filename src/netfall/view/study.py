@@ -34,28 +34,28 @@ def write_study_page(path: Path, page: Path, member: int | None) -> str:
     return put(page, net_page(study) if number is None else member_page(study, folder, number))
 
 
-def _file(kept: Path, member: int) -> Path:
-    """Return the path of a sample's result file; kept : folder of the result files."""
-    return kept / f"{member:06d}.vtkhdf"
+def _file(folder: Path, member: int) -> Path:
+    """Return the path of a sample's result file; folder : of the result files."""
+    return folder / f"{member:06d}.vtkhdf"
 
 
-def chosen(study: Study, kept: Path, member: int | None) -> int | None:
+def chosen(study: Study, folder: Path, member: int | None) -> int | None:
     """Return the sample to show, None: no sample has a result file."""
     if member is not None:
-        if not _file(kept, member).exists():
+        if not _file(folder, member).exists():
             raise InputError(
-                f'--member {member}: {_file(kept, member)} is not there; [run] keep = "broken" or "all" in '
+                f'--member {member}: {_file(folder, member)} is not there; [run] keep = "broken" or "all" in '
                 "the study file keeps the result files of its members"
             )
         return member
-    saved = [int(file.stem) for file in kept.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
+    saved = [int(file.stem) for file in folder.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
     lost = np.nan_to_num(study.members["roof_lost"])
     return max(sorted(saved), key=lambda k: (lost[k], study.members["broken"][k]), default=None)
 
 
-def member_page(study: Study, kept: Path, member: int) -> Page:
+def member_page(study: Study, folder: Path, member: int) -> Page:
     """Assemble the page of a sample's result, with the study's results on its elements."""
-    with reading(_file(kept, member)) as f:
+    with reading(_file(folder, member)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
             raise InputError(f"{f.filename}: another net than that of the study; view it without the study")
         page = page_of(f)
@@ -68,9 +68,9 @@ def net_page(study: Study) -> Page:
     """Assemble the page of a study without result files of samples: its static net."""
     x, elements = study.net["particles"], study.net["elements"]
     group = np.zeros(len(elements), int)
-    rows, every = whole_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
+    rows, stride = whole_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
     nodes, ends = np.unique(elements[rows], return_inverse=True)
-    drawn = Drawn(rows, every, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
+    drawn = Drawn(rows, stride, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
     numbers, zero = Numbers(), np.zeros(1, int)
     taut = np.ones((1, len(rows)))
     displacement, missing = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
@@ -81,7 +81,7 @@ def net_page(study: Study) -> Page:
     data |= {
         "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
         "from": "the net as each member begins",
-        "left_out": [f"one in {every} of the elements"] * (every > 1),
+        "left_out": [f"one in {stride} of the elements"] * (stride > 1),
         "window": to_ticks(np.array([x.min(0), x.max(0)])).tolist(),
         "group": numbers.add(group.astype(np.int16)[rows]),
         "groups": [""],

@@ -23,10 +23,10 @@ HIDDEN = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
 
 
-def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
+def read_json(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
     """Read the edges of a COMPAS file, in its unit.
 
-    supports, wanted : as in `read_dxf`; layers are groups here
+    supports, layers : as in `read_dxf`; layers are groups here
 
     Raises InputError for a file without edges.
     """
@@ -42,9 +42,9 @@ def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Draw
         raise InputError(f"{path}: no edges; expected a Graph, Network or Mesh of COMPAS")
     hidden = sum(edge["hidden"] for edge in edges)
     edges = [edge for edge in edges if not edge["hidden"]]
-    edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, *supports))]
+    edges = [edge for edge in edges if layers is None or is_among(edge["group"], (*layers, *supports))]
     names = sorted({edge["group"] for edge in edges})
-    held, in_part = (list(chain(*places)) for places in zip(*map(_held, objects)))
+    held, in_part = (list(chain(*points)) for points in zip(*map(_held, objects)))
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     has_ids = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
@@ -58,7 +58,7 @@ def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Draw
         columns={"force_density": q} if any(edge["q"] is not None for edge in edges) else {},
         unit=next((data["attributes"]["unit"] for data in objects if _says_unit(data)), None),
         unit_from="its attributes",
-        read=[f"{len(edges)} edges", *(f"groups {words}" for words in alike(names))],
+        read=[f"{len(edges)} edges", *(f"groups {line}" for line in alike(names))],
         left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
     )
 
@@ -99,14 +99,14 @@ def _edges(data: dict) -> list[dict]:
     if "points" in data or "start" in data:
         points = data["points"] if "points" in data else [data["start"], data["end"]]
         return [_edge((a, b), (None, None), {}) for a, b in pairwise(points)]
-    places = _places(data)
+    positions = _places(data)
     if "edge" in data and "node" in data:
         pairs = {(a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()}
     else:
         pairs = _sides(data)
     default = _default(data, "edge")
     return [
-        _edge((places[a], places[b]), (_key(a), _key(b)), default | values)
+        _edge((positions[a], positions[b]), (_key(a), _key(b)), default | values)
         for (a, b), values in pairs.items()
     ]
 
@@ -145,12 +145,12 @@ def _held(data: dict) -> tuple[list, list]:
     """Return the coordinates of supported nodes, and of those supported along some axes alone."""
     held, in_part = [], []
     if "node" in data or "vertex" in data:
-        places, entity = _places(data), "node" if "node" in data else "vertex"
+        positions, entity = _places(data), "node" if "node" in data else "vertex"
         default = _default(data, entity)
         for key, values in data[entity].items():
             flags = [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]
             if any(axes.size and axes.all() for axes in flags):
-                held.append(places[key])
+                held.append(positions[key])
             elif any(map(np.any, flags)):
-                in_part.append(places[key])
+                in_part.append(positions[key])
     return held, in_part

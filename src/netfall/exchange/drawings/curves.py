@@ -78,65 +78,65 @@ def _points(spline, parameters: np.ndarray) -> np.ndarray:
 def _has_corner(spline, before: float, knot: float, after: float) -> bool:
     """Whether a spline has a corner at a knot between two others."""
     steps = BESIDE * np.array([knot - before, after - knot])
-    a, at, b = _points(spline, np.array([knot - steps[0], knot, knot + steps[1]]))
-    u, v = at - a, b - at
+    a, corner, b = _points(spline, np.array([knot - steps[0], knot, knot + steps[1]]))
+    u, v = corner - a, b - corner
     return bool(
         np.linalg.norm(np.cross(u, v)) > CORNER * np.linalg.norm(u) * np.linalg.norm(v) or u @ v < 0.0
     )
 
 
-def _corners(fine: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.ndarray, int]:
+def _corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.ndarray, int]:
     """Return the corners (c, 3) of the segments of a curve, and the number of joints among them.
 
-    fine : (f, 3) points of the curve; ends : (k, 3) ends of lines
+    points : (f, 3) of the curve; ends : (k, 3) ends of lines
     """
-    size = float(np.ptp(fine, axis=0).max())
-    tolerance = max(min(FLATNESS * size, SHARE * depth(fine, fine[0], fine[-1])), FINER * reach)
-    arc_length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1)))
-    joint_positions, joints = _ends_on(fine, arc_length, ends, reach)
+    size = float(np.ptp(points, axis=0).max())
+    tolerance = max(min(FLATNESS * size, SHARE * depth(points, points[0], points[-1])), FINER * reach)
+    arc_length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    joint_positions, joints = _ends_on(points, arc_length, ends, reach)
     positions = [0.0, *joint_positions, arc_length[-1]]
-    corners = np.stack([fine[0], *joints, fine[-1]])
+    corners = np.stack([points[0], *joints, points[-1]])
     parts = [corners[:1]]
     for k, (a, b) in enumerate(pairwise(positions)):
         parts += [
-            _between(fine, arc_length, a, b, corners[k], corners[k + 1], tolerance),
+            _between(points, arc_length, a, b, corners[k], corners[k + 1], tolerance),
             corners[k + 1 : k + 2],
         ]
     return np.concatenate(parts), len(joints)
 
 
-def _ends_on(fine, arc_length, ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+def _ends_on(points, arc_length, ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Find the ends of lines that lie on a curve but not at its own ends.
 
-    fine : (f, 3) points of the curve; arc_length : (f,) length of the curve to each; ends : (k, 3)
+    points : (f, 3) of the curve; arc_length : (f,) length of the curve to each; ends : (k, 3)
 
     Returns the arc lengths (j,) of these ends in ascending order, and their coordinates (j, 3).
     """
     from scipy.spatial import cKDTree
 
-    start, along = fine[:-1], np.diff(fine, axis=0)
-    square = np.maximum(np.einsum("ij,ij->i", along, along), np.finfo(float).tiny)
-    candidates = cKDTree(ends).query_ball_point(fine, reach + 0.5 * np.sqrt(square.max()))
+    start, direction = points[:-1], np.diff(points, axis=0)
+    square = np.maximum(np.einsum("ij,ij->i", direction, direction), np.finfo(float).tiny)
+    candidates = cKDTree(ends).query_ball_point(points, reach + 0.5 * np.sqrt(square.max()))
     positions, joints = [], []
     for k in sorted({k for indices in candidates for k in indices}):
-        share = np.clip(np.einsum("ij,ij->i", ends[k] - start, along) / square, 0.0, 1.0)
-        distance = np.linalg.norm(start + share[:, None] * along - ends[k], axis=1)
+        share = np.clip(np.einsum("ij,ij->i", ends[k] - start, direction) / square, 0.0, 1.0)
+        distance = np.linalg.norm(start + share[:, None] * direction - ends[k], axis=1)
         piece = int(distance.argmin())
-        if distance[piece] <= reach < np.linalg.norm(fine[[0, -1]] - ends[k], axis=1).min():
+        if distance[piece] <= reach < np.linalg.norm(points[[0, -1]] - ends[k], axis=1).min():
             positions.append(arc_length[piece] + share[piece] * (arc_length[piece + 1] - arc_length[piece]))
             joints.append(ends[k])
     order = np.argsort(positions, kind="stable")
     return np.array(positions)[order], np.array(joints).reshape(-1, 3)[order]
 
 
-def _between(fine, arc_length, a: float, b: float, start, end, flat: float) -> np.ndarray:
+def _between(points, arc_length, a: float, b: float, start, end, flat: float) -> np.ndarray:
     """Return corners (c, 3) between two arc lengths of a curve, halved until segments are within `flat`."""
-    inner = fine[np.searchsorted(arc_length, a, "right") : np.searchsorted(arc_length, b, "left")]
+    inner = points[np.searchsorted(arc_length, a, "right") : np.searchsorted(arc_length, b, "left")]
     if depth(inner, start, end) <= flat:
         return np.zeros((0, 3))
     middle = 0.5 * (a + b)
-    midpoint = np.array([np.interp(middle, arc_length, fine[:, k]) for k in range(3)])
-    before = _between(fine, arc_length, a, middle, start, midpoint, flat)
+    midpoint = np.array([np.interp(middle, arc_length, points[:, k]) for k in range(3)])
+    before = _between(points, arc_length, a, middle, start, midpoint, flat)
     return np.concatenate(
-        [before, midpoint[None], _between(fine, arc_length, middle, b, midpoint, end, flat)]
+        [before, midpoint[None], _between(points, arc_length, middle, b, midpoint, end, flat)]
     )

@@ -56,9 +56,9 @@ class Drawing:
             )  # dividing makes 2200 mm exactly 2.2 m
 
 
-def counted(words: dict[str, int]) -> str:
+def counted(counts: dict[str, int]) -> str:
     """Format counts by name: "12 LINE, 3 ARC" for {"LINE": 12, "ARC": 3}."""
-    return ", ".join(f"{count} {name}" for name, count in sorted(words.items()))
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
 
 
 def edges_of(faces) -> tuple[np.ndarray, list[list[int]]]:
@@ -73,9 +73,9 @@ def edges_of(faces) -> tuple[np.ndarray, list[list[int]]]:
 
 def depth(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     """Compute the largest distance of points (f, 3) from the segment between two points."""
-    along = end - start
-    share = np.clip((points - start) @ along / max(along @ along, np.finfo(float).tiny), 0.0, 1.0)
-    return float(np.linalg.norm(start + share[:, None] * along - points, axis=1).max(initial=0.0))
+    direction = end - start
+    share = np.clip((points - start) @ direction / max(direction @ direction, np.finfo(float).tiny), 0.0, 1.0)
+    return float(np.linalg.norm(start + share[:, None] * direction - points, axis=1).max(initial=0.0))
 
 
 def rows_called(name: str | None, names: list[str]) -> list[int]:

@@ -24,10 +24,10 @@ STRAIGHT_ARC = 1e-6  # degrees; ezdxf takes a smaller arc for a circle
 MOST_WORDS = 100  # characters of an ezdxf error that are shown
 
 
-def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
+def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
     """Read the lines of a DXF file, in its own unit.
 
-    supports : names of layers whose circles and blocks are points; wanted : layers to read, None: all
+    supports : names of layers whose circles and blocks are points; layers : layers to read, None: all
 
     Raises InputError for a file that is no DXF.
     """
@@ -39,7 +39,7 @@ def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
         if getattr(error, "strerror", None):  # an error of the system, not of ezdxf
             raise InputError(f"{path}: {error.strerror}; expected a DXF file") from None
         raise InputError(f"{path}: not a DXF file that can be read: {error}") from None
-    reader = _Reader(document, supports, wanted)
+    reader = _Reader(document, supports, layers)
     for entity in document.modelspace():
         reader.add(entity)
     return reader.drawing()
@@ -48,9 +48,9 @@ def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
 class _Reader:
     """Collector of the lines, points and curves of a DXF file, with counts of what is left out."""
 
-    def __init__(self, document, supports, wanted):
+    def __init__(self, document, supports, layers):
         self.document, self.supports = document, [name.lower() for name in supports]
-        self.wanted = None if wanted is None else {name.lower() for name in wanted}
+        self.wanted = None if layers is None else {name.lower() for name in layers}
         self.lines, self.line_layers, self.points, self.point_layers, self.curves = [], [], [], [], []
         self.kinds, self.blocks, self.left = Counter(), Counter(), Counter()
         self.spelled = {layer.dxf.name.lower(): layer.dxf.name for layer in document.layers}
@@ -86,12 +86,12 @@ class _Reader:
         try:
             self._add(entity, layer, blocks)
         except Exception as error:  # ezdxf raises errors of many kinds for a faulty entity
-            words = f"{type(error).__name__}: {error}"[:MOST_WORDS]
-            self.left[f"{entity.dxftype()}, which cannot be read ({words})"] += 1
+            reason = f"{type(error).__name__}: {error}"[:MOST_WORDS]
+            self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
     def _add(self, entity, layer: str | None, blocks: tuple[str, ...]) -> None:
-        kind, own = entity.dxftype(), entity.dxf.layer
-        layer = self.called(own if layer is None or own != "0" else layer)
+        kind, own_layer = entity.dxftype(), entity.dxf.layer
+        layer = self.called(own_layer if layer is None or own_layer != "0" else layer)
         if entity.dxf.get("invisible", 0):
             self.left[f"{kind}, which is invisible"] += 1
         elif kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.frozen:
@@ -172,7 +172,7 @@ class _Reader:
             inserts = f"{sum(self.blocks.values())} blocks exploded"
             depth = f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else ""
             lines.append(inserts + depth)
-        return lines + [f"layers {words}, and are one" for words in alike(self.spellings)]
+        return lines + [f"layers {names}, and are one" for names in alike(self.spellings)]
 
     def _left_out(self) -> list[str]:
         lines = [f"{count} {reason}" for reason, count in sorted(self.left.items())]

@@ -30,10 +30,10 @@ def touches(x: np.ndarray, ends: np.ndarray, reach: float):
     node, element = tree.query(shapely.points(x[:, :2]), predicate="dwithin", distance=reach)
     free = (ends[element] != node[:, None]).all(1)
     node, element = node[free], element[free]
-    start, along = x[ends[element, 0]], x[ends[element, 1]] - x[ends[element, 0]]
-    share = np.einsum("ij,ij->i", x[node] - start, along) / np.einsum("ij,ij->i", along, along)
-    place = start + np.clip(share, 0.0, 1.0)[:, None] * along
-    distance = np.linalg.norm(x[node] - place, axis=1)
+    start, direction = x[ends[element, 0]], x[ends[element, 1]] - x[ends[element, 0]]
+    share = np.einsum("ij,ij->i", x[node] - start, direction) / np.einsum("ij,ij->i", direction, direction)
+    nearest = start + np.clip(share, 0.0, 1.0)[:, None] * direction
+    distance = np.linalg.norm(x[node] - nearest, axis=1)
     to_ends = np.linalg.norm(x[node][:, None] - x[ends[element]], axis=2).min(1)
     is_touch = (distance <= reach) & (share > 0) & (share < 1) & (to_ends > reach)
     return node[is_touch], element[is_touch], distance[is_touch]

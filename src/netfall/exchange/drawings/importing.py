@@ -78,15 +78,15 @@ def import_file(path: Path, folder: Path, options: Options, say: Callable[[str],
     reading = read_net(path, options)
     written = []
     try:
-        with whole_folder(folder) as place:
-            written = _write(reading, folder, place)
+        with whole_folder(folder) as temporary:
+            written = _write(reading, folder, temporary)
     finally:  # last, since a closed pipe can stop the output
         for line in [*reading.lines, *written]:
             say(line)
 
 
-def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
-    """Write tables, picture, job and report of a folder to `place`; return lines on what was written."""
+def _write(reading: Reading, folder: Path, target: Path) -> list[str]:
+    """Write tables, picture, job and report of a folder to `target`; return lines on what was written."""
     from netfall.plots.net import as_read
 
     net, drawing = reading.net, reading.drawing
@@ -99,8 +99,8 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
         elements[name] = values[net.line]
     if reading.spring is not None:
         nodes |= {f"spring_{axis}": reading.spring[:, k] for k, axis in enumerate("xyz")}
-    write_table(place / "nodes.csv", nodes)
-    write_table(place / "elements.csv", elements)
+    write_table(target / "nodes.csv", nodes)
+    write_table(target / "elements.csv", elements)
     length = np.linalg.norm(x[net.ends[:, 1]] - x[net.ends[:, 0]], axis=1)
     lines = _group_lines(group, length)
     job = folder / f"{folder.resolve().name}.toml"
@@ -117,11 +117,11 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
             for name in upright
             if name not in props
         ]
-        (place / job.name).write_text(text, encoding="utf-8")
+        (target / job.name).write_text(text, encoding="utf-8")
     fixed = np.repeat(reading.fixed[:, None], 3, axis=1)
     spring = np.zeros_like(fixed) if reading.spring is None else reading.spring > 0.0
-    as_read(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, place / "net.png")
-    (place / "report.txt").write_text("\n".join([*reading.lines, *lines, ""]), encoding="utf-8")
+    as_read(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, target / "net.png")
+    (target / "report.txt").write_text("\n".join([*reading.lines, *lines, ""]), encoding="utf-8")
     note = "" if is_new else " (that was there, and stays as it is)"
     return [
         *lines,

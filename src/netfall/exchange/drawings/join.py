@@ -28,7 +28,7 @@ def join(lines: np.ndarray, tolerance: float) -> Joined:
     """Join lines (k, 2, 3) [m] to nodes and elements; a node lies at the first of its line ends."""
     x, node = merge(lines.reshape(-1, 3), tolerance)
     ends = node.reshape(-1, 2)
-    moved = np.linalg.norm(lines - x[ends], axis=2)
+    distance = np.linalg.norm(lines - x[ends], axis=2)
     short = ends[:, 0] == ends[:, 1]
     line = np.flatnonzero(~short)
     key = np.sort(ends[line], axis=1)
@@ -37,14 +37,14 @@ def join(lines: np.ndarray, tolerance: float) -> Joined:
     repeats[first] = False
     twice = np.column_stack([line[repeats], line[first[group[repeats]]]])
     line = line[~repeats]
-    return _used(Joined(x, ends[line], line, moved, np.flatnonzero(short), twice))
+    return _used(Joined(x, ends[line], line, distance, np.flatnonzero(short), twice))
 
 
 def merge(points: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Merge points (p, 3) within the tolerance: merged points (n, 3) and the row (p,) of each among them."""
     lowest = parts_of(close_pairs(points, tolerance), len(points))
-    first, place = np.unique(lowest, return_inverse=True)  # in the order of the drawing
-    return points[first], place
+    first, row = np.unique(lowest, return_inverse=True)  # in the order of the drawing
+    return points[first], row
 
 
 def _used(joined: Joined) -> Joined:
@@ -58,13 +58,13 @@ def _used(joined: Joined) -> Joined:
 
 def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) -> Joined:
     """Add joints at points x (j, 3) [m] of elements (j,); points within the tolerance are one joint."""
-    start, along = joined.x[joined.ends[:, 0]], np.diff(joined.x[joined.ends], axis=1)[:, 0]
-    share = np.einsum("ij,ij->i", x - start[element], along[element])
-    share /= np.einsum("ij,ij->i", along[element], along[element])
+    start, direction = joined.x[joined.ends[:, 0]], np.diff(joined.x[joined.ends], axis=1)[:, 0]
+    share = np.einsum("ij,ij->i", x - start[element], direction[element])
+    share /= np.einsum("ij,ij->i", direction[element], direction[element])
     order = np.argsort(element, kind="stable")
     element, x, share = element[order], x[order], share[order]
-    whole = np.setdiff1d(np.arange(len(joined.ends)), element)
-    lines, line = [joined.x[joined.ends[whole]]], [joined.line[whole]]
+    unsplit = np.setdiff1d(np.arange(len(joined.ends)), element)
+    lines, line = [joined.x[joined.ends[unsplit]]], [joined.line[unsplit]]
     for e in np.unique(element).tolist():
         own = slice(*np.searchsorted(element, [e, e + 1]))
         a, b = joined.x[joined.ends[e]]
@@ -72,9 +72,9 @@ def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) 
         lines.append(np.stack([corners[:-1], corners[1:]], axis=1))
         line.append(np.full(len(corners) - 1, joined.line[e]))
     # the first of merged points counts, so existing nodes come first
-    known = np.repeat(joined.x[:, None], 2, axis=1)
-    joined_again = join(np.concatenate([known, *lines]), tolerance)
-    rows = joined_again.line - len(known)
+    existing = np.repeat(joined.x[:, None], 2, axis=1)
+    joined_again = join(np.concatenate([existing, *lines]), tolerance)
+    rows = joined_again.line - len(existing)
     return Joined(
         joined_again.x,
         joined_again.ends,

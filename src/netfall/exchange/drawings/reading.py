@@ -72,10 +72,10 @@ class Reading:
         if self.drawing.unit == "m":
             return f"({metres})"
         factor = METRES[self.drawing.unit]
-        own = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
-        return f"({metres}) m, ({own}) {self.drawing.unit} as drawn"
+        as_drawn = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
+        return f"({metres}) m, ({as_drawn}) {self.drawing.unit} as drawn"
 
-    def tell(self, kind: str, what: str, x: np.ndarray, places: Iterable[str] | None = None) -> None:
+    def tell(self, kind: str, meaning: str, x: np.ndarray, places: Iterable[str] | None = None) -> None:
         """Report a fault: its count, its meaning, its first places.
 
         x : (k, 3) [m], marks for the picture; places : in words, None: by their coordinates
@@ -85,8 +85,8 @@ class Reading:
             return
         texts = (f"at {self.place(mark)}" for mark in marks) if places is None else places
         remainder = [f"and {len(marks) - MOST_PLACES} more"] if len(marks) > MOST_PLACES else []
-        self.lines.append(f"{kind}: {len(marks)} {what}")
-        self.lines += [f"    {place}" for place in (*islice(texts, MOST_PLACES), *remainder)]
+        self.lines.append(f"{kind}: {len(marks)} {meaning}")
+        self.lines += [f"    {text}" for text in (*islice(texts, MOST_PLACES), *remainder)]
         self.marks += list(marks)
 
     def layer_of(self, line: int) -> str:
@@ -119,21 +119,21 @@ def _read(path: Path, options: Options) -> Drawing:
     read = READERS.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{path}: expected a file with one of the endings {', '.join(READERS)}")
-    named = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
-    marking = [name for name in (named, options.springs and options.springs[0]) if name]
+    support_layer = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
+    marking = [name for name in (support_layer, options.springs and options.springs[0]) if name]
     drawing = read(path, marking, options.layers)
     if not np.isfinite(drawing.lines).all():
         raise InputError(f"{path}: a coordinate is no finite number")
     cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
     if not len(drawing.lines):
-        left = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
-        raise InputError(f"{path}: no lines of a net in it{left}")
+        omissions = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
+        raise InputError(f"{path}: no lines of a net in it{omissions}")
     for name in [*(options.layers or []), *marking]:
         if not rows_called(name, drawing.layers):
-            words = f"{AT_POINTS}, {OUTLINE}, or " if name == named else ""
-            option = "--supports" if name == named else "--springs" if name in marking else "--layers"
+            alternatives = f"{AT_POINTS}, {OUTLINE}, or " if name == support_layer else ""
+            option = "--supports" if name == support_layer else "--springs" if name in marking else "--layers"
             raise InputError(
-                f"{option} {name}: expected {words}a layer with lines; {nearest(name, drawing.layers)}"
+                f"{option} {name}: expected {alternatives}a layer with lines; {nearest(name, drawing.layers)}"
             )
     if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
         raise InputError(
@@ -159,8 +159,8 @@ def _unit_line(drawing: Drawing, options: Options) -> str:
         else "the file names none: metres taken, --unit says another"
     )
     if options.unit:
-        other = f"; the file says {drawing.said}" if drawing.said not in (None, options.unit) else ""
-        source = f"from --unit{other}"
+        conflict = f"; the file says {drawing.said}" if drawing.said not in (None, options.unit) else ""
+        source = f"from --unit{conflict}"
     return f"unit: {drawing.unit} ({source}); extent {_extent(drawing.lines)} m"
 
 
@@ -183,18 +183,18 @@ def _tell_joining(reading: Reading) -> None:
     """Report joined gaps, lines without length and duplicates."""
     net, lines = reading.net, reading.drawing.lines
     at, layer = lambda line, end=0: reading.place(lines[line, end]), reading.layer_of
-    moved = np.argwhere(net.moved > ROUNDED)
-    moved = moved[np.argsort(-net.moved[tuple(moved.T)], kind="stable")]
-    places = (f"{1e3 * net.moved[k, e]:.3g} mm at {at(k, e)}, {layer(k)}" for k, e in moved)
+    gaps = np.argwhere(net.moved > ROUNDED)
+    gaps = gaps[np.argsort(-net.moved[tuple(gaps.T)], kind="stable")]
+    places = (f"{1e3 * net.moved[k, e]:.3g} mm at {at(k, e)}, {layer(k)}" for k, e in gaps)
     within = f"within {1e3 * reading.options.tolerance:g} mm"
-    what = f"ends of lines lay beside a node, {within}, and were joined"
-    reading.tell("gap", what, lines[tuple(moved.T)], places)
+    meaning = f"ends of lines lay beside a node, {within}, and were joined"
+    reading.tell("gap", meaning, lines[tuple(gaps.T)], places)
     places = (f"at {at(k)}, {layer(k)}" for k in net.short)
-    what = "lines are not longer than the tolerance; left out"
-    reading.tell("no length", what, lines[net.short, 0], places)
+    meaning = "lines are not longer than the tolerance; left out"
+    reading.tell("no length", meaning, lines[net.short, 0], places)
     places = (f"at {at(k)} to {at(k, 1)}, {layer(k)}, as on {layer(j)}" for k, j in net.twice)
-    what = "lines lie on another one; left out"
-    reading.tell("duplicate", what, lines[net.twice[:, 0]].mean(1), places)
+    meaning = "lines lie on another one; left out"
+    reading.tell("duplicate", meaning, lines[net.twice[:, 0]].mean(1), places)
 
 
 def _split_where_asked(reading: Reading) -> None:
@@ -209,12 +209,12 @@ def _split_where_asked(reading: Reading) -> None:
     where, at = lambda e: reading.layer_of(net.line[e]), reading.place
     cut = np.ones(len(element), bool) if options.split else on_edge[element]
     places = (f"at {at(x)}, {where(e)}" for x, e in zip(net.x[node[~cut]], element[~cut]))
-    what = "nodes lie on an element between its ends, without a joint; --split makes joints"
-    reading.tell("touch", what, net.x[node[~cut]], places)
+    meaning = "nodes lie on an element between its ends, without a joint; --split makes joints"
+    reading.tell("touch", meaning, net.x[node[~cut]], places)
     if not options.split:
         places = (f"at {at(x)}, {where(a)} and {where(b)}" for (a, b), x in zip(pairs, crossing))
-        what = "elements cross without a joint; --split makes joints"
-        reading.tell("crossing", what, crossing, places)
+        meaning = "elements cross without a joint; --split makes joints"
+        reading.tell("crossing", meaning, crossing, places)
         pairs, crossing = pairs[:0], crossing[:0]
     if cut.any() or len(pairs):
         elements = np.concatenate([element[cut], *pairs.T])
@@ -231,8 +231,8 @@ def _on_support_layer(reading: Reading, layer: str | None = None) -> np.ndarray:
     """
     drawing, net = reading.drawing, reading.net
     options = reading.options
-    named = [options.supports, options.springs and options.springs[0]] if layer is None else [layer]
-    on = np.isin(drawing.layer, [row for name in named for row in rows_called(name, drawing.layers)])
+    names = [options.supports, options.springs and options.springs[0]] if layer is None else [layer]
+    on = np.isin(drawing.layer, [row for name in names for row in rows_called(name, drawing.layers)])
     replacing = net.twice[on[net.twice[:, 0]], 1]  # these elements replace left-out lines of the layer
     return on[net.line] | np.isin(net.line, replacing)
 
@@ -243,8 +243,8 @@ def _supports(reading: Reading) -> np.ndarray:
     fixed = np.zeros(len(net.x), bool)
     if option == OUTLINE or (option is None and not len(drawing.held)):
         fixed, roofs = _outline(net)
-        of = f" of each of {roofs} parts" if roofs > 1 else ""
-        source = f"nodes on the outline{of}, and ends of single elements"
+        of_parts = f" of each of {roofs} parts" if roofs > 1 else ""
+        source = f"nodes on the outline{of_parts}, and ends of single elements"
         advice = "" if option else "; --supports names a layer, points or outline"
     else:
         marks = drawing.held if option is None else drawing.points
@@ -257,8 +257,8 @@ def _supports(reading: Reading) -> np.ndarray:
         )
         _mark(reading, marks, fixed)
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({source}){advice}")
-    what = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
-    reading.tell("held in part", what, drawing.in_part)
+    meaning = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
+    reading.tell("held in part", meaning, drawing.in_part)
     return fixed
 
 
@@ -288,8 +288,8 @@ def _set_springs(reading: Reading) -> None:
     _mark(reading, drawing.points[np.isin(drawing.point_layer, rows_called(layer, drawing.layers))], sprung)
     reading.spring = np.where(sprung[:, None], np.array(stiffness), 0.0)
     reading.fixed &= ~sprung
-    words = " x ".join(f"{k:g}" for k in stiffness)
-    reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {words} N/m')
+    text = " x ".join(f"{k:g}" for k in stiffness)
+    reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {text} N/m')
 
 
 def _outline(net: Joined) -> tuple[np.ndarray, int]:
@@ -319,27 +319,29 @@ def _tell_near_misses(reading: Reading) -> None:
     reach = faults.reach_of(net.x, net.ends, tolerance)
     pairs, distance = faults.near_nodes(net.x, net.ends, reach)
     words = lambda nodes, far: [f"{1e3 * d:.4g} mm at {reading.place(x)}" for d, x in zip(far, net.x[nodes])]
-    what = f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
-    reading.tell("near miss", what, net.x[pairs[:, 0]], words(pairs[:, 0], distance))
+    meaning = (
+        f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
+    )
+    reading.tell("near miss", meaning, net.x[pairs[:, 0]], words(pairs[:, 0], distance))
     node, _, distance = faults.touches(net.x, net.ends, reach)
     node, distance = node[distance > tolerance], distance[distance > tolerance]
-    what = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
-    reading.tell("near miss", what, net.x[node], words(node, distance))
+    meaning = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
+    reading.tell("near miss", meaning, net.x[node], words(node, distance))
 
 
 def _drop_loose_parts(reading: Reading) -> None:
     """Report the parts of the net that have no support, and remove them, since they are mechanisms."""
     net, drawing = reading.net, reading.drawing
     part = parts_by_size(net.ends, len(net.x))
-    held = np.zeros(part.max() + 1, bool)
-    held[part[reading.held]] = True
-    if not held.any():
+    has_support = np.zeros(part.max() + 1, bool)
+    has_support[part[reading.held]] = True
+    if not has_support.any():
         raise InputError(
             f"{reading.path}: no node is held; --supports takes a layer, points or outline; "
             f"layers: {', '.join(drawing.layers)}"
         )
     of_element = part[net.ends[:, 0]]
-    if not held[0]:  # the part that is left is hardly the intended roof
+    if not has_support[0]:  # the part that is left is hardly the intended roof
         is_part = of_element == 0
         reading.lines.append(
             f"LARGEST PART LEFT OUT: {int(is_part.sum())} of {len(is_part)} elements are without a support; "
@@ -348,19 +350,19 @@ def _drop_loose_parts(reading: Reading) -> None:
         reading.lines.append(f"    {_where(reading, is_part)}")
     others = np.unique(of_element[of_element > 0])
     for numbers, remark in (
-        (others[~held[others]], "and without a support: LEFT OUT"),
-        (others[held[others]], "and held by supports of their own"),
+        (others[~has_support[others]], "and without a support: LEFT OUT"),
+        (others[has_support[others]], "and held by supports of their own"),
     ):
         of_parts = [of_element == number for number in numbers.tolist()]
         count = int(np.isin(of_element, numbers).sum())
-        what = (
+        meaning = (
             f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {remark}"
         )
         places = [net.x[net.ends[is_part][0, 0]] for is_part in of_parts]
         texts = (f"{int(is_part.sum())} elements {_where(reading, is_part)}" for is_part in of_parts)
-        reading.tell("loose part", what, places, texts)
-    supported = held[of_element]
-    nodes = held[part]
+        reading.tell("loose part", meaning, places, texts)
+    supported = has_support[of_element]
+    nodes = has_support[part]
     row = np.cumsum(nodes) - 1
     reading.net = Joined(
         net.x[nodes], row[net.ends[supported]], net.line[supported], net.moved, net.short, net.twice

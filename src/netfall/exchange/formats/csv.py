@@ -27,12 +27,12 @@ def write(result: Result, state: State, folder: Path, unit: str) -> list[str]:
     For a state in motion only the tables are written: positions of the points and forces of the elements.
     """
     is_export = _check_folder(folder)
-    with whole_folder(folder) as place:
-        lines = [line.replace(str(place), str(folder)) for line in _written(result, state, place)]
-        _check_copies(folder, place, is_export)
-        (place / ABOUT).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
+    with whole_folder(folder) as temporary:
+        lines = [line.replace(str(temporary), str(folder)) for line in _written(result, state, temporary)]
+        _check_copies(folder, temporary, is_export)
+        (temporary / ABOUT).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
         for name in OWN:  # remove files of an earlier export that this one lacks
-            if not (place / name).exists():
+            if not (temporary / name).exists():
                 (folder / name).unlink(missing_ok=True)
     return lines
 
@@ -78,9 +78,9 @@ def _check_folder(folder: Path) -> bool:
     return is_export
 
 
-def _check_copies(folder: Path, place: Path, is_export: bool) -> None:
+def _check_copies(folder: Path, temporary: Path, is_export: bool) -> None:
     """Refuse to replace a file of the user by a copy of another one. Raises InputError."""
-    for copy in sorted(place.iterdir()):
+    for copy in sorted(temporary.iterdir()):
         target = folder / copy.name
         if not is_export and target.exists() and target.read_bytes() != copy.read_bytes():
             raise InputError(f"-o {folder}: has another {copy.name} already; give another name")
@@ -136,8 +136,8 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     if np.isfinite(of("area")).any():
         columns["area"] = of("area")
     if "spring" in net:
-        rest = to_own(of("spring_rest"), angle)
-        for name, values in (("spring", net["spring"][:]), ("spring_rest", rest)):
+        spring_rest = to_own(of("spring_rest"), angle)
+        for name, values in (("spring", net["spring"][:]), ("spring_rest", spring_rest)):
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
         columns["angle"] = angle
@@ -204,7 +204,7 @@ def before_drawing(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
 
 def _faces(result: Result, state: State) -> dict[str, np.ndarray]:
     """Return the faces, one row for each corner of each ring; corners that are no nodes have coordinates."""
-    start, corner, face, others = (
+    start, corner, face, extra = (
         result.file[f"{RECORD}/{name}"][:] for name in ("ring_start", "ring_corner", "ring_face", "corners")
     )
     n, ring = len(result.nodes["id"]), np.repeat(np.arange(len(face)), np.diff(start))
@@ -214,7 +214,7 @@ def _faces(result: Result, state: State) -> dict[str, np.ndarray]:
     columns = {"face": face[ring]} | ({"ring": hole[ring]} if hole.any() else {}) | {"node": node}
     if not is_node.all():
         coordinates = np.full((len(corner), 3), np.nan)
-        coordinates[~is_node] = others[corner[~is_node] - n]
+        coordinates[~is_node] = extra[corner[~is_node] - n]
         columns |= {k: coordinates[:, i] for i, k in enumerate(AXES)}
     return columns
 

@@ -49,13 +49,13 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
         for x in (per * state.position[nodes]).tolist():
             space.add_point(x, dxfattribs={"layer": layer})
     drawing.header.custom_vars.append("made", MARK)
-    with whole(path) as place:
-        drawing.saveas(place)
-    shown = ", ".join(layers.values())
+    with whole(path) as temporary:
+        drawing.saveas(temporary)
+    names = ", ".join(layers.values())
     broken = f", {counts[BROKEN]} on layer {BROKEN}" if counts[BROKEN] else ""
     points = f"{counts[SUPPORTS]} points on layer {SUPPORTS}"
     points += "".join(f", {counts[k]} on layer {k}" for k in (IN_PART, SPRINGS) if counts[k])
-    lines = [f"{path}: {state.name}, {present.sum()} lines in {unit} on layers {shown}{broken}; {points}"]
+    lines = [f"{path}: {state.name}, {present.sum()} lines in {unit} on layers {names}{broken}; {points}"]
     return lines + state.told_out("lines")
 
 
@@ -67,10 +67,10 @@ def _layers(groups: list[str]) -> dict[str, str]:
     layers: dict[str, str] = {}
     used = {*MARKS, "defpoints"}  # entities on defpoints are never printed
     for group in groups:
-        plain = "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in group or "cables")
-        layer, k = plain, 2
+        base = "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in group or "cables")
+        layer, k = base, 2
         while layer.casefold() in used:
-            layer, k = f"{plain}_{k}", k + 1
+            layer, k = f"{base}_{k}", k + 1
         used.add(layer.casefold())
         layers[group] = layer
     return layers

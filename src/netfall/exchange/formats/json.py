@@ -43,8 +43,10 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
         "edge": edge,
         "max_node": int(state.node_id.max()),
     }
-    with whole(path) as place:
-        place.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
+    with whole(path) as temporary:
+        temporary.write_text(
+            json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8"
+        )
     lines = [f"{path}: {state.name}, {len(node)} nodes, {present.sum()} edges; m, N, N/m"]
     lines += state.told_out("edges")
     if doubled:

@@ -80,8 +80,8 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     head = HEAD.format(title=one_line(result.title), what=one_line(name), source=result.path.name, **fields)
     parts = [head, _nodes(state, settlement), _elements(state, free, EA, bar), _springs(state, springs)]
     parts.append(_loads(state, load, settlement))
-    with whole(path) as place:
-        place.write_text(
+    with whole(path) as temporary:
+        temporary.write_text(
             "".join(parts) + ANALYSIS.format(**fields) + RESULTS.format(**fields), encoding="utf-8"
         )
     counts = f"{len(x)} nodes, {len(free)} trusses, {int(load.any(1).sum())} nodes with loads"
@@ -119,9 +119,9 @@ def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndar
     x, tension = form_of(result)
     warm = result.elements["unstressed_length_warm"]
     if state.case:
-        place = result.file[f"cases/{state.case}"]
-        length = place["unstressed_length"][:] if "unstressed_length" in place else warm
-        return state.name, x + place["displacement"][:], place["tension"][:], length
+        case = result.file[f"cases/{state.case}"]
+        length = case["unstressed_length"][:] if "unstressed_length" in case else warm
+        return state.name, x + case["displacement"][:], case["tension"][:], length
     if hasattr(result, "rest"):
         name = "rest under all constant loads" + " and the mean wind" * ("wind" in result.file)
         return name, result.rest["position"], result.rest["tension"], warm
@@ -182,8 +182,8 @@ def _springs(state: State, springs: Springs) -> str:
         if springs.angle is not None:
             c, s = directions(springs.angle[tag - first_foot(state)][None])[0].tolist()
             orient = f" -orient {c!r} {s!r} 0 {-s!r} {c!r} 0"
-        mats, along = " ".join(materials), " ".join(axes)
-        lines.append(f"element zeroLength {tag} {ends} -mat {mats} -dir {along}{orient}\n")
+        materials_text, axes_text = " ".join(materials), " ".join(axes)
+        lines.append(f"element zeroLength {tag} {ends} -mat {materials_text} -dir {axes_text}{orient}\n")
     return "".join(lines)
 
 

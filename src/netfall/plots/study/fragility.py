@@ -47,16 +47,16 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
         axes.fill_between(speed, band[:, 0], band[:, 1], color=colour, alpha=0.18, lw=0)
     median, dispersion = g["median"][k], g["dispersion"][k]
     if np.isfinite(median):
-        fine = np.linspace(speed[0], speed[-1], POINTS)
-        axes.plot(fine, ndtr((np.log(fine) - np.log(median)) / dispersion), color=colour, lw=1.6)
+        speeds = np.linspace(speed[0], speed[-1], POINTS)
+        axes.plot(speeds, ndtr((np.log(speeds) - np.log(median)) / dispersion), color=colour, lw=1.6)
     centre, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
     centre = centre + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # separates the curves
     share, (low, high) = failed / runs, wilson(runs, failed)
     style = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
     axes.errorbar(centre, share, [share - low, high - share], **style)
     text = _text(g, k) if curves == 1 else _short(g, k)
-    place = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
-    axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **place)
+    text_style = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
+    axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **text_style)
 
 
 def _text(g, k: int) -> str:
@@ -79,8 +79,8 @@ def _short(g, k: int) -> str:
 
 def _handles(g, names: list[str]) -> list:
     """Return the legend entries of marks and curves."""
-    several = names if len(names) > 1 else []
-    colours = [plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(several)]
+    labelled = names if len(names) > 1 else []
+    colours = [plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(labelled)]
     k = int(np.argmax(g["samples"]))
     neutral = "C0" if len(names) == 1 else "0.4"
     resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"

@@ -39,10 +39,10 @@ def _curves(axes, h, g, rows: np.ndarray) -> None:
 
 def _probabilities(axes, h, rows: np.ndarray) -> None:
     """Draw a line for each measure, the largest on top, with the interval and the targets of EN 1990."""
-    place = np.arange(len(rows))[::-1]
+    y_ticks = np.arange(len(rows))[::-1]
     annual, interval = h["annual_probability"][rows], h["interval"][rows]
     beyond = ""
-    for j, (y, p, (low, high)) in enumerate(zip(place, annual, interval)):
+    for j, (y, p, (low, high)) in enumerate(zip(y_ticks, annual, interval)):
         if np.isfinite(low):
             end = max(low, FLOOR * annual.min())
             axes.plot([end, high], [y, y], color=f"C{j}", lw=2)
@@ -55,12 +55,12 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
     for name, (beta, _) in TARGETS.items():
         axes.axvline(ndtr(np.array(-beta)), color="0.5", lw=1, ls="--")
         style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-        at = ndtr(np.array(-beta)), 1.0
-        axes.annotate(name, at, (2, -10), fontsize=SMALL, color="0.4", **style)
+        position = ndtr(np.array(-beta)), 1.0
+        axes.annotate(name, position, (2, -10), fontsize=SMALL, color="0.4", **style)
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     axes.set_xlim(low, ROOM * high)
-    axes.set_yticks(place, [_name(h, k) for k in rows])
+    axes.set_yticks(y_ticks, [_name(h, k) for k in rows])
     axes.set_ylim(-0.7, len(rows) - 0.2)
     axes.set_xlabel(f"probability in a year [-]; bars: 95 %{beyond}; dashed: targets of EN 1990, 1 year")
 

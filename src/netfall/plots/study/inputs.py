@@ -36,10 +36,10 @@ def _draw(axes, x: np.ndarray, y: np.ndarray) -> None:
         axes.set_title(text, fontsize=SMALL, color="k" if significant else "0.6", loc="right")
 
 
-def _scaled(name: str, values: np.ndarray, words: str) -> tuple[np.ndarray, str]:
+def _scaled(name: str, values: np.ndarray, description: str) -> tuple[np.ndarray, str]:
     """Return the values of a column in a readable unit, and its description with that unit."""
     unit = unit_of_column(name)
     if unit not in ("N", "Pa", "N/m2"):
-        return values, f"{words} [{unit}]" if unit else words
+        return values, f"{description} [{unit}]" if unit else description
     factor, unit_name = unit_of(np.nanmax(np.abs(values)), unit)
-    return factor * values, f"{words} [{unit_name}]"
+    return factor * values, f"{description} [{unit_name}]"

@@ -29,8 +29,8 @@ def loss_map(study: Study):
     lost = (losses.roof_lost > 0).any()
     consequence = losses.roof_lost if lost else losses.broken
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
-    shown = of_element(np.where(consequence > 0, consequence, np.nan))
-    draw_values(study, right, shown, label, percent=lost, names=names)
+    plotted = of_element(np.where(consequence > 0, consequence, np.nan))
+    draw_values(study, right, plotted, label, percent=lost, names=names)
     return figure
 
 
@@ -44,28 +44,28 @@ def loss_chart(study: Study):
     factor = np.where(study.finished, study.members.get("dynamic_factor_max", np.nan), np.nan)
     severity = (losses.no_rest > 0, losses.roof_lost, losses.broken, losses.dynamic_factor)
     order = np.lexsort([-np.nan_to_num(1.0 * values) for values in reversed(severity)])
-    shown = order[:MOST_ROWS]
+    rows = order[:MOST_ROWS]
     row_of = np.full(len(losses.name), -1)
-    row_of[shown] = np.arange(len(shown))
+    row_of[rows] = np.arange(len(rows))
     y = row_of[losses.place]
-    size, ratios = (11, 1.8 + 0.19 * len(shown)), (3, 2)
+    size, ratios = (11, 1.8 + 0.19 * len(rows)), (3, 2)
     figure, ((left, right),) = charts(1, 2, *size, sharey=True, width_ratios=ratios)
     drawn = (y >= 0) & np.isfinite(factor)
     left.plot(factor[drawn], y[drawn], "o", color="C0", ms=4, alpha=0.8)
     if _much(factor):
         left.set_xscale("log")
         left.xaxis.set_major_formatter("{x:g}")
-    for row in np.flatnonzero(np.isnan(losses.dynamic_factor[shown])):
-        words = " no factor: more broke" if losses.broken[shown[row]] > 0 else " no factor"
-        left.text(1.0, row, words, va="center", fontsize=SMALL, color="0.5")
+    for row in np.flatnonzero(np.isnan(losses.dynamic_factor[rows])):
+        text = " no factor: more broke" if losses.broken[rows[row]] > 0 else " no factor"
+        left.text(1.0, row, text, va="center", fontsize=SMALL, color="0.5")
     left.axvline(1.0, color="0.6", lw=0.8)
     left.axvline(2.0, color="0.6", lw=0.8, ls=":")
     left.set_xlabel("largest dynamic factor of each member in which no more broke [-]; dotted: 2")
-    _draw_lost(right, losses, shown)
-    left.set_yticks(np.arange(len(shown)), losses.name[shown])
+    _draw_lost(right, losses, rows)
+    left.set_yticks(np.arange(len(rows)), losses.name[rows])
     left.set_ylabel("what is lost")
-    left.set_ylim(len(shown) - 0.5, -0.5)
-    extent = f" (the worst {len(shown)} of {len(order)})" if len(shown) < len(order) else ""
+    left.set_ylim(len(rows) - 0.5, -0.5)
+    extent = f" (the worst {len(rows)} of {len(order)})" if len(rows) < len(order) else ""
     heading(figure, study.title, f": after each loss{extent}")
     return figure
 
@@ -75,13 +75,13 @@ def _much(factor: np.ndarray) -> bool:
     return bool((factor[np.isfinite(factor)] > TELLING).any())
 
 
-def _draw_lost(axes, losses, shown: np.ndarray) -> None:
+def _draw_lost(axes, losses, rows: np.ndarray) -> None:
     """Draw the lost share of the roof, with the number of further fractures or a remark on no equilibrium."""
-    lost = 100 * np.nan_to_num(losses.roof_lost[shown])
+    lost = 100 * np.nan_to_num(losses.roof_lost[rows])
     axis_end = max(10.0, 1.25 * lost.max(initial=0.0))
-    no_equilibrium = losses.no_rest[shown] > 0
-    axes.barh(np.arange(len(shown)), lost, color=np.where(no_equilibrium, BROKEN, "C0"), height=0.7)
-    for y, k in enumerate(shown):
+    no_equilibrium = losses.no_rest[rows] > 0
+    axes.barh(np.arange(len(rows)), lost, color=np.where(no_equilibrium, BROKEN, "C0"), height=0.7)
+    for y, k in enumerate(rows):
         broken = losses.broken[k]
         text = "no rest" if no_equilibrium[y] else f"{broken:.0f} broke" if broken > 0 else ""
         colour = BROKEN if no_equilibrium[y] else "0.3"

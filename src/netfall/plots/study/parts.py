@@ -40,8 +40,8 @@ def draw_values(
     colours = plt.cm.ScalarMappable(norm, COLOURS)
     names = (study.net["element_id"] if names is None else names).astype(str)
     for axes in panels:
-        shown = lines[..., : 3 if axes.name == "3d" else 2]
-        rows = add_coloured(axes, shown, values, norm, COLOURS, line_width(len(lines), 3.0))
+        projected = lines[..., : 3 if axes.name == "3d" else 2]
+        rows = add_coloured(axes, projected, values, norm, COLOURS, line_width(len(lines), 3.0))
     plan = panels[0]
     _dot_short(plan, lines[rows][..., :2], colours.to_rgba(values[rows]))
     bar = add_scale(plan, norm, COLOURS, label, shrink=0.8)
@@ -52,8 +52,8 @@ def draw_values(
     if percent:
         bar.ax.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
     _, first = np.unique(names[rows[::-1]], return_index=True)  # the largest value of each name
-    named = rows[::-1][np.sort(first)][:MOST_NAMED]
-    add_labels(plan, lines[named].mean(1)[:, :2], names[named].tolist())
+    labelled = rows[::-1][np.sort(first)][:MOST_NAMED]
+    add_labels(plan, lines[labelled].mean(1)[:, :2], names[labelled].tolist())
 
 
 def _dot_short(axes, ends: np.ndarray, colours: np.ndarray) -> None:

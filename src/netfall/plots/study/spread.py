@@ -53,7 +53,7 @@ def _courses(study: Study) -> dict[int, np.ndarray]:
     return {int(k): t - t[0] for k, t in zip(rows, courses)}
 
 
-def _lines(study: Study, axes, courses: dict[int, np.ndarray], left: np.ndarray):
+def _lines(study: Study, axes, courses: dict[int, np.ndarray], remaining: np.ndarray):
     """Draw step curves of some samples, evenly chosen, coloured by wind speed; return the colour mapping."""
     speeds = study.members.get(SPEED)
     varied = speeds is not None and len(np.unique(speeds)) > 1
@@ -61,7 +61,7 @@ def _lines(study: Study, axes, courses: dict[int, np.ndarray], left: np.ndarray)
     chosen = np.unique(np.linspace(0, len(courses) - 1, MOST_LINES).astype(int))
     rows = list(courses)
     for i in chosen:
-        t = np.append(courses[rows[i]], max(left[i], courses[rows[i]][-1]))
+        t = np.append(courses[rows[i]], max(remaining[i], courses[rows[i]][-1]))
         count = np.append(np.arange(1, len(t)), len(t) - 1)
         colour = colours.to_rgba(speeds[rows[i]]) if varied else "C0"
         axes.plot(t, count, drawstyle="steps-post", color=colour, lw=0.5, alpha=0.5)

@@ -44,10 +44,10 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
     for name, draw in pictures_of(study).items():
         written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
     written.append(folder / f"{study.name}_members.csv")
-    with whole(written[-1]) as place:
-        drawn = [name for name in study.members if name not in BY_NAME]
-        names = *drawn, *(name for name in BY_NAME if name in study.members)  # inputs first, then outcomes
+    with whole(written[-1]) as temporary:
+        drawn_names = [name for name in study.members if name not in BY_NAME]
+        names = *drawn_names, *(name for name in BY_NAME if name in study.members)
         columns = {name: study.members[name] for name in names}
         units = ", ".join(map(with_unit, columns))
-        write_table(place, columns, f"{units}; ..._id: of the tables, beside rows of /net")
+        write_table(temporary, columns, f"{units}; ..._id: of the tables, beside rows of /net")
     return written
