@@ -73,9 +73,12 @@ def strengths_of_bars(f) -> dict[str, np.ndarray]:
     if not bars:
         return {"buckling": none, "euler_load": none}
     unknown_length = parts_of_chains(f)
-    known = lambda strength: np.where(np.isnan(strength) | unknown_length, np.inf, strength)
+
+    def or_none(strength: np.ndarray) -> np.ndarray:
+        return np.where(np.isnan(strength) | unknown_length, np.inf, strength)
+
     yields = f["net/yield_force"][:] if "yield_force" in f["net"] else none
-    return {"buckling": known(bars["chi"] * yields), "euler_load": known(bars["euler_load"])}
+    return {"buckling": or_none(bars["chi"] * yields), "euler_load": or_none(bars["euler_load"])}
 
 
 def parts_of_chains(f) -> np.ndarray:

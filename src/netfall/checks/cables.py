@@ -113,18 +113,20 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
     force, of = ({name: pair[k] for name, pair in largest_forces.items()} for k in (0, 1))
     unused = {False: only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
     utilisation = {
-        each.name: np.where(unused[each.compression], np.nan, force[each.name] / resistance[each.name])
-        for each in checks
+        check.name: np.where(unused[check.compression], np.nan, force[check.name] / resistance[check.name])
+        for check in checks
     }
     caps = states.caps_of(f)
     limits = {False: caps.yielding, True: np.minimum(caps.yielding, caps.buckling)}
     is_motion = np.array([name == states.MOTION for name in envelope.names])
     failed = ~np.isnan(broken_at(f)) | states.yielded_in(f)  # the history rows alone can miss it
     fails = {}
-    for each in checks:
-        at_limit = force[each.name] >= REACHED * limits[each.compression]
-        beyond = (utilisation[each.name] > 1.0) | at_limit | (failed & (stages[each.name] & is_motion).any())
-        fails[each.name] = np.isfinite(utilisation[each.name]) & beyond
+    for check in checks:
+        at_limit = force[check.name] >= REACHED * limits[check.compression]
+        beyond = (
+            (utilisation[check.name] > 1.0) | at_limit | (failed & (stages[check.name] & is_motion).any())
+        )
+        fails[check.name] = np.isfinite(utilisation[check.name]) & beyond
     moment = moment_columns(f).get("bending_moment_max", np.full(len(caps.yielding), np.nan))
     unborne = {name: unborne_of(f, places_of(envelope, counting)) for name, counting in stages.items()}
     return Checked(checks, resistance, utilisation, force, of, fails, unborne, np.isfinite(moment))
@@ -192,8 +194,8 @@ def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, n
     The element with the largest utilisation, or the largest tension without one, governs its cable.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    governs = _by(checked.utilisation[checked.checks[0].name], envelope.most)
-    governing = _first_by(governs, cable)  # the element that governs each cable
+    ranking = _by(checked.utilisation[checked.checks[0].name], envelope.most)
+    governing = _first_by(ranking, cable)  # the element that governs each cable
     least_tensioned = _first_by(-envelope.least, cable)
     elements = element_columns(f, envelope, checked)
     strengths = {name: np.where(np.isinf(N), np.nan, N)[governing] for name, N in strengths_of(f).items()}
@@ -221,9 +223,9 @@ def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, n
         if name in elements:
             columns[name] = _of_cables(np.fmax, elements[name], cable)
     for check in checked.checks:
-        governs = _first_by(checked.decisive(check.name), cable)
+        decisive = _first_by(checked.decisive(check.name), cable)
         for quantity in ("resistance", "utilisation", "result", check.of, "case"):
-            columns[f"{quantity}_{check.name}"] = elements[f"{quantity}_{check.name}"][governs]
+            columns[f"{quantity}_{check.name}"] = elements[f"{quantity}_{check.name}"][decisive]
     return columns
 
 
@@ -237,7 +239,10 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     EA). A given load applies to cables; bars are then measured without any.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    total = lambda values: np.bincount(cable, values, count)
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(cable, values, count)
+
     x, elements, L0 = states.start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
     L = np.where(states.absent(f), np.nan, np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1))
     load, warm, stretched = measured_lengths(f, cutting)

@@ -130,13 +130,20 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
         raise InputError(errors)
 
 
+def _factor(table: dict, place: str, validation: Validation) -> Factor:
+    """Read a factor, and collect what is wrong in it."""
+    return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))
+
+
 def _check(table: dict, place: str, validation: Validation) -> Check:
+    """Read a check, and collect what is wrong in it; place : where it stands, for messages."""
     check = validation.table(place, KEYS["check"], table)
     given = [validation.table(place, KEYS["check.resistance"], item) for item in check.resistance or []]
     if len({item.of in IN_COMPRESSION for item in given if item.of}) > 1:
         names = " beside ".join(repr(item.of) for item in given)
         remedy = "a check is of tension or of compression; make two of it"
         validation.wrong(place, f"of = {names}: {remedy}")
-    known = lambda factor: validation.table(f"{place} factor {factor.get('name')}:", KEYS["factor"], factor)
-    resistances = [(item.of, [Factor(**vars(known(factor))) for factor in item.factor]) for item in given]
+    resistances = [
+        (item.of, [_factor(factor, place, validation) for factor in item.factor]) for item in given
+    ]
     return Check(check.name, check.title, check.kind, resistances)

@@ -39,8 +39,11 @@ def group_columns(f, envelope: Envelope, checked: cables.Checked) -> dict[str, n
         for e, count in _firsts(cables.groups_of(f), members(f, checked, check.name))
     ]
     elements = np.array([e for _, e, _ in rows])
-    of = lambda table: np.array([table[check.name][e] for check, e, _ in rows])
-    utilisation = of(checked.utilisation)
+
+    def of_rows(table: dict) -> np.ndarray:
+        return np.array([table[check.name][e] for check, e, _ in rows])
+
+    utilisation = of_rows(checked.utilisation)
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
@@ -49,11 +52,11 @@ def group_columns(f, envelope: Envelope, checked: cables.Checked) -> dict[str, n
         "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:][elements]],
         "element": f["net/element_id"][:][elements],
         "alike": np.array([count for *_, count in rows]),
-        "case": np.array(envelope.names, object)[of(checked.of)],
-        "N_Ed": of(checked.force),
-        "N_Rd": of(checked.resistance),
+        "case": np.array(envelope.names, object)[of_rows(checked.of)],
+        "N_Ed": of_rows(checked.force),
+        "N_Rd": of_rows(checked.resistance),
         "utilisation": utilisation,
-        "result": of({check.name: cables.results_of(checked, check.name) for check in checked.checks}),
+        "result": of_rows({check.name: cables.results_of(checked, check.name) for check in checked.checks}),
     }
 
 

@@ -144,8 +144,20 @@ def pieces_of(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
         system = float(measured[e].sum())
         pins, cut = system - shortened.sum(1)
         marks = np.cumsum(measured[e])[: len(e) - 1] - shortened[1, 0]
-        properties = (marks if chain.in_order else np.zeros(0), float(load[k]), float(rope @ mass[e]))
-        pieces.append(Piece(k, group[e[0]], kind[e[0]], chain, system, float(pins), float(cut), *properties))
+        pieces.append(
+            Piece(
+                cable=k,
+                group=group[e[0]],
+                type=kind[e[0]],
+                chain=chain,
+                system=system,
+                pins=float(pins),
+                cut=float(cut),
+                marks=marks if chain.in_order else np.zeros(0),
+                load=float(load[k]),
+                mass=float(rope @ mass[e]),
+            )
+        )
     if errors:
         raise InputError(errors)
     return pieces

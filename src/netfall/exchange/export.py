@@ -69,7 +69,6 @@ def of_net(result: Result) -> dict[str, bool]:
     """List the possible contents of a net, and whether this one has them."""
     f = result.file
     net, ids = f["net"], f["net/element_id"][:]
-    known = lambda name: f[f"{RECORD}/{name}"][:]
     cables = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
     partly_held = net["fixed"][:].any(1) & ~net["fixed"][:].all(1)
     return {
@@ -89,8 +88,8 @@ def of_net(result: Result) -> dict[str, bool]:
         "axes of supports": bool(partly_held.any()),
         "angles of supports": "angle" in net,
         "springs": "spring" in net,
-        "loads of nodes": bool(known("load").any()),
-        "masses of nodes": bool(known("mass").any()),
+        "loads of nodes": bool(f[f"{RECORD}/load"][:].any()),
+        "masses of nodes": bool(f[f"{RECORD}/mass"][:].any()),
         "roof areas": bool(net["tributary_area"][:].any()),
         "zones": bool((net["zone"][:] >= 0).any()),
         "temperature": "load/temperature" in f,

@@ -89,8 +89,8 @@ def _zones(job: dict, used: set[str]) -> None:
         for name in unused:
             job.get(section, {}).get("zone", {}).pop(name, None)
     for case in job.get("case", []):
-        of_idle = lambda key: split(key)[1] in unused
-        case["set"] = {key: value for key, value in case.get("set", {}).items() if not of_idle(key)}
+        changes = case.get("set", {})
+        case["set"] = {key: value for key, value in changes.items() if split(key)[1] not in unused}
 
 
 def _bent(result: Result) -> list[str]:

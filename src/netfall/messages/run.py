@@ -56,13 +56,14 @@ def before_run(scene: Scene, progress: Progress) -> None:
 def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
     """Report the outcome of a run from its result file, on rank 0. Collective."""
     has_dynamics = dynamics.NAME in outcomes
-    strained = _most_strained(scene, outcomes[dynamics.NAME].result.history if has_dynamics else None)
+    history = outcomes[dynamics.NAME].result.history if has_dynamics else None
+    strain, time, element = _most_strained(scene, history)
     if scene.model is None:
         return
     if has_dynamics:
         with open_result(path) as f:
             desk.progress.say(*_dynamics_lines(scene.model, f), *motion_notes_of(f), *overloads_of(f))
-    desk.progress.say(*_strain_notes(scene.model, *strained))
+    desk.progress.say(*_strain_notes(scene.model, strain, time, element))
     seconds = desk.phases.seconds.items()
     desk.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
     desk.progress.say(f"written: {path}")

@@ -187,9 +187,6 @@ def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) ->
     x : (n, 2 or 3) [m]; fixed, spring : (n, 3) bool, axes
     """
     fully_fixed = fixed.all(1)
-    along = lambda kind, rows: ", ".join(
-        f"{axis}: {kind[rows, k].sum()}" for k, axis in enumerate("xyz") if kind[rows, k].any()
-    )
     for selected, kind, marker, colour, word in (
         (fully_fixed, None, "s", SUPPORT, "supports"),
         (fixed.any(1) & ~fully_fixed, fixed, "^", GUIDED, "held in part"),
@@ -197,10 +194,15 @@ def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) ->
     ):
         rows = np.flatnonzero(selected)
         if len(rows):
-            label = f"{word}, {len(rows)}" + (f" ({along(kind, rows)})" if kind is not None else "")
+            label = f"{word}, {len(rows)}" + (f" ({_axis_counts(kind[rows])})" if kind is not None else "")
             style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **OVER}
             size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
             axes.plot(*x[rows[:: max(1, len(rows) // MOST_MARKED)]].T, ms=size, label=label, **style)
+
+
+def _axis_counts(held: np.ndarray) -> str:
+    """Count the supports along each axis, in words; held : (k, 3) bool."""
+    return ", ".join(f"{axis}: {held[:, k].sum()}" for k, axis in enumerate("xyz") if held[:, k].any())
 
 
 def dot_supports(axes, x: np.ndarray, held: np.ndarray) -> None:

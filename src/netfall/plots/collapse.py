@@ -96,8 +96,13 @@ def stage_steps(times: np.ndarray, fractures, losses, moments: list[float]) -> l
     times : of the snapshots [s]; fractures, losses : their times [s]
     """
     last = len(times) - 1
-    before = lambda t: max(int(np.searchsorted(times, t)) - 1, 0)
-    after = lambda t: int(min(np.searchsorted(times, t, side="right"), last))
+
+    def before(t: float) -> int:
+        return max(int(np.searchsorted(times, t)) - 1, 0)
+
+    def after(t: float) -> int:
+        return int(min(np.searchsorted(times, t, side="right"), last))
+
     events, steps = np.concatenate([fractures, losses]), [0]
     if len(events):
         steps += [before(events.min()), after(events.min())]

@@ -150,8 +150,8 @@ def tensions(f):
     """
     curves = _tension_curves(f)
     parts = _by_size(curves)
-    size = (9, 4.8) if len(parts) == 1 else (9, 7.0)
-    figure, panels = charts(len(parts), 1, *size, sharex="col")
+    height = 4.8 if len(parts) == 1 else 7.0
+    figure, panels = charts(len(parts), 1, 9, height, sharex="col")
     colour = {e: f"C{k % 10}" for k, (_, _, e) in enumerate(curves)}
     for axes, part in zip(panels[:, 0], parts):
         _draw_tensions(f, axes, part, colour)
@@ -206,14 +206,17 @@ def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
         chosen = h["probe_element"][:MOST_CURVES].tolist()
         curves = [(h["time"][:], h["probe_tension"][:, k], e) for k, e in enumerate(chosen)]
     steps = range(len(frames.times))
-    of_frames = lambda e: (frames.times, np.array([frames.cell("tension", s)[e] for s in steps]), e)
+
+    def snapshot_curve(e: int) -> tuple[np.ndarray, np.ndarray, int]:
+        return frames.times, np.array([frames.cell("tension", s)[e] for s in steps]), e
+
     broken = dict.fromkeys(e for e in f["events/element"][:].tolist() if e not in chosen)
     first = list(broken)[: max(2, MOST_CURVES - len(curves))]
     if len(steps) > 1:
-        curves += [of_frames(e) for e in first]
+        curves += [snapshot_curve(e) for e in first]
     if not curves:
         N = np.array([frames.cell("tension", s) for s in (0, len(steps) - 1)])
-        curves = [of_frames(int(np.abs(N).max(0).argmax()))]
+        curves = [snapshot_curve(int(np.abs(N).max(0).argmax()))]
     return curves
 
 
@@ -223,7 +226,10 @@ def displacements(f):
     t, d, particles = h["time"][:], h["probe_displacement"][:], h["probe_particle"][:]
     x = f["net/particles"][:]
     figure, axes = charts(3, 2 if first else 1, 11 if first else 9, 7, sharex="col")
-    name = lambda p: f"node {f['net/node_id'][p]} at ({', '.join(f'{value:.1f}' for value in x[p])}) m"
+
+    def name(p: int) -> str:
+        return f"node {f['net/node_id'][p]} at ({', '.join(f'{value:.1f}' for value in x[p])}) m"
+
     for (k, column), axis in np.ndenumerate(axes):
         rows = _shown(t, first, column)
         for j, p in enumerate(particles[:MOST_CURVES]):

@@ -58,7 +58,10 @@ class ForceScale:
         """
         trace = TRACE * float(np.abs(N).max(initial=0.0))
         taut, pressed = N > 0.0, N < -trace
-        chosen = lambda rows: rows & counts if counts is not None and (rows & counts).any() else rows
+
+        def chosen(rows: np.ndarray) -> np.ndarray:
+            return rows & counts if counts is not None and (rows & counts).any() else rows
+
         return ForceScale(limits(N[chosen(taut)]), limits(-N[chosen(pressed)]), trace)
 
 

@@ -36,8 +36,8 @@ def roof(f):
         add_lines(axes, lines, colors="0.25", linewidths=0.35, zorder=2)
     if zoned:
         _draw_zones(f, panels[0])
-    for axes, row in zip(panels[zoned:], available):
-        _draw_values(f, axes, *row)
+    for axes, (name, quantity, unit, colours, signed) in zip(panels[zoned:], available):
+        _draw_values(f, axes, name, quantity, unit, colours, signed)
     explanation = "each node its part of the faces" if has_faces(f) else "each node a square of its area"
     legend = f"({explanation}; dots: supports; a positive pressure presses)"
     geometry = " as given, with the areas of the form" if "form_finding" in f else ""

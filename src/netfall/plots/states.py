@@ -194,5 +194,6 @@ def _tell_deflection(f, axes, positions: np.ndarray, displacement: np.ndarray, s
     rows = [int(np.nanargmax(size)), down, up]
     rows = [p for p in dict.fromkeys(rows) if size[p] > 0.0]
     node = f["net/node_id"][:]
-    tell = lambda p: ", ".join(f"{1e3 * value:.1f}" for value in displacement[p])
-    add_labels(axes, positions[rows], [f"node {node[p]}: ({tell(p)}) mm" for p in rows])
+    vectors = [", ".join(f"{1e3 * value:.1f}" for value in displacement[p]) for p in rows]
+    texts = [f"node {node[p]}: ({vector}) mm" for p, vector in zip(rows, vectors)]
+    add_labels(axes, positions[rows], texts)

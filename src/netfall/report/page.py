@@ -283,18 +283,18 @@ def _losses(f, checked: Checked) -> list[str]:
     for k, e in worst_after(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         numbers = [tension_ratios(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
-        told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
-        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
+        figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
+        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *figures])
     if not rows:
         return lines
     header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
     header += ["dynamic factor", check]
-    told = (
+    explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
         "/ (at rest afterwards - before). It is given where that change of the equilibrium is more than "
         f"{STATIC_CHANGE:.0%} of the largest tension of the net:"
     )
-    return [*lines, "", told, "", *as_table(header, rows)]
+    return [*lines, "", explanation, "", *as_table(header, rows)]
 
 
 def _gone(cables: dict) -> list[str]:
@@ -304,10 +304,16 @@ def _gone(cables: dict) -> list[str]:
     rows = [k for k in np.argsort(first, kind="stable") if np.isfinite(first[k])]
     if not rows:
         return ["None."]
-    second = lambda time: f"{time:.4g} s" if np.isfinite(time) else ""
-    table = [[cables["cable"][k], cables["group"][k], *map(second, times[:, k])] for k in rows[:MOST_LISTED]]
+    table = [
+        [cables["cable"][k], cables["group"][k], *map(_seconds, times[:, k])] for k in rows[:MOST_LISTED]
+    ]
     lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
     return lines + as_table(["cable", "group", "lost at", "broke at"], table) + more(rows, "cables.csv")
+
+
+def _seconds(time: float) -> str:
+    """Format a time; empty if there is none."""
+    return f"{time:.4g} s" if np.isfinite(time) else ""
 
 
 def _slack(cables: dict, envelope: Envelope) -> list[str]:
@@ -373,7 +379,7 @@ def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
 
 def _shop(table: dict) -> list[str]:
     """Return the first rows of the shop list."""
-    of = lambda *names: zip(*(table[name] for name in names))
+    names = ("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
     lines = [
         [
             mark,
@@ -384,9 +390,7 @@ def _shop(table: dict) -> list[str]:
             force(load),
             len(clamps.split("; ")) if clamps else 0,
         ]
-        for mark, count, kind, pins, cut, load, clamps in of(
-            *("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
-        )
+        for mark, count, kind, pins, cut, load, clamps in zip(*(table[name] for name in names))
     ]
     header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
     return [

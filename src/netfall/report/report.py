@@ -73,8 +73,9 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
 
 def _tables(f, envelope: Envelope, checked: cables.Checked, inputs: Inputs) -> dict[str, dict]:
     """Return the columns of each table by its name."""
-    cases, names = cases_of(f), lambda of: sorted(set(of.tolist()) - {""})
-    deductions = read_deductions(inputs.deductions, names(cables.groups_of(f)), names(cables.types_of(f)))
+    cases = cases_of(f)
+    groups, types = (sorted(set(of(f).tolist()) - {""}) for of in (cables.groups_of, cables.types_of))
+    deductions = read_deductions(inputs.deductions, groups, types)
     return {
         "cases.csv": case_columns(f, cases),
         "checks.csv": group_columns(f, envelope, checked),

@@ -52,10 +52,10 @@ def page_of(f) -> Page:
         "group": numbers.add(f["net/group"][:].astype(np.int16)[drawn.rows]),
         "groups": f["net/group_names"].asstr()[:].tolist(),
         "strokes": _strokes(f),
-        "quantities": [choice(numbers, entry) for entry in quantities(f, drawn, shown)],
+        "quantities": [choice(numbers, quantity) for quantity in quantities(f, drawn, shown)],
         "states": [
-            states_data(numbers, entry, without_traces(f, drawn, entry.tension), np.ptp(x, axis=0).max())
-            for entry in shown
+            states_data(numbers, states, without_traces(f, drawn, states.tension), np.ptp(x, axis=0).max())
+            for states in shown
         ],
     }
     return Page(data, numbers, drawn, description)
@@ -117,18 +117,22 @@ def choice(numbers: Numbers, quantity: Quantity) -> dict:
     return fields | {"of_file": quantity.name == "strain"}
 
 
+def _largest(values: np.ndarray) -> float:
+    """Return the largest magnitude, 0 if there is none."""
+    return float(np.nanmax(np.abs(values), initial=0.0))
+
+
 def states_data(numbers: Numbers, states: States, N: np.ndarray, extent: float) -> dict:
     """Convert states for the page.
 
     N : (k, m) [N] axial forces that are shown; extent : of the net [m]
     """
-    largest = lambda values: float(np.nanmax(np.abs(values), initial=0.0))
-    reach = min(largest(states.displacement), FARTHEST * extent)
+    reach = min(_largest(states.displacement), FARTHEST * extent)
     page = {
         "name": states.name,
         "time": states.time.tolist(),
         "displacement": numbers.add_in_time(states.displacement, reach),
-        "tension": numbers.add_in_time(N, largest(N), nonzero=True),
+        "tension": numbers.add_in_time(N, _largest(N), nonzero=True),
         "slack": states.slack.tolist(),
         "broken": states.broken.tolist(),
     }
@@ -136,5 +140,5 @@ def states_data(numbers: Numbers, states: States, N: np.ndarray, extent: float) 
         page["away"] = numbers.add(states.away.astype(np.int16))
     if states.strain is not None:
         eps = np.where(np.isnan(N), np.nan, states.strain)
-        page["strain"] = numbers.add_in_time(eps, largest(eps))
+        page["strain"] = numbers.add_in_time(eps, _largest(eps))
     return page

@@ -36,9 +36,13 @@ class Quantity:
 
 def palette() -> dict:
     """Return the colours of pictures in the form that a page needs."""
-    shades = lambda of: [to_hex(colour) for colour in of(np.linspace(0.0, 1.0, SHADES))]
     single = {"slack": SLACK, "broken": BROKEN, "none": NOTHING, "support": SUPPORT, "guided": GUIDED}
-    return {"tension": shades(TENSION), "compression": shades(COMPRESSION)} | single
+    return {"tension": _shades(TENSION), "compression": _shades(COMPRESSION)} | single
+
+
+def _shades(colormap) -> list[str]:
+    """Return the colours of a matplotlib colormap as hexadecimal numbers."""
+    return [to_hex(colour) for colour in colormap(np.linspace(0.0, 1.0, SHADES))]
 
 
 def quantities(f, drawn: Drawn, shown: list[States]) -> list[Quantity]:
@@ -47,8 +51,10 @@ def quantities(f, drawn: Drawn, shown: list[States]) -> list[Quantity]:
     check = read_codes()[0]
     resistance = resistances_of(f, [check])[check.name][drawn.rows]
     EA = f["net/axial_stiffness"][:][drawn.rows]
-    strain = lambda s, N: N / EA if s.strain is None else np.where(np.isnan(N), N, s.strain)
-    strains = [strain(*each) for each in zip(shown, forces)]
+    strains = [
+        N / EA if states.strain is None else np.where(np.isnan(N), N, states.strain)
+        for states, N in zip(shown, forces)
+    ]
     ends = _ends(forces)
     largest = max((end[1] for end in ends if end), default=0.0)
     factor, unit = unit_of(largest, "N")

@@ -96,7 +96,10 @@ def net_page(study: Study) -> Page:
 def _choices(study: Study, page: Page) -> list[dict]:
     """Return the study's results on elements: frequency of breaks, and consequences of removals."""
     broken_count, finished_count = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
-    share = lambda counts, of: np.where(counts > 0, counts / of, np.nan)
+
+    def share(counts: np.ndarray, total: int) -> np.ndarray:
+        return np.where(counts > 0, counts / total, np.nan)
+
     first, at_all = share(study.first_breaks, broken_count), share(study.breaks, finished_count)
     rows = [
         (f"first to break, share of the {broken_count} members that broke", "%", 100.0, first),
@@ -105,10 +108,13 @@ def _choices(study: Study, page: Page) -> list[dict]:
     losses = losses_of(study)
     if losses is not None:
         row = elements_lost(study, losses)
-        of_element = lambda values: np.where(row >= 0, values[row], np.nan)
-        rows.append(("largest tension over that before its loss", "-", 1.0, of_element(losses.tension_ratio)))
-        rows.append(("largest dynamic factor after its loss", "-", 1.0, of_element(losses.dynamic_factor)))
-        rows.append(("share of the roof lost after its loss", "%", 100.0, of_element(losses.roof_lost)))
+        tension_ratio, dynamic_factor, roof_lost = (
+            np.where(row >= 0, values[row], np.nan)
+            for values in (losses.tension_ratio, losses.dynamic_factor, losses.roof_lost)
+        )
+        rows.append(("largest tension over that before its loss", "-", 1.0, tension_ratio))
+        rows.append(("largest dynamic factor after its loss", "-", 1.0, dynamic_factor))
+        rows.append(("share of the roof lost after its loss", "%", 100.0, roof_lost))
     nothing = ("no member broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))
     choices = []
     for name, unit, factor, values in [row for row in rows if np.isfinite(row[3]).any()] or [nothing]:

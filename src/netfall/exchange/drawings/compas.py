@@ -90,8 +90,9 @@ def _places(data: dict) -> dict:
     """Return the coordinates of the nodes or vertices by their keys."""
     entity = "node" if "node" in data else "vertex"
     default = _default(data, entity)
-    place = lambda values: [(default | values).get(axis, 0.0) for axis in "xyz"]
-    return {key: place(values) for key, values in data[entity].items()}
+    return {
+        key: [(default | values).get(axis, 0.0) for axis in "xyz"] for key, values in data[entity].items()
+    }
 
 
 def _edges(data: dict) -> list[dict]:

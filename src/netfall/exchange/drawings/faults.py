@@ -47,18 +47,22 @@ def crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
     pairs = _near_pairs(x, ends, tolerance)
     a, b = ends[pairs[:, 0]], ends[pairs[:, 1]]
     p, d, q, e = x[a[:, 0]], x[a[:, 1]] - x[a[:, 0]], x[b[:, 0]], x[b[:, 1]] - x[b[:, 0]]
-    dot = lambda u, v: np.einsum("ij,ij->i", u, v)
-    dd, ee, de = dot(d, d), dot(e, e), dot(d, e)
+    dd, ee, de = _dot(d, d), _dot(e, e), _dot(d, e)
     sine = dd * ee - de * de
     not_parallel = sine > PARALLEL * dd * ee
     s, t = np.full((2, len(pairs)), -1.0)
     r, det = q - p, np.where(not_parallel, sine, 1.0)
-    s[not_parallel] = ((dot(r, d) * ee - dot(r, e) * de) / det)[not_parallel]
-    t[not_parallel] = ((dot(r, d) * de - dot(r, e) * dd) / det)[not_parallel]
+    s[not_parallel] = ((_dot(r, d) * ee - _dot(r, e) * de) / det)[not_parallel]
+    t[not_parallel] = ((_dot(r, d) * de - _dot(r, e) * dd) / det)[not_parallel]
     on_a, on_b = p + s[:, None] * d, q + t[:, None] * e
     inside = _between(s, dd, tolerance) & _between(t, ee, tolerance)
     is_crossing = not_parallel & inside & (np.linalg.norm(on_a - on_b, axis=1) <= tolerance)
     return pairs[is_crossing], on_a[is_crossing]
+
+
+def _dot(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Compute the scalar products (k,) of vectors u and v (k, 3)."""
+    return np.einsum("ij,ij->i", u, v)
 
 
 def _near_pairs(x: np.ndarray, ends: np.ndarray, tolerance: float) -> np.ndarray:
@@ -100,12 +104,16 @@ def outline(x: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, bool]:
     if not len(faces):
         return single, False
     corners = shapely.get_coordinates(shapely.get_exterior_ring(shapely.get_parts(_union(faces))))
-    number = lambda xy: xy[:, 0] + 1j * xy[:, 1]
     inner = np.zeros(len(x), bool)
     inner[ends[single[ends].any(1)]] = True
     used = np.bincount(ends.ravel(), minlength=len(x)) > 0
-    on_boundary = used & np.isin(number(x), number(corners))
+    on_boundary = used & np.isin(_as_complex(x), _as_complex(corners))
     return single | (on_boundary & ~inner if inner[on_boundary].mean() > 0.5 else on_boundary), True
+
+
+def _as_complex(points: np.ndarray) -> np.ndarray:
+    """Encode the plan coordinates of points as complex numbers, so that `np.isin` compares whole points."""
+    return points[:, 0] + 1j * points[:, 1]
 
 
 def _union(faces):

@@ -182,17 +182,21 @@ def _doubts(drawing: Drawing) -> list[str]:
 def _tell_joining(reading: Reading) -> None:
     """Report joined gaps, lines without length and duplicates."""
     net, lines = reading.net, reading.drawing.lines
-    at, layer = lambda line, end=0: reading.place(lines[line, end]), reading.layer_of
+    layer = reading.layer_of
+
+    def point(line: int, end: int = 0) -> str:
+        return reading.place(lines[line, end])
+
     gaps = np.argwhere(net.moved > ROUNDED)
     gaps = gaps[np.argsort(-net.moved[tuple(gaps.T)], kind="stable")]
-    places = (f"{1e3 * net.moved[k, e]:.3g} mm at {at(k, e)}, {layer(k)}" for k, e in gaps)
+    places = (f"{1e3 * net.moved[k, e]:.3g} mm at {point(k, e)}, {layer(k)}" for k, e in gaps)
     within = f"within {1e3 * reading.options.tolerance:g} mm"
     meaning = f"ends of lines lay beside a node, {within}, and were joined"
     reading.tell("gap", meaning, lines[tuple(gaps.T)], places)
-    places = (f"at {at(k)}, {layer(k)}" for k in net.short)
+    places = (f"at {point(k)}, {layer(k)}" for k in net.short)
     meaning = "lines are not longer than the tolerance; left out"
     reading.tell("no length", meaning, lines[net.short, 0], places)
-    places = (f"at {at(k)} to {at(k, 1)}, {layer(k)}, as on {layer(j)}" for k, j in net.twice)
+    places = (f"at {point(k)} to {point(k, 1)}, {layer(k)}, as on {layer(j)}" for k, j in net.twice)
     meaning = "lines lie on another one; left out"
     reading.tell("duplicate", meaning, lines[net.twice[:, 0]].mean(1), places)
 
@@ -206,13 +210,16 @@ def _split_where_asked(reading: Reading) -> None:
     on_edge = _on_support_layer(reading)
     node, element, _ = faults.touches(net.x, net.ends, options.tolerance)
     pairs, crossing = faults.crossings(net.x, net.ends, options.tolerance)
-    where, at = lambda e: reading.layer_of(net.line[e]), reading.place
+
+    def layer(element: int) -> str:
+        return reading.layer_of(net.line[element])
+
     cut = np.ones(len(element), bool) if options.split else on_edge[element]
-    places = (f"at {at(x)}, {where(e)}" for x, e in zip(net.x[node[~cut]], element[~cut]))
+    places = (f"at {reading.place(x)}, {layer(e)}" for x, e in zip(net.x[node[~cut]], element[~cut]))
     meaning = "nodes lie on an element between its ends, without a joint; --split makes joints"
     reading.tell("touch", meaning, net.x[node[~cut]], places)
     if not options.split:
-        places = (f"at {at(x)}, {where(a)} and {where(b)}" for (a, b), x in zip(pairs, crossing))
+        places = (f"at {reading.place(x)}, {layer(a)} and {layer(b)}" for (a, b), x in zip(pairs, crossing))
         meaning = "elements cross without a joint; --split makes joints"
         reading.tell("crossing", meaning, crossing, places)
         pairs, crossing = pairs[:0], crossing[:0]
@@ -318,15 +325,18 @@ def _tell_near_misses(reading: Reading) -> None:
     net, tolerance = reading.net, reading.options.tolerance
     reach = faults.reach_of(net.x, net.ends, tolerance)
     pairs, distance = faults.near_nodes(net.x, net.ends, reach)
-    words = lambda nodes, far: [f"{1e3 * d:.4g} mm at {reading.place(x)}" for d, x in zip(far, net.x[nodes])]
+
+    def places(nodes: np.ndarray, gaps: np.ndarray) -> list[str]:
+        return [f"{1e3 * gap:.4g} mm at {reading.place(x)}" for gap, x in zip(gaps, net.x[nodes])]
+
     meaning = (
         f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
     )
-    reading.tell("near miss", meaning, net.x[pairs[:, 0]], words(pairs[:, 0], distance))
+    reading.tell("near miss", meaning, net.x[pairs[:, 0]], places(pairs[:, 0], distance))
     node, _, distance = faults.touches(net.x, net.ends, reach)
     node, distance = node[distance > tolerance], distance[distance > tolerance]
     meaning = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
-    reading.tell("near miss", meaning, net.x[node], words(node, distance))
+    reading.tell("near miss", meaning, net.x[node], places(node, distance))
 
 
 def _drop_loose_parts(reading: Reading) -> None:

@@ -125,18 +125,21 @@ def _recorded(result: Result, name: str, rows: int) -> np.ndarray:
 def _node_columns(result: Result) -> dict[str, np.ndarray]:
     """Return loads, masses, areas, normals, springs and zones of the nodes, if the net has them."""
     net, n = result.file["net"], len(result.nodes["id"])
-    of = lambda name: _recorded(result, name, n)
     angle = support_angles(result.file)
     columns: dict[str, np.ndarray] = {}
-    for name, values in (("load", of("load")), ("normal", of("normal"))):
+
+    def recorded(name: str) -> np.ndarray:
+        return _recorded(result, name, n)
+
+    for name, values in (("load", recorded("load")), ("normal", recorded("normal"))):
         if (values[np.isfinite(values)] != 0.0).any():
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
-    if of("mass").any():
-        columns["mass"] = of("mass")
-    if np.isfinite(of("area")).any():
-        columns["area"] = of("area")
+    if recorded("mass").any():
+        columns["mass"] = recorded("mass")
+    if np.isfinite(recorded("area")).any():
+        columns["area"] = recorded("area")
     if "spring" in net:
-        spring_rest = to_own(of("spring_rest"), angle)
+        spring_rest = to_own(recorded("spring_rest"), angle)
         for name, values in (("spring", net["spring"][:]), ("spring_rest", spring_rest)):
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
@@ -166,19 +169,24 @@ def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
     Strengths are those before the random draw.
     """
     net, m = result.file["net"], len(state.ends)
-    of = lambda name: _recorded(result, name, m)
+
+    def recorded(name: str) -> np.ndarray:
+        return _recorded(result, name, m)
+
     has_factors = "strength" in net and not state.out().any()  # a reduced net has other numbers
     factor = net["strength"][:] if has_factors else np.ones(m)
     columns = {"group": state.group, "kind": np.where(net["bar"][:].astype(bool), "bar", "cable")}
     columns["unstressed_length"] = state.unstressed_length
     columns["cable"] = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
-    columns |= {"area": of("section"), "modulus": of("modulus"), "density": of("density")}
+    columns |= {"area": recorded("section"), "modulus": recorded("modulus"), "density": recorded("density")}
     columns["expansion"] = net["expansion"][:]
-    strain_at_load = of("breaking_load") / (of("modulus") * of("section"))
-    fracture_strain = np.where(of("fracture_strain") < strain_at_load, of("fracture_strain"), np.inf)
+    strain_at_load = recorded("breaking_load") / (recorded("modulus") * recorded("section"))
+    fracture_strain = np.where(
+        recorded("fracture_strain") < strain_at_load, recorded("fracture_strain"), np.inf
+    )
     for name, values in (
-        ("yield_stress", of("yield_stress")),
-        ("breaking_load", of("breaking_load")),
+        ("yield_stress", recorded("yield_stress")),
+        ("breaking_load", recorded("breaking_load")),
         ("fracture_strain", fracture_strain),
     ):
         if np.isfinite(values).any():

@@ -61,10 +61,10 @@ close $out
 def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     """Write the model, which starts from the form. Raises InputError for supports that OpenSees lacks."""
     _check_guides(result, state, path)
-    name, x, *element_values = _equilibrium(result, state)
+    name, x, tension, free = _equilibrium(result, state)
     present, removal_lines = ~state.out(), state.told_out("trusses")
-    element_values += [result.elements["axial_stiffness"], result.elements["bar"].astype(bool)]
-    tension, free, EA, bar = (values[present] for values in element_values)
+    tension, free = tension[present], free[present]
+    EA, bar = result.elements["axial_stiffness"][present], result.elements["bar"].astype(bool)[present]
     ends, ids = state.ends[present], state.element_id[present]
     state = replace(state, position=form_of(result)[0], ends=ends, element_id=ids)
     settlement = np.where(state.fixed, x - state.position, 0.0)  # settlement of supports

@@ -12,8 +12,8 @@ MOST_INPUTS = 6  # columns of the picture
 def inputs(study: Study):
     """Draw a column for each random input and a row for each response, with a dot for each sample."""
     names, response_values = drawn_inputs(study)[:MOST_INPUTS], responses(study)
-    size = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(response_values)
-    figure, panels = charts(len(response_values), len(names), *size, sharex="col", sharey="row")
+    width, height = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(response_values)
+    figure, panels = charts(len(response_values), len(names), width, height, sharex="col", sharey="row")
     for j, name in enumerate(names):
         x, label = _scaled(name, study.members[name].astype(float), name)
         for i, response in enumerate(response_values):

@@ -18,10 +18,13 @@ def loss_map(study: Study):
     """
     losses = losses_of(study)
     row = elements_lost(study, losses)
-    of_element = lambda values: np.where(row >= 0, values[row], np.nan)
+
+    def by_element(values: np.ndarray) -> np.ndarray:
+        return np.where(row >= 0, values[row], np.nan)
+
     figure, (left, right) = roof_panels(study)
     heading(figure, study.title, ": after the loss of each (the largest on top; dots: supports)")
-    factor = of_element(losses.dynamic_factor)
+    factor = by_element(losses.dynamic_factor)
     low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
     names = np.where(row >= 0, losses.name[row], "")
     label = "largest dynamic factor (grey: none)"
@@ -29,7 +32,7 @@ def loss_map(study: Study):
     lost = (losses.roof_lost > 0).any()
     consequence = losses.roof_lost if lost else losses.broken
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
-    plotted = of_element(np.where(consequence > 0, consequence, np.nan))
+    plotted = by_element(np.where(consequence > 0, consequence, np.nan))
     draw_values(study, right, plotted, label, percent=lost, names=names)
     return figure
 
@@ -48,8 +51,8 @@ def loss_chart(study: Study):
     row_of = np.full(len(losses.name), -1)
     row_of[rows] = np.arange(len(rows))
     y = row_of[losses.place]
-    size, ratios = (11, 1.8 + 0.19 * len(rows)), (3, 2)
-    figure, ((left, right),) = charts(1, 2, *size, sharey=True, width_ratios=ratios)
+    height = 1.8 + 0.19 * len(rows)
+    figure, ((left, right),) = charts(1, 2, 11, height, sharey=True, width_ratios=(3, 2))
     drawn = (y >= 0) & np.isfinite(factor)
     left.plot(factor[drawn], y[drawn], "o", color="C0", ms=4, alpha=0.8)
     if _much(factor):
