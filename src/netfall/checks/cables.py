@@ -35,10 +35,10 @@ class Checked:
 
     Each dictionary has the names of the checks as keys and arrays (m,) as values, unless stated otherwise.
     resistance, utilisation : [N], share; nan: the element has no such strength
-    force, of : the largest tension, or compression, [N] in the stages that count for the check, and the index
-        of its stage in the envelope
+    force : [N], the largest tension, or compression, in the stages that count for the check
+    of : index of the stage in the envelope in which that force occurs
     fails : utilisation above 1, or the element yields, has buckled or broke in these stages; its demand is
-        then unknown, since it carries no more
+        then unknown, since its force is limited
     unborne : one of UNBORNE; "": each stage that counts for the check is a stable equilibrium
     bends : (m,), element of a bending chain, whose moments no check includes
     """
@@ -135,8 +135,8 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
 def results_of(checked: Checked, check: str) -> np.ndarray:
     """Return the result of each element (m,) in a check: passes, passes without bending, or FAILS.
 
-    "" : the element has no utilisation
-    one of UNBORNE : the element would pass, but a stage that counts for the check is no stable equilibrium
+    The result is empty for an element without utilisation. It is one of UNBORNE if the element would pass,
+    but a stage that counts for the check is no stable equilibrium.
     """
     passes = checked.unborne[check] or PASSES
     results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends & (passes == PASSES)
@@ -234,9 +234,9 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
 
     length_in_form : nan for a cable that is absent from the form-found geometry
 
-    At the temperature T above that of form finding and the load N, a cable of unstressed length L0 measures
-    L0 (1 + expansion T) (1 + N / EA). With the logarithmic strain it measures L0 (1 + expansion T) exp(N /
-    EA). A given load applies to cables; bars are then measured without any.
+    A cable of unstressed length L0 is measured under the load N, at the temperature T above that of form
+    finding. Its length is then L0 (1 + expansion T) (1 + N / EA), with logarithmic strain L0 (1 + expansion
+    T) exp(N / EA). A given load applies to cables; bars are then measured without any.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
 

@@ -131,12 +131,12 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
 
 
 def _factor(table: dict, place: str, validation: Validation) -> Factor:
-    """Read a factor, and collect what is wrong in it."""
+    """Read a factor, and collect its errors."""
     return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))
 
 
 def _check(table: dict, place: str, validation: Validation) -> Check:
-    """Read a check, and collect what is wrong in it; place : where it stands, for messages."""
+    """Read a check, and collect its errors; place : prefix of the messages."""
     check = validation.table(place, KEYS["check"], table)
     given = [validation.table(place, KEYS["check.resistance"], item) for item in check.resistance or []]
     if len({item.of in IN_COMPRESSION for item in given if item.of}) > 1:

@@ -1,9 +1,9 @@
 """Shop list: what is made, in mm. Equal cables share a row, with end deductions and marks of clamps.
 
-A cable runs from node to node. The rigid parts at its ends, a plate up to the pin and the socket on it, are
-deducted from its length in the form-found geometry, under its force there. The rest, of unstressed length L0,
-measures L0 (1 + expansion T) (1 + N / EA) at a temperature T above that of form finding and the load N. Marks
-are the positions of its inner nodes on it.
+A cable runs from node to node. Rigid parts at its ends, a plate up to the pin and the socket on it,
+are deducted from its length in the form-found geometry, under its force there. The remaining cable has the
+unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the load N, at a temperature T above
+that of form finding. Marks are the positions of its inner nodes on it.
 """
 
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Piece(NamedTuple):
     mass: float
 
     def alike(self, other: "Piece") -> bool:
-        """Whether both cables are made alike, in either direction."""
+        """Whether both cables can be made as one, in either direction."""
         if len(self.marks) != len(other.marks) or abs(self.cut - other.cut) > ALIKE:
             return False
         if abs(self.pins - other.pins) > ALIKE or abs(self.system - other.system) > ALIKE:
@@ -208,7 +208,7 @@ def chain_of(ends: np.ndarray, elements: np.ndarray) -> Chain:
 
 
 def equal_pieces(pieces: list[Piece]) -> list[list[Piece]]:
-    """Group the cables that are made alike, in the order of their groups, the longest first."""
+    """Group the cables that are equal, in the order of their groups, the longest first."""
     sorts: dict[tuple, list[list[Piece]]] = {(p.group, p.type, p.chain.closed): [] for p in pieces}
     for piece in sorted(pieces, key=lambda piece: (-round(piece.cut, 6), piece.cable)):
         same = sorts[piece.group, piece.type, piece.chain.closed]

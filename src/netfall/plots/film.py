@@ -107,7 +107,8 @@ def animate(
     """Write RESULT_erection and RESULT_collapse; return their paths and lines that describe them.
 
     form : mp4 or gif, None: mp4; fps : frames per second, None: default of the film
-    Raises InputError for a wrong file, and for one without frames.
+
+    Raises InputError for a wrong file, and for one without snapshots.
     """
     form, shot, written = form or "mp4", shot or Shot(), []
     if form == "gif" and (fps or 0) > FASTEST:

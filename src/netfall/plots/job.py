@@ -94,6 +94,7 @@ def _add_legend(figure, axes) -> None:
 
 
 def _words(net: Net, stride: int) -> str:
+    """Describe the size of the net; stride : one cable in `stride` is drawn."""
     size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
     left_out = f"; one of {stride} cables is drawn" if stride > 1 else ""
     return f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"

@@ -73,6 +73,7 @@ def _words(f, k: int, axis: str) -> str:
 
 
 def _named(period: float) -> str:
+    """Format a period; inf: no stiffness, nan: unstable."""
     if np.isinf(period):
         return "no stiffness"
     return "not stable" if np.isnan(period) else f"{period:.4g} s"

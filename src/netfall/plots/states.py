@@ -52,6 +52,7 @@ def has_stages(f) -> bool:
 
 
 def _is_stage(place: str) -> bool:
+    """Whether a group of the result file is a stage of erection."""
     return place.startswith("stages/")
 
 

@@ -22,6 +22,7 @@ def write_study_page(path: Path, page: Path, member: int | None) -> str:
     """Write the page of a study file, and return its description.
 
     member : number of the sample; None: of those with a result file, the one that loses most of its roof
+
     Raises InputError for a study without a net, and for a sample without a result file.
     """
     study = read_study(path)

@@ -90,6 +90,7 @@ class _Reader:
             self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
     def _add(self, entity, layer: str | None, blocks: tuple[str, ...]) -> None:
+        """Add an entity by its kind; raises errors of ezdxf."""
         kind, own_layer = entity.dxftype(), entity.dxf.layer
         layer = self.called(own_layer if layer is None or own_layer != "0" else layer)
         if entity.dxf.get("invisible", 0):
@@ -167,6 +168,7 @@ class _Reader:
         )
 
     def _read(self) -> list[str]:
+        """Return lines on the entities that were read."""
         lines = [counted(self.kinds)]
         if self.blocks:
             inserts = f"{sum(self.blocks.values())} blocks exploded"
@@ -175,6 +177,7 @@ class _Reader:
         return lines + [f"layers {names}, and are one" for names in alike(self.spellings)]
 
     def _left_out(self) -> list[str]:
+        """Return lines on the entities that were left out."""
         lines = [f"{count} {reason}" for reason, count in sorted(self.left.items())]
         paper = sum(len(layout) for layout in self.document.layouts if layout.name != "Model")
         return lines + ([f"{paper} in paper space"] if paper else [])
@@ -223,6 +226,7 @@ def _as_drawn(polyline):
 
 
 def _bulge(value: float) -> float:
+    """Replace a bulge due to rounding by zero."""
     return value if abs(value) >= STRAIGHT_BULGE else 0.0
 
 

@@ -66,4 +66,5 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
 
 
 def _name(h, k: int) -> str:
+    """Return the label of a measure and its curve."""
     return f"{h['measure'][k]}, {h['curve'][k]}" if h["curve"][k] else str(h["measure"][k])
