@@ -11,7 +11,7 @@ UNBORNE = "no equilibrium", "undecided", "not stable"
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:
     """Return the kind of case (`results.cases.Case`) of each stage in an envelope, "": none."""
     kinds = {case.shown.place: case.kind for case in cases_of(f)}
-    return np.array([kinds.get(place, "") for place in envelope.places], object)
+    return np.array([kinds.get(path, "") for path in envelope.places], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
@@ -29,30 +29,30 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     return counts
 
 
-def places_of(envelope: Envelope, which: np.ndarray) -> list[str]:
-    """Return the groups of the result file that hold selected stages; which : (stages,) from `counted`."""
-    return list(dict.fromkeys(place for place, counts in zip(envelope.places, which) if counts and place))
+def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
+    """Return the groups of the result file that hold selected stages; selected : (stages,) from `counted`."""
+    return list(dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path))
 
 
-def without_equilibrium(f, places: list[str]) -> list[str]:
-    """Return the groups of the result file that have no equilibrium."""
-    return [place for place in places if no_equilibrium(f[place])]
+def without_equilibrium(f, paths: list[str]) -> list[str]:
+    """Return those groups of the result file that have no equilibrium."""
+    return [path for path in paths if no_equilibrium(f[path])]
 
 
-def without_stability(f, places: list[str]) -> list[str]:
-    """Return the groups of the result file whose equilibrium is not stable.
+def without_stability(f, paths: list[str]) -> list[str]:
+    """Return those groups of the result file whose equilibrium is not stable.
 
     Stages of erection are left out: their struts are held until the cables are taut.
     """
-    return [place for place in places if not place.startswith("stages/") and not_stable(f[place])]
+    return [path for path in paths if not path.startswith("stages/") and not_stable(f[path])]
 
 
-def unborne_of(f, places: list[str]) -> str:
+def unborne_of(f, paths: list[str]) -> str:
     """Return why a check cannot pass, given the groups that count for it: one of UNBORNE, or "" if it can.
 
-    places : groups of the result file
+    paths : groups of the result file
     """
-    without = without_equilibrium(f, places)
-    undecided = [place for place in without if is_undecided(f[place])]
-    reasons = len(without) > len(undecided), undecided, without_stability(f, places)
+    without = without_equilibrium(f, paths)
+    undecided = [path for path in without if is_undecided(f[path])]
+    reasons = len(without) > len(undecided), undecided, without_stability(f, paths)
     return next((word for word, applies in zip(UNBORNE, reasons) if applies), "")

@@ -26,7 +26,7 @@ class Wanted(NamedTuple):
     unit: str = "m"
 
 
-def export(source: Path, target: Path, wanted: Wanted, say: Callable[[str], None]) -> None:
+def export(source: Path, target: Path, state: Wanted, say: Callable[[str], None]) -> None:
     """Write a result to a file, in the format of its ending.
 
     Raises InputError for an unknown ending, an unknown time or case, and a file that is no result.
@@ -42,14 +42,14 @@ def export(source: Path, target: Path, wanted: Wanted, say: Callable[[str], None
         raise InputError(f"-o {target}: is {kind} already; give another name")
     if target.is_file() and MARK.encode() not in target.read_bytes():
         raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
-    if form.AT_REST and wanted.time is not None:
+    if form.AT_REST and state.time is not None:
         raise InputError(f"--time: a {ending} holds an equilibrium, not a state in motion; leave --time out")
-    if wanted.time is not None and wanted.case is not None:
+    if state.time is not None and state.case is not None:
         raise InputError("--time and --case: each names a state; leave one of them out")
-    if wanted.unit != "m" and not form.UNITS:
-        raise InputError(f"--unit {wanted.unit}: a {ending} is written in metres; a .dxf takes units")
+    if state.unit != "m" and not form.UNITS:
+        raise InputError(f"--unit {state.unit}: a {ending} is written in metres; a .dxf takes units")
     with Result(source) as result, telling_what_lacks(source):
-        lines = form.write(result, state_of(result, wanted.time, wanted.case), target, wanted.unit)
+        lines = form.write(result, state_of(result, state.time, state.case), target, state.unit)
         if form.HOLDS is not None:
             lines += lacking(result, ending, form.HOLDS)
     for line in lines:

@@ -31,10 +31,12 @@ HEAD = """\
 """
 
 
-def job_again(result: Result, state: State, folder: Path, faces: bool, own: tuple[str, ...]) -> list[str]:
+def job_again(
+    result: Result, state: State, folder: Path, faces: bool, exported: tuple[str, ...]
+) -> list[str]:
     """Write job.toml and the files that it reads; return lines on what was written.
 
-    faces : whether faces.csv is exported; own : names of the exported files, which no copy may have
+    faces : whether faces.csv is exported; exported : names of the exported files, which no copy may have
     """
     job = job_of(result.file)
     job["title"] = result.title
@@ -61,7 +63,7 @@ def job_again(result: Result, state: State, folder: Path, faces: bool, own: tupl
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
     if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
-    lines += _files(job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(own))
+    lines += _files(job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported))
     head = HEAD.format(mark=MARK, title=one_line(result.title))
     ordered_job = {name: job[name] for name in ("title", "net", "cable")} | job
     (folder / "job.toml").write_text(head + toml_text(ordered_job), encoding="utf-8")

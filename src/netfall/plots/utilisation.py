@@ -103,12 +103,12 @@ def slips(f):
     """Draw slip and utilisation at the slip points along cables; a ring goes once around."""
     table, cable = slide_columns(f), f["slide/cable"].asstr()[:]
     stages = list(dict.fromkeys(table["stage"]))
-    slip, used = (
+    slip, use = (
         np.abs(np.nan_to_num(table[name].reshape(len(stages), -1))) for name in ("slip", "utilisation")
     )
     ranked = sorted(set(cable), key=lambda name: (-slip[:, cable == name].max(), name))
     cables = ranked[:MOST_CABLES]
-    states = sorted(np.lexsort((-used.max(1), -slip.max(1)))[:MOST_STATES])
+    states = sorted(np.lexsort((-use.max(1), -slip.max(1)))[:MOST_STATES])
     figure, panels = canvas.charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
     for column, name in enumerate(cables):
         points = np.flatnonzero(cable == name)

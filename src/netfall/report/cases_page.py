@@ -57,18 +57,16 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
     for check in checked.checks:
         counting = counted(kinds, check.kind)
         names = [name for name, counts in zip(envelope.names, counting) if counts]
-        places = places_of(envelope, counting)
+        paths = places_of(envelope, counting)
         rows = np.flatnonzero(has_utilisation & (table["check"] == check.name))
         lines += [heading(3, check.title), "", _counts(names, check), ""]
         failures = [
-            f"UNDECIDED: no equilibrium of {state_words(f, place)} was found."
-            if is_undecided(f[place])
-            else f"FAILS: {state_words(f, place)} has no equilibrium."
-            for place in sorted(without_equilibrium(f, places), key=lambda place: is_undecided(f[place]))
+            f"UNDECIDED: no equilibrium of {state_words(f, path)} was found."
+            if is_undecided(f[path])
+            else f"FAILS: {state_words(f, path)} has no equilibrium."
+            for path in sorted(without_equilibrium(f, paths), key=lambda path: is_undecided(f[path]))
         ]
-        failures += [
-            f"FAILS: {state_words(f, place)} is not stable." for place in without_stability(f, places)
-        ]
+        failures += [f"FAILS: {state_words(f, path)} is not stable." for path in without_stability(f, paths)]
         lines += [*map(bold, failures), *([""] if failures else [])]
         if not len(rows):
             lines += [f"Empty: {checked.why_empty(check)}.", ""]

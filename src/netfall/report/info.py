@@ -82,14 +82,14 @@ def _form(f):
 def _equilibria(f):
     """Yield lines on the last equilibrium of each group, with notes on unstable ones."""
     start, node_id = states.start_position(f), f["net/node_id"][:]
-    for place in states.state_groups(f):
-        x = states.form_position(f) if place.startswith("stages/") else start
-        g, last = f[place], list(states.states_of(f, place))[-1]
-        N, displacement = last.tension()[~states.absent(f, place)], lengths(last.position() - x)
+    for path in states.state_groups(f):
+        x = states.form_position(f) if path.startswith("stages/") else start
+        g, last = f[path], list(states.states_of(f, path))[-1]
+        N, displacement = last.tension()[~states.absent(f, path)], lengths(last.position() - x)
         residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan for states that were not found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (
-            f"{states.state_words(f, place)}: {steps}largest displacement {displacement.max():.4g} m "
+            f"{states.state_words(f, path)}: {steps}largest displacement {displacement.max():.4g} m "
             f"(node {node_id[displacement.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
             f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
         )
@@ -99,13 +99,13 @@ def _equilibria(f):
             factor = g.attrs["load_factor"]
             reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
             yield (
-                f"{states.state_words(f, place)}: {g.attrs['state'].replace('_', ' ').upper()}: "
+                f"{states.state_words(f, path)}: {g.attrs['state'].replace('_', ' ').upper()}: "
                 f"{g.attrs['reason']}{where}; "
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
-            yield f"note: an equilibrium of /{place} is NOT STABLE: {notes.NOT_STABLE}"
-        yield from notes.limit_notes(states.state_words(f, place), g.attrs)
+            yield f"note: an equilibrium of /{path} is NOT STABLE: {notes.NOT_STABLE}"
+        yield from notes.limit_notes(states.state_words(f, path), g.attrs)
     yield from notes.limit_point_warnings_of(f)
 
 

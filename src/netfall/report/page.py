@@ -114,7 +114,7 @@ def _what_ran(f, result: Path) -> list[str]:
         f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
         f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
     ]
-    failed = [place for place in state_groups(f) if no_equilibrium(f[place])]
+    failed = [path for path in state_groups(f) if no_equilibrium(f[path])]
     if overrides:
         lines.append(markup("With {}.", Markup(", ".join(map(code, overrides.split("\n"))))))
     if "form_finding" in f:
@@ -124,12 +124,12 @@ def _what_ran(f, result: Path) -> list[str]:
         if "deviation" in f and no_equilibrium(f["deviation"]):
             lines.append(bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
     lines += [
-        bold(f"{state_words(f, place)} {_without(f[place])}: {f[place].attrs['reason']}.") for place in failed
+        bold(f"{state_words(f, path)} {_without(f[path])}: {f[path].attrs['reason']}.") for path in failed
     ]
     lines += [
-        bold(f"{state_words(f, place)} is not stable: {NOT_STABLE}.")
-        for place in state_groups(f)
-        if not_stable(f[place])
+        bold(f"{state_words(f, path)} is not stable: {NOT_STABLE}.")
+        for path in state_groups(f)
+        if not_stable(f[path])
     ]
     lines += _sentences(limit_point_warnings_of(f) + displacement_notes_of(f) + limit_notes_of(f))
     if "history" in f:

@@ -34,9 +34,7 @@ def cut_curves(drawing: Drawing, reach: float) -> None:
     segments = [np.stack([points[:-1], points[1:]], axis=1) for points in corners]
     drawing.lines = np.concatenate([drawing.lines, *segments])
     rows = [row for row, _ in pieces]
-    drawing.layer = np.concatenate(
-        [drawing.layer, np.repeat(rows, [len(piece_segments) for piece_segments in segments])]
-    )
+    drawing.layer = np.concatenate([drawing.layer, np.repeat(rows, [len(pairs) for pairs in segments])])
     where = f", with joints at {joints} ends of lines that lie on them" if joints else ""
     drawing.read.append(f"curves cut into {sum(map(len, segments))} segments{where}")
 
@@ -129,14 +127,14 @@ def _ends_on(points, arc_length, ends: np.ndarray, reach: float) -> tuple[np.nda
     return np.array(positions)[order], np.array(joints).reshape(-1, 3)[order]
 
 
-def _between(points, arc_length, a: float, b: float, start, end, flat: float) -> np.ndarray:
-    """Return corners (c, 3) between two arc lengths of a curve, halved until segments are within `flat`."""
+def _between(points, arc_length, a: float, b: float, start, end, tolerance: float) -> np.ndarray:
+    """Return corners (c, 3) between two arc lengths, halved until segments are within the tolerance."""
     inner = points[np.searchsorted(arc_length, a, "right") : np.searchsorted(arc_length, b, "left")]
-    if depth(inner, start, end) <= flat:
+    if depth(inner, start, end) <= tolerance:
         return np.zeros((0, 3))
     middle = 0.5 * (a + b)
     midpoint = np.array([np.interp(middle, arc_length, points[:, k]) for k in range(3)])
-    before = _between(points, arc_length, a, middle, start, midpoint, flat)
+    before = _between(points, arc_length, a, middle, start, midpoint, tolerance)
     return np.concatenate(
-        [before, midpoint[None], _between(points, arc_length, middle, b, midpoint, end, flat)]
+        [before, midpoint[None], _between(points, arc_length, middle, b, midpoint, end, tolerance)]
     )

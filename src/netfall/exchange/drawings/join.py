@@ -57,7 +57,7 @@ def _used(joined: Joined) -> Joined:
 
 
 def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) -> Joined:
-    """Add joints at points x (j, 3) [m] of elements (j,); points within the tolerance are one joint."""
+    """Split elements (j,) by joints at points x (j, 3) [m]; points within the tolerance are one joint."""
     start, direction = joined.x[joined.ends[:, 0]], np.diff(joined.x[joined.ends], axis=1)[:, 0]
     share = np.einsum("ij,ij->i", x - start[element], direction[element])
     share /= np.einsum("ij,ij->i", direction[element], direction[element])
@@ -73,11 +73,11 @@ def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) 
         line.append(np.full(len(corners) - 1, joined.line[e]))
     # the first of merged points counts, so existing nodes come first
     existing = np.repeat(joined.x[:, None], 2, axis=1)
-    joined_again = join(np.concatenate([existing, *lines]), tolerance)
-    rows = joined_again.line - len(existing)
+    net = join(np.concatenate([existing, *lines]), tolerance)
+    rows = net.line - len(existing)
     return Joined(
-        joined_again.x,
-        joined_again.ends,
+        net.x,
+        net.ends,
         np.concatenate(line)[rows],
         joined.moved,
         joined.short,

@@ -167,12 +167,12 @@ def _springs(state: State, springs: Springs) -> str:
     """Return a foot and a zeroLength for each node on springs, with the initial strain of the spring."""
     lines, material = [], 2 * len(state.element_id)
     columns = (springs.nodes, springs.stiffness, springs.rest)
-    for tag, (p, k, rest) in enumerate(zip(*(c.tolist() for c in columns)), first_foot(state)):
+    for tag, (p, k, offset) in enumerate(zip(*(c.tolist() for c in columns)), first_foot(state)):
         x, materials, axes = state.position[p].tolist(), [], []
         lines.append(f"node {tag} {x[0]!r} {x[1]!r} {x[2]!r}\nfix {tag} 1 1 1\n")
         for axis in [axis for axis in range(3) if k[axis] > 0.0]:
             lines.append(f"uniaxialMaterial Elastic {material + 1} {k[axis]!r}\n")
-            initial = f"{material + 2} {material + 1} {-rest[axis]!r}"
+            initial = f"{material + 2} {material + 1} {-offset[axis]!r}"
             lines.append(f"uniaxialMaterial InitStrainMaterial {initial}\n")
             material += 2
             materials.append(str(material))
