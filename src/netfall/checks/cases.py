@@ -59,7 +59,10 @@ def slack_cables(f, cases: list[Case]) -> list[int]:
 
 
 def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
-    """Return the forces [N], one row for each element and one column for each static state."""
+    """Return the forces [N], one row for each element and one column for each static state.
+
+    The columns are the form, the cases by their names, and other stages.
+    """
     columns = names_of_elements(f)
     for stage in equilibria(f):
         columns[name_in(columns, cases, stage)] = stage.tension() * factor(cases, stage)
@@ -69,7 +72,7 @@ def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
 def displacement_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     """Return the displacements [m] from the form-found geometry, one row for each node.
 
-    Each static state but the form has four columns: the magnitude and three components.
+    Each static state but the form has four columns: the magnitude and the three components.
     """
     x = start_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}

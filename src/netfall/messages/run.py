@@ -145,7 +145,7 @@ def in_form(scene: Scene) -> Model:
 
 
 def moved_lines(scene: Scene) -> list[str]:
-    """Return the lines on how form finding changed the geometry, or on the states of self-stress it used."""
+    """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model = in_form(scene)
     if scene.form.self_stress is not None:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
