@@ -65,7 +65,7 @@ class Piece(NamedTuple):
     mass: float
 
     def alike(self, other: "Piece") -> bool:
-        """Whether both cables can be made as one, in either direction."""
+        """Whether both cables have equal lengths and marks, in either direction."""
         if len(self.marks) != len(other.marks) or abs(self.cut - other.cut) > ALIKE:
             return False
         if abs(self.pins - other.pins) > ALIKE or abs(self.system - other.system) > ALIKE:
