@@ -1,1 +1,1 @@
-"""Numbers that an engineer asks of a result: utilisation by codes, cutting lengths, reactions."""
+"""Engineering checks of a result: utilisation by codes, cutting lengths, reactions."""

@@ -1,4 +1,4 @@
-"""Compressed bars by EN 1993-1-1, 6.3.1: slenderness, reduction by the buckling curves, resistance.
+"""Buckling of compressed bars by EN 1993-1-1, 6.3.1: slenderness, reduction by buckling curves, resistance.
 
 lambda = sqrt(N_y / N_cr)                         N_cr = pi^2 E I / L_k^2
 phi = (1 + alpha (lambda - 0.2) + lambda^2) / 2
@@ -10,24 +10,28 @@ import numpy as np
 from netfall.results.file import job_of
 from netfall.results.states import MOTION, equilibria
 
-IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha, table 6.1
+IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha [-]; EN 1993-1-1, table 6.1
 
 
 def slenderness(yield_force: np.ndarray, euler_load: np.ndarray) -> np.ndarray:
-    """Relative slenderness (m,) of bars of yield force and Euler's load (m,) [N]."""
+    """Compute the relative slenderness (m,) of bars from their yield force and Euler load (m,) [N]."""
     return np.sqrt(yield_force / euler_load)
 
 
 def reduction(slender: np.ndarray, imperfection: np.ndarray) -> np.ndarray:
-    """chi (m,) at a relative slenderness (m,), for the imperfection factors (m,) of the curves."""
+    """Compute the reduction factor chi (m,) of bars from their relative slenderness (m,).
+
+    imperfection : (m,) imperfection factors alpha of the buckling curves
+    """
     phi = 0.5 * (1.0 + imperfection * (slender - 0.2) + slender**2)
     return np.minimum(1.0, 1.0 / (phi + np.sqrt(np.maximum(phi**2 - slender**2, 0.0))))
 
 
 def bar_columns(f) -> dict[str, np.ndarray]:
-    """What buckling of each element goes by, (m,) nan: no bar with a second moment; {} where there is none.
+    """Return the buckling length, Euler load, slenderness and chi (m,) of the elements.
 
-    Without a yield force there is Euler's load alone.
+    nan : the element is no bar with a second moment of area; {} : no element has one.
+    Without a yield force only the Euler load is known.
     """
     if "second_moment" not in f["net"]:
         return {}
@@ -44,38 +48,44 @@ def bar_columns(f) -> dict[str, np.ndarray]:
 
 
 def moment_columns(f) -> dict[str, np.ndarray]:
-    """The largest bending moment [N m] of each element (m,), nan: none, and its state; {}: nothing bends."""
-    found = [(state.name, state.moment().max(axis=1)) for state in equilibria(f) if state.moment]
+    """Return the largest bending moment [N m] of each element (m,) and the state in which it occurs.
+
+    nan : the element has no moment; {} : nothing bends
+    """
+    pairs = [(state.name, state.moment().max(axis=1)) for state in equilibria(f) if state.moment]
     if "envelope/bending_moment_max" in f:
-        found.append((MOTION, f["envelope/bending_moment_max"][:]))
-    if not found:
+        pairs.append((MOTION, f["envelope/bending_moment_max"][:]))
+    if not pairs:
         return {}
-    names, each = np.array([name for name, _ in found], object), np.array([moment for _, moment in found])
-    most = np.fmax.reduce(each)
-    at = np.argmax(np.nan_to_num(each, nan=-1.0), axis=0)
-    return {"bending_moment_max": most, "case_moment": np.where(np.isnan(most), "", names[at])}
+    names, moments = np.array([name for name, _ in pairs], object), np.array([moment for _, moment in pairs])
+    largest = np.fmax.reduce(moments)
+    states = np.argmax(np.nan_to_num(moments, nan=-1.0), axis=0)
+    return {"bending_moment_max": largest, "case_moment": np.where(np.isnan(largest), "", names[states])}
 
 
 def strengths_of_bars(f) -> dict[str, np.ndarray]:
-    """Strengths (m,) [N] against compression, inf: none, as `Check.resistance` takes them.
+    """Return the compressive strengths (m,) [N] of bars, inf: none, as `Check.resistance` takes them.
 
-    The parts of a chain that bends have none without a buckling_length in the job: the chain does not buckle
-    between its nodes but as a whole, which statics computes.
+    Elements of a bending chain have none unless the job gives a buckling_length. The chain buckles as a
+    whole, not between its nodes, and statics computes that.
     """
     bars, none = bar_columns(f), np.full(len(f["net/elements"]), np.inf)
     if not bars:
         return {"buckling": none, "euler_load": none}
-    parts = parts_of_chains(f)
-    known = lambda strength: np.where(np.isnan(strength) | parts, np.inf, strength)
+    unknown_length = parts_of_chains(f)
+
+    def or_none(strength: np.ndarray) -> np.ndarray:
+        return np.where(np.isnan(strength) | unknown_length, np.inf, strength)
+
     yields = f["net/yield_force"][:] if "yield_force" in f["net"] else none
-    return {"buckling": known(bars["chi"] * yields), "euler_load": known(bars["euler_load"])}
+    return {"buckling": or_none(bars["chi"] * yields), "euler_load": or_none(bars["euler_load"])}
 
 
 def parts_of_chains(f) -> np.ndarray:
-    """Bars (m,) of chains that bend whose job gives them no buckling_length."""
+    """Select the bars (m,) of bending chains whose job gives no buckling_length."""
     if "bending" not in f["net"]:
         return np.zeros(len(f["net/elements"]), bool)
     cable, names = job_of(f).get("cable", {}), f["net/group_names"].asstr()[:]
-    length = [{**cable, **cable.get(name, {})}.get("buckling_length") for name in names]
-    given = np.array([each is not None for each in length])
-    return (f["net/bending"][:] == 1) & ~given[f["net/group"][:]]
+    lengths = [{**cable, **cable.get(name, {})}.get("buckling_length") for name in names]
+    has_length = np.array([length is not None for length in lengths])
+    return (f["net/bending"][:] == 1) & ~has_length[f["net/group"][:]]

@@ -1,4 +1,4 @@
-"""What a report tells of elements and cables: strengths, utilisation, lengths. Plain columns by name."""
+"""Columns by name for the report on elements and cables: strengths, utilisation, lengths."""
 
 from dataclasses import dataclass
 from itertools import compress
@@ -14,12 +14,16 @@ from netfall.results import states
 from netfall.results.losses import broken_at, largest_after, lost_at
 
 PASSES = "passes"
-ABOVE = 1.0 + 1e-6  # a utilisation of what fails, in comparing
+ABOVE = 1.0 + 1e-6  # utilisation [-] that ranks a failed element above all that pass
 
 
 @dataclass(frozen=True)
 class Cutting:
-    """How cables are measured: temperature [K] from that of form finding, load [N] (None: as in the form)."""
+    """Conditions under which cables are measured.
+
+    temperature : [K] above that of form finding
+    load : [N]; None: the force of each cable in the form-found geometry
+    """
 
     temperature: float = 0.0
     load: float | None = None
@@ -27,16 +31,16 @@ class Cutting:
 
 @dataclass(frozen=True)
 class Checked:
-    """The checks of all elements.
+    """Checks of all elements.
 
-    By the name of the check, (m,) each:
+    Each dictionary has the names of the checks as keys and arrays (m,) as values, unless stated otherwise.
     resistance, utilisation : [N], share; nan: the element has no such strength
-    force, of : the largest tension, or compression, [N] in the stages that count for the check, and which of
-        the envelope's it is
-    fails : used above 1, or yields, has buckled or broke in these stages: what had been asked of it is not
-        known then, since it carries no more
-    unborne : one of UNBORNE, "": each stage that counts for the check is a stable equilibrium
-    bends : (m,), of a chain of bars that bends, whose moments no check knows
+    force : [N], the largest tension, or compression, in the stages that count for the check
+    of : index of the stage in the envelope in which that force occurs
+    fails : utilisation above 1, or the element yields, has buckled or broke in these stages; its demand is
+        then unknown, since its force is limited
+    unborne : one of UNBORNE; "": each stage that counts for the check is a stable equilibrium
+    bends : (m,), element of a bending chain, whose moments no check includes
     """
 
     checks: list[Check]
@@ -49,80 +53,90 @@ class Checked:
     bends: np.ndarray
 
     def decisive(self, check: str) -> np.ndarray:
-        """By what elements (m,) are compared in a check: its utilisation, without it the force.
+        """Return the key (m,) that ranks the elements in a check: the utilisation, or the force without one.
 
-        An element with a utilisation comes before all without, one that fails before all that do not.
+        An element with a utilisation ranks before all without. One that fails ranks before all that do not.
         """
-        used = np.where(self.fails[check], np.fmax(self.utilisation[check], ABOVE), self.utilisation[check])
-        return _by(used, self.force[check])
+        values = np.where(self.fails[check], np.fmax(self.utilisation[check], ABOVE), self.utilisation[check])
+        return _by(values, self.force[check])
 
     def why_empty(self, check: Check) -> str:
-        """Why no element has a utilisation in a check."""
+        """Explain why no element has a utilisation in a check."""
         if np.isfinite(self.resistance[check.name]).any():
             return f"no element that has a strength for it is in {check.of}"
         return "no element has a strength for it"
 
 
 def groups_of(f) -> np.ndarray:
-    """Names (m,) of the elements' groups."""
+    """Return the group names (m,) of the elements."""
     return f["net/group_names"].asstr()[:].astype(object)[f["net/group"][:]]
 
 
 def types_of(f) -> np.ndarray:
-    """Names (m,) of the elements' types in the catalogue, "": none."""
+    """Return the catalogue types (m,) of the elements, "": none."""
     if "type" not in f["net"]:
         return np.full(len(f["net/elements"]), "", object)
     return np.array([*f["net/type_names"].asstr()[:], ""], object)[f["net/type"][:]]
 
 
 def strengths_of(f) -> dict[str, np.ndarray]:
-    """Strengths (m,) [N] as given, inf: none."""
+    """Return the tensile strengths (m,) [N] by name, as given; inf: none."""
     none = np.full(len(f["net/elements"]), np.inf)
     return {name: f["net"][name][:] if name in f["net"] else none for name in IN_TENSION}
 
 
 def resistances_of(f, checks: list[Check]) -> dict[str, np.ndarray]:
-    """Resistances (m,) [N] by the names of the checks."""
+    """Compute the resistances (m,) [N] by the names of the checks."""
     strengths, groups = strengths_of(f) | strengths_of_bars(f), groups_of(f)
     return {check.name: check.resistance(strengths, groups) for check in checks}
 
 
 def applicable(checks: list[Check], resistance: dict) -> tuple[list[Check], dict]:
-    """The checks, and resistances by their names, without those of compression that no bar has."""
-    there = [each for each in checks if not each.compression or np.isfinite(resistance[each.name]).any()]
-    return there or checks, {each.name: resistance[each.name] for each in there or checks}
+    """Drop the checks of compression, and their resistances, for which no bar has a strength.
+
+    All checks stay if none would be left.
+    """
+    useful = [check for check in checks if not check.compression or np.isfinite(resistance[check.name]).any()]
+    return useful or checks, {check.name: resistance[check.name] for check in useful or checks}
 
 
 def check_elements(f, checks: list[Check], resistance: dict, envelope: states.Envelope) -> Checked:
-    """The largest force of what counts for each check over its resistance; of bars, if they have any."""
+    """Compare the largest force that counts for each check with the resistance.
+
+    An element that is only compressed has no utilisation in tension, one that is never compressed none in
+    compression.
+    """
     kinds = stage_kinds(f, envelope)
     stages = {check.name: counted(kinds, check.kind) for check in checks}
     largest = {False: envelope.largest, True: envelope.largest_compression}
-    found = {check.name: largest[check.compression](stages[check.name]) for check in checks}
-    force, of = ({name: pair[k] for name, pair in found.items()} for k in (0, 1))
-    none = {False: only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
-    used = {
-        each.name: np.where(none[each.compression], np.nan, force[each.name] / resistance[each.name])
-        for each in checks
+    largest_forces = {check.name: largest[check.compression](stages[check.name]) for check in checks}
+    force, of = ({name: pair[k] for name, pair in largest_forces.items()} for k in (0, 1))
+    unused = {False: only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
+    utilisation = {
+        check.name: np.where(unused[check.compression], np.nan, force[check.name] / resistance[check.name])
+        for check in checks
     }
     caps = states.caps_of(f)
-    most = {False: caps.yielding, True: np.minimum(caps.yielding, caps.buckling)}
-    moving = np.array([name == states.MOTION for name in envelope.names])
-    moved = ~np.isnan(broken_at(f)) | states.yielded_in(f)  # between rows of the history too
+    limits = {False: caps.yielding, True: np.minimum(caps.yielding, caps.buckling)}
+    is_motion = np.array([name == states.MOTION for name in envelope.names])
+    failed = ~np.isnan(broken_at(f)) | states.yielded_in(f)  # the history rows alone can miss it
     fails = {}
-    for each in checks:
-        at_most = force[each.name] >= REACHED * most[each.compression]
-        beyond = (used[each.name] > 1.0) | at_most | (moved & (stages[each.name] & moving).any())
-        fails[each.name] = np.isfinite(used[each.name]) & beyond
+    for check in checks:
+        at_limit = force[check.name] >= REACHED * limits[check.compression]
+        beyond = (
+            (utilisation[check.name] > 1.0) | at_limit | (failed & (stages[check.name] & is_motion).any())
+        )
+        fails[check.name] = np.isfinite(utilisation[check.name]) & beyond
     moment = moment_columns(f).get("bending_moment_max", np.full(len(caps.yielding), np.nan))
-    unborne = {name: unborne_of(f, places_of(envelope, which)) for name, which in stages.items()}
-    return Checked(checks, resistance, used, force, of, fails, unborne, np.isfinite(moment))
+    unborne = {name: unborne_of(f, places_of(envelope, counting)) for name, counting in stages.items()}
+    return Checked(checks, resistance, utilisation, force, of, fails, unborne, np.isfinite(moment))
 
 
 def results_of(checked: Checked, check: str) -> np.ndarray:
-    """Of each element (m,) in a check: passes, also without its bending, FAILS, "": it has no utilisation.
+    """Return the result of each element (m,) in a check: passes, passes without bending, or FAILS.
 
-    One of UNBORNE: it would pass, but something that counts for the check is not borne.
+    The result is empty for an element without utilisation. It is one of UNBORNE if the element would pass,
+    but a stage that counts for the check is no stable equilibrium.
     """
     passes = checked.unborne[check] or PASSES
     results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends & (passes == PASSES)
@@ -130,12 +144,12 @@ def results_of(checked: Checked, check: str) -> np.ndarray:
 
 
 def only_compressed(f, envelope: states.Envelope) -> np.ndarray:
-    """Bars (m,) that are in tension in no stage."""
+    """Select the bars (m,) that are in tension in no stage."""
     return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
 
 def names_of_elements(f) -> dict[str, np.ndarray]:
-    """Columns (m,) by which an element is known: ids of it and its nodes, its cable and its group."""
+    """Return the columns (m,) that identify an element: its id, its nodes' ids, its cable and its group."""
     ends = f["net/node_id"][:][f["net/elements"][:]]
     return {
         "element": f["net/element_id"][:],
@@ -147,7 +161,7 @@ def names_of_elements(f) -> dict[str, np.ndarray]:
 
 
 def element_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, np.ndarray]:
-    """A row for each element."""
+    """Return the table of the elements, one row each."""
     names = np.array(envelope.names, object)
     columns = names_of_elements(f) | {
         "unstressed_length": f["net/unstressed_length"][:],
@@ -175,52 +189,60 @@ def element_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str,
 
 
 def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, np.ndarray]:
-    """A row for each cable; what governs it is its element with the largest utilisation, or tension."""
+    """Return the table of the cables, one row each.
+
+    The element with the largest utilisation, or the largest tension without one, governs its cable.
+    """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    governs = _by(checked.utilisation[checked.checks[0].name], envelope.most)
-    at = _first_by(governs, cable)  # the element that governs each cable
-    low = _first_by(-envelope.least, cable)
-    each = element_columns(f, envelope, checked)
-    strengths = {name: np.where(np.isinf(N), np.nan, N)[at] for name, N in strengths_of(f).items()}
+    ranking = _by(checked.utilisation[checked.checks[0].name], envelope.most)
+    governing = _first_by(ranking, cable)  # the element that governs each cable
+    least_tensioned = _first_by(-envelope.least, cable)
+    elements = element_columns(f, envelope, checked)
+    strengths = {name: np.where(np.isinf(N), np.nan, N)[governing] for name, N in strengths_of(f).items()}
     slack = _of_cables(np.logical_or, envelope.slack, cable)
     slack &= ~_of_cables(np.logical_or, envelope.gone, cable)
     columns = {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
-        "group": each["group"][at],
-        "type": types_of(f)[at],
+        "group": elements["group"][governing],
+        "type": types_of(f)[governing],
         "elements": np.bincount(cable, minlength=count),
-        "unstressed_length": np.bincount(cable, each["unstressed_length"], count),
+        "unstressed_length": np.bincount(cable, elements["unstressed_length"], count),
         "breaking_load": strengths["breaking_load"],
         "yield_force": strengths["yield_force"],
-        "tension_max": envelope.most[at],
-        "case_max": each["case_max"][at],
-        "time_max": envelope.time_most[at],
-        "element_max": each["element"][at],
-        "tension_min": envelope.least[low],
-        "case_min": each["case_min"][low],
+        "tension_max": envelope.most[governing],
+        "case_max": elements["case_max"][governing],
+        "time_max": envelope.time_most[governing],
+        "element_max": elements["element"][governing],
+        "tension_min": envelope.least[least_tensioned],
+        "case_min": elements["case_min"][least_tensioned],
         "slack_in": _slack_words(envelope.names, slack),
-        "lost_at": _of_cables(np.fmin, each["lost_at"], cable),
-        "broken_at": _of_cables(np.fmin, each["broken_at"], cable),
+        "lost_at": _of_cables(np.fmin, elements["lost_at"], cable),
+        "broken_at": _of_cables(np.fmin, elements["broken_at"], cable),
     }
     for name in ("tension_ratio", "dynamic_factor"):
-        if name in each:
-            columns[name] = _of_cables(np.fmax, each[name], cable)
+        if name in elements:
+            columns[name] = _of_cables(np.fmax, elements[name], cable)
     for check in checked.checks:
-        governs = _first_by(checked.decisive(check.name), cable)
-        for what in ("resistance", "utilisation", "result", check.of, "case"):
-            columns[f"{what}_{check.name}"] = each[f"{what}_{check.name}"][governs]
+        decisive = _first_by(checked.decisive(check.name), cable)
+        for quantity in ("resistance", "utilisation", "result", check.of, "case"):
+            columns[f"{quantity}_{check.name}"] = elements[f"{quantity}_{check.name}"][decisive]
     return columns
 
 
 def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
-    """A row for each cable: its lengths [m] in the form, nan: it is not there, unstressed, and as measured.
+    """Return the lengths [m] of the cables, one row each: form-found, unstressed, and as measured.
 
-    At the temperature T above that of form finding and the load N a piece of unstressed length L0 measures
-    L0 (1 + expansion T) (1 + N / EA), with the logarithmic strain L0 (1 + expansion T) exp(N / EA). A load
-    that is given is that of cables; bars are then measured without any.
+    length_in_form : nan for a cable that is absent from the form-found geometry
+
+    A cable of unstressed length L0 is measured under the load N, at the temperature T above that of form
+    finding. Its length is then L0 (1 + expansion T) (1 + N / EA), with logarithmic strain L0 (1 + expansion
+    T) exp(N / EA). A given load applies to cables; bars are then measured without any.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    total = lambda values: np.bincount(cable, values, count)
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.bincount(cable, values, count)
+
     x, elements, L0 = states.start_position(f), f["net/elements"][:], f["net/unstressed_length"][:]
     L = np.where(states.absent(f), np.nan, np.linalg.norm(x[elements[:, 1]] - x[elements[:, 0]], axis=1))
     load, warm, stretched = measured_lengths(f, cutting)
@@ -240,7 +262,10 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
 
 
 def measured_lengths(f, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Measuring loads (cables,) [N]; lengths (m,) [m] of the elements unstressed and warm, and under them."""
+    """Compute the measuring loads (cables,) [N], and the lengths (m,) [m] of elements warm and loaded.
+
+    The first lengths are unstressed at the measuring temperature, the second also under the measuring load.
+    """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
     L0, EA = f["net/unstressed_length"][:], f["net/axial_stiffness"][:]
     if cutting.load is None:
@@ -252,24 +277,25 @@ def measured_lengths(f, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.nd
     return load, warm, stretched_length(warm, load[cable], EA, states.strain_measure(f))
 
 
-def _by(used: np.ndarray, N: np.ndarray) -> np.ndarray:
-    return np.where(np.isnan(used), N / (1.0 + np.abs(N).max()) - 2.0, used)
+def _by(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Rank elements by utilisation; those without one follow in the order of their forces."""
+    return np.where(np.isnan(utilisation), N / (1.0 + np.abs(N).max()) - 2.0, utilisation)
 
 
 def _first_by(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
-    """For each cable the row of its element with the largest key (m,), the first of equal ones."""
+    """Return for each cable the row of its element with the largest key (m,), the first among equals."""
     order = np.lexsort((np.arange(len(key)), -key, cable))
     return order[np.unique(cable[order], return_index=True)[1]]
 
 
 def _words_of(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
-    """The word of each cable, from those (m,) of its elements; all of them if they differ."""
-    found: dict[int, dict[str, None]] = {}
+    """Join the different words (m,) that the elements of each cable have."""
+    cable_words: dict[int, dict[str, None]] = {}
     for number, word in zip(cable.tolist(), words.tolist()):
-        found.setdefault(number, {})[word] = None
-    each = [[*found[number]] for number in sorted(found)]
+        cable_words.setdefault(number, {})[word] = None
+    lists = [[*cable_words[number]] for number in sorted(cable_words)]
     return np.array(
-        [" + ".join(word or "none" for word in one) if one[1:] else one[0] for one in each], object
+        [" + ".join(word or "none" for word in one) if one[1:] else one[0] for one in lists], object
     )
 
 
@@ -281,5 +307,5 @@ def _of_cables(reduce: np.ufunc, values: np.ndarray, cable: np.ndarray) -> np.nd
 
 
 def _slack_words(names: list[str], slack: np.ndarray) -> np.ndarray:
-    """The stages in which each is slack, by name; slack : (stages, k) bool."""
-    return np.array(["; ".join(compress(names, each)) for each in slack.T], object)
+    """Join the names of the stages in which each column is slack; slack : (stages, k) bool."""
+    return np.array(["; ".join(compress(names, is_slack)) for is_slack in slack.T], object)

@@ -1,4 +1,4 @@
-"""Checks of cables by codes: resistances from strengths, by factors that are data (codes.toml beside)."""
+"""Checks of cables by codes: resistances computed from strengths by factors, which codes.toml lists."""
 
 import tomllib
 from dataclasses import dataclass
@@ -38,7 +38,10 @@ groups | values | > 0 | {{}} | values of groups of elements
 
 @dataclass(frozen=True)
 class Factor:
-    """A factor on a strength; groups : groups of elements with a value of their own."""
+    """Factor on a strength.
+
+    groups : values for groups of elements that differ from `value`
+    """
 
     name: str
     use: str
@@ -50,9 +53,11 @@ class Factor:
 
 @dataclass(frozen=True)
 class Check:
-    """A check; resistances : the strength that each begins with, and its factors. The least one counts.
+    """Check of tension or compression.
 
-    kind : of the combinations that it is of, one of KINDS; "": of every state
+    kind : one of KINDS, the kind of combinations that the check is for; "": every state
+    resistances : the strength that each resistance is computed from, and its factors; the smallest resistance
+        counts
     """
 
     name: str
@@ -62,33 +67,33 @@ class Check:
 
     @property
     def compression(self) -> bool:
-        """Whether it is of compression, not of tension."""
+        """Whether the check is of compression, not of tension."""
         return self.resistances[0][0] in IN_COMPRESSION
 
     @property
     def of(self) -> str:
-        """What is compared with its resistance."""
+        """Kind of force that is compared with the resistance: compression or tension."""
         return "compression" if self.compression else "tension"
 
     def resistance(self, strengths: dict[str, np.ndarray], groups: np.ndarray) -> np.ndarray:
-        """Resistance (m,) [N], nan where the element has none of the strengths.
+        """Compute the resistance (m,) [N], nan if the element has none of the strengths.
 
         strengths : (m,) [N] by name, inf: none; groups : (m,) names
         """
         least = np.full(len(groups), np.inf)
-        for of, factors in self.resistances:
-            value = strengths[of].copy()
+        for strength, factors in self.resistances:
+            value = strengths[strength].copy()
             for factor in factors:
-                each = np.full(len(groups), factor.value)
-                for group, own in factor.groups.items():
-                    each[groups == group] = own
-                value = value * each if factor.use == "multiply" else value / each
+                values = np.full(len(groups), factor.value)
+                for group, group_value in factor.groups.items():
+                    values[groups == group] = group_value
+                value = value * values if factor.use == "multiply" else value / values
             least = np.minimum(least, value)
         return np.where(np.isfinite(least), least, np.nan)
 
 
 def read_codes(path: Path | None = None) -> list[Check]:
-    """The checks of a file, the shipped ones by default. Raises InputError with all that is wrong in it."""
+    """Read the checks of a file, by default the shipped one. Raises InputError with all that is wrong."""
     path = path or SHIPPED
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -108,27 +113,37 @@ def read_codes(path: Path | None = None) -> list[Check]:
 
 
 def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> None:
-    """Refuse values for groups that the net does not have. names : of its groups. Raises InputError."""
-    there, errors = sorted(set(names) - {""}), []
+    """Refuse factors for groups that the net does not have.
+
+    names : groups of the net. Raises InputError.
+    """
+    groups, errors = sorted(set(names) - {""}), []
     for k, check in enumerate(checks, 1):
         for factor in (factor for _, factors in check.resistances for factor in factors):
-            for group in [name for name in factor.groups if name not in there]:
+            for group in [name for name in factor.groups if name not in groups]:
                 errors.append(
                     f"{path or SHIPPED}: [[check]] {k}: factor {factor.name}: groups: {group} = "
                     f"{factor.groups[group]:g}: no such group of elements in the result; "
-                    f"{nearest(group, there) if there else 'its net has no groups'}"
+                    f"{nearest(group, groups) if groups else 'its net has no groups'}"
                 )
     if errors:
         raise InputError(errors)
 
 
+def _factor(table: dict, place: str, validation: Validation) -> Factor:
+    """Read a factor, and collect its errors."""
+    return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))
+
+
 def _check(table: dict, place: str, validation: Validation) -> Check:
-    own = validation.table(place, KEYS["check"], table)
-    each = [validation.table(place, KEYS["check.resistance"], one) for one in own.resistance or []]
-    if len({one.of in IN_COMPRESSION for one in each if one.of}) > 1:
-        names = " beside ".join(repr(one.of) for one in each)
-        what = "a check is of tension or of compression; make two of it"
-        validation.wrong(place, f"of = {names}: {what}")
-    known = lambda factor: validation.table(f"{place} factor {factor.get('name')}:", KEYS["factor"], factor)
-    found = [(one.of, [Factor(**vars(known(factor))) for factor in one.factor]) for one in each]
-    return Check(own.name, own.title, own.kind, found)
+    """Read a check, and collect its errors; place : prefix of the messages."""
+    check = validation.table(place, KEYS["check"], table)
+    given = [validation.table(place, KEYS["check.resistance"], item) for item in check.resistance or []]
+    if len({item.of in IN_COMPRESSION for item in given if item.of}) > 1:
+        names = " beside ".join(repr(item.of) for item in given)
+        remedy = "a check is of tension or of compression; make two of it"
+        validation.wrong(place, f"of = {names}: {remedy}")
+    resistances = [
+        (item.of, [_factor(factor, place, validation) for factor in item.factor]) for item in given
+    ]
+    return Check(check.name, check.title, check.kind, resistances)

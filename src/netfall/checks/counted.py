@@ -1,4 +1,4 @@
-"""Which stages of a result count for a check, and whether they are equilibria, and stable."""
+"""Selection of the stages that count for a check, and of those that are no stable equilibrium."""
 
 import numpy as np
 
@@ -9,44 +9,50 @@ UNBORNE = "no equilibrium", "undecided", "not stable"
 
 
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:
-    """Of each stage of an envelope the kind of its case or combination (`results.cases.Case`), else ""."""
+    """Return the kind of case (`results.cases.Case`) of each stage in an envelope, "": none."""
     kinds = {case.shown.place: case.kind for case in cases_of(f)}
-    return np.array([kinds.get(place, "") for place in envelope.places], object)
+    return np.array([kinds.get(path, "") for path in envelope.places], object)
 
 
 def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
-    """Which stages (stages,) count for a check of some kind; kinds : as of `stage_kinds`.
+    """Select the stages (stages,) that count for checks of a kind; kinds : from `stage_kinds`.
 
-    Where the job has combinations of this kind: these and the first stage, the form; for ultimate checks
-    also losses, dynamics and what else is of no kind, whose loads are those of an accident. Where it has
-    none: all but the combinations of the other kind.
+    If the job has combinations of this kind, these and the first stage, the form, count. Ultimate checks also
+    include stages of no kind, such as member removals and dynamics, whose loads are accidental. If the job
+    has none, all stages count but the combinations of the other kind.
     """
-    own = kinds == kind
-    if not kind or not own.any():
+    counts = kinds == kind
+    if not kind or not counts.any():
         return ~np.isin(kinds, KINDS) if kind else np.ones(len(kinds), bool)
-    own |= (kinds == "") & (kind == KINDS[0])
-    own[0] = True
-    return own
+    counts |= (kinds == "") & (kind == KINDS[0])
+    counts[0] = True
+    return counts
 
 
-def places_of(envelope: Envelope, which: np.ndarray) -> list[str]:
-    """The groups of the result that some stages of an envelope are of. which : (stages,), as of `counted`"""
-    return list(dict.fromkeys(place for place, counts in zip(envelope.places, which) if counts and place))
+def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
+    """Return the groups of the result file that hold selected stages; selected : (stages,) from `counted`."""
+    return list(dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path))
 
 
-def without_equilibrium(f, places: list[str]) -> list[str]:
-    """Those of some groups of the result that have no equilibrium."""
-    return [place for place in places if no_equilibrium(f[place])]
+def without_equilibrium(f, paths: list[str]) -> list[str]:
+    """Return those groups of the result file that have no equilibrium."""
+    return [path for path in paths if no_equilibrium(f[path])]
 
 
-def without_stability(f, places: list[str]) -> list[str]:
-    """The same that are not stable, but stages of erection, whose struts are held until cables are taut."""
-    return [place for place in places if not place.startswith("stages/") and not_stable(f[place])]
+def without_stability(f, paths: list[str]) -> list[str]:
+    """Return those groups of the result file whose equilibrium is not stable.
+
+    Stages of erection are left out: their struts are held until the cables are taut.
+    """
+    return [path for path in paths if not path.startswith("stages/") and not_stable(f[path])]
 
 
-def unborne_of(f, places: list[str]) -> str:
-    """One of UNBORNE for a check that these groups of the result count for, "": all of them are borne."""
-    without = without_equilibrium(f, places)
-    undecided = [place for place in without if is_undecided(f[place])]
-    found = len(without) > len(undecided), undecided, without_stability(f, places)
-    return next((word for word, some in zip(UNBORNE, found) if some), "")
+def unborne_of(f, paths: list[str]) -> str:
+    """Return why a check cannot pass, given the groups that count for it: one of UNBORNE, or "" if it can.
+
+    paths : groups of the result file
+    """
+    without = without_equilibrium(f, paths)
+    undecided = [path for path in without if is_undecided(f[path])]
+    reasons = len(without) > len(undecided), undecided, without_stability(f, paths)
+    return next((word for word, applies in zip(UNBORNE, reasons) if applies), "")

@@ -1,4 +1,4 @@
-"""Checks by group: the worst member of each, in which case, by how much; limits in service."""
+"""Checks by group: the worst element of each with its case and utilisation; service limits."""
 
 from typing import NamedTuple
 
@@ -8,11 +8,14 @@ from netfall.checks import cables
 from netfall.results.cases import EQUILIBRIUM, KINDS, Case
 from netfall.results.states import Envelope
 
-ALIKE = 1e-3  # of the force: members of a group and type with forces as near are one row, by symmetry
+ALIKE = 1e-3  # relative difference of forces below which elements of a group and type share a row (symmetry)
 
 
 class Limit(NamedTuple):
-    """A service limit in a combination; value : reached, allowed : of [limits], at : where, in words."""
+    """Service limit of [limits] in a combination.
+
+    value : reached; allowed : given in the job; at : place, in words
+    """
 
     case: str
     what: str
@@ -24,79 +27,87 @@ class Limit(NamedTuple):
 
 
 def group_columns(f, envelope: Envelope, checked: cables.Checked) -> dict[str, np.ndarray]:
-    """A row for each check and group, those of a check worst first: its member with the largest utilisation.
+    """Return the element with the largest utilisation, one row for each check and group.
 
-    alike : how many elements of the group and type have the same force, this one included
-    result : as of `results_of`
+    The rows of a check begin with the worst group.
+    alike : number of elements of the group and type with the same force, this one included
+    result : see `results_of`
     """
     rows = [
-        (check, e, alike)
+        (check, e, count)
         for check in checked.checks
-        for e, alike in _firsts(cables.groups_of(f), members(f, checked, check.name))
+        for e, count in _firsts(cables.groups_of(f), members(f, checked, check.name))
     ]
-    each = np.array([e for _, e, _ in rows])
-    of = lambda table: np.array([table[check.name][e] for check, e, _ in rows])
-    used = of(checked.utilisation)
+    elements = np.array([e for _, e, _ in rows])
+
+    def of_rows(table: dict) -> np.ndarray:
+        return np.array([table[check.name][e] for check, e, _ in rows])
+
+    utilisation = of_rows(checked.utilisation)
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
-        "group": cables.groups_of(f)[each],
-        "type": cables.types_of(f)[each],
-        "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:][each]],
-        "element": f["net/element_id"][:][each],
-        "alike": np.array([alike for *_, alike in rows]),
-        "case": np.array(envelope.names, object)[of(checked.of)],
-        "N_Ed": of(checked.force),
-        "N_Rd": of(checked.resistance),
-        "utilisation": used,
-        "result": of({check.name: cables.results_of(checked, check.name) for check in checked.checks}),
+        "group": cables.groups_of(f)[elements],
+        "type": cables.types_of(f)[elements],
+        "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:][elements]],
+        "element": f["net/element_id"][:][elements],
+        "alike": np.array([count for *_, count in rows]),
+        "case": np.array(envelope.names, object)[of_rows(checked.of)],
+        "N_Ed": of_rows(checked.force),
+        "N_Rd": of_rows(checked.resistance),
+        "utilisation": utilisation,
+        "result": of_rows({check.name: cables.results_of(checked, check.name) for check in checked.checks}),
     }
 
 
 def members(f, checked: cables.Checked, check: str) -> list[tuple[int, int]]:
-    """The elements by their utilisation in a check, the largest first, and how many each stands for.
+    """Rank the elements by their utilisation in a check, and count how many each stands for.
 
-    Those of one group, type and resistance whose forces are alike are one row, by the first of them.
+    Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
     """
     N, R, key = checked.force[check], checked.resistance[check], checked.decisive(check)
-    kind = list(zip(cables.groups_of(f), cables.types_of(f), np.nan_to_num(R, nan=-1.0).tolist()))
+    kinds = list(zip(cables.groups_of(f), cables.types_of(f), np.nan_to_num(R, nan=-1.0).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []
-    last: dict[tuple, int] = {}  # of each kind the row that it has now
+    last_row: dict[tuple, int] = {}  # current row of each kind
     for e in order.tolist():
-        row = last.get(kind[e])
+        row = last_row.get(kinds[e])
         if row is None or abs(N[e] - N[rows[row][0]]) > ALIKE * abs(N[rows[row][0]]):
-            last[kind[e]] = len(rows)
+            last_row[kinds[e]] = len(rows)
             rows.append([e, 0])
-        rows[last[kind[e]]][1] += 1
+        rows[last_row[kinds[e]]][1] += 1
     return [(e, count) for e, count in rows]
 
 
 def _firsts(group: np.ndarray, rows: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """The first row of each group."""
-    found: dict[str, tuple[int, int]] = {}
+    """Return the first row of each group."""
+    first_rows: dict[str, tuple[int, int]] = {}
     for e, count in rows:
-        found.setdefault(group[e], (e, count))
-    return list(found.values())
+        first_rows.setdefault(group[e], (e, count))
+    return list(first_rows.values())
 
 
-def limits_of(job: dict, cases: list[Case], moved: list[tuple[float, int]], slack: list[int]) -> list[Limit]:
-    """The limits of [limits] in each combination of service.
+def limits_of(
+    job: dict, cases: list[Case], largest: list[tuple[float, int]], slack: list[int]
+) -> list[Limit]:
+    """Compare the combinations of service with the limits of [limits].
 
-    moved : of each case the largest displacement [m], nan: none, and its node's id; slack : cables without
-    tension
+    largest : largest displacement [m] of each case, nan: none, and its node's id
+    slack : slack cables of each case
     """
-    given, found = job.get("limits", {}), []
-    for case, (most, node), number in zip(cases, moved, slack):
+    allowed, limits = job.get("limits", {}), []
+    for case, (reached, node), slack_count in zip(cases, largest, slack):
         if case.kind != KINDS[1]:
             continue
-        stands = case.state == EQUILIBRIUM
-        if "displacement" in given:
-            limit = float(given["displacement"])
-            at = f"node {node}" if most == most else case.state
-            found.append(Limit(case.name, "displacement", "m", most, limit, at, stands and most <= limit))
-        if "slack" in given:
-            limit = float(given["slack"])
-            at, value = ("", float(number)) if case.carries else (case.state, np.nan)
-            found.append(Limit(case.name, "slack", "cables", value, limit, at, stands and value <= limit))
-    return found
+        valid = case.state == EQUILIBRIUM
+        if "displacement" in allowed:
+            limit = float(allowed["displacement"])
+            at = f"node {node}" if reached == reached else case.state
+            limits.append(
+                Limit(case.name, "displacement", "m", reached, limit, at, valid and reached <= limit)
+            )
+        if "slack" in allowed:
+            limit = float(allowed["slack"])
+            at, value = ("", float(slack_count)) if case.carries else (case.state, np.nan)
+            limits.append(Limit(case.name, "slack", "cables", value, limit, at, valid and value <= limit))
+    return limits

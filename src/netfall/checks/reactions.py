@@ -1,8 +1,8 @@
-"""The reactions of a roof at its supports, in each stage.
+"""Reactions of a roof at its supports, in each stage.
 
-Two of them. `force`: where an axis is held, the pull of the elements at the support; at an elastic support
-the force on its spring (`mechanics.supports`). `foundation`: that, and what acts on the node itself, which at
-a spring is in it already; so those of a stage add up to all its loads.
+`force` is the pull of the elements along held axes; at an elastic support it is the force on the spring
+(`mechanics.supports`). `foundation` adds the loads on the node itself, which a spring force already includes.
+The foundation forces of a stage therefore add up to all its loads.
 """
 
 import numpy as np
@@ -12,14 +12,17 @@ from netfall.results.states import ShownState, equilibria, final, springs_of, su
 
 
 def held_axes(f, place: str = "") -> np.ndarray:
-    """(n, 3) bool, own axes with a support of either kind; place : of a state, which may have its own."""
-    own = f"{place}/held"  # of a stage, and of the form
-    held = f[own if place and own in f else "net/fixed"][:].astype(bool)
+    """Return which own axes (n, 3) of the nodes have a support, rigid or elastic.
+
+    place : group of the state, which may have supports of its own
+    """
+    path = f"{place}/held"  # stages of erection and the form have one
+    held = f[path if place and path in f else "net/fixed"][:].astype(bool)
     return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
 
 
 def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
-    """Sum of the forces (points, 3) [N] with which elements pull at their ends.
+    """Sum the forces (points, 3) [N] with which elements pull at their ends.
 
     x : (points, 3) [m]; ends : (m, 2) rows of these; N : (m,) [N] tension positive
     """
@@ -33,9 +36,9 @@ def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
 
 
 def reaction_columns(f) -> dict[str, np.ndarray]:
-    """A row for each support and stage: the force [N] on it along the axes that it holds."""
+    """Return the forces [N] on supports along the axes that they hold, one row for each support and stage."""
     elements = f["net/elements"][:]
-    stages = [*equilibria(f), *([last] if (last := final(f)) else [])]
+    stages = [*equilibria(f), *([final_state] if (final_state := final(f)) else [])]
     blocks = []
     for stage in stages:
         held = held_axes(f, stage.place)
@@ -45,7 +48,7 @@ def reaction_columns(f) -> dict[str, np.ndarray]:
 
 
 def _of_stage(f, stage: ShownState, held, nodes, elements) -> dict[str, np.ndarray]:
-    """held : (k, 3) bool, own axes of the supports, rows (k,) of the net"""
+    """Return the rows of one stage; held : (k, 3) bool, own axes of the supports at nodes (k,)."""
     x, angle = stage.position(), support_angles(f)
     pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
     angle = None if angle is None else angle[nodes]
@@ -54,7 +57,7 @@ def _of_stage(f, stage: ShownState, held, nodes, elements) -> dict[str, np.ndarr
         carried = stage.reaction() if stage.reaction else 0.0 - springs_of(f).forces(x)  # feet may settle
         force = np.where(f["net/spring"][:][nodes] > 0.0, to_own(carried[nodes], angle), force)
     force = from_own(force, angle)
-    foundation = force if stage.unloaded else np.full_like(force, np.nan)  # in motion the file has none
+    foundation = force if stage.unloaded else np.full_like(force, np.nan)  # snapshots store no nodal loads
     if stage.reaction:
         foundation = stage.reaction()[nodes]
     return {

@@ -1,1 +1,1 @@
-"""Drawings, meshes and files of other programs, in and out."""
+"""Import and export of drawings, meshes and files of other programs."""

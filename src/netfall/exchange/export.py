@@ -1,4 +1,4 @@
-"""`netfall export`: a result in the format that a file's ending names."""
+"""Command `netfall export`: a result in the format that the ending of the file names."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -15,9 +15,10 @@ from netfall.results.result import Result
 
 
 class Wanted(NamedTuple):
-    """What of a result: the form; at a time [s], inf: the last frame; or in a case or combination.
+    """State of a result that is exported.
 
-    unit : of the coordinates of a drawing
+    time : [s], inf: the last snapshot; case : case or combination; without either it is the form
+    unit : unit of the coordinates of a drawing
     """
 
     time: float | None = None
@@ -25,10 +26,10 @@ class Wanted(NamedTuple):
     unit: str = "m"
 
 
-def export(source: Path, target: Path, wanted: Wanted, say: Callable[[str], None]) -> None:
+def export(source: Path, target: Path, state: Wanted, say: Callable[[str], None]) -> None:
     """Write a result to a file, in the format of its ending.
 
-    Raises InputError for another ending, a time or case that there is not, or a file that is no result.
+    Raises InputError for an unknown ending, an unknown time or case, and a file that is no result.
     """
     ending = target.suffix.lower() or ".csv"
     if ending not in endings():
@@ -41,36 +42,35 @@ def export(source: Path, target: Path, wanted: Wanted, say: Callable[[str], None
         raise InputError(f"-o {target}: is {kind} already; give another name")
     if target.is_file() and MARK.encode() not in target.read_bytes():
         raise InputError(f"-o {target}: exists, and is not what netfall exported; give another name")
-    if form.AT_REST and wanted.time is not None:
+    if form.AT_REST and state.time is not None:
         raise InputError(f"--time: a {ending} holds an equilibrium, not a state in motion; leave --time out")
-    if wanted.time is not None and wanted.case is not None:
+    if state.time is not None and state.case is not None:
         raise InputError("--time and --case: each names a state; leave one of them out")
-    if wanted.unit != "m" and not form.UNITS:
-        raise InputError(f"--unit {wanted.unit}: a {ending} is written in metres; a .dxf takes units")
+    if state.unit != "m" and not form.UNITS:
+        raise InputError(f"--unit {state.unit}: a {ending} is written in metres; a .dxf takes units")
     with Result(source) as result, telling_what_lacks(source):
-        lines = form.write(result, state_of(result, wanted.time, wanted.case), target, wanted.unit)
+        lines = form.write(result, state_of(result, state.time, state.case), target, state.unit)
         if form.HOLDS is not None:
             lines += lacking(result, ending, form.HOLDS)
     for line in lines:
         say(line)
 
 
-def lacking(result: Result, ending: str, held: tuple[str, ...]) -> list[str]:
-    """A line that names what of this net a file of this ending does not hold.
+def lacking(result: Result, ending: str, contents: tuple[str, ...]) -> list[str]:
+    """Return a note on the contents of this net that a file with this ending does not hold.
 
-    held : what of `of_net` it holds
+    contents : contents of `of_net` that it holds
     """
-    words = [word for word, there in of_net(result).items() if there and word not in held]
-    return [f"note: a {ending} does not hold this net's {', '.join(words)}; a .csv does"]
+    missing = [word for word, present in of_net(result).items() if present and word not in contents]
+    return [f"note: a {ending} does not hold this net's {', '.join(missing)}; a .csv does"]
 
 
 def of_net(result: Result) -> dict[str, bool]:
-    """What there is in a net, and whether this one has it."""
+    """List the possible contents of a net, and whether this one has them."""
     f = result.file
     net, ids = f["net"], f["net/element_id"][:]
-    known = lambda name: f[f"{RECORD}/{name}"][:]
-    pieces = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
-    part_held = net["fixed"][:].any(1) & ~net["fixed"][:].all(1)
+    cables = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
+    partly_held = net["fixed"][:].any(1) & ~net["fixed"][:].all(1)
     return {
         "ids": True,
         "groups": len(net["group_names"]) > 1,
@@ -82,14 +82,14 @@ def of_net(result: Result) -> dict[str, bool]:
         "bending": "bending" in net,
         "bars that buckle": "buckling" in net,
         "cables that slip": "slide" in f,
-        "cables of several elements": len(np.unique(pieces)) < len(np.unique(ids)),
+        "cables of several elements": len(np.unique(cables)) < len(np.unique(ids)),
         "strengths": any(name in net for name in ("breaking_load", "yield_force", "fracture_strain")),
         "types": "type" in net,
-        "axes of supports": bool(part_held.any()),
+        "axes of supports": bool(partly_held.any()),
         "angles of supports": "angle" in net,
         "springs": "spring" in net,
-        "loads of nodes": bool(known("load").any()),
-        "masses of nodes": bool(known("mass").any()),
+        "loads of nodes": bool(f[f"{RECORD}/load"][:].any()),
+        "masses of nodes": bool(f[f"{RECORD}/mass"][:].any()),
         "roof areas": bool(net["tributary_area"][:].any()),
         "zones": bool((net["zone"][:] >= 0).any()),
         "temperature": "load/temperature" in f,

@@ -1,4 +1,4 @@
-"""The job that runs an exported net again: that which was run, for the tables of the form."""
+"""Job that runs an exported net again: the job of the run, adapted to the tables of the form."""
 
 import shutil
 from pathlib import Path
@@ -15,7 +15,7 @@ from netfall.results.file import job_of, provenance_text
 from netfall.results.result import Result
 from netfall.results.states import last_stage
 
-TABLES = ("net", "roof")  # sections whose files are those of the form
+TABLES = ("net", "roof")  # sections whose files the exported tables replace
 FILES = {
     key.name
     for section, keys in [*SECTIONS.items(), *LISTS.items()]
@@ -31,45 +31,47 @@ HEAD = """\
 """
 
 
-def job_again(result: Result, state: State, folder: Path, faces: bool, own: tuple[str, ...]) -> list[str]:
-    """Write job.toml and the files that it reads; what is said of them.
+def job_again(
+    result: Result, state: State, folder: Path, faces: bool, exported: tuple[str, ...]
+) -> list[str]:
+    """Write job.toml and the files that it reads; return lines on what was written.
 
-    faces : whether there is faces.csv; own : names of the files of the export, which no copy takes
+    faces : whether faces.csv is exported; exported : names of the exported files, which no copy may have
     """
     job = job_of(result.file)
     job["title"] = result.title
-    for section in ("form_finding", "target", "stage"):  # the tables hold what came of them
+    for section in ("form_finding", "target", "stage"):  # the tables hold their results
         job.pop(section, None)
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
-    there = {*state.group[~state.out()]}
-    of_groups = {name for name, table in job["cable"].items() if isinstance(table, dict)}
-    job["cable"] = {name: value for name, value in job["cable"].items() if name not in of_groups - there}
-    again = ["prestress", "length_deviation"]  # both are in the unstressed lengths
-    again += ["strength_deviation"] if state.out().any() else []  # and that in the strengths
+    present = {*state.group[~state.out()]}
+    group_names = {name for name, table in job["cable"].items() if isinstance(table, dict)}
+    job["cable"] = {name: value for name, value in job["cable"].items() if name not in group_names - present}
+    applied_keys = ["prestress", "length_deviation"]  # the unstressed lengths include both
+    applied_keys += ["strength_deviation"] if state.out().any() else []  # included in the strengths
     for table in [job["cable"], *job["cable"].values()]:
         if isinstance(table, dict):
-            for key in again:
+            for key in applied_keys:
                 table.pop(key, None)
     if faces:
         job["roof"] = {"faces": "faces.csv"}
     _zones(job, _used_zones(result))
-    told = _lost_cables(result, job) + _bent(result) + _parts(result, state, job)
-    if "strength_deviation" in again and "strength" in result.file["net"]:
-        told.append(
+    lines = _lost_cables(result, job) + _bent(result) + _parts(result, state, job)
+    if "strength_deviation" in applied_keys and "strength" in result.file["net"]:
+        lines.append(
             "note: strengths are those that were drawn, in reports too: without all elements others would be"
         )
-    kept = hasattr(result, "history") and "probe_particle" in result.history
-    if kept and "probes" in job.get("output", {}):  # a place may be nearer to another node in the form
+    has_probes = hasattr(result, "history") and "probe_particle" in result.history
+    if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
-    told += _files(job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(own))
+    lines += _files(job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported))
     head = HEAD.format(mark=MARK, title=one_line(result.title))
-    order = {name: job[name] for name in ("title", "net", "cable")} | job
-    (folder / "job.toml").write_text(head + toml_text(order), encoding="utf-8")
-    return [f"{folder / 'job.toml'}: runs this net again, without form finding", *told]
+    ordered_job = {name: job[name] for name in ("title", "net", "cable")} | job
+    (folder / "job.toml").write_text(head + toml_text(ordered_job), encoding="utf-8")
+    return [f"{folder / 'job.toml'}: runs this net again, without form finding", *lines]
 
 
 def _used_zones(result: Result) -> set[str]:
-    """Names of the zones that have nodes, or shares of nodes."""
+    """Return the names of the zones that have nodes, or shares of nodes."""
     net = result.file["net"]
     if "zone_share" in net:
         return set(net["zone_names"].asstr()[:][net["zone_share"][:].any(0)])
@@ -77,61 +79,68 @@ def _used_zones(result: Result) -> set[str]:
 
 
 def _zones(job: dict, used: set[str]) -> None:
-    """Zones by the columns of the table: the form may have other nodes in a polygon than the start had."""
-    idle = {entry["name"] for entry in job.get("zone", [])} - used
-    job["zone"] = [{"name": entry["name"]} for entry in job.get("zone", []) if entry["name"] not in idle]
+    """Reduce the job to zones that are in use, which the node table assigns.
+
+    A polygon may contain other nodes in the form than in the initial geometry.
+    """
+    unused = {entry["name"] for entry in job.get("zone", [])} - used
+    job["zone"] = [{"name": entry["name"]} for entry in job.get("zone", []) if entry["name"] not in unused]
     if not job["zone"]:
         del job["zone"]
     for section in ("load", "wind"):
-        for name in idle:
+        for name in unused:
             job.get(section, {}).get("zone", {}).pop(name, None)
     for case in job.get("case", []):
-        of_idle = lambda key: split(key)[1] in idle
-        case["set"] = {key: value for key, value in case.get("set", {}).items() if not of_idle(key)}
+        changes = case.get("set", {})
+        case["set"] = {key: value for key, value in changes.items() if split(key)[1] not in unused}
 
 
 def _bent(result: Result) -> list[str]:
-    """That tables have no moments, where stages of erection left some."""
+    """Return a note if bending moments of the stages of erection are lost, since tables hold none."""
     if "bending" not in result.file["net"] or not last_stage(result.file):
         return []
     return ["note: bars that bend have moments after the last stage of erection, which start from zero here"]
 
 
 def _parts(result: Result, state: State, job: dict) -> list[str]:
-    """What was subdivided: ids of elements name all their parts, bars buckle as long as they did."""
+    """Name the parts of subdivided elements in the job, keep the buckling lengths, and return notes.
+
+    state.cable holds the ids that the job uses for all parts of an element.
+    """
     if len(np.unique(state.cable)) == len(state.cable):
         return []
     for table in [*job.get("remove", []), job.get("output", {})]:
         if "elements" in table:
             table["elements"] = state.element_id[np.isin(state.cable, table["elements"])].tolist()
-    told = _buckling_lengths(result, job)
-    return told + [
+    lines = _buckling_lengths(result, job)
+    return lines + [
         f"note: the parts of the {len(np.unique(state.cable))} subdivided elements are elements of their own "
         "here; where one is lost, the nodes between its parts are nodes like others"
     ]
 
 
 def _buckling_lengths(result: Result, job: dict) -> list[str]:
-    """Give groups of bars in parts the buckling length that they had, of the whole element of the table."""
-    net, told = result.file["net"], []
+    """Give groups of subdivided bars their original buckling length, that of the whole element."""
+    net, lines = result.file["net"], []
     if "second_moment" not in net or "buckling_length" in job["cable"]:
         return []
     length, group = net["buckling_length"][:], net["group"][:]
     for g, name in enumerate(net["group_names"].asstr()[:].tolist()):
-        own = length[(group == g) & np.isfinite(net["euler_load"][:])]
+        bar_lengths = length[(group == g) & np.isfinite(net["euler_load"][:])]
         table = job["cable"].setdefault(name, {}) if name else job["cable"]
-        if not len(own) or "buckling_length" in table:
+        if not len(bar_lengths) or "buckling_length" in table:
             continue
-        table["buckling_length"] = float(own.max())
-        if own.min() < own.max():
-            told.append(
-                f"note: bars of group {name or '(none)'} have buckling lengths of {own.min():.6g} to "
-                f"{own.max():.6g} m: here all have that of the longest"
+        table["buckling_length"] = float(bar_lengths.max())
+        if bar_lengths.min() < bar_lengths.max():
+            lines.append(
+                f"note: bars of group {name or '(none)'} have buckling lengths of {bar_lengths.min():.6g} to "
+                f"{bar_lengths.max():.6g} m: here all have that of the longest"
             )
-    return told
+    return lines
 
 
 def _lost_cables(result: Result, job: dict) -> list[str]:
+    """Return a note if the study, not the job, removed a member."""
     if hasattr(result, "removal") and len(result.removal["time"]) > len(job.get("remove", [])):
         return [
             "note: this run of a study lost a member by the study's own list: add its [[remove]] to job.toml"
@@ -139,28 +148,29 @@ def _lost_cables(result: Result, job: dict) -> list[str]:
     return []
 
 
-def _files(table, source: Path, folder: Path, taken: dict[str, Path | None]) -> list[str]:
-    """Copy the files that a job names into the folder, and say so.
+def _files(table, source: Path, folder: Path, origins: dict[str, Path | None]) -> list[str]:
+    """Copy the files that a job names into the folder; return lines on the copies.
 
-    source : the folder of the job; taken : what each name in the folder is a copy of, None: of nothing
+    source : folder of the job; origins : file that each name in the folder is a copy of, None: no copy
     """
-    told = []
+    lines = []
     items = table.items() if isinstance(table, dict) else enumerate(table)
     for key, value in list(items):
         if isinstance(value, dict | list):
-            told += _files(value, source, folder, taken)
+            lines += _files(value, source, folder, origins)
         elif isinstance(value, str) and str(key).rpartition(".")[2] in FILES:
             name = Path(value).name
-            while taken.get(name, source / value) != source / value:
+            while origins.get(name, source / value) != source / value:
                 name = f"other_{name}"
             table[key] = name
-            if name not in taken:
-                told.append(_copied(source / value, folder / name, key))
-            taken[name] = source / value
-    return told
+            if name not in origins:
+                lines.append(_copied(source / value, folder / name, key))
+            origins[name] = source / value
+    return lines
 
 
 def _copied(source: Path, target: Path, key: str) -> str:
+    """Copy a file; return the line on it, or a note if it does not exist any more."""
     if not source.is_file():
         return f"note: {key} = {target.name}: {source} is no more there; put it beside job.toml"
     shutil.copyfile(source, target)

@@ -1,6 +1,6 @@
-"""VTU, the XML file of VTK's unstructured grids: read and written by vtk.
+"""Reading and writing of VTU, the XML file of VTK's unstructured grids, by vtk.
 
-meshio, which reads it too, leaves out polylines without a word (5.3).
+meshio also reads VTU, but leaves out polylines without a message (version 5.3).
 """
 
 import re
@@ -23,8 +23,10 @@ SUPPORTS = ("held", "fixed", "is_anchor", "is_fixed")
 VARIABLE = re.compile("Poly|Strip|Lagrange|Bezier")  # classes of cells with any number of points
 
 
-def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
-    """Read the lines, polylines and sides of faces of a grid. supports, wanted : as of `read_dxf`, of groups
+def read_vtu(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
+    """Read the lines, polylines and sides of faces of a grid.
+
+    supports, layers : as in `read_dxf`, for groups
 
     Raises InputError for another file.
     """
@@ -40,11 +42,11 @@ def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
     group = np.zeros(len(ends), np.int64) if number is None else number.astype(np.int64)[cell]
     names = [f"group {k}" if number is not None else "cables" for k in np.unique(group).tolist()]
     _, layer = np.unique(group, return_inverse=True)
-    if wanted is not None:
-        kept = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*wanted, *supports))])
-        ends, layer = ends[kept], layer[kept]
-    of_points = [_array(grid.GetPointData(), name) for name in (*SUPPORTS, "node_id")]
-    keys, held = of_points.pop(), next((each for each in of_points if each is not None), np.zeros(len(x)))
+    if layers is not None:
+        selected = np.isin(layer, [k for k, name in enumerate(names) if is_among(name, (*layers, *supports))])
+        ends, layer = ends[selected], layer[selected]
+    arrays = [_array(grid.GetPointData(), name) for name in (*SUPPORTS, "node_id")]
+    keys, held = arrays.pop(), next((array for array in arrays if array is not None), np.zeros(len(x)))
     axes = held.reshape(len(x), -1) != 0
     hidden = [f"{int((~drawn).sum())} cells, ghosts or hidden"] if not drawn.all() else []
     return Drawing(
@@ -60,10 +62,10 @@ def read_vtu(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
 
 
 def _read_grid(path: Path):
-    """Return the grid of a file. Raises ValueError for what vtk cannot read, or could not go through."""
+    """Read the grid of a file. Raises ValueError if vtk cannot read it, or if its cells are inconsistent."""
     path.open("rb").close()
     reader, displays = vtkXMLUnstructuredGridReader(), vtkObject.GetGlobalWarningDisplay()
-    vtkObject.GlobalWarningDisplayOff()  # what is wrong is told here
+    vtkObject.GlobalWarningDisplayOff()  # errors are reported by exceptions below
     try:
         if not reader.CanReadFile(str(path)):
             raise ValueError("it holds no UnstructuredGrid")
@@ -89,7 +91,7 @@ def _array(data, name: str) -> np.ndarray | None:
 
 
 def _drawn_cells(grid) -> np.ndarray:
-    """Return which cells (c,) VTK draws: not those of another piece or hidden, nor those at hidden points."""
+    """Select the cells (c,) that VTK draws: no ghosts, not hidden, and without hidden points."""
     drawn = np.ones(grid.GetNumberOfCells(), bool)
     of_cell, of_point = (_array(data, GHOSTS) for data in (grid.GetCellData(), grid.GetPointData()))
     if of_cell is not None:
@@ -103,13 +105,13 @@ def _drawn_cells(grid) -> np.ndarray:
 
 
 def _lines(grid, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Return lines (k, 2) as rows of points, the cell (k,) of each, and what some cells have besides.
+    """Return lines (k, 2) as rows of points, the cell (k,) of each line, and messages on undrawn content.
 
     The sides of faces count once. Cells of higher order count with their ends or corners.
     Raises ValueError for a cell with too few points.
     """
-    lines, sides, others, beside = [], {}, Counter(), []
-    between = Counter()
+    lines, sides, others, deviations = [], {}, Counter(), []
+    inner_points = Counter()
     for number in cells:
         cell = grid.GetCell(number)
         _check_points(cell, number)
@@ -119,22 +121,22 @@ def _lines(grid, x: np.ndarray, cells: list[int]) -> tuple[np.ndarray, np.ndarra
             lines += [(a, b, number) for a, b in pairwise(points)]
         elif cell.GetCellDimension() == 1:
             lines.append((*points[:2], number))
-            beside.append(depth(x[points[2:]], *x[points[:2]]))
+            deviations.append(depth(x[points[2:]], *x[points[:2]]))
             corners = 2
         elif cell.GetCellDimension() == 2 and kind != "TriangleStrip":
             corners = cell.GetNumberOfEdges()
-            for edge in map(cell.GetEdge, range(corners)):  # the same object, of other points each time
+            for edge in map(cell.GetEdge, range(corners)):  # vtk reuses the object of the edge
                 sides.setdefault(tuple(sorted((edge.GetPointId(0), edge.GetPointId(1)))), number)
         elif kind != "EmptyCell":
             others[cell.GetCellType(), kind] += 1
-        between.update({number: len(points) - corners} if len(points) > corners else {})
+        inner_points.update({number: len(points) - corners} if len(points) > corners else {})
     lines += [(*pair, number) for pair, number in sorted(sides.items())]
     table = np.array(lines, np.int64).reshape(-1, 3)
-    return table[:, :2], table[:, 2], _left_out(between, beside, others)
+    return table[:, :2], table[:, 2], _left_out(inner_points, deviations, others)
 
 
 def _check_points(cell, number: int) -> None:
-    """Raise ValueError for a cell with fewer points than its type has."""
+    """Raise ValueError if a cell has fewer points than its type requires."""
     count = cell.GetNumberOfPoints()
     expected = 2 if cell.GetCellDimension() == 1 else 0
     if not VARIABLE.search(cell.GetClassName()):
@@ -143,21 +145,22 @@ def _check_points(cell, number: int) -> None:
         raise ValueError(f"cell {number} has {count} points; expected {expected}, by its type")
 
 
-def _left_out(between: Counter, beside: list[float], others: Counter) -> list[str]:
-    """Say what has no lines: points between ends and corners, and cells that are neither lines nor faces.
+def _left_out(inner_points: Counter, deviations: list[float], others: Counter) -> list[str]:
+    """Return messages on inner points of cells, and on cells that are neither lines nor faces.
 
-    between : such points by cell; beside : how far those of curves are off; others : cells by type and class
+    inner_points : number by cell; deviations : distance of the inner points of each curve from its chord;
+        others : cells by type and class
     """
-    told = []
-    if between:
-        told.append(
-            f"{between.total()} points between the ends or corners of {len(between)} cells of higher "
-            f"order, those of curves up to {max(beside, default=0.0):.4g} beside the straight lines that "
-            "were read"
+    lines = []
+    if inner_points:
+        lines.append(
+            f"{inner_points.total()} points between the ends or corners of {len(inner_points)} cells of "
+            f"higher order, those of curves up to {max(deviations, default=0.0):.4g} beside the straight "
+            "lines that were read"
         )
-    words = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
-    return told + [
-        f"{others[kind]} cells of type {name}, which is no line and no face" for kind, name in words.items()
+    names = {kind: re.sub(r"(?<!^)(?=[A-Z])", " ", kind[1]).lower() for kind in sorted(others)}
+    return lines + [
+        f"{others[kind]} cells of type {name}, which is no line and no face" for kind, name in names.items()
     ]
 
 

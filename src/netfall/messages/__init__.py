@@ -1,1 +1,1 @@
-"""The sentences of run and check. No number is computed here."""
+"""Messages of run and check; no number is computed here."""

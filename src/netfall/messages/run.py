@@ -1,4 +1,4 @@
-"""The sentences of `run` and `check`: what the net is, what was found, what a user should know."""
+"""Messages of `run` and `check`: description of the net, results, warnings and notes."""
 
 from pathlib import Path
 
@@ -27,14 +27,14 @@ from netfall.stages import dynamics
 from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.statics import rest_words
 
-MUCH_LONGER = 0.01  # of the duration: a last step that ends later is reported
-FAR_OFF = 0.01  # of it: a larger one of a net as given is reported where its equilibrium is sought
-ROUNDING = 1e-11  # strain: a residual below that times the largest stiffness EA is rounding
-AT_REST = 1e-6  # of the largest tension: a larger residual of the start is reported
+MUCH_LONGER = 0.01  # share of the duration; a last step that ends later is reported
+FAR_OFF = 0.01  # residual / largest tension; a larger one gives a note if an equilibrium is computed anyway
+ROUNDING = 1e-11  # strain; residuals below this times the largest EA are rounding
+AT_REST = 1e-6  # residual / largest tension; a larger one of a start without statics gives a note
 
 
 def before_run(scene: Scene, progress: Progress) -> None:
-    """The lines that a user reads before the run, on rank 0."""
+    """Report the problem before the run, on rank 0."""
     model = scene.model
     if model is None:
         return
@@ -44,8 +44,8 @@ def before_run(scene: Scene, progress: Progress) -> None:
         progress.say(partition_line(model, scene.comm.size))
     if scene.form:
         N = in_form(scene).N
-        told = f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N"
-        progress.say(told, *moved_lines(scene))
+        line = f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N"
+        progress.say(line, *moved_lines(scene))
     progress.say(*(scene.build_up.lines if scene.build_up else ()), *start_notes(scene))
     if scene.schedule:
         for limit in scene.limits.values():
@@ -54,22 +54,23 @@ def before_run(scene: Scene, progress: Progress) -> None:
 
 
 def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
-    """The last lines of a run, of its result file, on rank 0. Collective."""
-    moves = dynamics.NAME in outcomes
-    strained = _most_strained(scene, outcomes[dynamics.NAME].result.history if moves else None)
+    """Report the outcome of a run from its result file, on rank 0. Collective."""
+    has_dynamics = dynamics.NAME in outcomes
+    history = outcomes[dynamics.NAME].result.history if has_dynamics else None
+    strain, time, element = _most_strained(scene, history)
     if scene.model is None:
         return
-    if moves:
+    if has_dynamics:
         with open_result(path) as f:
             desk.progress.say(*_dynamics_lines(scene.model, f), *motion_notes_of(f), *overloads_of(f))
-    desk.progress.say(*_strain_notes(scene.model, *strained))
+    desk.progress.say(*_strain_notes(scene.model, strain, time, element))
     seconds = desk.phases.seconds.items()
-    desk.progress.say("time: " + ", ".join(f"{name} {each:.2f} s" for name, each in seconds))
+    desk.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
     desk.progress.say(f"written: {path}")
 
 
 def _dynamics_lines(model: Model, f) -> list[str]:
-    """What the dynamic stage gave: losses, fractures, energies, slip. f : the result file"""
+    """Summarise the dynamic stage: removals, fractures, energies, slip; f : the result file."""
     history, events, lines = f["history"], f["events"], []
     if "removal" in f:
         lines += loss_lines(f["removal"], events, model.net.element_id)
@@ -78,9 +79,9 @@ def _dynamics_lines(model: Model, f) -> list[str]:
             f"fractures: {len(np.unique(events['element']))} elements, the first at "
             f"t = {events['time'][0]:.4f} s (element {events['element_id'][0]})"
         )
-    identity = np.abs(history["identity_error"]).max()
-    if np.isfinite(identity):  # not without the audit
-        lines.append(f"energy: work identity to {identity:.1e}, balance to {balance_words(history)}")
+    work_error = np.abs(history["identity_error"]).max()
+    if np.isfinite(work_error):  # nan without the energy check
+        lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_words(history)}")
         lines += balance_notes(history)
     lines += detached_notes_of(f)
     if model.layout.slides:
@@ -89,18 +90,21 @@ def _dynamics_lines(model: Model, f) -> list[str]:
 
 
 def _most_strained(scene: Scene, history: History | None) -> tuple[float, float, int]:
-    """Largest strain without a limit, its time [s] and its element, of the run or of its end. Collective."""
+    """Find the largest strain of elements without a limit, its time [s] and its element. Collective.
+
+    history : of the dynamic stage; None: the strains at the end of the run count
+    """
     if history is not None:
-        here = history.most_strained
+        local_largest = history.most_strained
     else:
-        now = scene.state.elements_now()
-        N, eps = now.N, now.eps
-        here = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
-    return most_strained_of_all(scene.comm, here)
+        elements = scene.state.elements_now()
+        N, eps = elements.N, elements.eps
+        local_largest = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
+    return most_strained_of_all(scene.comm, local_largest)
 
 
 def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
-    """A note on an element that was stretched, or compressed, as no cable bears it. time : [s], nan: none"""
+    """Return a note on an element that is strained more than any cable can be; time : [s], nan: none."""
     if element < 0:
         return []
     at = "" if np.isnan(time) else f" at t = {time:.4g} s"
@@ -112,12 +116,12 @@ def _strain_notes(model: Model, strain: float, time: float, element: int) -> lis
 
 
 def net_line(model: Model) -> str:
-    """How large the net is."""
+    """Return the line on the size of the net."""
     return f"net: {model.net.n} particles ({int((~model.net.moves).sum())} fixed), {model.net.m} elements"
 
 
 def partition_line(model: Model, ranks: int) -> str:
-    """How the net is split."""
+    """Return the line on the quality of the partition."""
     elements, part = model.net.elements, model.layout.part
     return (
         f"partition: {model.layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
@@ -126,7 +130,7 @@ def partition_line(model: Model, ranks: int) -> str:
 
 
 def form_line(scene: Scene) -> str:
-    """How well the form was found."""
+    """Return the line on the accuracy of form finding."""
     reference = max(scene.form.reference, 1e-300)
     return (
         f"form finding: {scene.form.iterations} iterations, largest residual "
@@ -136,75 +140,78 @@ def form_line(scene: Scene) -> str:
 
 
 def in_form(scene: Scene) -> Model:
-    """The model in its form, before stages of erection change it; on rank 0."""
+    """Return the form-found model, before stages of erection change it; on rank 0."""
     return (scene.build_up and scene.build_up.form) or scene.model
 
 
 def moved_lines(scene: Scene) -> list[str]:
-    """What form finding did to the geometry that was given, or which self-stress it has."""
+    """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model = in_form(scene)
     if scene.form.self_stress is not None:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
-    net, area, asked = model.net, float(model.roof.area.sum()), scene.job.form_finding
-    constant = bool(asked) and asked.method == "fpm" and asked.modulus_factor == 0.0
-    lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant)
-    if constant:
+    net, area, settings = model.net, float(model.roof.area.sum()), scene.job.form_finding
+    constant_tension = bool(settings) and settings.method == "fpm" and settings.modulus_factor == 0.0
+    lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant_tension)
+    if constant_tension:
         lines += loose_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
     return lines
 
 
 def start_notes(scene: Scene) -> list[str]:
-    """That a net as given is not in equilibrium, where nothing is done about it before it is loaded; or a net
-    that was erected, under other loads than those of its last stage; or a cable over its nodes, in a form.
+    """Return notes on the state from which the loads start.
+
+    A note is given if the net as given is not in equilibrium and nothing corrects that before it is loaded.
+    The same holds for an erected net under other loads than those of its last stage, and for cables that slip
+    in the form.
     """
-    slips = scene.form and scene.job.slides and not scene.job.stages and not scene.failure
-    return _not_at_rest(scene) + (unlike_notes(scene.model) if slips else [])
+    can_slip = scene.form and scene.job.slides and not scene.job.stages and not scene.failure
+    return _not_at_rest(scene) + (unlike_notes(scene.model) if can_slip else [])
 
 
 def _not_at_rest(scene: Scene) -> list[str]:
-    """Of the nodes."""
-    there, built = has_statics(scene.job), bool(scene.job.stages)
-    warm = scene.job.load is not None and scene.job.load.temperature and not there
-    if scene.failure or (there if built else scene.form):
+    """Return a note if the start is not in equilibrium at the nodes."""
+    statics, erected = has_statics(scene.job), bool(scene.job.stages)
+    heated = scene.job.load is not None and scene.job.load.temperature and not statics
+    if scene.failure or (statics if erected else scene.form):
         return []
-    residual, force = scene.build_up.left if built else (scene.residual, scene.reference)
+    residual, force = scene.build_up.left if erected else (scene.residual, scene.reference)
     rounding = ROUNDING * float(scene.model.net.EA.max(initial=0.0))
-    far = residual > max((FAR_OFF if there or built else AT_REST) * force, rounding)
-    if not ((warm and not built) or far):
+    unbalanced = residual > max((FAR_OFF if statics or erected else AT_REST) * force, rounding)
+    if not ((heated and not erected) or unbalanced):
         return []
-    told = f"largest residual {residual:.3g} N, largest tension {force:.3g} N"
-    if not there:
-        return [f"note: the start is not in equilibrium: {told}"]
+    figures = f"largest residual {residual:.3g} N, largest tension {force:.3g} N"
+    if not statics:
+        return [f"note: the start is not in equilibrium: {figures}"]
     return [
-        f"note: the net as given is not in equilibrium with its prestress: {told}; displacements count from "
-        "there, and forces change before a load acts; [form_finding] finds an equilibrium"
+        f"note: the net as given is not in equilibrium with its prestress: {figures}; displacements count "
+        "from there, and forces change before a load acts; [form_finding] finds an equilibrium"
     ]
 
 
 def stages(job: Job) -> list[str]:
-    """The stages that the job has, in order."""
-    found = []
+    """Return the stages of the job in order, in words."""
+    names = []
     if job.form_finding:
-        found.append(f"form finding ({job.form_finding.method})")
+        names.append(f"form finding ({job.form_finding.method})")
     if job.targets:
-        found.append(f"{len(job.targets)} targets")
+        names.append(f"{len(job.targets)} targets")
     if job.stages:
-        found.append(f"erection ({len(job.stages)} stages)")
+        names.append(f"erection ({len(job.stages)} stages)")
     statics = [f"{job.load.steps} load steps"] if job.load and job.load.steps else []
     statics += [f"{len(job.cases)} cases"] if job.cases else []
     if statics:
-        found.append(f"statics ({', '.join(statics)})")
+        names.append(f"statics ({', '.join(statics)})")
     if words := rest_words(job):
-        found.append(words)
+        names.append(words)
     if job.dynamics:
-        found.append(f"dynamics ({job.dynamics.duration:g} s)")
-    return found or ["none: the net alone"]
+        names.append(f"dynamics ({job.dynamics.duration:g} s)")
+    return names or ["none: the net alone"]
 
 
 def feature_words(job: Job, model: Model) -> str:
-    """What the scene has, in words."""
+    """List the features of the problem, in words."""
     features, load = features_of(job, model.layout.net, model.layout.slides), job.load
-    words = (
+    table = (
         ("yield", features.plastic),
         ("fracture", features.fracture),
         ("wind", features.wind),
@@ -223,11 +230,11 @@ def feature_words(job: Job, model: Model) -> str:
         (f"{features.strain} strain", features.strain != Features.strain),
         ("broken elements taken out", features.fracture and not features.fragments),
     )
-    return ", ".join(word for word, there in words if there) or "elastic elements alone"
+    return ", ".join(word for word, present in table if present) or "elastic elements alone"
 
 
 def limit_line(limit: Limit, model: Model) -> str:
-    """A step limit in words."""
+    """Return the line on a limit of the time step."""
     meaning = {
         "any_shape": "stable step, intact, in any shape",
         "slackening": "step for cables that go slack and come taut again",
@@ -246,60 +253,61 @@ def job_remarks(model: Model, job: Job) -> list[str]:
 
 
 def notes_of(scene: Scene) -> list[str]:
-    """Return the warnings and notes that a run says before it begins, for its result; on rank 0."""
+    """Return the warnings and notes that precede a run, for its result file; on rank 0."""
     remarks = start_notes(scene) + (remarks_of(scene) if scene.schedule else [])
     marked = [line for line in remarks if line.startswith(("note:", "warning:"))]
     return job_remarks(scene.model, scene.job) + marked
 
 
 def remarks_of(scene: Scene) -> list[str]:
-    """What a user should know of the wind, of the step, and of the probes."""
+    """Return the warnings and notes on the wind, the time step and the probes."""
     job, model = scene.job, scene.model
     return wind_notes(job, model) + step_remarks(scene) + probe_remarks(model, job.output.probes)
 
 
 def probe_remarks(model: Model, probes) -> list[str]:
-    """Notes on probes far from any node, by more than the longest element, or where several lie in plan.
+    """Return notes on probes far from all nodes, or at a place in plan that several nodes share.
 
-    probes : of the job; those that are ids of nodes have none
+    A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no notes.
+    probes : of the job
     """
     net, remarks = model.net, []
     ends = model.x[net.elements]
     longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
-    for place, p in zip(probes, model.layout.probes.particles):
-        if isinstance(place, int):
+    for probe, p in zip(probes, model.layout.probes.particles):
+        if isinstance(probe, int):
             continue
-        axes, name = len(place), ", ".join(f"{value:g}" for value in place)
-        distance = np.linalg.norm(net.x[:, :axes] - np.array(place), axis=1)
-        away = float(distance[p])
-        level = np.flatnonzero(distance <= away + net.tolerance)
-        if axes == 2 and len(level) > 1 and np.ptp(net.x[level, :2], axis=0).max() <= net.tolerance:
+        axes, name = len(probe), ", ".join(f"{value:g}" for value in probe)
+        distance = np.linalg.norm(net.x[:, :axes] - np.array(probe), axis=1)
+        offset = float(distance[p])
+        equal = np.flatnonzero(distance <= offset + net.tolerance)
+        if axes == 2 and len(equal) > 1 and np.ptp(net.x[equal, :2], axis=0).max() <= net.tolerance:
             remarks.append(
-                f"note: [output] probes: [{name}]: nodes {listed(net.node_id[level])} lie above one another "
+                f"note: [output] probes: [{name}]: nodes {listed(net.node_id[equal])} lie above one another "
                 f"there; its histories are those of node {net.node_id[p]} ([x, y, z] or an id tell)"
             )
-        if away > longest:
+        if offset > longest:
             at = ", ".join(f"{value:.6g}" for value in net.x[p, :axes])
             remarks.append(
-                f"note: [output] probes: [{name}] is {away:.4g} m away from every node, the longest element "
-                f"{longest:.4g} m long; its histories are those of node {net.node_id[p]}, at [{at}]"
+                f"note: [output] probes: [{name}] is {offset:.4g} m away from every node, the longest "
+                f"element {longest:.4g} m long; its histories are those of node {net.node_id[p]}, at [{at}]"
             )
     return remarks
 
 
 def step_remarks(scene: Scene) -> list[str]:
-    """What a user should know of mass that was added, of a fixed step, and of damping over a band."""
+    """Return remarks on added mass, slip inertia, damping over a band and a fixed time step."""
     job, dt, remarks = scene.job, scene.schedule.long_dt, []
     if scene.model.added is not None:
         remarks.append(_added_mass(scene.model))
     if job.slides:
         remarks.append(inertia_line(scene.model, dt))
     if job.dynamics.damping_ratio:
-        more = stiffening(band_of(job)) - 1.0
+        added_stiffness = stiffening(band_of(job)) - 1.0
         remarks.append(
             f"note: damping_ratio = {job.dynamics.damping_ratio:g} holds what vibrates in its band and above "
-            f"by up to {more:.1%} more stiffness of elements; tensions, also beside a strength, are those "
-            "without it, so by up to that share of their swing less than elements carry"
+            f"by up to {added_stiffness:.1%} more stiffness of elements; tensions, also beside a "
+            "strength, are those without it, so by up to that share of their swing less than elements carry"
         )
     end = step_at(job.dynamics.duration, dt) * dt
     if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
@@ -319,10 +327,11 @@ def step_remarks(scene: Scene) -> list[str]:
 
 
 def _added_mass(model: Model) -> str:
-    added, own = model.added, model.mass - model.added
-    most = int(np.argmax(added / np.where(own > 0.0, own, 1.0)))
+    """Return the line on mass scaling."""
+    added, own_mass = model.added, model.mass - model.added
+    worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
     return (
         f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
-        f"particles, {added.sum() / own[model.net.moves].sum():.2%} of what moves; at most "
-        f"{added[most] / own[most]:.2g} times a particle's own (node {model.net.node_id[most]})"
+        f"particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of what moves; at most "
+        f"{added[worst] / own_mass[worst]:.2g} times a particle's own (node {model.net.node_id[worst]})"
     )

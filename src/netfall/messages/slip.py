@@ -1,4 +1,4 @@
-"""Sentences on cables that slip over nodes in the dynamic stage."""
+"""Messages on sliding cables in the dynamic stage."""
 
 import numpy as np
 
@@ -8,36 +8,36 @@ from netfall.model.model import Model
 from netfall.model.schedule import slip_movers
 from netfall.numerics.functions import lengths
 
-UNLIKE = 0.01  # of a tension: by how much more than holds there it may differ on both sides of a place
-CHANGED = 0.1  # of its length: a strand of which more has slipped is told
+UNLIKE = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no note
+CHANGED = 0.1  # share of the length of a free segment; a larger change by slip gives a note
 
 
 def inertia_line(model: Model, dt: float) -> str:
     """Say whether slips get more inertia, for steps of dt [s], than the cable has."""
     slides, movers = model.layout.slides, slip_movers(model)
-    times = slip_inertia(movers.own, movers.stiffness, dt) / movers.own
-    more, most, share = int((times > 1.0).sum()), int(np.argmax(times)), added_share(movers, dt)
-    if not more:
+    ratio = slip_inertia(movers.own, movers.stiffness, dt) / movers.own
+    increased, worst, share = int((ratio > 1.0).sum()), int(np.argmax(ratio)), added_share(movers, dt)
+    if not increased:
         return f"slip: {slides.count} slip points, with the inertia of the cable there"
-    node = model.net.node_id[slides.node[most]]
+    node = model.net.node_id[slides.node[worst]]
     line = (
-        f"slip: the step adds inertia at {more} of {slides.count} slip points, up to {times[most]:.3g} times "
-        f"that of the cable (node {node}), in all at most {share:.2%} of the mass that moves. Slip is slower "
-        "by up to as much, and by more where a cable tears"
+        f"slip: the step adds inertia at {increased} of {slides.count} slip points, up to {ratio[worst]:.3g} "
+        f"times that of the cable (node {node}), in all at most {share:.2%} of the mass that moves. Slip is "
+        "slower by up to as much, and by more where a cable tears"
     )
     return f"warning: {line}. Halve the step." if share > MOST_ADDED else line
 
 
 def unlike_notes(model: Model) -> list[str]:
-    """A note on places where tensions of the form differ by more than holds them, so that cables slip."""
+    """Return a note on slip points where tensions of the form differ by more than the slip resistance."""
     slides, net, x = model.layout.slides, model.net, model.x
     u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
-    u, w = (along / lengths(along)[:, None] for along in (u, w))
+    u, w = (vector / lengths(vector)[:, None] for vector in (u, w))
     turn = 2.0 * np.arctan2(lengths(u + w), lengths(u - w))
     N = model.N[np.stack([slides.before, slides.after])]
-    holds = slides.resistance + np.maximum(N.min(0), 0.0) * np.expm1(slides.friction * turn)
-    more = np.abs(N[1] - N[0]) - holds
-    slips, worst = more > UNLIKE * np.abs(N).max(0), int(np.argmax(more))
+    slip_resistance = slides.resistance + np.maximum(N.min(0), 0.0) * np.expm1(slides.friction * turn)
+    excess = np.abs(N[1] - N[0]) - slip_resistance
+    slips, worst = excess > UNLIKE * np.abs(N).max(0), int(np.argmax(excess))
     if not slips.any():
         return []
     return [
@@ -49,28 +49,28 @@ def unlike_notes(model: Model) -> list[str]:
 
 
 def slip_lines(model: Model, time: np.ndarray, slide) -> list[str]:
-    """What has slipped in the dynamic stage, strands that it changed much, where a cable ran out.
+    """Return lines on slip in the dynamic stage, strongly changed free segments and cables that ran out.
 
     time : (t,) [s]; slide : datasets of /slide
     """
     slides, net = model.layout.slides, model.net
-    passed, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
-    row, place = np.unravel_index(np.argmax(np.abs(passed)), passed.shape)
-    if passed[row, place] == 0.0:
+    slip, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
+    row, point = np.unravel_index(np.argmax(np.abs(slip)), slip.shape)
+    if slip[row, point] == 0.0:
         return ["slip in motion: none"]
-    slipped = int((passed != 0.0).any(0).sum())
+    slipped = int((slip != 0.0).any(0).sum())
     lines = [
-        f"slip in motion: at {slipped} of {slides.count} places, at most {passed[row, place]:.4g} m, "
-        f"over node {net.node_id[slides.node[place]]} by t = {time[row]:.4g} s"
+        f"slip in motion: at {slipped} of {slides.count} places, at most {slip[row, point]:.4g} m, "
+        f"over node {net.node_id[slides.node[point]]} by t = {time[row]:.4g} s"
     ]
-    beside, inside = np.concatenate([slides.before, slides.after]), slides.segment >= 0
+    adjoining, inside = np.concatenate([slides.before, slides.after]), slides.segment >= 0
     length = np.bincount(slides.segment[inside], model.L0[inside])
     change = np.zeros((len(length), len(time)))
-    np.add.at(change, slides.segment[beside], np.concatenate([-passed.T, passed.T]))
+    np.add.at(change, slides.segment[adjoining], np.concatenate([-slip.T, slip.T]))
     share = np.abs(change).max(1) / length
     worst = int(np.argmax(share))
     if share[worst] > CHANGED:
-        name = model.element_name(int(beside[slides.segment[beside] == worst][0]))
+        name = model.element_name(int(adjoining[slides.segment[adjoining] == worst][0]))
         lines.append(
             f"note: slip changed the length of the free segment with element {name} by {share[worst]:.0%}: "
             "masses, weights and the limit of the step are those of the lengths at the start"

@@ -1,4 +1,4 @@
-"""What `check` tells of the wind, and /wind keeps: intensity, gust factor, what the gusts lack."""
+"""Messages of `check` on the wind, also stored in /wind: intensity, gust factor, errors of the gusts."""
 
 import numpy as np
 
@@ -10,20 +10,20 @@ from netfall.wind.errors import coherence_errors, load_power
 from netfall.wind.sectors import bearing
 from netfall.wind.spectra import Gust, gust_of, intensity
 
-MOST_NEGATIVE = 0.01  # share of negative speeds from which on they are noted
-MOST_LOST = 0.05  # of the variance
-MOST_OFF = 0.15  # of the spectrum in a half octave
-SLOW_GUSTS = 3.0  # periods of them in the duration, from which on their share of the variance counts
-MUCH_SLOWER = 1.2  # times that share in the spectrum: more is told
-TOO_STRONG = 1.1  # times their load on the whole roof
-TOO_WEAK = 0.85  # of the deviation, mean over the nodes: less is noted
-EACH = 12  # of the frequencies are enough for that
-SHOWN = 1.0  # Hz: about where roofs of cables have their lowest modes
-FEW_LENGTHS = 10.0  # gust lengths in the duration below which one history says little
+MOST_NEGATIVE = 0.01  # share of negative wind speeds; a larger one gives a note
+MOST_LOST = 0.05  # share of the variance lost by sampling; a larger one gives a note
+MOST_OFF = 0.15  # relative error of the spectrum in a half octave; a larger one gives a note
+SLOW_GUSTS = 3.0  # periods of slow gusts in the duration, above which their share of the variance is checked
+MUCH_SLOWER = 1.2  # that share relative to the spectrum's; a larger one gives a note
+TOO_STRONG = 1.1  # load on the whole roof relative to that of the coherence; a larger one gives a note
+TOO_WEAK = 0.85  # share of the standard deviation, mean over the nodes; a smaller one gives a note
+EACH = 12  # only every twelfth frequency is evaluated for the load on the whole roof
+SHOWN = 1.0  # Hz; typical lowest natural frequency of cable roofs
+FEW_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
 
 
 def wind_lines(job: Job, model: Model) -> list[str]:
-    """The figures of the wind; none without wind."""
+    """Return the figures of the wind; none without wind."""
     wind = job.wind
     if wind is None:
         return []
@@ -40,7 +40,7 @@ def wind_lines(job: Job, model: Model) -> list[str]:
 
 
 def wind_notes(job: Job, model: Model) -> list[str]:
-    """What a user should know of the wind."""
+    """Return the notes on the wind."""
     if job.wind is None:
         return []
     gust = gust_of(job.wind)
@@ -48,10 +48,11 @@ def wind_notes(job: Job, model: Model) -> list[str]:
 
 
 def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
+    """Return the figures of generated gusts: intensity, gust factor, errors of the spectrum."""
     wind, field = job.wind, model.wind_field
     losses, share = field.model.losses, negative_share(field.control_mean, gust.deviation)
     factor = expected_gust_factor(gust, wind.time_step, job.dynamics.duration)
-    little = ", so one seed says little" if gust_lengths(job, gust) < FEW_LENGTHS else ""
+    caution = ", so one seed says little" if gust_lengths(job, gust) < FEW_LENGTHS else ""
     return [
         f"wind: {wind.speed:g} m/s at 10 m, {bearing(wind.direction)}, intensity "
         f"{intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
@@ -59,7 +60,7 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
         f"gusts: the duration holds {gust_lengths(job, gust):.3g} gust lengths "
-        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s){little}; expected gust factor "
+        f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s){caution}; expected gust factor "
         f"{factor:.3g} at 10 m",
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
@@ -71,7 +72,7 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
 
 
 def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
-    """How far the gusts are from their coherence, from node to node."""
+    """Return the line on the coherence error of the gusts between nodes."""
     errors = coherence_errors(model.x, model.wind_field, job.wind, gust)
     parts = [f"{e:.2g} {where}" for e, where in zip(errors, ("over the roof", "in height")) if np.isfinite(e)]
     return (
@@ -81,7 +82,7 @@ def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
 
 
 def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
-    """How strong means over the roof are at its nodes."""
+    """Return the line on the standard deviation at single nodes if gusts are means over the roof."""
     if job.wind.gusts == "points":
         return []
     share = model.wind_field.deviation / gust.deviation
@@ -92,7 +93,7 @@ def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
 
 
 def _weak_notes(job: Job, model: Model, gust: Gust) -> list[str]:
-    """That means are weak where single nodes load an element."""
+    """Return a note if means over the roof are too weak at single nodes that load an element."""
     share = model.wind_field.deviation / gust.deviation
     could_be_more = len(model.wind_field.control_point) == job.wind.control_points
     if share.mean() >= TOO_WEAK or not could_be_more:
@@ -105,24 +106,25 @@ def _weak_notes(job: Job, model: Model, gust: Gust) -> list[str]:
 
 
 def _whole_roof_notes(job: Job, model: Model, gust: Gust) -> list[str]:
-    """That the load of gusts at points is too strong on the roof as a whole."""
+    """Return a note if gusts at points load the roof as a whole too strongly."""
     wind, field = job.wind, model.wind_field
     n = frequency_nodes(gust, wind.time_step)[::EACH]
-    shown = int(np.argmin(np.abs(n - SHOWN)))
+    shown_frequency = int(np.argmin(np.abs(n - SHOWN)))
     variance = cosine_weights(n, [0], wind.time_step)[0] * gust.spectrum(n)
-    sums = np.array([variance, np.arange(len(n)) == shown])
-    whole, there = np.sqrt(load_power(model.x, model.roof.vector, field, wind, n, sums))
+    weights = np.array([variance, np.arange(len(n)) == shown_frequency])
+    whole, at_frequency = np.sqrt(load_power(model.x, model.roof.vector, field, wind, n, weights))
     if whole < TOO_STRONG:
         return []
     return [
         f'note: [wind] gusts = "points": as strong at all nodes as at {len(field.control_point)} control '
         f"points, so their load on the whole roof is {whole:.3g} times (deviation) what their coherence "
-        f"makes of it, at {n[shown]:.2g} Hz {there:.3g} times; "
+        f"makes of it, at {n[shown_frequency]:.2g} Hz {at_frequency:.3g} times; "
         '"means" has it right, more control_points come nearer'
     ]
 
 
 def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+    """Return the notes on generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
     wind, losses, notes = job.wind, model.wind_field.model.losses, []
     share = negative_share(model.wind_field.control_mean, gust.deviation)
     if share > MOST_NEGATIVE:
@@ -155,11 +157,12 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             f"note: [wind] ramp = {wind.ramp:g}: longer than the duration, {duration:g} s: gusts never have "
             "their full size"
         )
-    places = _whole_roof_notes if wind.gusts == "points" else _weak_notes
-    return notes + (places(job, model, gust) if model.wind_field.force.any() else [])
+    place_notes = _whole_roof_notes if wind.gusts == "points" else _weak_notes
+    return notes + (place_notes(job, model, gust) if model.wind_field.force.any() else [])
 
 
 def _tap_line(job: Job, model: Model) -> str:
+    """Return the line on measured pressures at taps."""
     mean = model.history.mean_gust
     return (
         f"wind: {job.wind.pressures}, pressures at {len(mean)} taps: means of {mean.min():.4g} to "
@@ -168,7 +171,7 @@ def _tap_line(job: Job, model: Model) -> str:
 
 
 def _measured_lines(job: Job, model: Model) -> list[str]:
-    """Of a table, over the duration."""
+    """Return the line on a table of measured wind speeds, over the duration."""
     history = model.history
     section = wind_section(job, model, *history.until(job.dynamics.duration))
     mean, count = section["mean_speed"], len(section["mean_speed"])

@@ -1,7 +1,7 @@
-"""The dynamic stage as a film, and the stages of erection, by matplotlib.animation and ffmpeg.
+"""Films of the dynamic stage and of the stages of erection, by matplotlib.animation and ffmpeg.
 
-The axes stay: around the roof where it began, with room for nearly all of what moves out of it. So does the
-scale of the colours. Elements that broke or were lost are red.
+The axes are fixed around the initial roof, with room for nearly all elements that leave it. The colour scale
+is fixed too. Broken and removed elements are red.
 """
 
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ from netfall.results.frames import Frames, StageFrames
 from netfall.results.losses import lost_at
 from netfall.write.locks import whole
 
-DPI = 100  # pixels of an inch
-MOST_FRAMES = 600  # in a film; of more every k-th is shown
-MOST_LINES = 20_000  # elements in a frame; of larger nets every k-th is drawn
-MOST_LOOKS = 25  # frames from which the room is found
-FASTEST = 50  # frames a second that programs show of a GIF
-QUALITY = ["-crf", "24"]  # of MP4: ffmpeg's constant rate factor, 0 without loss to 51
-ALONG = 0.98  # cosine between an axis and the eye, from which on it is seen as a point
+DPI = 100  # pixels per inch
+MOST_FRAMES = 600  # frames in a film; of more, every k-th is shown
+MOST_LINES = 20_000  # elements in a frame; of more, every k-th is drawn
+MOST_LOOKS = 25  # frames from which the view is computed
+FASTEST = 50  # frames per second that viewers show of a GIF
+QUALITY = ["-crf", "24"]  # ffmpeg's constant rate factor of MP4, from 0 (lossless) to 51
+ALONG = 0.98  # cosine between an axis and the view, above which the axis is seen as a point
 
 
 @dataclass(frozen=True)
 class Shot:
-    """How a film is taken.
+    """View and size of a film.
 
     view : elevation and azimuth of the eye [degrees]; size : (width, height) [pixels], even, as MP4 needs
-    zoom : how much larger than what fits; until : [s], where it ends
+    zoom : factor on the size that fits; until : [s], end of the film
     """
 
     view: tuple[float, float] = VIEWS["space"]
@@ -47,7 +47,7 @@ class Shot:
 
 
 class Motion(Frames):
-    """The dynamic stage as a film. Raises InputError where it ends before the second frame."""
+    """Film of the dynamic stage. Raises InputError if it ends before the second frame."""
 
     name, fps, bar = "collapse", 15, "time [s]; red: fractures and losses"
 
@@ -65,19 +65,22 @@ class Motion(Frames):
         """Mark the supports of a frame."""
         add_supports(self.f, axes, self.positions(step)[: len(self.f["net/fixed"])])
 
-    def words(self, step: int, away: int) -> str:
-        """Say what a frame shows; away : elements out of view"""
-        word, out = "broken or lost" if len(self.lost) else "broken", f", {away} out of view" if away else ""
-        gone, there = int(self.broken(step).sum()), self.present(step).sum()
-        return f"t = {self.times[step]:.3f} s: {gone} of {there} {word}{out}"
+    def words(self, step: int, outside: int) -> str:
+        """Describe a frame; outside : elements out of view."""
+        word, out = (
+            "broken or lost" if len(self.lost) else "broken",
+            f", {outside} out of view" if outside else "",
+        )
+        broken_count, present_count = int(self.broken(step).sum()), self.present(step).sum()
+        return f"t = {self.times[step]:.3f} s: {broken_count} of {present_count} {word}{out}"
 
     def span(self, step: int) -> str:
-        """Say what has passed up to a frame."""
+        """Describe the time up to a frame."""
         return f"{self.times[step] - self.times[0]:.4g} s of the roof"
 
 
 class Erection(StageFrames):
-    """The stages of erection as a film, each of which stands for a while."""
+    """Film of the stages of erection, each of which is shown for a while."""
 
     name, fps, bar, begin, strokes = "erection", 1, "stage of erection", 0.0, ()
 
@@ -89,22 +92,23 @@ class Erection(StageFrames):
         """Mark the supports of a stage."""
         add_supports(self.f, axes, self.positions(step), self.states[step].place)
 
-    def words(self, step: int, away: int) -> str:
-        """Say what a stage is."""
+    def words(self, step: int, outside: int) -> str:
+        """Describe a stage."""
         return force_words(self.f, self.states[step])
 
     def span(self, step: int) -> str:
-        """Say what has passed up to a stage."""
+        """Describe the stages up to this one."""
         return f"{step + 1} stages of erection"
 
 
 def animate(
     result: Path, folder: Path, form: str | None, fps: int | None = None, shot: Shot | None = None
 ) -> list[tuple[Path, str]]:
-    """Write RESULT_erection and RESULT_collapse; their paths, and lines that say what they are.
+    """Write RESULT_erection and RESULT_collapse; return their paths and lines that describe them.
 
-    form : mp4 or gif, None: mp4; fps : frames shown in a second, None: those of the reel
-    Raises InputError for a wrong file, and for one without frames.
+    form : mp4 or gif, None: mp4; fps : frames per second, None: default of the film
+
+    Raises InputError for a wrong file, and for one without snapshots.
     """
     form, shot, written = form or "mp4", shot or Shot(), []
     if form == "gif" and (fps or 0) > FASTEST:
@@ -113,8 +117,8 @@ def animate(
         for reel in _reels(f, result, shot.until):
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{result.stem}_{reel.name}.{form}"
-            with whole(path) as place:
-                _write(f, reel, shot, place, fps or reel.fps)
+            with whole(path) as temporary:
+                _write(f, reel, shot, temporary, fps or reel.fps)
             written.append((path, f"{_told(reel, fps or reel.fps)}, {path.stat().st_size / 1e6:.2g} MB"))
     return written
 
@@ -131,14 +135,14 @@ def _write(f: h5py.File, reel: Motion | Erection, shot: Shot, path: Path, fps: i
 
 
 def _told(reel: Motion | Erection, fps: int) -> str:
-    """Say what a film is."""
-    count, every = len(reel.steps), int(np.diff(reel.steps).min(initial=MOST_FRAMES))
-    more = f" (every {every}-th of the file)" * (1 < every < MOST_FRAMES)
-    return f"{count} frames{more} at {fps} a second: {count / fps:.3g} s for {reel.span(reel.steps[-1])}"
+    """Return the line that describes a film."""
+    count, stride = len(reel.steps), int(np.diff(reel.steps).min(initial=MOST_FRAMES))
+    thinning = f" (every {stride}-th of the file)" * (1 < stride < MOST_FRAMES)
+    return f"{count} frames{thinning} at {fps} a second: {count / fps:.3g} s for {reel.span(reel.steps[-1])}"
 
 
 def _reels(f: h5py.File, result: Path, until: float) -> list[Motion | Erection]:
-    """What there is to show in a file, at least one. Raises InputError where there is nothing."""
+    """Return the films that a file has data for, at least one. Raises InputError if there is none."""
     reels = [Erection(f)] if "stages" in f else []
     if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:
         reels.append(Motion(f, until))
@@ -152,13 +156,13 @@ def _reels(f: h5py.File, result: Path, until: float) -> list[Motion | Erection]:
 
 
 class _Film:
-    """A figure with the net, scales, legend and a bar of the time, and what goes with the next frame."""
+    """Figure with the net, scales, legend and time bar, which is drawn again for each frame."""
 
     def __init__(self, f: h5py.File, reel: Motion | Erection, shot: Shot):
         self.reel, self.title = reel, title_of(f)
         self.every = max(1, reel.cells // MOST_LINES)
-        looks = np.unique(np.linspace(0, len(reel.steps) - 1, MOST_LOOKS).astype(int))
-        self.window = view(reel, reel.steps[looks].tolist())
+        samples = np.unique(np.linspace(0, len(reel.steps) - 1, MOST_LOOKS).astype(int))
+        self.window = view(reel, reel.steps[samples].tolist())
         N = [np.where(reel.broken(step), 0.0, reel.tension(step))[:: self.every] for step in reel.steps]
         N, moving = np.concatenate(N), moving_elements(f)[:: self.every]
         self.scale = ForceScale.of(N, np.tile(moving, len(reel.steps)))
@@ -174,45 +178,45 @@ class _Film:
         handles = [*self.axes.get_legend_handles_labels()[0], *lines]
         self.axes.legend(handles=handles, loc="upper left")
         self.figure.draw_without_rendering()
-        self.figure.set_layout_engine("none")  # places stay from the first frame on
+        self.figure.set_layout_engine("none")  # the layout of the first frame stays
 
     def show(self, step: int) -> None:
-        """Draw a frame of the file in place of the one before."""
+        """Draw a frame of the file in place of the previous one."""
         for artist in (*self.axes.collections, *self.axes.lines):
             artist.remove()
         reel = self.reel
         rows = np.flatnonzero(reel.present(step))
         rows = rows[rows % self.every == 0]
         lines, N = reel.lines(step)[rows], reel.tension(step)[rows]
-        gone, inside = reel.broken(step)[rows], within(self.window, lines)
-        whole, torn = inside & ~gone, inside & gone
+        broken, inside = reel.broken(step)[rows], within(self.window, lines)
+        intact_shown, broken_shown = inside & ~broken, inside & broken
         width = line_width(len(lines))
         reel.add_supports(self.axes, step)
-        add_by_force(self.axes, lines[whole], N[whole], self.scale, width)
-        add_lines(self.axes, lines[torn], colors=BROKEN, linewidths=1.4 * width)
-        away = int((~inside).sum()) * self.every
-        heading(self.figure, self.title, f"\n{reel.words(step, away)}")
+        add_by_force(self.axes, lines[intact_shown], N[intact_shown], self.scale, width)
+        add_lines(self.axes, lines[broken_shown], colors=BROKEN, linewidths=1.4 * width)
+        outside_count = int((~inside).sum()) * self.every
+        heading(self.figure, self.title, f"\n{reel.words(step, outside_count)}")
         self.done.set_width(reel.times[step] - reel.begin)
 
 
-def _axes(figure, place, window: np.ndarray, shot: Shot):
-    """Axes in space around a window (2, 3) [m], seen as a shot says."""
-    axes = in_space(figure, (place,), window, shot.zoom)
+def _axes(figure, position, window: np.ndarray, shot: Shot):
+    """Add axes in space around a window (2, 3) [m] with the view of a shot."""
+    axes = in_space(figure, (position,), window, shot.zoom)
     axes.view_init(*shot.view)
-    up, around = np.radians(shot.view)
-    eye = np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)
-    for axis, along in zip((axes.xaxis, axes.yaxis, axes.zaxis), eye):
-        if abs(along) > ALONG:  # it points to the eye: its ticks would be on top of one another
+    elevation, azimuth = np.radians(shot.view)
+    eye = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    for axis, component in zip((axes.xaxis, axes.yaxis, axes.zaxis), eye):
+        if abs(component) > ALONG:  # seen as a point, its ticks would overlap
             axis.set_ticks([])
             axis.set_label_text("")
-    if shot.zoom > 1.0:  # what is larger than the picture has its axes below the scales
+    if shot.zoom > 1.0:  # axes of an enlarged net would be hidden by the scales
         axes.set_axis_off()
-    axes.computed_zorder = False  # supports and broken elements over the others
+    axes.computed_zorder = False  # draws supports and broken elements on top
     return axes
 
 
 def _bar(axes, reel: Motion | Erection):
-    """A bar of the time, or of the stages, with strokes; the part of it that grows."""
+    """Draw a bar of time or stages, with strokes; return the part that grows."""
     axes.set_xlim(reel.begin, reel.times[reel.steps[-1]])
     axes.set_yticks([])
     axes.set_xlabel(reel.bar)

@@ -1,6 +1,7 @@
-"""Elements coloured by their axial force: tension and compression apart, slack pale; supports and their edge.
+"""Elements coloured by axial force, with scales for tension and compression; supports and their edge.
 
-The scales end at percentiles, not at the largest value, which after fractures is that of a fragment.
+Slack elements are pale. The scales end at percentiles, since after fractures the largest force is that of a
+fragment.
 """
 
 from dataclasses import dataclass
@@ -22,16 +23,16 @@ from netfall.plots.canvas import (
     unit_of,
 )
 
-PERCENTILES = 1.0, 99.0  # of the forces, between which colours differ
-NEARLY_ALIKE = 0.5  # least over largest from which on a scale begins at the least, not at 0
-LONGEST_GAP = 4.0  # medians of the distance from support to support, up to which they are an edge
-MOST_TURNS = 1.6  # full turns, to either side, along an edge: an L has 1.5; mast feet and anchors zigzag
-TRACE = 1e-6  # of the largest force: a compression that is less is none
+PERCENTILES = 1.0, 99.0  # percentiles of the forces, at which the colour scale ends
+NEARLY_ALIKE = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
+LONGEST_GAP = 4.0  # largest / median distance of neighbouring supports on an edge
+MOST_TURNS = 1.6  # full turns, left and right, along an edge: an L has 1.5; mast feet and anchors zigzag
+TRACE = 1e-6  # share of the largest force; smaller compressions count as none
 SLACK = "#c9c9c9"
 
 
 def part_of(name: str, low: float, high: float):
-    """A part of a palette of matplotlib."""
+    """Return a part of a matplotlib palette."""
     return LinearSegmentedColormap.from_list(name, plt.get_cmap(name)(np.linspace(low, high, 64)))
 
 
@@ -40,9 +41,9 @@ TENSION, COMPRESSION = part_of("viridis_r", 0.12, 1.0), part_of("YlOrRd", 0.45, 
 
 @dataclass(frozen=True)
 class ForceScale:
-    """Between which sizes of force [N] colours differ, in tension and in compression; None: there is none.
+    """Colour scales of axial forces [N], in tension and in compression; None: there is none.
 
-    trace : compression [N] that counts as none
+    trace : [N], compressions below this count as none
     """
 
     tension: tuple[float, float] | None
@@ -51,21 +52,27 @@ class ForceScale:
 
     @staticmethod
     def of(N: np.ndarray, counts: np.ndarray | None = None) -> "ForceScale":
-        """The scale for all forces of a picture, N (k,) [N]; counts : (k,) bool, those that it is for"""
+        """Compute the scale for the forces N (k,) [N] of a picture.
+
+        counts : (k,) bool, forces that set the scale, None: all
+        """
         trace = TRACE * float(np.abs(N).max(initial=0.0))
         taut, pressed = N > 0.0, N < -trace
-        chosen = lambda rows: rows & counts if counts is not None and (rows & counts).any() else rows
+
+        def chosen(rows: np.ndarray) -> np.ndarray:
+            return rows & counts if counts is not None and (rows & counts).any() else rows
+
         return ForceScale(limits(N[chosen(taut)]), limits(-N[chosen(pressed)]), trace)
 
 
 def moving_elements(f) -> np.ndarray:
-    """(m,) bool, elements with an end that can move: what others carry says nothing of the net."""
+    """Select the elements (m,) with an end that can move; the forces of the others do not matter."""
     rigid = f["net/fixed"][:].astype(bool).all(1)
     return ~rigid[f["net/elements"][:]].all(1)
 
 
 def limits(sizes: np.ndarray) -> tuple[float, float] | None:
-    """Ends of a scale for sizes (k,) > 0."""
+    """Return the ends of a scale for sizes (k,) > 0."""
     if not len(sizes):
         return None
     low, high = np.percentile(sizes, PERCENTILES)
@@ -75,9 +82,9 @@ def limits(sizes: np.ndarray) -> tuple[float, float] | None:
 
 
 def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, width: float) -> None:
-    """Add elements with ends lines (m, 2, 3) [m] and axial forces N (m,) [N]; the most stressed on top."""
-    every = max(1, len(lines) // MOST_DRAWN)
-    lines, N = lines[::every], N[::every]
+    """Add elements (m, 2, 3) [m] coloured by axial forces N (m,) [N]; the largest forces are on top."""
+    stride = max(1, len(lines) // MOST_DRAWN)
+    lines, N = lines[::stride], N[::stride]
     N = np.where((N < 0.0) & (N >= -scale.trace), 0.0, N)
     add_lines(axes, lines[N == 0.0], colors=SLACK, linewidths=0.7 * width)
     for sign, ends, palette in ((1, scale.tension, TENSION), (-1, scale.compression, COMPRESSION)):
@@ -87,7 +94,7 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
 
 
 def force_bars(axes, scale: ForceScale, N: np.ndarray) -> None:
-    """The scales below axes, one or several, with the extremes of their forces N (k,) [N]."""
+    """Add the scales below one or several axes, with the extremes of their forces N (k,) [N]."""
     for word, sign, ends, palette in (
         ("tension", 1, scale.tension, TENSION),
         ("compression", -1, scale.compression, COMPRESSION),
@@ -96,23 +103,23 @@ def force_bars(axes, scale: ForceScale, N: np.ndarray) -> None:
             continue
         factor, unit = unit_of(ends[1], "N")
         values = factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
-        least, most = factor * ends[0], factor * ends[1]
+        low, high = factor * ends[0], factor * ends[1]
         label = f"{word} [{unit}], {values.min():.4g} to {values.max():.4g}"
-        extend, ticks = beyond(values, least, most), plt.MaxNLocator(4)
-        add_scale(axes, plt.Normalize(least, most), palette, label, extend=extend, ticks=ticks)
+        extend, ticks = beyond(values, low, high), plt.MaxNLocator(4)
+        add_scale(axes, plt.Normalize(low, high), palette, label, extend=extend, ticks=ticks)
 
 
 def beyond(values: np.ndarray, low: float, high: float) -> str:
-    """At which ends values (k,) leave a scale, as matplotlib says it."""
+    """Return the ends at which values (k,) leave a scale, as matplotlib's `extend`."""
     ends = bool(values.min() < low * (1.0 - 1e-9)), bool(values.max() > high * (1.0 + 1e-9))
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get(ends, "neither")
 
 
 def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
-    """Mark the supports at x (n, 3) [m], and the edge that they make, if they do; place : of a state."""
+    """Mark the supports at x (n, 3) [m], and the edge that they form, if any; place : group of the state."""
     held = held_axes(f, place)
     rows = np.flatnonzero(held.any(1))
-    edge = edge_of(x, rows) if not place.startswith("stages/") else ()  # what is held there for a while
+    edge = edge_of(x, rows) if not place.startswith("stages/") else ()  # temporary supports form no edge
     if len(edge):
         dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), **OVER}
         axes.plot(*x[edge].T, label="edge through the supports", **dashed)
@@ -121,12 +128,12 @@ def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
 
 
 def springs_at(f) -> np.ndarray:
-    """(n,) bool, nodes on springs, along whatever axes others hold them."""
+    """Select the nodes (n,) with springs along any axis."""
     return (f["net/spring"][:] > 0).any(1) if "spring" in f["net"] else np.zeros(len(f["net/fixed"]), bool)
 
 
 def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
-    """The supports in order around the net, closed, where they enclose it in plan; else none.
+    """Return the supports in order around the net, closed, if they enclose it in plan; otherwise none.
 
     x : (n, 3) [m]; supports : rows (k,)
     """
@@ -136,14 +143,14 @@ def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
     order = supports[np.argsort(np.arctan2(plan[:, 1], plan[:, 0]), kind="stable")]
     closed = np.append(order, order[0])
     gaps = np.linalg.norm(np.diff(x[closed, :2], axis=0), axis=1)
-    within = Path(x[closed, :2]).contains_points(x[:, :2], radius=1e-3 * np.ptp(x[:, :2]))
-    within |= Path(x[closed, :2]).contains_points(x[:, :2], radius=-1e-3 * np.ptp(x[:, :2]))
-    whole = within.all() and gaps.max() <= LONGEST_GAP * max(np.median(gaps), 1e-9)
-    return closed if whole and turns(x[order, :2]) <= MOST_TURNS else np.zeros(0, int)
+    inside = Path(x[closed, :2]).contains_points(x[:, :2], radius=1e-3 * np.ptp(x[:, :2]))
+    inside |= Path(x[closed, :2]).contains_points(x[:, :2], radius=-1e-3 * np.ptp(x[:, :2]))
+    encloses = inside.all() and gaps.max() <= LONGEST_GAP * max(np.median(gaps), 1e-9)
+    return closed if encloses and turns(x[order, :2]) <= MOST_TURNS else np.zeros(0, int)
 
 
 def turns(plan: np.ndarray) -> float:
-    """Full turns, counted to either side, once around the polygon with the corners plan (k, 2) [m]."""
+    """Count the full turns, left and right, once around the polygon with corners (k, 2) [m]."""
     sides = np.roll(plan, -1, axis=0) - plan
     heading = np.arctan2(sides[:, 1], sides[:, 0])
     turn = np.remainder(np.roll(heading, -1) - heading + np.pi, 2.0 * np.pi) - np.pi

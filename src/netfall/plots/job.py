@@ -1,7 +1,7 @@
-"""The net of a job as it is read: what would be held, loaded, followed and lost, in space and in plan.
+"""Picture of the net of a job, in space and in plan: supports, zones, probes, members to be removed.
 
-In plan each zone is the area of its nodes: of each face around a node the part up to the middles of the
-sides and the centroid, as loads and wind count it.
+In plan each zone is the area of its nodes. The area of a node in a face extends to the middles of the
+adjoining sides and to the centroid, as for loads and wind.
 """
 
 from dataclasses import dataclass, field
@@ -30,22 +30,22 @@ from netfall.plots.net import add_groups, whole_cables
 from netfall.roof.areas import areas_are_given
 from netfall.roof.faces import Faces, quarters
 
-MOST_DRAWN = 30_000  # elements, that lines stay apart; of larger nets every k-th cable is drawn
+MOST_DRAWN = 30_000  # elements that stay apart; of larger nets, every k-th cable is drawn
 MOST_NORMALS = 150
-MOST_ZONES = 10  # in the legend
-ROOF, OUTSIDE = "#dfe8f0", "0.93"  # without zones; of nodes in none
+MOST_ZONES = 10  # zones in the legend
+ROOF, OUTSIDE = "#dfe8f0", "0.93"  # colours of a roof without zones; of nodes in no zone
 FOLLOWED, WIND = "#111111", "#0b5d7a"
 
 
 @dataclass(frozen=True)
 class JobNet:
-    """What the picture shows, by rows of the net.
+    """Content of the picture, by rows of the net.
 
-    of_zone : (n,) row of zone_names, -1: none; zone_area : (z + 1,) [m2] in plan, of none last
+    of_zone : (n,) row of zone_names, -1: none; zone_area : (z + 1,) [m2] in plan, last: area in no zone
     polygons : corners in plan of the zones that have some
-    area : (n,) [m2] in plan; normal : (n, 3) that something acts along, zero or None: nothing does
+    area : (n,) [m2] in plan; normal : (n, 3) of nodes with wind or pressure, zero or None: no such load
     lost, followed : elements to be removed, and of [output] elements; probes : particles
-    wind : where it blows to [degrees], and what it is in words
+    wind : direction to which it blows [degrees], and its description
     """
 
     title: str
@@ -66,9 +66,9 @@ class JobNet:
 def draw_job(job: JobNet, path: Path) -> None:
     """Write the picture: in space by groups, in plan by zones."""
     net = job.net
-    rows, every = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
+    rows, stride = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
     figure = plt.figure(figsize=(13, 7.2), layout="constrained")
-    left, right = figure.subfigures(1, 2, wspace=0.14)  # names of axes in space reach out
+    left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
     space = in_space(left, (1, 1, 1), net.x)
     space.computed_zorder = False
     lines = net.x[net.elements[rows]]
@@ -80,12 +80,12 @@ def draw_job(job: JobNet, path: Path) -> None:
     _draw_plan(plan, job, rows)
     for half, axes in ((left, space), (right, plan)):
         _add_legend(half, axes)
-    heading(figure, job.title, _words(net, every))
+    heading(figure, job.title, _words(net, stride))
     save(figure, path)
 
 
 def _add_legend(figure, axes) -> None:
-    """Add the legend of a panel below it, its lines as thick as can be told apart."""
+    """Add the legend of a panel below it, with lines thick enough to be distinguished."""
     handles = axes.get_legend_handles_labels()[0]
     legend = figure.legend(handles=handles, loc="outside lower center", ncols=2)
     for line in legend.legend_handles:
@@ -93,14 +93,15 @@ def _add_legend(figure, axes) -> None:
             line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
 
 
-def _words(net: Net, every: int) -> str:
+def _words(net: Net, stride: int) -> str:
+    """Describe the size of the net; stride : one cable in `stride` is drawn."""
     size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
-    left_out = f"; one of {every} cables is drawn" if every > 1 else ""
+    left_out = f"; one of {stride} cables is drawn" if stride > 1 else ""
     return f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
 
 
 def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
-    """Members that are to be removed, and those whose tension is followed; nodes at x (n, 2 or 3) [m]."""
+    """Draw members to be removed and members whose tension is recorded; nodes at x (n, 2 or 3) [m]."""
     for rows, colour, style, word in (
         (job.lost, BROKEN, "-", "to be removed"),
         (job.followed, FOLLOWED, ":", "[output] elements"),
@@ -108,12 +109,12 @@ def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
         lines = x[job.net.elements[rows]] if len(rows) else x[:0]
         label = f"{word}, {len(rows)}"
         add_lines(axes, lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4)
-        if style == "-" and 0 < len(rows) <= MOST_MARKED:  # short ones too are to be seen
+        if style == "-" and 0 < len(rows) <= MOST_MARKED:  # makes short members visible
             axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5, **OVER)
 
 
 def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
-    """Supports of each kind and probes, with their numbers; nodes at x (n, 2 or 3) [m]."""
+    """Draw the supports of each kind and the probes, with their counts; nodes at x (n, 2 or 3) [m]."""
     mark_supports(axes, x, job.net.fixed, job.net.spring > 0)
     if len(job.probes):
         star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, **OVER}
@@ -121,7 +122,7 @@ def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
 
 
 def _draw_normals(axes, job: JobNet) -> None:
-    """Some of the upward normals that wind or pressure act along."""
+    """Draw some of the upward normals along which wind or pressure acts."""
     rows = np.flatnonzero(job.normal.any(1)) if job.normal is not None else []
     if not len(rows):
         return
@@ -134,7 +135,7 @@ def _draw_normals(axes, job: JobNet) -> None:
 
 
 def _draw_plan(axes, job: JobNet, rows: np.ndarray) -> None:
-    """Zones or roof, elements, supports, probes, what is to be removed, and where the wind blows to."""
+    """Draw zones or roof, elements, supports, probes, members to be removed, and the wind direction."""
     net, x = job.net, job.net.x[:, :2]
     _draw_zones(axes, job)
     add_lines(axes, x[net.elements[rows]], colors="0.3", linewidths=0.6 * line_width(len(rows)), zorder=2)
@@ -147,7 +148,7 @@ def _draw_plan(axes, job: JobNet, rows: np.ndarray) -> None:
 
 
 def _draw_zones(axes, job: JobNet) -> None:
-    """Each node's part of the roof in the colour of its zone."""
+    """Draw the roof area of each node in the colour of its zone."""
     names, faces = job.zone_names, job.faces
     palette = [plt.get_cmap("Set3")(k % 12) for k in range(len(names))] if names else [ROOF]
     tints = np.array([plt.matplotlib.colors.to_rgba(c) for c in [OUTSIDE if names else ROOF, *palette]])
@@ -163,9 +164,9 @@ def _draw_zones(axes, job: JobNet) -> None:
             plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=_roof_label(job))
         )
     for k in sorted(range(-1, len(names)), key=lambda k: k < 0) if names else ():
-        mine = job.of_zone == k
-        if k < MOST_ZONES and mine.any():
-            label = f"{f'zone {names[k]}' if k >= 0 else 'no zone'}, {int(mine.sum())} nodes"
+        in_zone = job.of_zone == k
+        if k < MOST_ZONES and in_zone.any():
+            label = f"{f'zone {names[k]}' if k >= 0 else 'no zone'}, {int(in_zone.sum())} nodes"
             label += f", {job.zone_area[k]:.4g} m2 in plan"
             axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=tints[k + 1], label=label))
     if len(names) > MOST_ZONES:
@@ -173,7 +174,7 @@ def _draw_zones(axes, job: JobNet) -> None:
 
 
 def _roof_label(job: JobNet) -> str:
-    """Return what the legend says of the roof."""
+    """Return the legend text of the roof."""
     area = f"{job.area.sum():.5g} m2 in plan"
     if len(job.faces):
         return f"roof, {job.faces.count} faces, {area}"
@@ -181,13 +182,13 @@ def _roof_label(job: JobNet) -> str:
 
 
 def _draw_wind(axes, wind: tuple[float, str], x: np.ndarray) -> np.ndarray:
-    """An arrow on the side of the net x (n, 2) [m] from which the wind comes; where it begins (2,) [m]."""
+    """Draw an arrow on the windward side of the net x (n, 2) [m]; return its start (2,) [m]."""
     angle, middle = np.radians(wind[0]), 0.5 * (x.min(0) + x.max(0))
-    along = np.array([np.cos(angle), np.sin(angle)])
-    first = ((x - middle) @ along).min()
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    windward = ((x - middle) @ direction).min()
     length = 0.14 * np.ptp(x, axis=0).max()
-    tip = middle + (first - 0.15 * length) * along
-    start = tip - length * along
+    tip = middle + (windward - 0.15 * length) * direction
+    start = tip - length * direction
     arrow = {"arrowstyle": "-|>", "color": WIND, "lw": 2.2, "mutation_scale": 16}
     axes.annotate("", tip, start, arrowprops=arrow, zorder=5, annotation_clip=False)
     axes.plot([], [], color=WIND, lw=2.2, label=wind[1])

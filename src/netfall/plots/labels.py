@@ -1,4 +1,4 @@
-"""Labels in a picture, none on top of another, by adjustText."""
+"""Labels in a picture without overlaps, by adjustText."""
 
 import numpy as np
 from adjustText import adjust_text
@@ -9,17 +9,17 @@ from netfall.plots.canvas import SMALL, write_out_controls
 
 BOX = {"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.8}
 LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
-ITERATIONS = 500  # some 0.5 s for a picture with 30 labels
+ITERATIONS = 500  # about 0.5 s for a picture with 30 labels
 
 
-def add_labels(axes, places: np.ndarray, texts: list[str]) -> None:
-    """Add texts near places (k, 2 or 3) [m], with lines to them. The picture must have all else already."""
-    if places.shape[1] == 3:
-        places = np.stack(proj3d.proj_transform(*places.T, axes.get_proj())[:2], 1)
+def add_labels(axes, points: np.ndarray, texts: list[str]) -> None:
+    """Add texts near points (k, 2 or 3) [m], with lines to them. Must be the last addition to the picture."""
+    if points.shape[1] == 3:
+        points = np.stack(proj3d.proj_transform(*points.T, axes.get_proj())[:2], 1)
     style = {"fontsize": SMALL, "zorder": 1000, "bbox": BOX, "in_layout": False}
-    added = [Axes.text(axes, *place, text, **style) for place, text in zip(places, texts)]
+    added = [Axes.text(axes, *point, text, **style) for point, text in zip(points, texts)]
     write_out_controls(axes.figure)
-    axes.figure.draw_without_rendering()  # places on the page are known from now on
+    axes.figure.draw_without_rendering()  # computes the positions on the page
     adjust_text(added, ax=axes, iter_lim=ITERATIONS)
-    for place, text in zip(places, added):  # of adjustText's own arrows axes in space can draw none
-        axes.annotate("", place, text.get_position(), arrowprops=LEADER, zorder=999)
+    for point, text in zip(points, added):  # axes in space cannot draw adjustText's arrows
+        axes.annotate("", point, text.get_position(), arrowprops=LEADER, zorder=999)

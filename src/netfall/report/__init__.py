@@ -1,1 +1,1 @@
-"""What netfall report and netfall info write."""
+"""Output of `netfall report` and `netfall info`."""

@@ -1,4 +1,4 @@
-"""report.html: the page of a report with its pictures in one file, for a browser and a word processor."""
+"""Page report.html: a report with its pictures in one file, for browsers and word processors."""
 
 import html
 import re
@@ -9,17 +9,17 @@ from markdown_it import MarkdownIt
 
 from netfall.ground.progress import one_line
 
-CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # names in it may go on in the next line after a _
-WIDE = 660  # pixels of a picture: a word processor goes by it, a browser fits it to the window
+CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # table cell; long names in it may break after a _
+WIDE = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
 PAGE = Path(__file__).with_name("page.html")
 
 
 def one_page(text: str, title: str, folder: Path, pictures: list[str]) -> str:
-    """Return the page of a text in Markdown, which may show these pictures of a folder, and no other file."""
+    """Convert a Markdown text to HTML; only the named pictures of the folder are embedded, no other file."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = reader.parse(text)
     for token in tokens:
-        if token.type == "table_open":  # a word processor has no lines and no width by the style
+        if token.type == "table_open":  # word processors ignore the style sheet
             token.attrs |= {"border": 1, "cellspacing": 0, "cellpadding": 3, "width": "100%"}
         for image in (child for child in token.children or () if child.type == "image"):
             if image.attrs["src"] not in pictures:

@@ -1,4 +1,4 @@
-"""What `netfall info` tells of a result file."""
+"""Command `netfall info`: summary of a result file."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,45 +9,47 @@ from netfall.numerics.functions import lengths
 from netfall.results import file, notes, states
 from netfall.results.loss_lines import loss_lines
 
-FIRST_EVENTS = 8
+FIRST_EVENTS = 8  # fractures, and elements of a failed state, that are listed
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
-OF_FEW = ("air_work", "band_damping_work", "slip_dissipation", "support_work")  # where a scene has them
+OF_FEW = ("air_work", "band_damping_work", "slip_dissipation", "support_work")  # if the result has them
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
-    """Print a summary of a result file. Elements and nodes are named by the ids of the tables.
+    """Print a summary of a result file; elements and nodes are named by the ids of the tables.
 
     Raises InputError for a wrong file.
     """
     with file.reading(path) as f:
         say(f"{path}: {file.title_of(f)}")
-        moves = "history" in f
-        for tell, there in (
+        has_dynamics = "history" in f
+        for lines_of, present in (
             (_run, True),
             (file.notes_of_run, True),
             (_form, "form_finding" in f),
             (_equilibria, True),
             (notes.displacement_notes_of, True),
-            (_dynamics, moves),
+            (_dynamics, has_dynamics),
             (_wind, "wind" in f),
             (lambda f: loss_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
-            (_energies, moves),
-            (_fractures, moves),
-            (notes.detached_notes_of, moves),
-            (notes.motion_notes_of, moves),
-            (file.overloads_of, moves),
+            (_energies, has_dynamics),
+            (_fractures, has_dynamics),
+            (notes.detached_notes_of, has_dynamics),
+            (notes.motion_notes_of, has_dynamics),
+            (file.overloads_of, has_dynamics),
             (_seconds, True),
         ):
-            for line in tell(f) if there else ():
+            for line in lines_of(f) if present else ():
                 say(line)
 
 
 def _seconds(f):
+    """Yield the line on computing times."""
     seconds = f["provenance/timings"].attrs
     yield "time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds)
 
 
 def _run(f):
+    """Yield the lines on the run and its net."""
     p = f["provenance"].attrs
     ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
     yield f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}"
@@ -62,6 +64,7 @@ def _run(f):
 
 
 def _form(f):
+    """Yield the lines on form finding."""
     g = f["form_finding"]
     N = g["tension"][:]
     yield (
@@ -77,17 +80,17 @@ def _form(f):
 
 
 def _equilibria(f):
-    """The last equilibrium of each group, and a note where one of them is not stable."""
+    """Yield lines on the last equilibrium of each group, with notes on unstable ones."""
     start, node_id = states.start_position(f), f["net/node_id"][:]
-    for place in states.state_groups(f):
-        x = states.form_position(f) if place.startswith("stages/") else start
-        g, last = f[place], list(states.states_of(f, place))[-1]
-        N, moved = last.tension()[~states.absent(f, place)], lengths(last.position() - x)
-        residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan where nothing was found
+    for path in states.state_groups(f):
+        x = states.form_position(f) if path.startswith("stages/") else start
+        g, last = f[path], list(states.states_of(f, path))[-1]
+        N, displacement = last.tension()[~states.absent(f, path)], lengths(last.position() - x)
+        residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan for states that were not found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (
-            f"{states.state_words(f, place)}: {steps}largest displacement {moved.max():.4g} m "
-            f"(node {node_id[moved.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
+            f"{states.state_words(f, path)}: {steps}largest displacement {displacement.max():.4g} m "
+            f"(node {node_id[displacement.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
             f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
         )
         if states.no_equilibrium(g):
@@ -96,20 +99,21 @@ def _equilibria(f):
             factor = g.attrs["load_factor"]
             reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
             yield (
-                f"{states.state_words(f, place)}: {g.attrs['state'].replace('_', ' ').upper()}: "
+                f"{states.state_words(f, path)}: {g.attrs['state'].replace('_', ' ').upper()}: "
                 f"{g.attrs['reason']}{where}; "
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
-            yield f"note: an equilibrium of /{place} is NOT STABLE: {notes.NOT_STABLE}"
-        yield from notes.limit_notes(states.state_words(f, place), g.attrs)
+            yield f"note: an equilibrium of /{path} is NOT STABLE: {notes.NOT_STABLE}"
+        yield from notes.limit_notes(states.state_words(f, path), g.attrs)
     yield from notes.limit_point_warnings_of(f)
 
 
 def _dynamics(f):
+    """Yield the lines on time steps, history and step limits of the dynamic stage."""
     h, p = f["history"], f["provenance"].attrs
-    mixed = p["steps"] > round(h["time"][-1] / p["time_step"])  # shorter ones after fractures among them
-    shorter = f", or of {p['shortest_time_step']:.4g} s after fractures" if mixed else ""
+    has_shorter_steps = p["steps"] > round(h["time"][-1] / p["time_step"])  # shorter steps follow fractures
+    shorter = f", or of {p['shortest_time_step']:.4g} s after fractures" if has_shorter_steps else ""
     yield (
         f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s{shorter}; "
         f"{len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
@@ -123,30 +127,33 @@ def _dynamics(f):
 
 
 def _wind(f):
+    """Yield the line on the wind."""
     if "wind/pressure" in f:
         p = f["wind/pressure"][:]
         yield f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps"
         return
     u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
-    of = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
-    yield f"wind: mean {mean:.1f} m/s, generated {of}"
+    generated = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
+    yield f"wind: mean {mean:.1f} m/s, generated {generated}"
 
 
 def _energies(f):
+    """Yield the lines on the final energies and their errors."""
     h = f["history"]
-    asked = [*ENERGIES, *(name for name in OF_FEW if name in h)]
-    known = [name for name in asked if np.isfinite(h[name][-1])]
-    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in known]
+    names = [*ENERGIES, *(name for name in OF_FEW if name in h)]
+    finite = [name for name in names if np.isfinite(h[name][-1])]
+    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in finite]
     yield "energy at the end [J]: " + ", ".join(at_end)
-    if len(known) < len(asked):
+    if len(finite) < len(names):
         yield "audits: none, the job has [output] energy = false"
         return
-    identity = np.abs(h["identity_error"][:]).max()
-    yield f"audits: work identity to {identity:.1e}, balance to {notes.balance_words(h)}"
+    work_error = np.abs(h["identity_error"][:]).max()
+    yield f"audits: work identity to {work_error:.1e}, balance to {notes.balance_words(h)}"
     yield from notes.balance_notes(h)
 
 
 def _fractures(f):
+    """Yield the lines on slack cables, broken elements and the first fractures."""
     h = f["history"]
     yield f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements"
     e = f["events"]

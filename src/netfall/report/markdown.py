@@ -1,4 +1,4 @@
-"""The pieces of a report's page in Markdown, in which text from jobs, tables and results stays text."""
+"""Markdown elements of a report's page; text from jobs, tables and results is escaped."""
 
 import re
 
@@ -6,17 +6,17 @@ import numpy as np
 
 from netfall.ground.progress import one_line
 
-MOST_LISTED = 15  # rows of a list; the rest is in the tables
+MOST_LISTED = 15  # rows of a list on the page; the tables have all
 INLINE = re.compile(r"[\\`*\[|~$]|(?<!\S)#|<(?=[A-Za-z/!?])|&(?=[#\w]+;)|(?<![^\W_])_|_(?![^\W_])")
 AT_START = re.compile(r">|[-+](?!\S)|-+$|=+$|\d+(?=[.)](?!\S))")
 
 
 class Markup(str):
-    """Text that is Markdown. Every other text is plain, and escaped where a page is put together."""
+    """Text that is Markdown already; any other text is plain and escaped when a page is assembled."""
 
 
 def escaped(text) -> Markup:
-    """Return a plain text as Markdown that shows it as it is, in one line; markup stays what it is."""
+    """Escape a plain text for Markdown, in one line; `Markup` is returned unchanged."""
     if isinstance(text, Markup):
         return text
     line = INLINE.sub(r"\\\g<0>", one_line(text))
@@ -28,9 +28,9 @@ def escaped(text) -> Markup:
 
 
 def markup(template: str, *values, **named) -> Markup:
-    """Return a template of Markdown filled with values, which are escaped."""
+    """Fill a Markdown template with values, which are escaped."""
     return Markup(
-        template.format(*map(escaped, values), **{name: escaped(each) for name, each in named.items()})
+        template.format(*map(escaped, values), **{name: escaped(value) for name, value in named.items()})
     )
 
 
@@ -40,7 +40,7 @@ def heading(level: int, text: str) -> Markup:
 
 
 def bold(text: str) -> Markup:
-    """Return a text in bold letters."""
+    """Return a text in bold type."""
     return markup("**{}**", text)
 
 
@@ -50,7 +50,7 @@ def item(text: str) -> Markup:
 
 
 def code(text: str) -> Markup:
-    """Return a text in the letters of code, between more backticks in a row than it has."""
+    """Return a text as inline code, between more backticks in a row than it contains."""
     line = one_line(text)
     fence = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
     space = " " if "`" in line else ""
@@ -69,20 +69,20 @@ def force(N: float) -> str:
 
 def as_table(header: list[str], lines: list[list]) -> list[str]:
     """Return the lines of a table."""
-    every = [header, [Markup("---")] * len(header), *lines]
-    return [Markup("| " + " | ".join(map(escaped, line)) + " |") for line in every]
+    rows = [header, [Markup("---")] * len(header), *lines]
+    return [Markup("| " + " | ".join(map(escaped, line)) + " |") for line in rows]
 
 
 def more(lines, where: str) -> list[str]:
-    """Return what is said below a list that was cut; where : the table that has all."""
+    """Return the remark below a list that was cut; where : name of the complete table."""
     return ["", f"and {len(lines) - MOST_LISTED} more ({where})"] if len(lines) > MOST_LISTED else []
 
 
 def share(value: float) -> str:
-    """Return a utilisation; empty where there is none."""
+    """Format a utilisation; empty if there is none."""
     return f"{value:.3f}" if np.isfinite(value) else ""
 
 
-def picture(words: str, name: str) -> list[str]:
-    """Return the lines of a picture that lies beside the page."""
-    return ["", markup("![{}]({})", words, Markup(name))]
+def picture(caption: str, name: str) -> list[str]:
+    """Return the lines of a picture in the folder of the page."""
+    return ["", markup("![{}]({})", caption, Markup(name))]

@@ -1,4 +1,4 @@
-"""summary.md of a report: what ran, what governs, by which factors; numbers with their units."""
+"""Page summary.md of a report: what ran, what governs, by which factors; numbers have units."""
 
 from pathlib import Path
 
@@ -46,8 +46,8 @@ from netfall.results.states import (
     state_words,
 )
 
-WORST = 10
-ROUNDING = 1e-10  # of the forces that a sum is of: what rests is not exactly at rest
+WORST = 10  # rows of the most used elements after removals
+ROUNDING = 1e-10  # share of the summed forces; smaller sums are residuals of the equilibrium
 ALWAYS = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
@@ -78,12 +78,16 @@ COLUMNS = {
 
 
 def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
-    """The page."""
-    cables, made, bends = tables["cables.csv"], cases_of(f), "bending_moment_max" in tables["elements.csv"]
+    """Assemble the page."""
+    cables, all_cases, bends = (
+        tables["cables.csv"],
+        cases_of(f),
+        "bending_moment_max" in tables["elements.csv"],
+    )
     sections = {
-        "Cases and combinations": made and cases(f, made, tables["cases.csv"]),
+        "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
         "Checks": checks(f, envelope, checked, tables["checks.csv"]),
-        "Limits in service": made and limits(f, made),
+        "Limits in service": all_cases and limits(f, all_cases),
         "Utilisation": _utilisation(f, cables, envelope, checked),
         "Bending": bends and _bending(tables["elements.csv"]),
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
@@ -103,13 +107,14 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
 
 
 def _what_ran(f, result: Path) -> list[str]:
+    """Return the lines on the run, failed states and energy errors."""
     p, overrides = f["provenance"].attrs, provenance_text(f, "overrides")
     lines = [
         markup("Result {} of netfall {}, {}.", code(result.name), p["netfall"], p["exit_state"]),
         f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
         f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
     ]
-    failed = [place for place in state_groups(f) if no_equilibrium(f[place])]
+    failed = [path for path in state_groups(f) if no_equilibrium(f[path])]
     if overrides:
         lines.append(markup("With {}.", Markup(", ".join(map(code, overrides.split("\n"))))))
     if "form_finding" in f:
@@ -119,12 +124,12 @@ def _what_ran(f, result: Path) -> list[str]:
         if "deviation" in f and no_equilibrium(f["deviation"]):
             lines.append(bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
     lines += [
-        bold(f"{state_words(f, place)} {_without(f[place])}: {f[place].attrs['reason']}.") for place in failed
+        bold(f"{state_words(f, path)} {_without(f[path])}: {f[path].attrs['reason']}.") for path in failed
     ]
     lines += [
-        bold(f"{state_words(f, place)} is not stable: {NOT_STABLE}.")
-        for place in state_groups(f)
-        if not_stable(f[place])
+        bold(f"{state_words(f, path)} is not stable: {NOT_STABLE}.")
+        for path in state_groups(f)
+        if not_stable(f[path])
     ]
     lines += _sentences(limit_point_warnings_of(f) + displacement_notes_of(f) + limit_notes_of(f))
     if "history" in f:
@@ -140,22 +145,24 @@ def _what_ran(f, result: Path) -> list[str]:
 
 
 def _without(group) -> str:
-    """What is said of a group without an equilibrium."""
+    """Describe a group without an equilibrium."""
     return "is undecided (there may be an equilibrium)" if is_undecided(group) else "has no equilibrium"
 
 
 def _sentences(lines: list[str]) -> list[str]:
-    """Lines of `info` as sentences."""
+    """Convert lines of `info` to sentences."""
     return [line[0].upper() + line[1:] + "." for line in lines]
 
 
 def _worst_balance(f) -> str:
+    """Format the largest energy balance error."""
     history = f["history"]
-    known = np.isfinite(history["balance_error"]).any()
-    return balance_words(history) if known else "not known (no audit)"
+    computed = np.isfinite(history["balance_error"]).any()
+    return balance_words(history) if computed else "not known (no audit)"
 
 
 def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:
+    """Return the section on utilisation by all checks."""
     lines = [
         "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
         "compression, over resistance; strengths are those given, not those drawn. Compression is checked of",
@@ -165,104 +172,109 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
     ]
     for check in checked.checks:
         values = cables[f"utilisation_{check.name}"]
-        known = np.flatnonzero(np.isfinite(values))
-        if len(known):
-            worst = known[np.argmax(values[known])]
-            told = (
+        has_value = np.flatnonzero(np.isfinite(values))
+        if len(has_value):
+            worst = has_value[np.argmax(values[has_value])]
+            line = (
                 f"{check.title}: largest {values[worst]:.4g} in cable {cables['cable'][worst]}, "
                 f"{int((cables[f'result_{check.name}'] == 'FAILS').sum())} cables fail, "
-                f"{len(values) - len(known)} without"
+                f"{len(values) - len(has_value)} without"
             )
         else:
-            told = f"{check.title}: empty, {checked.why_empty(check)}"
-        lines.append(item(told))
-    without = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
-    if without.any():
-        none = "cables have neither breaking_load nor yield_stress: their utilisation is empty"
-        lines.append(item(f"{int(without.sum())} {none}"))
+            line = f"{check.title}: empty, {checked.why_empty(check)}"
+        lines.append(item(line))
+    no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
+    if no_strength.any():
+        text = "cables have neither breaking_load nor yield_stress: their utilisation is empty"
+        lines.append(item(f"{int(no_strength.sum())} {text}"))
     lines += _unchecked(cables, checked)
     return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
 
 
 def _unchecked(cables: dict, checked: Checked) -> list[str]:
-    """The largest compression of what no check of compression has a resistance for."""
+    """Return a line on the largest compression without a resistance in any check."""
     compressed, lines = cables["tension_min"].astype(float).copy(), []
     for check in checked.checks:
         if check.compression:
             compressed[np.isfinite(cables[f"resistance_{check.name}"])] = 0.0
     least = int(np.argmin(compressed))
     if compressed[least] < 0.0:
-        place = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
-        lines.append(item(f"compression, not checked: largest {force(-compressed[least])} in cable {place}"))
+        where = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
+        lines.append(item(f"compression, not checked: largest {force(-compressed[least])} in cable {where}"))
     return lines
 
 
 def _bending(elements: dict) -> list[str]:
-    """The largest bending moment of each group; elements : as of `element_columns`."""
+    """Return the largest bending moment of each group; elements : see `element_columns`."""
     moment, rows = elements["bending_moment_max"], []
     for group in dict.fromkeys(elements["group"][np.isfinite(moment)]):
         worst = int(np.nanargmax(np.where(elements["group"] == group, moment, np.nan)))
         rows.append([group or "(none)", elements["element"][worst], f"{moment[worst] / 1e3:.5g} kN m"])
         rows[-1].append(elements["case_moment"][worst])
-    told = (
+    explanation = (
         "Bending is not part of the checks, in which these elements pass without it: add the stress of these "
         "moments to that of the axial forces. Parts of a chain are not checked for buckling unless the job "
         "gives their buckling_length."
     )
     table = as_table(["group", "element", "largest bending moment", "in"], rows)
-    return [told, "", *table, *picture("largest bending moments", "moments.png")]
+    return [explanation, "", *table, *picture("largest bending moments", "moments.png")]
 
 
 def _slides(table: dict) -> list[str]:
-    """Of each stage the clamp or saddle that is most used, and what slips; table : as of `slide_columns`."""
+    """Return the most used clamp or saddle and the slip of each stage; table : see `slide_columns`."""
     rows = []
-    for stage, of in _by_stage(table):
-        used, differs = np.nan_to_num(table["utilisation"][of], nan=-1.0), np.abs(table["difference"][of])
-        worst = of[np.lexsort((np.nan_to_num(differs), used))[-1]]
-        slip = np.abs(np.nan_to_num(table["slip"][of]))
-        place = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
-        holds = table["holds"][worst]  # of a saddle in motion by tensions that no row has
+    for stage, stage_rows in _by_stage(table):
+        utilisation, difference = (
+            np.nan_to_num(table["utilisation"][stage_rows], nan=-1.0),
+            np.abs(table["difference"][stage_rows]),
+        )
+        worst = stage_rows[np.lexsort((np.nan_to_num(difference), utilisation))[-1]]
+        slip = np.abs(np.nan_to_num(table["slip"][stage_rows]))
+        where = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
+        holds = table["holds"][worst]  # nan for saddles in motion, whose tensions are not recorded
         numbers = [force(abs(table["difference"][worst])), "not known" if np.isnan(holds) else force(holds)]
-        rows.append([stage, place, *numbers, share(table["utilisation"][worst])])
+        rows.append([stage, where, *numbers, share(table["utilisation"][worst])])
         rows[-1].append(
             f"{int((slip > 0.0).sum())}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
         )
-    told = [
+    explanation = [
         "The difference of the tensions on both sides over what holds it: the resistance of the clamp as",
         f"given, and the friction of the saddle over {SAFETY:g} (EN 1993-1-11, 6.3), so that a saddle slips",
         "above 1. A clamp slips at 1, in motion with the inertia of its cable above.",
         "",
     ]
     header = ["stage", "most used", "difference", "held", "utilisation", "slipped"]
-    return told + as_table(header, rows)
+    return explanation + as_table(header, rows)
 
 
 def _factors(checked: Checked) -> list[str]:
+    """Return the table of the factors of all checks."""
     rows = []
     for check in checked.checks:
-        for of, factors in check.resistances:
+        for strength, factors in check.resistances:
             for factor in factors:
-                own = "".join(f"; {group}: {value:g}" for group, value in factor.groups.items())
+                group_values = "".join(f"; {group}: {value:g}" for group, value in factor.groups.items())
                 sign = "times" if factor.use == "multiply" else "over"
                 rows.append(
-                    [check.name, code(of), factor.name, f"{sign} {factor.value:g}{own}"]
+                    [check.name, code(strength), factor.name, f"{sign} {factor.value:g}{group_values}"]
                     + [factor.edition, factor.meaning]
                 )
     return as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
 
 
 def _tensions(f, envelope: Envelope, check: str) -> list[str]:
+    """Return the table of utilisation, governed elements and slack elements by stage."""
     governs = np.bincount(envelope.of_most, minlength=len(envelope.names))
     ids, rows = f["net/element_id"], []
     for k, name in enumerate(envelope.names):
         share, e = envelope.most_used[k]
-        used = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
-        rows.append([name, used, governs[k], int(envelope.slack[k].sum())])
+        largest = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
+        rows.append([name, largest, governs[k], int(envelope.slack[k].sum())])
     return as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
 def _losses(f, checked: Checked) -> list[str]:
-    """What each loss did, and the tensions that are worst after them."""
+    """Return the consequences of each removal, and the largest tensions after removals."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
     lines = [item(line) for line in loss_lines(g, f["events"], ids)]
@@ -271,46 +283,53 @@ def _losses(f, checked: Checked) -> list[str]:
     for k, e in worst_after(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
         numbers = [tension_ratios(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
-        told = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
-        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *told])
+        figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
+        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *figures])
     if not rows:
         return lines
     header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
     header += ["dynamic factor", check]
-    told = (
+    explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
         "/ (at rest afterwards - before). It is given where that change of the equilibrium is more than "
         f"{STATIC_CHANGE:.0%} of the largest tension of the net:"
     )
-    return [*lines, "", told, "", *as_table(header, rows)]
+    return [*lines, "", explanation, "", *as_table(header, rows)]
 
 
 def _gone(cables: dict) -> list[str]:
-    """The cables of which an element was lost or broke, in the order of time."""
+    """Return the cables of which an element was removed or broke, in order of time."""
     times = np.array([cables["lost_at"], cables["broken_at"]])
     first = np.fmin.reduce(times)
     rows = [k for k in np.argsort(first, kind="stable") if np.isfinite(first[k])]
     if not rows:
         return ["None."]
-    second = lambda time: f"{time:.4g} s" if np.isfinite(time) else ""
-    table = [[cables["cable"][k], cables["group"][k], *map(second, times[:, k])] for k in rows[:MOST_LISTED]]
+    table = [
+        [cables["cable"][k], cables["group"][k], *map(_seconds, times[:, k])] for k in rows[:MOST_LISTED]
+    ]
     lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
     return lines + as_table(["cable", "group", "lost at", "broke at"], table) + more(rows, "cables.csv")
 
 
+def _seconds(time: float) -> str:
+    """Format a time; empty if there is none."""
+    return f"{time:.4g} s" if np.isfinite(time) else ""
+
+
 def _slack(cables: dict, envelope: Envelope) -> list[str]:
+    """Return the table of slack cables."""
     rows = np.flatnonzero(cables["slack_in"] != "")
     if not len(rows):
         return ["None that is whole, in any of: " + ", ".join(envelope.names) + "."]
-    words = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
-    rows = sorted(rows, key=lambda k: words[k] == ALWAYS)  # what never carries comes last
-    table = [[cables["cable"][k], cables["group"][k], words[k]] for k in rows[:MOST_LISTED]]
+    stages_of = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
+    rows = sorted(rows, key=lambda k: stages_of[k] == ALWAYS)  # cables that are always slack come last
+    table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows[:MOST_LISTED]]
     lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
     return lines + as_table(["cable", "group", "slack in"], table) + more(rows, "cables.csv")
 
 
 def _briefly(stages: list[str], names: list[str]) -> str:
-    """Some of all stages, in few words."""
+    """Describe a subset of all stages briefly."""
     others = [name for name in names if name not in stages]
     if 2 * len(stages) <= len(names):
         return "; ".join(stages)
@@ -318,12 +337,13 @@ def _briefly(stages: list[str], names: list[str]) -> str:
 
 
 def _reactions(table: dict) -> list[str]:
+    """Return the sums and the largest reaction of each stage."""
     rows = []
-    for stage, of in _by_stage(table):
-        name = "foundation" if np.isfinite(table["foundation"][of]).all() else "force"
-        top = of[np.argmax(table[name][of])]
-        total = np.array([table[f"{name}_{axis}"][of].sum() for axis in "xyz"])
-        total[np.abs(total) < ROUNDING * table[name][of].sum()] = 0.0
+    for stage, stage_rows in _by_stage(table):
+        name = "foundation" if np.isfinite(table["foundation"][stage_rows]).all() else "force"
+        top = stage_rows[np.argmax(table[name][stage_rows])]
+        total = np.array([table[f"{name}_{axis}"][stage_rows].sum() for axis in "xyz"])
+        total[np.abs(total) < ROUNDING * table[name][stage_rows].sum()] = 0.0
         rows.append([stage, *map(force, total), f"{force(table[name][top])} at node {table['node'][top]}"])
     lines = [
         "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
@@ -335,21 +355,22 @@ def _reactions(table: dict) -> list[str]:
 
 
 def _by_stage(table: dict) -> list[tuple[str, np.ndarray]]:
-    """The stages of a table in its order, with the rows of each."""
+    """Return the stages of a table in its order, with the rows of each."""
     return [(stage, np.flatnonzero(table["stage"] == stage)) for stage in dict.fromkeys(table["stage"])]
 
 
 def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
-    at = "after" if last_stage(f) else "in"
-    load = f"its mean tension {at} {start_words(f)}" if cutting.load is None else force(cutting.load)
-    drawn = [
+    """Return the lines on the cutting list."""
+    preposition = "after" if last_stage(f) else "in"
+    load = f"its mean tension {preposition} {start_words(f)}" if cutting.load is None else force(cutting.load)
+    warning = [
         bold(
             "Errors of length that were drawn (length_deviation) are in these lengths and in the shop list: "
             "what is to be cut stands in the report of a run without them."
         ),
         "",
     ]
-    return drawn * ("deviation" in f) + [
+    return warning * ("deviation" in f) + [
         f"{len(table['cable'])} cables, {table['unstressed_length'].sum():.6g} m unstressed at the",
         f"temperature of form finding, {table['mass'].sum():.5g} kg. Measured at {cutting.temperature:+g} K",
         f"from that temperature, each cable under {load}.",
@@ -357,8 +378,8 @@ def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
 
 
 def _shop(table: dict) -> list[str]:
-    """The first sorts of pieces."""
-    of = lambda *names: zip(*(table[name] for name in names))
+    """Return the first rows of the shop list."""
+    names = ("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
     lines = [
         [
             mark,
@@ -369,9 +390,7 @@ def _shop(table: dict) -> list[str]:
             force(load),
             len(clamps.split("; ")) if clamps else 0,
         ]
-        for mark, count, kind, pins, cut, load, clamps in of(
-            *("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
-        )
+        for mark, count, kind, pins, cut, load, clamps in zip(*(table[name] for name in names))
     ]
     header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
     return [
@@ -385,5 +404,6 @@ def _shop(table: dict) -> list[str]:
 
 
 def _tables(f) -> list[str]:
-    lines = [markup("- {}: " + what, code(name), start=start_words(f)) for name, what in COLUMNS.items()]
+    """Return the list of the tables with their columns."""
+    lines = [markup("- {}: " + text, code(name), start=start_words(f)) for name, text in COLUMNS.items()]
     return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]

@@ -1,8 +1,8 @@
-"""`netfall report`: what an engineer hands on, from a result file alone.
+"""Command `netfall report`: documents for the engineer, from a result file alone.
 
-summary.md, tables with a header, pictures of the form, of states at rest, of the roof by utilisation and,
-where members are lost, by dynamic factors; and report.html, the page with its pictures in one file. Ids are
-those of the tables, numbers are in SI units, those of the shop list in mm.
+The report contains summary.md, tables with a header, and pictures: the form, equilibria, and the roof by
+utilisation and, after member removals, by dynamic factors. report.html is the page with its pictures in one
+file. Ids are those of the tables. Numbers are in SI units, in the shop list in mm.
 """
 
 from dataclasses import dataclass
@@ -28,12 +28,12 @@ from netfall.results.states import Envelope, envelope_of
 from netfall.write.locks import whole
 
 NOT_WARMED = cables.Cutting()
-DIGITS = 12  # of the numbers in tables
+DIGITS = 12  # significant digits of the numbers in tables
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a report is asked for besides a result.
+    """Options of a report.
 
     codes : a file of checks instead of the shipped one; deductions : a table of rigid ends of cables
     """
@@ -44,7 +44,7 @@ class Inputs:
 
 
 def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
-    """Write the report of a result file; the paths of what was written.
+    """Write the report of a result file, and return the paths of its files.
 
     Raises InputError for a wrong file.
     """
@@ -60,21 +60,22 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
         for name, columns in tables.items():
             _check_ours(folder / name, columns)
         for name, columns in tables.items():
-            with whole(folder / name) as place:
-                write_table(place, columns, digits=DIGITS)
+            with whole(folder / name) as temporary:
+                write_table(temporary, columns, digits=DIGITS)
         pictures = _pictures(f, envelope, checked, tables, folder)
         title = title_of(f) or result.stem
         pages = {"summary.md": text, "report.html": one_page(text, title, folder, pictures)}
     for name, page in pages.items():
-        with whole(folder / name) as place:
-            place.write_text(page, encoding="utf-8", errors="surrogateescape")
+        with whole(folder / name) as temporary:
+            temporary.write_text(page, encoding="utf-8", errors="surrogateescape")
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 
 def _tables(f, envelope: Envelope, checked: cables.Checked, inputs: Inputs) -> dict[str, dict]:
-    """The columns of each table by its name."""
-    cases, names = cases_of(f), lambda of: sorted(set(of.tolist()) - {""})
-    deductions = read_deductions(inputs.deductions, names(cables.groups_of(f)), names(cables.types_of(f)))
+    """Return the columns of each table by its name."""
+    cases = cases_of(f)
+    groups, types = (sorted(set(of(f).tolist()) - {""}) for of in (cables.groups_of, cables.types_of))
+    deductions = read_deductions(inputs.deductions, groups, types)
     return {
         "cases.csv": case_columns(f, cases),
         "checks.csv": group_columns(f, envelope, checked),
@@ -90,30 +91,30 @@ def _tables(f, envelope: Envelope, checked: cables.Checked, inputs: Inputs) -> d
 
 
 def _pictures(f, envelope: Envelope, checked: cables.Checked, tables: dict, folder: Path) -> list[str]:
-    """Draw what the page shows; the names."""
-    found = ["utilisation.png"]
+    """Draw the pictures of the page, and return their names."""
+    names = ["utilisation.png"]
     utilisation(f, envelope, checked, folder / "utilisation.png")
-    at_rest = (
+    static_pictures = (
         ("form.png", form, "form_finding" in f),
         ("stages.png", stages, has_stages(f)),
         ("states.png", states, has_states(f)),
     )
-    for name, draw, there in at_rest:
-        if there:
-            found.append(save(draw(f), folder / name).name)
+    for name, draw, present in static_pictures:
+        if present:
+            names.append(save(draw(f), folder / name).name)
     if "bending_moment_max" in tables["elements.csv"]:
-        found.append("moments.png")
+        names.append("moments.png")
         moments(f, tables["elements.csv"]["bending_moment_max"], folder / "moments.png")
     if "removal" in f:
-        found.append("dynamic_factors.png")
+        names.append("dynamic_factors.png")
         dynamic_factors(f, tables["elements.csv"]["dynamic_factor"], folder / "dynamic_factors.png")
-    return found
+    return names
 
 
 def _check_ours(path: Path, columns: dict) -> None:
-    """Refuse to write over a table of the user's, a catalogue perhaps. Raises InputError."""
-    begin = ",".join(list(columns)[:3])
-    if path.exists() and not path.read_text(errors="replace").startswith(begin):
+    """Refuse to overwrite a table of the user, such as a catalogue. Raises InputError."""
+    header = ",".join(list(columns)[:3])
+    if path.exists() and not path.read_text(errors="replace").startswith(header):
         raise InputError(
             f"{path}: exists and is no table of a report; move it away, or give another folder with -o"
         )

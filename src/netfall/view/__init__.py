@@ -1,1 +1,1 @@
-"""The page of a result, to turn and to play in any browser, without network."""
+"""Interactive page of a result, for any browser without network."""

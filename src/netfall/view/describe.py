@@ -1,4 +1,4 @@
-"""What a page is of a result: its words, choices and numbers, for `page.js`."""
+"""Content of the page of a result for `page.js`: texts, choices and numbers."""
 
 from dataclasses import dataclass
 
@@ -15,16 +15,17 @@ from netfall.view.numbers import Numbers
 from netfall.view.quantities import Quantity, palette, quantities, without_traces
 from netfall.view.states import Drawn, States, drawn_part, states_shown
 
-FARTHEST = 4.0  # largest extents of the net, beyond which what moves is not drawn
-MOST_STROKES = 400  # fractures and losses on the bar of the time
-MOST_LOOKS = 25  # frames from which the room is found
+FARTHEST = 4.0  # displacement / largest extent of the net; points beyond are not drawn
+MOST_STROKES = 400  # fractures and removals marked on the time bar
+MOST_LOOKS = 25  # snapshots from which the view is computed
 
 
 @dataclass(frozen=True)
 class Page:
-    """A page before it is written.
+    """Page before it is written.
 
-    data : what `page.js` reads, but for the numbers; drawn : the net; words : what is shown
+    data : content for `page.js` without the numbers; drawn : drawn part of the net; words : description of
+        the content
     """
 
     data: dict
@@ -34,14 +35,14 @@ class Page:
 
 
 def page_of(f) -> Page:
-    """The page of an open result file."""
+    """Assemble the page of an open result file."""
     drawn = drawn_part(f)
     shown, left_out = states_shown(f, drawn)
     x, numbers = start_position(f), Numbers()
     frames = f"{len(shown[0].time)} frames, " if len(shown[0].time) else ""
-    rest = sum(not len(states.time) for states in shown)
-    thinned = f"; of this result {', '.join(left_out)}" if left_out else ""
-    words = f"{len(drawn.rows)} elements, {frames}{rest} states at rest{thinned}"
+    static_count = sum(not len(states.time) for states in shown)
+    omissions = f"; of this result {', '.join(left_out)}" if left_out else ""
+    description = f"{len(drawn.rows)} elements, {frames}{static_count} states at rest{omissions}"
     net = net_data(numbers, drawn, title_of(f), f["net/element_id"][:], x, held_axes(f), springs_at(f))
     data = net | {
         "net": f"{len(x)} nodes, {len(f['net/elements'])} elements",
@@ -51,32 +52,32 @@ def page_of(f) -> Page:
         "group": numbers.add(f["net/group"][:].astype(np.int16)[drawn.rows]),
         "groups": f["net/group_names"].asstr()[:].tolist(),
         "strokes": _strokes(f),
-        "quantities": [choice(numbers, each) for each in quantities(f, drawn, shown)],
+        "quantities": [choice(numbers, quantity) for quantity in quantities(f, drawn, shown)],
         "states": [
-            states_data(numbers, each, without_traces(f, drawn, each.tension), np.ptp(x, axis=0).max())
-            for each in shown
+            states_data(numbers, states, without_traces(f, drawn, states.tension), np.ptp(x, axis=0).max())
+            for states in shown
         ],
     }
-    return Page(data, numbers, drawn, words)
+    return Page(data, numbers, drawn, description)
 
 
 def net_data(numbers: Numbers, drawn: Drawn, title: str, ids, x: np.ndarray, held, sprung) -> dict:
-    """What a page has of a net.
+    """Return the content of the page on a net.
 
     ids : (m,) of all elements; x : (n, 3) [m]; held : (n, 3) bool, axes; sprung : (n,) bool, on springs
     """
-    whole = held.all(1) & ~sprung
+    fully_held = held.all(1) & ~sprung
     return {
         "title": title,
         "colours": palette(),
         "element": _ids(numbers, ids[drawn.rows]),
-        "supports": numbers.add(x[whole].astype(np.float32)),
-        "guided": numbers.add(x[held.any(1) & ~whole].astype(np.float32)),
+        "supports": numbers.add(x[fully_held].astype(np.float32)),
+        "guided": numbers.add(x[held.any(1) & ~fully_held].astype(np.float32)),
     }
 
 
 def _window(f, shown: list[States], x: np.ndarray) -> np.ndarray:
-    """The room (2, 3) [m] that is looked at."""
+    """Compute the box (2, 3) [m] of the view."""
     if not len(shown[0].time):
         return np.array([x.min(0), x.max(0)])
     frames = Frames(f)
@@ -84,9 +85,9 @@ def _window(f, shown: list[States], x: np.ndarray) -> np.ndarray:
 
 
 def to_ticks(window: np.ndarray) -> np.ndarray:
-    """A room (2, 3) [m] grown to where k3d's grid has round numbers.
+    """Enlarge a box (2, 3) [m] to round numbers of k3d's grid.
 
-    It has them every tenth of the next power of ten, and every fifth of that where the room is small.
+    The grid has them at every tenth of the next power of ten, and at every fifth of that in small boxes.
     """
     size = np.ptp(window, axis=0)
     tenth = 10.0 ** np.ceil(np.log10(size.max())) / 10.0
@@ -95,36 +96,43 @@ def to_ticks(window: np.ndarray) -> np.ndarray:
 
 
 def _ids(numbers: Numbers, ids: np.ndarray) -> dict | list[str]:
-    """Ids of elements, as text where they are large."""
+    """Return the ids of elements, as text if they exceed 32 bits."""
     small = np.abs(ids).max(initial=0) < 2**31
-    return numbers.add(ids.astype(np.int32)) if small else [str(each) for each in ids]
+    return numbers.add(ids.astype(np.int32)) if small else [str(number) for number in ids]
 
 
 def _strokes(f) -> list[float]:
-    """Times [s] of fractures and losses."""
+    """Return the times [s] of fractures and removals."""
     times = np.unique(np.concatenate([broken_at(f), lost_at(f)]))
     times = times[np.isfinite(times)]
     return times[:: 1 + len(times) // MOST_STROKES].tolist()
 
 
 def choice(numbers: Numbers, quantity: Quantity) -> dict:
-    """A quantity, for the page."""
-    plain = {name: getattr(quantity, name) for name in Quantity.__dataclass_fields__}
+    """Convert a quantity for the page."""
+    fields = {name: getattr(quantity, name) for name in Quantity.__dataclass_fields__}
     for name in ("per", "values"):
-        if plain[name] is not None:
-            plain[name] = numbers.add(plain[name].astype(np.float32))
-    return plain | {"of_file": quantity.name == "strain"}
+        if fields[name] is not None:
+            fields[name] = numbers.add(fields[name].astype(np.float32))
+    return fields | {"of_file": quantity.name == "strain"}
+
+
+def _largest(values: np.ndarray) -> float:
+    """Return the largest magnitude, 0 if there is none."""
+    return float(np.nanmax(np.abs(values), initial=0.0))
 
 
 def states_data(numbers: Numbers, states: States, N: np.ndarray, extent: float) -> dict:
-    """States, for the page, with the axial forces N (k, m) [N] that are shown; extent : of the net [m]"""
-    largest = lambda values: float(np.nanmax(np.abs(values), initial=0.0))
-    reach = min(largest(states.displacement), FARTHEST * extent)
+    """Convert states for the page.
+
+    N : (k, m) [N] axial forces that are shown; extent : of the net [m]
+    """
+    reach = min(_largest(states.displacement), FARTHEST * extent)
     page = {
         "name": states.name,
         "time": states.time.tolist(),
         "displacement": numbers.add_in_time(states.displacement, reach),
-        "tension": numbers.add_in_time(N, largest(N), nonzero=True),
+        "tension": numbers.add_in_time(N, _largest(N), nonzero=True),
         "slack": states.slack.tolist(),
         "broken": states.broken.tolist(),
     }
@@ -132,5 +140,5 @@ def states_data(numbers: Numbers, states: States, N: np.ndarray, extent: float) 
         page["away"] = numbers.add(states.away.astype(np.int16))
     if states.strain is not None:
         eps = np.where(np.isnan(N), np.nan, states.strain)
-        page["strain"] = numbers.add_in_time(eps, largest(eps))
+        page["strain"] = numbers.add_in_time(eps, _largest(eps))
     return page

@@ -1,44 +1,44 @@
-"""Numbers for a page: arrays as whole numbers of two bytes, one block of them all, compressed."""
+"""Numbers of a page: arrays of two-byte integers in one compressed block."""
 
 import base64
 import zlib
 
 import numpy as np
 
-LARGEST = 32_767
-NONE = -32_768  # no value
+LARGEST = 32_767  # largest value of a two-byte integer
+NONE = -32_768  # code of a missing value
 
 
 class Numbers:
-    """Arrays on their way into a page; each is named in the page by a dictionary that `add` gives."""
+    """Collector of the arrays of a page; `add` returns the dictionary that refers to an array."""
 
     def __init__(self):
         self.parts: list[bytes] = []
         self.size = 0
 
     def add(self, values: np.ndarray) -> dict:
-        """Take an array of whole numbers of two bytes, or of four as int32 or float32."""
+        """Add an array of int16, int32 or float32."""
         kind = {"int16": "Int16Array", "int32": "Int32Array", "float32": "Float32Array"}[values.dtype.name]
         data = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
-        place = {"kind": kind, "from": self.size, "length": values.size}
+        reference = {"kind": kind, "from": self.size, "length": values.size}
         self.parts.append(data + bytes(-len(data) % 4))
         self.size += len(self.parts[-1])
-        return place
+        return reference
 
     def add_in_time(self, values: np.ndarray, largest: float, nonzero: bool = False) -> dict:
-        """Take values (k, ...) of k states as shares of the largest; nan and what is beyond it have no value.
+        """Add values (k, ...) of k states as shares of the largest; nan and larger values become missing.
 
-        A state holds the differences from the one before, which are small; they wrap around.
-        nonzero : what is not zero, however small, is not in the page either
+        A state holds the differences from the state before, which are small; they wrap around.
+        nonzero : values other than zero stay so, however small they are
         """
         unit = largest / LARGEST or 1.0
         with np.errstate(invalid="ignore"):
-            whole = np.round(values / unit)
-            whole = np.where(np.abs(whole) <= LARGEST, whole, NONE)
-            some = (whole == 0) & (values != 0.0) & nonzero
-        whole = np.where(some, np.sign(values), whole).astype(np.int16)
-        return self.add(np.diff(whole, axis=0, prepend=np.zeros_like(whole[:1]))) | {"unit": unit}
+            rounded = np.round(values / unit)
+            rounded = np.where(np.abs(rounded) <= LARGEST, rounded, NONE)
+            vanished = (rounded == 0) & (values != 0.0) & nonzero
+        rounded = np.where(vanished, np.sign(values), rounded).astype(np.int16)
+        return self.add(np.diff(rounded, axis=0, prepend=np.zeros_like(rounded[:1]))) | {"unit": unit}
 
     def text(self) -> str:
-        """All of them, for the page."""
+        """Encode all arrays as text."""
         return base64.b64encode(zlib.compress(b"".join(self.parts), 9)).decode()

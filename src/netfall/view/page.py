@@ -1,4 +1,4 @@
-"""`netfall view`: a result as one HTML page that turns and plays, drawn by k3d, which is within the page."""
+"""Command `netfall view`: a result as one HTML page, drawn in 3D by k3d, which the page includes."""
 
 import html
 import json
@@ -15,14 +15,14 @@ HERE = Path(__file__).parent
 
 
 def write_page(result: Path, path: Path) -> str:
-    """Write the page of a result; a line that says what it is. Raises InputError for a wrong file."""
+    """Write the page of a result, and return its description. Raises InputError for a wrong file."""
     with reading(result) as f:
         page = page_of(f)
     return put(path, page)
 
 
 def put(path: Path, page: Page) -> str:
-    """Write a page; what it is, in words."""
+    """Write a page, and return its description."""
     import k3d
 
     data, drawn = page.data, page.drawn
@@ -31,7 +31,7 @@ def put(path: Path, page: Page) -> str:
         camera_auto_fit=False,
         grid_auto_fit=False,
         grid=[*data["window"][0], *data["window"][1]],
-        axes=["x [m]", "y [m]", r"z [m]\phantom{mmmmm}"],  # z : beside its numbers
+        axes=["x [m]", "y [m]", r"z [m]\phantom{mmmmm}"],  # the space keeps z clear of the numbers
         camera_fov=30.0,
         camera_up_axis="z",
         grid_color=0xF0F0F0,
@@ -48,13 +48,13 @@ def put(path: Path, page: Page) -> str:
         name="form",
     )
     text = plot.get_snapshot(additional_js_code="begin(netfallPage(K3DInstance));")
-    words = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
-    parts = {"title": html.escape(data["title"]), "data": words, "numbers": page.numbers.text()}
+    data_text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    parts = {"title": html.escape(data["title"]), "data": data_text, "numbers": page.numbers.text()}
     parts["code"] = (HERE / "page.js").read_text(encoding="utf-8")
-    ours = (HERE / "page.html").read_text(encoding="utf-8")
-    ours = re.sub(r"\[\[(\w+)\]\]", lambda name: parts[name[1]], ours)
+    body = (HERE / "page.html").read_text(encoding="utf-8")
+    body = re.sub(r"\[\[(\w+)\]\]", lambda name: parts[name[1]], body)
     text = re.sub(r"<title>.*?</title>", lambda _: f"<title>{parts['title']}</title>", text, count=1)
-    text = text.replace("<body>", f"<body>\n{ours}", 1)
-    with whole(path) as place:
-        place.write_text(text, encoding="utf-8")
+    text = text.replace("<body>", f"<body>\n{body}", 1)
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return f"{path.stat().st_size / 1e6:.2g} MB, {page.words}"

@@ -1,4 +1,4 @@
-"""The page of a study: where it breaks, in space; with a member that was kept, as that one moves."""
+"""Page of a study: where it breaks, in space; with the motion of a sample whose result file exists."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,42 +19,44 @@ from netfall.view.states import MOST_ELEMENTS, Drawn, States
 
 
 def write_study_page(path: Path, page: Path, member: int | None) -> str:
-    """Write the page of a study file; a line that says what it is.
+    """Write the page of a study file, and return its description.
 
-    member : its number, None: of those that were kept the one that loses most of its roof
-    Raises InputError for a study without a net, and for a member that was not kept.
+    member : number of the sample; None: of those with a result file, the one that loses most of its roof
+
+    Raises InputError for a study without a net, and for a sample without a result file.
     """
     study = read_study(path)
     if not len(study.net["elements"]):
         raise InputError(
             f"{path}: no net that is that of all members; view the result file of one that was kept"
         )
-    kept = place_of(path, path, None).members
-    number = chosen(study, kept, member)
-    return put(page, net_page(study) if number is None else member_page(study, kept, number))
+    folder = place_of(path, path, None).members
+    number = chosen(study, folder, member)
+    return put(page, net_page(study) if number is None else member_page(study, folder, number))
 
 
-def _file(kept: Path, member: int) -> Path:
-    return kept / f"{member:06d}.vtkhdf"
+def _file(folder: Path, member: int) -> Path:
+    """Return the path of a sample's result file; folder : of the result files."""
+    return folder / f"{member:06d}.vtkhdf"
 
 
-def chosen(study: Study, kept: Path, member: int | None) -> int | None:
-    """The member to show, None: none was kept."""
+def chosen(study: Study, folder: Path, member: int | None) -> int | None:
+    """Return the sample to show, None: no sample has a result file."""
     if member is not None:
-        if not _file(kept, member).exists():
+        if not _file(folder, member).exists():
             raise InputError(
-                f'--member {member}: {_file(kept, member)} is not there; [run] keep = "broken" or "all" in '
+                f'--member {member}: {_file(folder, member)} is not there; [run] keep = "broken" or "all" in '
                 "the study file keeps the result files of its members"
             )
         return member
-    there = [int(file.stem) for file in kept.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
+    saved = [int(file.stem) for file in folder.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
     lost = np.nan_to_num(study.members["roof_lost"])
-    return max(sorted(there), key=lambda k: (lost[k], study.members["broken"][k]), default=None)
+    return max(sorted(saved), key=lambda k: (lost[k], study.members["broken"][k]), default=None)
 
 
-def member_page(study: Study, kept: Path, member: int) -> Page:
-    """The page of a member's result, with what the study knows of its elements."""
-    with reading(_file(kept, member)) as f:
+def member_page(study: Study, folder: Path, member: int) -> Page:
+    """Assemble the page of a sample's result, with the study's results on its elements."""
+    with reading(_file(folder, member)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
             raise InputError(f"{f.filename}: another net than that of the study; view it without the study")
         page = page_of(f)
@@ -64,28 +66,28 @@ def member_page(study: Study, kept: Path, member: int) -> Page:
 
 
 def net_page(study: Study) -> Page:
-    """The page of a study that kept no member: its net at rest."""
+    """Assemble the page of a study without result files of samples: its static net."""
     x, elements = study.net["particles"], study.net["elements"]
     group = np.zeros(len(elements), int)
-    rows, every = whole_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
+    rows, stride = whole_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
     nodes, ends = np.unique(elements[rows], return_inverse=True)
-    drawn = Drawn(rows, every, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
-    numbers, none = Numbers(), np.zeros(1, int)
+    drawn = Drawn(rows, stride, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
+    numbers, zero = Numbers(), np.zeros(1, int)
     taut = np.ones((1, len(rows)))
-    moved, away = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
-    still = States("as each member begins", np.zeros(0), moved, taut, None, none, none, away)
+    displacement, missing = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
+    initial = States("as each member begins", np.zeros(0), displacement, taut, None, zero, zero, missing)
     data = net_data(
         numbers, drawn, study.title, study.net["element_id"], x, study.net["fixed"], np.zeros(len(x), bool)
     )
     data |= {
         "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
         "from": "the net as each member begins",
-        "left_out": [f"one in {every} of the elements"] * (every > 1),
+        "left_out": [f"one in {stride} of the elements"] * (stride > 1),
         "window": to_ticks(np.array([x.min(0), x.max(0)])).tolist(),
         "group": numbers.add(group.astype(np.int16)[rows]),
         "groups": [""],
         "strokes": [],
-        "states": [states_data(numbers, still, taut, 1.0)],
+        "states": [states_data(numbers, initial, taut, 1.0)],
     }
     page = Page(data, numbers, drawn, f"{len(rows)} elements; no member was kept, so nothing moves")
     data["quantities"] = _choices(study, page)
@@ -93,25 +95,31 @@ def net_page(study: Study) -> Page:
 
 
 def _choices(study: Study, page: Page) -> list[dict]:
-    """What the study tells of elements: how often they break, and what follows from the loss of each."""
-    broke, ran = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
-    share = lambda counts, of: np.where(counts > 0, counts / of, np.nan)
-    first, at_all = share(study.first_breaks, broke), share(study.breaks, ran)
-    told = [
-        (f"first to break, share of the {broke} members that broke", "%", 100.0, first),
-        (f"breaks at all, share of the {ran} members that finished", "%", 100.0, at_all),
+    """Return the study's results on elements: frequency of breaks, and consequences of removals."""
+    broken_count, finished_count = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
+
+    def share(counts: np.ndarray, total: int) -> np.ndarray:
+        return np.where(counts > 0, counts / total, np.nan)
+
+    first, at_all = share(study.first_breaks, broken_count), share(study.breaks, finished_count)
+    rows = [
+        (f"first to break, share of the {broken_count} members that broke", "%", 100.0, first),
+        (f"breaks at all, share of the {finished_count} members that finished", "%", 100.0, at_all),
     ]
     losses = losses_of(study)
     if losses is not None:
         row = elements_lost(study, losses)
-        of_element = lambda values: np.where(row >= 0, values[row], np.nan)
-        told.append(("largest tension over that before its loss", "-", 1.0, of_element(losses.tension_ratio)))
-        told.append(("largest dynamic factor after its loss", "-", 1.0, of_element(losses.dynamic_factor)))
-        told.append(("share of the roof lost after its loss", "%", 100.0, of_element(losses.roof_lost)))
+        tension_ratio, dynamic_factor, roof_lost = (
+            np.where(row >= 0, values[row], np.nan)
+            for values in (losses.tension_ratio, losses.dynamic_factor, losses.roof_lost)
+        )
+        rows.append(("largest tension over that before its loss", "-", 1.0, tension_ratio))
+        rows.append(("largest dynamic factor after its loss", "-", 1.0, dynamic_factor))
+        rows.append(("share of the roof lost after its loss", "%", 100.0, roof_lost))
     nothing = ("no member broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))
-    found = []
-    for name, unit, factor, values in [row for row in told if np.isfinite(row[3]).any()] or [nothing]:
+    choices = []
+    for name, unit, factor, values in [row for row in rows if np.isfinite(row[3]).any()] or [nothing]:
         ends = None if np.isnan(values).all() else (0.0, float(np.nanmax(values)) or 1.0)
         quantity = Quantity(name, name, unit, factor, ends, None, values=values[page.drawn.rows])
-        found.append(choice(page.numbers, quantity))
-    return found
+        choices.append(choice(page.numbers, quantity))
+    return choices

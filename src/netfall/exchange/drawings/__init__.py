@@ -1,1 +1,1 @@
-"""Drawings and meshes in: what is read of them, joined, held, split and left out."""
+"""Import of drawings and meshes: reading, joining of lines, supports, splitting, omissions."""

@@ -1,4 +1,4 @@
-"""Reading COMPAS JSON: graphs, networks and meshes of versions 1 and 2, lines and polylines."""
+"""Import of COMPAS JSON: graphs, networks and meshes of versions 1 and 2, lines and polylines."""
 
 import ast
 import json
@@ -12,13 +12,21 @@ from netfall.ground.errors import InputError
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")
-SHOWN = ("visible", "is_visible", "show", "is_edge", "_is_edge")  # of an edge; false: it is no cable
+SHOWN = (
+    "visible",
+    "is_visible",
+    "show",
+    "is_edge",
+    "_is_edge",
+)  # attributes of an edge; false: the edge is no cable
 HIDDEN = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
 
 
-def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
-    """The edges of a COMPAS file, in its unit. supports, wanted : as of `read_dxf`; here layers are groups
+def read_json(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
+    """Read the edges of a COMPAS file, in its unit.
+
+    supports, layers : as in `read_dxf`; layers are groups here
 
     Raises InputError for a file without edges.
     """
@@ -34,33 +42,34 @@ def read_json(path: Path, supports: list[str], wanted: list[str] | None) -> Draw
         raise InputError(f"{path}: no edges; expected a Graph, Network or Mesh of COMPAS")
     hidden = sum(edge["hidden"] for edge in edges)
     edges = [edge for edge in edges if not edge["hidden"]]
-    edges = [edge for edge in edges if wanted is None or is_among(edge["group"], (*wanted, *supports))]
+    edges = [edge for edge in edges if layers is None or is_among(edge["group"], (*layers, *supports))]
     names = sorted({edge["group"] for edge in edges})
-    held, in_part = (list(chain(*places)) for places in zip(*map(_held, objects)))
+    held, in_part = (list(chain(*points)) for points in zip(*map(_held, objects)))
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
-    one = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
+    has_ids = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
     return Drawing(
         lines=np.array([edge["ends"] for edge in edges], float).reshape(-1, 2, 3),
         layer=np.array([names.index(edge["group"]) for edge in edges], np.int64),
         layers=names,
         held=np.array(held, float).reshape(-1, 3),
         in_part=np.array(in_part, float).reshape(-1, 3),
-        keys=np.array(keys, np.int64) if one else None,
+        keys=np.array(keys, np.int64) if has_ids else None,
         columns={"force_density": q} if any(edge["q"] is not None for edge in edges) else {},
         unit=next((data["attributes"]["unit"] for data in objects if _says_unit(data)), None),
         unit_from="its attributes",
-        read=[f"{len(edges)} edges", *(f"groups {words}" for words in alike(names))],
+        read=[f"{len(edges)} edges", *(f"groups {line}" for line in alike(names))],
         left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
     )
 
 
 def _says_unit(data: dict) -> bool:
+    """Whether an object names its unit."""
     return isinstance(data.get("attributes"), dict) and isinstance(data["attributes"].get("unit"), str)
 
 
 def _objects(document) -> list[dict]:
-    """The data of graphs, meshes and lines anywhere in a document."""
+    """Collect the data of graphs, meshes and lines anywhere in a document."""
     if isinstance(document, list):
         return [data for item in document for data in _objects(item)]
     if not isinstance(document, dict):
@@ -73,58 +82,60 @@ def _objects(document) -> list[dict]:
 
 
 def _default(data: dict, entity: str) -> dict:
-    """Attributes that every node, vertex or edge has unless it says otherwise; version 1 has short names."""
+    """Return the default attributes of nodes, vertices or edges; version 1 has short names for them."""
     return data.get(f"default_{entity}_attributes") or data.get(f"d{entity[0]}a") or {}
 
 
 def _places(data: dict) -> dict:
-    """Coordinates of the nodes or vertices by their keys."""
+    """Return the coordinates of the nodes or vertices by their keys."""
     entity = "node" if "node" in data else "vertex"
     default = _default(data, entity)
-    place = lambda values: [(default | values).get(axis, 0.0) for axis in "xyz"]
-    return {key: place(values) for key, values in data[entity].items()}
+    return {
+        key: [(default | values).get(axis, 0.0) for axis in "xyz"] for key, values in data[entity].items()
+    }
 
 
 def _edges(data: dict) -> list[dict]:
-    """Each edge: its ends, keys, group, force density, and whether it is hidden."""
+    """Return the ends, keys, group and force density of each edge, and whether it is hidden."""
     if "points" in data or "start" in data:
         points = data["points"] if "points" in data else [data["start"], data["end"]]
         return [_edge((a, b), (None, None), {}) for a, b in pairwise(points)]
-    places = _places(data)
+    positions = _places(data)
     if "edge" in data and "node" in data:
         pairs = {(a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()}
     else:
         pairs = _sides(data)
     default = _default(data, "edge")
     return [
-        _edge((places[a], places[b]), (_key(a), _key(b)), default | values)
+        _edge((positions[a], positions[b]), (_key(a), _key(b)), default | values)
         for (a, b), values in pairs.items()
     ]
 
 
 def _edge(ends, keys, values: dict) -> dict:
+    """Return an edge as a record of its ends, keys, group, force density and visibility."""
     group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
-    given = (values[name] for name in FORCE_DENSITIES if isinstance(values.get(name), (int, float)))
+    force_densities = (values[name] for name in FORCE_DENSITIES if isinstance(values.get(name), (int, float)))
     hidden = any(values.get(name, True) in (False, 0) for name in SHOWN)
     hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN)
-    return {"ends": ends, "keys": keys, "group": group, "q": next(given, None), "hidden": hidden}
+    return {"ends": ends, "keys": keys, "group": group, "q": next(force_densities, None), "hidden": hidden}
 
 
 def _sides(data: dict) -> dict:
-    """The edges of a mesh by the keys of its vertices, with their attributes."""
+    """Return the edges of a mesh by the keys of their vertices, with their attributes."""
     keys = list(data["vertex"])
     row = {key: k for k, key in enumerate(keys)}
     faces = [face if isinstance(face, list) else list(face) for face in data["face"].values()]
     sides, _ = edges_of([[row[str(key)] for key in face] for face in faces])
-    told = {}
+    attributes = {}
     for name, values in (data.get("edgedata") or {}).items():
         pair = ast.literal_eval(name) if name.startswith("(") else name.split("-")
-        told[frozenset(str(key) for key in pair)] = values or {}
-    return {(keys[a], keys[b]): told.get(frozenset((keys[a], keys[b])), {}) for a, b in sides.tolist()}
+        attributes[frozenset(str(key) for key in pair)] = values or {}
+    return {(keys[a], keys[b]): attributes.get(frozenset((keys[a], keys[b])), {}) for a, b in sides.tolist()}
 
 
 def _key(text: str):
-    """A key as an integer, where it is one."""
+    """Convert a key to an integer if it is one."""
     try:
         return int(text)
     except ValueError:
@@ -132,15 +143,15 @@ def _key(text: str):
 
 
 def _held(data: dict) -> tuple[list, list]:
-    """Places of the nodes that an attribute calls supports, and of those held along some axes alone."""
+    """Return the coordinates of supported nodes, and of those supported along some axes alone."""
     held, in_part = [], []
     if "node" in data or "vertex" in data:
-        places, entity = _places(data), "node" if "node" in data else "vertex"
+        positions, entity = _places(data), "node" if "node" in data else "vertex"
         default = _default(data, entity)
         for key, values in data[entity].items():
-            said = [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]
-            if any(axes.size and axes.all() for axes in said):
-                held.append(places[key])
-            elif any(map(np.any, said)):
-                in_part.append(places[key])
+            flags = [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]
+            if any(axes.size and axes.all() for axes in flags):
+                held.append(positions[key])
+            elif any(map(np.any, flags)):
+                in_part.append(positions[key])
     return held, in_part

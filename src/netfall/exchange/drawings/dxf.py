@@ -1,6 +1,6 @@
-"""Reading DXF: lines, polylines, curves and faces of the model space, blocks exploded.
+"""Import of DXF: lines, polylines, curves and faces of the model space, with blocks exploded.
 
-ezdxf knows the geometry of entities: it explodes blocks, and gives corners, splines and faces.
+ezdxf provides the geometry of entities: it explodes blocks and returns corners, splines and faces.
 """
 
 from collections import Counter
@@ -18,16 +18,16 @@ POLYLINES = ("LWPOLYLINE", "POLYLINE")
 ROUND = ("ARC", "CIRCLE", "ELLIPSE")
 SPLINES = ("SPLINE", "HELIX")
 FACES = ("3DFACE", "SOLID", "TRACE", "MESH")
-FRAME = 16  # flag of a vertex that a fitted polyline does not pass: a corner of the frame of its spline
-STRAIGHT_BULGE = 1e-6  # half of it is the depth of an arc over its chord; ezdxf.path has the same limit
-STRAIGHT_ARC = 1e-6  # degrees; ezdxf takes an arc of less for a circle
-MOST_WORDS = 100  # letters of an error of ezdxf
+FRAME = 16  # vertex flag: control point of a fitted polyline, which is not on the polyline
+STRAIGHT_BULGE = 1e-6  # bulge = 2 x depth of an arc / chord; ezdxf.path has the same limit
+STRAIGHT_ARC = 1e-6  # degrees; ezdxf takes a smaller arc for a circle
+MOST_WORDS = 100  # characters of an ezdxf error that are shown
 
 
-def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawing:
+def read_dxf(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
     """Read the lines of a DXF file, in its own unit.
 
-    supports : names of layers whose circles and blocks are points; wanted : layers to read, None: all
+    supports : names of layers whose circles and blocks are points; layers : layers to read, None: all
 
     Raises InputError for a file that is no DXF.
     """
@@ -36,21 +36,21 @@ def read_dxf(path: Path, supports: list[str], wanted: list[str] | None) -> Drawi
     try:
         document = ezdxf.readfile(path)
     except (OSError, ezdxf.DXFError, ValueError, IndexError) as error:
-        if getattr(error, "strerror", None):  # else ezdxf's own
+        if getattr(error, "strerror", None):  # an error of the system, not of ezdxf
             raise InputError(f"{path}: {error.strerror}; expected a DXF file") from None
         raise InputError(f"{path}: not a DXF file that can be read: {error}") from None
-    reader = _Reader(document, supports, wanted)
+    reader = _Reader(document, supports, layers)
     for entity in document.modelspace():
         reader.add(entity)
     return reader.drawing()
 
 
 class _Reader:
-    """What has been read so far, and what was left out."""
+    """Collector of the lines, points and curves of a DXF file, with counts of what is left out."""
 
-    def __init__(self, document, supports, wanted):
+    def __init__(self, document, supports, layers):
         self.document, self.supports = document, [name.lower() for name in supports]
-        self.wanted = None if wanted is None else {name.lower() for name in wanted}
+        self.wanted = None if layers is None else {name.lower() for name in layers}
         self.lines, self.line_layers, self.points, self.point_layers, self.curves = [], [], [], [], []
         self.kinds, self.blocks, self.left = Counter(), Counter(), Counter()
         self.spelled = {layer.dxf.name.lower(): layer.dxf.name for layer in document.layers}
@@ -59,16 +59,16 @@ class _Reader:
         self.dark = self.frozen | {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
 
     def called(self, layer: str) -> str:
-        """Return the one name of a layer: upper and lower case are alike in a DXF."""
+        """Return the one spelling of a layer's name: DXF does not distinguish upper and lower case."""
         self.spellings.add(layer)
         return self.spelled.setdefault(layer.lower(), layer)
 
     def holds(self, layer: str) -> bool:
-        """Whether it is a layer of supports."""
+        """Whether a layer marks supports."""
         return layer.lower() in self.supports
 
     def shows(self, layer: str) -> bool:
-        """Whether a layer is to be read; if not, count what is left out."""
+        """Whether a layer is read; if not, count the entity as left out."""
         if layer.lower() in self.dark:
             self.left[f'on layer "{layer}", which is off or frozen'] += 1
         elif self.wanted is not None and layer.lower() not in self.wanted and not self.holds(layer):
@@ -80,18 +80,19 @@ class _Reader:
     def add(self, entity, layer: str | None = None, blocks: tuple[str, ...] = ()) -> None:
         """Add an entity, or count why it is left out.
 
-        layer : of the block reference that draws it, None: it stands in the model space
-        blocks : names of the blocks that it stands in, the outermost first
+        layer : of the block reference that draws it, None: the entity is in the model space
+        blocks : names of the blocks that contain it, the outermost first
         """
         try:
             self._add(entity, layer, blocks)
-        except Exception as error:  # ezdxf raises errors of many kinds where an entity is faulty
-            words = f"{type(error).__name__}: {error}"[:MOST_WORDS]
-            self.left[f"{entity.dxftype()}, which cannot be read ({words})"] += 1
+        except Exception as error:  # ezdxf raises errors of many kinds for a faulty entity
+            reason = f"{type(error).__name__}: {error}"[:MOST_WORDS]
+            self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
     def _add(self, entity, layer: str | None, blocks: tuple[str, ...]) -> None:
-        kind, own = entity.dxftype(), entity.dxf.layer
-        layer = self.called(own if layer is None or own != "0" else layer)
+        """Add an entity by its kind; raises errors of ezdxf."""
+        kind, own_layer = entity.dxftype(), entity.dxf.layer
+        layer = self.called(own_layer if layer is None or own_layer != "0" else layer)
         if entity.dxf.get("invisible", 0):
             self.left[f"{kind}, which is invisible"] += 1
         elif kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.frozen:
@@ -113,7 +114,7 @@ class _Reader:
             self.left[f"{kind}, which is no line"] += 1
 
     def _explode(self, insert, layer: str, blocks: tuple[str, ...]) -> None:
-        """Add what a reference to a block draws, or say why it draws nothing."""
+        """Add the entities that a reference to a block draws, or count why it draws none."""
         from ezdxf.xclip import XClip
 
         name, block = insert.dxf.name, insert.block()
@@ -128,17 +129,17 @@ class _Reader:
         else:
             if XClip(insert).is_clipping_enabled:
                 self.left[f'edge that clips block "{name}" (XCLIP): the block is read whole'] += 1
-            for one in insert.multi_insert() if insert.mcount > 1 else [insert]:
+            for copy in insert.multi_insert() if insert.mcount > 1 else [insert]:
                 self.blocks[len(blocks) + 1] += 1
-                for entity in one.virtual_entities(skipped_entity_callback=self._skip):
+                for entity in copy.virtual_entities(skipped_entity_callback=self._skip):
                     self.add(entity, layer, (*blocks, name.lower()))
 
     def _skip(self, entity, reason: str) -> None:
-        """Count an entity of a block that ezdxf cannot bring to its place."""
+        """Count an entity of a block that ezdxf cannot transform."""
         self.left[f"{entity.dxftype()}, which cannot be read ({reason})"] += 1
 
     def _draw(self, parts: list, layer: str) -> None:
-        """Add polylines, lists of corners, and splines."""
+        """Add polylines, given as lists of corners, and splines."""
         for part in parts:
             if isinstance(part, list):
                 corners = _checked(part)
@@ -149,7 +150,7 @@ class _Reader:
                 self.curves.append((layer, part))
 
     def drawing(self) -> Drawing:
-        """Return all that was read."""
+        """Return the drawing that was read."""
         names = sorted({*self.line_layers, *self.point_layers, *(layer for layer, _ in self.curves)})
         row = {name: k for k, name in enumerate(names)}
         unit, unit_from = _unit(self.document)
@@ -167,21 +168,23 @@ class _Reader:
         )
 
     def _read(self) -> list[str]:
-        told = [counted(self.kinds)]
+        """Return lines on the entities that were read."""
+        lines = [counted(self.kinds)]
         if self.blocks:
             inserts = f"{sum(self.blocks.values())} blocks exploded"
-            deep = f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else ""
-            told.append(inserts + deep)
-        return told + [f"layers {words}, and are one" for words in alike(self.spellings)]
+            depth = f", blocks in blocks to depth {max(self.blocks)}" if max(self.blocks) > 1 else ""
+            lines.append(inserts + depth)
+        return lines + [f"layers {names}, and are one" for names in alike(self.spellings)]
 
     def _left_out(self) -> list[str]:
-        told = [f"{count} {what}" for what, count in sorted(self.left.items())]
+        """Return lines on the entities that were left out."""
+        lines = [f"{count} {reason}" for reason, count in sorted(self.left.items())]
         paper = sum(len(layout) for layout in self.document.layouts if layout.name != "Model")
-        return told + ([f"{paper} in paper space"] if paper else [])
+        return lines + ([f"{paper} in paper space"] if paper else [])
 
 
 def _parts(entity) -> tuple[list, Counter]:
-    """Return what an entity draws, lists of corners and splines, and count what of it is not drawn."""
+    """Return the lists of corners and splines that an entity draws, and count its undrawn parts."""
     from ezdxf.entities import Spline
 
     kind, undrawn = entity.dxftype(), Counter()
@@ -205,9 +208,9 @@ def _parts(entity) -> tuple[list, Counter]:
 
 
 def _as_drawn(polyline):
-    """Return a polyline or mesh without the frame of its spline, and how many vertices that has.
+    """Return a polyline or mesh without the frame of its spline, and the number of vertices in that frame.
 
-    Bulges that are rounding are zero: as arcs their radius would be without bounds.
+    Bulges due to rounding become zero: the radius of such arcs would be unbounded.
     """
     drawn = polyline.copy()
     if drawn.dxftype() == "LWPOLYLINE":
@@ -223,6 +226,7 @@ def _as_drawn(polyline):
 
 
 def _bulge(value: float) -> float:
+    """Replace a bulge due to rounding by zero."""
     return value if abs(value) >= STRAIGHT_BULGE else 0.0
 
 
@@ -231,10 +235,10 @@ def _sides(entity) -> dict[tuple, bool]:
     sides: dict[tuple, bool] = {}
     for face, visible in _faces(entity):
         corners = [tuple(corner) for corner in face]
-        for a, b, shown in zip(corners, [*corners[1:], corners[0]], visible, strict=True):
+        for a, b, side_visible in zip(corners, [*corners[1:], corners[0]], visible, strict=True):
             side = (b, a) if (b, a) in sides else (a, b)
             if a != b:
-                sides[side] = sides.get(side, False) or shown
+                sides[side] = sides.get(side, False) or side_visible
     return sides
 
 
@@ -261,22 +265,22 @@ def _faces(entity) -> Iterator[tuple[list, list[bool]]]:
 
 
 def _checked(corners) -> list[tuple[float, float, float]]:
-    """Return corners as numbers. Raises ValueError for what is no finite number."""
-    places = [tuple(corner) for corner in corners]
-    if not all(isfinite(value) for place in places for value in place):
+    """Return corners as numbers. Raises ValueError if one is not finite."""
+    points = [tuple(corner) for corner in corners]
+    if not all(isfinite(value) for point in points for value in point):
         raise ValueError("a coordinate is no finite number")
-    return places
+    return points
 
 
 def _middle(entity):
-    """Return the place that a point, a circle or a block reference marks."""
+    """Return the position that a point, a circle or a block reference marks."""
     if entity.dxftype() == "POINT":
         return entity.dxf.location
     return entity.ocs().to_wcs(entity.dxf.center if entity.dxftype() == "CIRCLE" else entity.dxf.insert)
 
 
 def _unit(document) -> tuple[str | None, str]:
-    """The unit of the drawing, as $INSUNITS has it; None for no unit, or one that no roof is drawn in."""
+    """Return the unit of the drawing by $INSUNITS, None: no usual one; and its source in words."""
     number = int(document.header.get("$INSUNITS", 0))
     name = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 7: "km", 10: "yd", 14: "dm"}.get(number)
     return name, f"$INSUNITS = {number}"

@@ -1,4 +1,4 @@
-"""`netfall import`: a drawing or mesh to tables, a picture, a first job and a report of its faults."""
+"""Command `netfall import`: from a drawing or mesh to tables, a picture, a first job and a report."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -67,9 +67,9 @@ kind = "bar"                    # GUESSED: upright, and nothing but compression 
 
 
 def import_file(path: Path, folder: Path, options: Options, say: Callable[[str], None]) -> None:
-    """Read a drawing, tell what it holds and what is wrong, and write tables, a picture and a first job.
+    """Read a drawing, report its content and faults, and write tables, a picture and a first job.
 
-    Raises InputError for a file that cannot be read, or without a unit, or in which no net is left.
+    Raises InputError if the file cannot be read, has no unit, or holds no net.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"-o {folder}: is a file; expected a folder")
@@ -78,15 +78,15 @@ def import_file(path: Path, folder: Path, options: Options, say: Callable[[str],
     reading = read_net(path, options)
     written = []
     try:
-        with whole_folder(folder) as place:
-            written = _write(reading, folder, place)
-    finally:  # only now: who reads it may not read on
+        with whole_folder(folder) as temporary:
+            written = _write(reading, folder, temporary)
+    finally:  # last, since a closed pipe can stop the output
         for line in [*reading.lines, *written]:
             say(line)
 
 
-def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
-    """Tables, picture, job and report of a folder, at a place; what was written, in words."""
+def _write(reading: Reading, folder: Path, target: Path) -> list[str]:
+    """Write tables, picture, job and report of a folder to `target`; return lines on what was written."""
     from netfall.plots.net import as_read
 
     net, drawing = reading.net, reading.drawing
@@ -99,51 +99,51 @@ def _write(reading: Reading, folder: Path, place: Path) -> list[str]:
         elements[name] = values[net.line]
     if reading.spring is not None:
         nodes |= {f"spring_{axis}": reading.spring[:, k] for k, axis in enumerate("xyz")}
-    write_table(place / "nodes.csv", nodes)
-    write_table(place / "elements.csv", elements)
+    write_table(target / "nodes.csv", nodes)
+    write_table(target / "elements.csv", elements)
     length = np.linalg.norm(x[net.ends[:, 1]] - x[net.ends[:, 0]], axis=1)
-    told = _group_lines(group, length)
+    lines = _group_lines(group, length)
     job = folder / f"{folder.resolve().name}.toml"
-    made = not job.exists()
-    if made:
+    is_new = not job.exists()
+    if is_new:
         upright = upright_groups(group, x[net.ends[:, 1]] - x[net.ends[:, 0]])
         props = {group[e] for e in np.flatnonzero(props_of(x, net.ends, reading.held)).tolist()}
         posts = [name for name in upright if name in props]
         text = first_job(reading.path.stem, sorted(set(group)), posts)
-        told += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
-        told += [
+        lines += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
+        lines += [
             f'    group "{name}": upright, taken as cables; if these are posts or struts, set kind = "bar" '
             f"in {job.name}"
             for name in upright
             if name not in props
         ]
-        (place / job.name).write_text(text, encoding="utf-8")
+        (target / job.name).write_text(text, encoding="utf-8")
     fixed = np.repeat(reading.fixed[:, None], 3, axis=1)
     spring = np.zeros_like(fixed) if reading.spring is None else reading.spring > 0.0
-    as_read(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, place / "net.png")
-    (place / "report.txt").write_text("\n".join([*reading.lines, *told, ""]), encoding="utf-8")
-    kept = "" if made else " (that was there, and stays as it is)"
+    as_read(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, target / "net.png")
+    (target / "report.txt").write_text("\n".join([*reading.lines, *lines, ""]), encoding="utf-8")
+    note = "" if is_new else " (that was there, and stays as it is)"
     return [
-        *told,
-        f"{folder}: nodes.csv, elements.csv, net.png, report.txt, {job.name}{kept}",
+        *lines,
+        f"{folder}: nodes.csv, elements.csv, net.png, report.txt, {job.name}{note}",
         f"next: netfall check {job}",
     ]
 
 
-def upright_groups(group: list[str], along: np.ndarray) -> list[str]:
-    """Return the groups all of whose elements, along (m, 3) [m], are upright to UPRIGHT.
+def upright_groups(group: list[str], direction: np.ndarray) -> list[str]:
+    """Return the groups whose elements, directions (m, 3) [m], are all upright to UPRIGHT.
 
-    None if every group is, as of a net that hangs from one place.
+    Returns none if every group is upright, as in a net that hangs from one point.
     """
-    upright = np.abs(along[:, 2]) >= np.cos(np.radians(UPRIGHT)) * np.linalg.norm(along, axis=1)
-    others = {name for name, is_so in zip(group, upright) if not is_so}
+    upright = np.abs(direction[:, 2]) >= np.cos(np.radians(UPRIGHT)) * np.linalg.norm(direction, axis=1)
+    others = {name for name, is_upright in zip(group, upright) if not is_upright}
     return sorted(set(group) - others) if others else []
 
 
 def props_of(x: np.ndarray, ends: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Return which elements (m,) have a free node on top at which no element pulls up, but another one down.
+    """Select the elements (m,) below a free node that no element pulls up and others pull down.
 
-    Only compression in one of them holds such a node up. x : (n, 3) [m]; ends : (m, 2); held : (n,) bool
+    Only compression in an element holds such a node up. x : (n, 3) [m]; ends : (m, 2); held : (n,) bool
     """
     rise = np.diff(x[ends, 2], axis=1)[:, 0] / np.linalg.norm(np.diff(x[ends], axis=1)[:, 0], axis=1)
     up = np.full(len(x), -np.inf)
@@ -155,28 +155,29 @@ def props_of(x: np.ndarray, ends: np.ndarray, held: np.ndarray) -> np.ndarray:
 
 
 def _node_ids(reading: Reading) -> np.ndarray:
-    """Ids of the nodes: those of the file where it has some that serve, else 1, 2, 3, ..."""
+    """Return the ids of the nodes: those of the file if they are unique, otherwise 1, 2, 3, ..."""
     net, keys = reading.net, reading.drawing.keys
     count = len(net.x)
     if keys is None or reading.options.split:
         return np.arange(1, count + 1)
-    found = np.full(count, -1)
-    found[net.ends] = keys[net.line]
-    return found if len(np.unique(found)) == count else np.arange(1, count + 1)
+    ids = np.full(count, -1)
+    ids[net.ends] = keys[net.line]
+    return ids if len(np.unique(ids)) == count else np.arange(1, count + 1)
 
 
 def _group_lines(group: list[str], length: np.ndarray) -> list[str]:
+    """Summarise the number and lengths of the elements, in all and by group."""
     names, row = np.unique(group, return_inverse=True)
-    told = [f"net: {len(length)} elements, {length.sum():.6g} m in all"]
+    lines = [f"net: {len(length)} elements, {length.sum():.6g} m in all"]
     for k, name in enumerate(names):
-        mine = length[row == k]
-        spread = f"{mine.sum():.6g} m, from {mine.min():.4g} to {mine.max():.4g} m"
-        told.append(f'    group "{name}": {len(mine)} elements, {spread}')
-    return told
+        lengths = length[row == k]
+        spread = f"{lengths.sum():.6g} m, from {lengths.min():.4g} to {lengths.max():.4g} m"
+        lines.append(f'    group "{name}": {len(lengths)} elements, {spread}')
+    return lines
 
 
 def first_job(name: str, groups: list[str], posts: list[str]) -> str:
-    """The text of the job for a drawing's name and its groups; posts : those taken to be bars."""
+    """Return the text of a first job; posts : groups taken to be bars."""
     parts = [(POSTS if group in posts else GROUP).format(name=toml_name(group)) for group in groups]
     title = toml_value(" ".join(name.split()) or "imported net")
     return TEXT.format(name=name, title=title, groups="".join(parts))

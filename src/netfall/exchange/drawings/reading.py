@@ -1,4 +1,4 @@
-"""A drawing on its way to a net: what is joined, held, split and left out, and all that is told of it."""
+"""Conversion of a drawing to a net: joining, supports, splitting, omissions, and the report on them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,21 +18,21 @@ from netfall.ground.errors import InputError
 from netfall.job.values import nearest
 
 READERS = {".dxf": read_dxf, ".json": read_json, ".vtu": read_vtu}
-AT_POINTS, OUTLINE = "points", "outline"  # what --supports may be besides a layer
-MOST_PLACES = 5  # told of one kind of fault
-SOME_SIZE = 0.1  # of the elements of the largest part: another roof, and not a stray line
-LEAST_OF_A_FACE = 3  # elements, all of whose nodes lie on its outline
-ROUNDED = 1e-6  # m: gaps that come from the digits of a drawing, and are no faults
-LONG, SHORT = 2e4, 0.5  # m: extents beyond which the unit is doubted
+AT_POINTS, OUTLINE = "points", "outline"  # values of --supports that are no layer
+MOST_PLACES = 5  # places listed for one kind of fault
+SOME_SIZE = 0.1  # share of the elements of the largest part; a part that large is another roof
+LEAST_OF_A_FACE = 3  # elements; a face of so few has all nodes on its outline
+ROUNDED = 1e-6  # m; smaller gaps are rounding of the drawing
+LONG, SHORT = 2e4, 0.5  # m; extents outside these bounds make the unit doubtful
 
 
 @dataclass
 class Options:
-    """What the command line asks for.
+    """Options of the command line.
 
-    unit : None: what the file says; tolerance : [m]
-    supports : a layer, "points" or "outline", None: what the file says, else the outline
-    layers : to be read, None: all; split : a joint wherever elements cross or touch
+    unit : None: unit that the file names; tolerance : [m]
+    supports : a layer, "points" or "outline"; None: those that the file names, or the outline
+    layers : layers to read, None: all; split : add a joint wherever elements cross or touch
     springs : a layer that marks elastic supports and their stiffness (3,) [N/m], None: there are none
     """
 
@@ -46,10 +46,10 @@ class Options:
 
 @dataclass
 class Reading:
-    """A drawing on its way to a net.
+    """Drawing that is being converted to a net, with the report on it.
 
-    fixed : (n,) bool; faults : words and place [m] of each that a picture shows
-    spring : (n, 3) [N/m] of elastic supports, None: none were asked for
+    fixed : (n,) bool; lines : report; marks : places [m] of the faults that a picture shows
+    spring : (n, 3) [N/m] of elastic supports, None: none were requested
     """
 
     path: Path
@@ -63,43 +63,43 @@ class Reading:
 
     @property
     def held(self) -> np.ndarray:
-        """(n,) bool, nodes with a support, elastic or not."""
+        """Nodes (n,) bool with a support, elastic or not."""
         return self.fixed if self.spring is None else self.fixed | self.spring.any(1)
 
     def place(self, x: np.ndarray) -> str:
-        """A place in metres, and as the drawing has it."""
+        """Format a point in metres, and in the unit of the drawing."""
         metres = ", ".join(f"{value:.4f}".rstrip("0").rstrip(".") for value in x.tolist())
         if self.drawing.unit == "m":
             return f"({metres})"
         factor = METRES[self.drawing.unit]
-        own = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
-        return f"({metres}) m, ({own}) {self.drawing.unit} as drawn"
+        as_drawn = ", ".join(f"{value / factor:.6g}" for value in x.tolist())
+        return f"({metres}) m, ({as_drawn}) {self.drawing.unit} as drawn"
 
-    def tell(self, kind: str, what: str, x: np.ndarray, places: Iterable[str] | None = None) -> None:
-        """A fault: how often, what it means, the first places.
+    def tell(self, kind: str, meaning: str, x: np.ndarray, places: Iterable[str] | None = None) -> None:
+        """Report a fault: its count, its meaning, its first places.
 
         x : (k, 3) [m], marks for the picture; places : in words, None: by their coordinates
         """
         marks = np.reshape(x, (-1, 3))
         if not len(marks):
             return
-        told = (f"at {self.place(mark)}" for mark in marks) if places is None else places
-        more = [f"and {len(marks) - MOST_PLACES} more"] if len(marks) > MOST_PLACES else []
-        self.lines.append(f"{kind}: {len(marks)} {what}")
-        self.lines += [f"    {place}" for place in (*islice(told, MOST_PLACES), *more)]
+        texts = (f"at {self.place(mark)}" for mark in marks) if places is None else places
+        remainder = [f"and {len(marks) - MOST_PLACES} more"] if len(marks) > MOST_PLACES else []
+        self.lines.append(f"{kind}: {len(marks)} {meaning}")
+        self.lines += [f"    {text}" for text in (*islice(texts, MOST_PLACES), *remainder)]
         self.marks += list(marks)
 
     def layer_of(self, line: int) -> str:
-        """The layer of a line, in words."""
+        """Return the layer of a line, in words."""
         return f'layer "{self.drawing.layers[self.drawing.layer[line]]}"'
 
 
 def read_net(path: Path, options: Options) -> Reading:
-    """The net of a drawing, and the lines of its report."""
+    """Read the net of a drawing, and report on it."""
     drawing = _read(path, options)
     lines = [f"{path}: {'; '.join(drawing.read)}"]
     lines += [_unit_line(drawing, options), *_doubts(drawing)]
-    lines += [f"left out: {what}" for what in drawing.left_out]
+    lines += [f"left out: {omission}" for omission in drawing.left_out]
     net = join(drawing.lines, options.tolerance)
     if not len(net.ends):
         raise InputError(f"{path}: no line is longer than the tolerance of {options.tolerance:g} m")
@@ -115,25 +115,25 @@ def read_net(path: Path, options: Options) -> Reading:
 
 
 def _read(path: Path, options: Options) -> Drawing:
-    """The drawing in metres. Raises InputError."""
+    """Read a drawing in metres. Raises InputError."""
     read = READERS.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{path}: expected a file with one of the endings {', '.join(READERS)}")
-    named = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
-    marking = [name for name in (named, options.springs and options.springs[0]) if name]
+    support_layer = options.supports if options.supports not in (None, AT_POINTS, OUTLINE) else None
+    marking = [name for name in (support_layer, options.springs and options.springs[0]) if name]
     drawing = read(path, marking, options.layers)
     if not np.isfinite(drawing.lines).all():
         raise InputError(f"{path}: a coordinate is no finite number")
     cut_curves(drawing, options.tolerance / METRES[options.unit or drawing.unit or "m"])
     if not len(drawing.lines):
-        left = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
-        raise InputError(f"{path}: no lines of a net in it{left}")
+        omissions = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
+        raise InputError(f"{path}: no lines of a net in it{omissions}")
     for name in [*(options.layers or []), *marking]:
         if not rows_called(name, drawing.layers):
-            words = f"{AT_POINTS}, {OUTLINE}, or " if name == named else ""
-            option = "--supports" if name == named else "--springs" if name in marking else "--layers"
+            alternatives = f"{AT_POINTS}, {OUTLINE}, or " if name == support_layer else ""
+            option = "--supports" if name == support_layer else "--springs" if name in marking else "--layers"
             raise InputError(
-                f"{option} {name}: expected {words}a layer with lines; {nearest(name, drawing.layers)}"
+                f"{option} {name}: expected {alternatives}a layer with lines; {nearest(name, drawing.layers)}"
             )
     if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
         raise InputError(
@@ -147,125 +147,146 @@ def _read(path: Path, options: Options) -> Drawing:
 
 
 def _extent(lines: np.ndarray) -> str:
+    """Format the extent of lines along each axis."""
     return " x ".join(f"{size:.4g}" for size in np.ptp(lines.reshape(-1, 3), axis=0))
 
 
 def _unit_line(drawing: Drawing, options: Options) -> str:
+    """Return the line on the unit and its source."""
     source = (
         f"from {drawing.unit_from}"
         if drawing.said
         else "the file names none: metres taken, --unit says another"
     )
     if options.unit:
-        other = f"; the file says {drawing.said}" if drawing.said not in (None, options.unit) else ""
-        source = f"from --unit{other}"
+        conflict = f"; the file says {drawing.said}" if drawing.said not in (None, options.unit) else ""
+        source = f"from --unit{conflict}"
     return f"unit: {drawing.unit} ({source}); extent {_extent(drawing.lines)} m"
 
 
 def _doubts(drawing: Drawing) -> list[str]:
-    """What the size says about the unit, and a drawing that is flat."""
+    """Return lines on an unusual extent, on a drawing far from the origin and on a flat drawing."""
     x = drawing.lines.reshape(-1, 3)
-    size, told = np.ptp(x, axis=0), []
+    size, lines = np.ptp(x, axis=0), []
     if not SHORT <= size.max() <= LONG:
-        told.append(f"unit: an extent of {size.max():.4g} m is unusual for a roof; is {drawing.unit} right?")
+        lines.append(f"unit: an extent of {size.max():.4g} m is unusual for a roof; is {drawing.unit} right?")
     if np.abs(x).max() > 100.0 * size.max():
-        told.append(
+        lines.append(
             f"place: the drawing lies {np.abs(x).max():.4g} m from the origin, {size.max():.4g} m in extent"
         )
     if size[2] == 0.0:
-        told.append(f"flat: all lines lie at z = {x[0, 2]:g} m; form finding leaves them there")
-    return told
+        lines.append(f"flat: all lines lie at z = {x[0, 2]:g} m; form finding leaves them there")
+    return lines
 
 
 def _tell_joining(reading: Reading) -> None:
+    """Report joined gaps, lines without length and duplicates."""
     net, lines = reading.net, reading.drawing.lines
-    at, layer = lambda line, end=0: reading.place(lines[line, end]), reading.layer_of
-    moved = np.argwhere(net.moved > ROUNDED)
-    moved = moved[np.argsort(-net.moved[tuple(moved.T)], kind="stable")]
-    told = (f"{1e3 * net.moved[k, e]:.3g} mm at {at(k, e)}, {layer(k)}" for k, e in moved)
+    layer = reading.layer_of
+
+    def point(line: int, end: int = 0) -> str:
+        return reading.place(lines[line, end])
+
+    gaps = np.argwhere(net.moved > ROUNDED)
+    gaps = gaps[np.argsort(-net.moved[tuple(gaps.T)], kind="stable")]
+    places = (f"{1e3 * net.moved[k, e]:.3g} mm at {point(k, e)}, {layer(k)}" for k, e in gaps)
     within = f"within {1e3 * reading.options.tolerance:g} mm"
-    what = f"ends of lines lay beside a node, {within}, and were joined"
-    reading.tell("gap", what, lines[tuple(moved.T)], told)
-    told = (f"at {at(k)}, {layer(k)}" for k in net.short)
-    what = "lines are not longer than the tolerance; left out"
-    reading.tell("no length", what, lines[net.short, 0], told)
-    told = (f"at {at(k)} to {at(k, 1)}, {layer(k)}, as on {layer(j)}" for k, j in net.twice)
-    what = "lines lie on another one; left out"
-    reading.tell("duplicate", what, lines[net.twice[:, 0]].mean(1), told)
+    meaning = f"ends of lines lay beside a node, {within}, and were joined"
+    reading.tell("gap", meaning, lines[tuple(gaps.T)], places)
+    places = (f"at {point(k)}, {layer(k)}" for k in net.short)
+    meaning = "lines are not longer than the tolerance; left out"
+    reading.tell("no length", meaning, lines[net.short, 0], places)
+    places = (f"at {point(k)} to {point(k, 1)}, {layer(k)}, as on {layer(j)}" for k, j in net.twice)
+    meaning = "lines lie on another one; left out"
+    reading.tell("duplicate", meaning, lines[net.twice[:, 0]].mean(1), places)
 
 
 def _split_where_asked(reading: Reading) -> None:
-    """Joints: on lines of the layer of supports, and with --split everywhere; else they are told."""
+    """Split elements at joints: on lines of the layer of supports, and with --split everywhere.
+
+    Touches and crossings that are not split are reported.
+    """
     net, options = reading.net, reading.options
     on_edge = _on_support_layer(reading)
     node, element, _ = faults.touches(net.x, net.ends, options.tolerance)
     pairs, crossing = faults.crossings(net.x, net.ends, options.tolerance)
-    where, at = lambda e: reading.layer_of(net.line[e]), reading.place
+
+    def layer(element: int) -> str:
+        return reading.layer_of(net.line[element])
+
     cut = np.ones(len(element), bool) if options.split else on_edge[element]
-    told = (f"at {at(x)}, {where(e)}" for x, e in zip(net.x[node[~cut]], element[~cut]))
-    what = "nodes lie on an element between its ends, without a joint; --split makes joints"
-    reading.tell("touch", what, net.x[node[~cut]], told)
+    places = (f"at {reading.place(x)}, {layer(e)}" for x, e in zip(net.x[node[~cut]], element[~cut]))
+    meaning = "nodes lie on an element between its ends, without a joint; --split makes joints"
+    reading.tell("touch", meaning, net.x[node[~cut]], places)
     if not options.split:
-        told = (f"at {at(x)}, {where(a)} and {where(b)}" for (a, b), x in zip(pairs, crossing))
-        what = "elements cross without a joint; --split makes joints"
-        reading.tell("crossing", what, crossing, told)
+        places = (f"at {reading.place(x)}, {layer(a)} and {layer(b)}" for (a, b), x in zip(pairs, crossing))
+        meaning = "elements cross without a joint; --split makes joints"
+        reading.tell("crossing", meaning, crossing, places)
         pairs, crossing = pairs[:0], crossing[:0]
     if cut.any() or len(pairs):
-        on = np.concatenate([element[cut], *pairs.T])
-        # a node that touches stays where it is; where two cross, the place on the first serves both
+        elements = np.concatenate([element[cut], *pairs.T])
+        # a touching node stays in place; a crossing is placed on the first of its two elements
         x = np.concatenate([net.x[node[cut]], crossing, crossing])
-        reading.net = split(net, on, x, options.tolerance)
+        reading.net = split(net, elements, x, options.tolerance)
         reading.lines.append(f"split: joints at {int(cut.sum())} touches and {len(pairs)} crossings")
 
 
 def _on_support_layer(reading: Reading, layer: str | None = None) -> np.ndarray:
-    """Elements (m,) that are drawn on a layer, or repeat a line that is; None: on those of supports."""
+    """Select the elements (m,) that are drawn on a layer or repeat a line on it.
+
+    layer : None: the layers of supports and springs
+    """
     drawing, net = reading.drawing, reading.net
     options = reading.options
-    named = [options.supports, options.springs and options.springs[0]] if layer is None else [layer]
-    on = np.isin(drawing.layer, [row for name in named for row in rows_called(name, drawing.layers)])
-    again = net.twice[on[net.twice[:, 0]], 1]  # left out, for another layer has the same line
-    return on[net.line] | np.isin(net.line, again)
+    names = [options.supports, options.springs and options.springs[0]] if layer is None else [layer]
+    on = np.isin(drawing.layer, [row for name in names for row in rows_called(name, drawing.layers)])
+    replacing = net.twice[on[net.twice[:, 0]], 1]  # these elements replace left-out lines of the layer
+    return on[net.line] | np.isin(net.line, replacing)
 
 
 def _supports(reading: Reading) -> np.ndarray:
-    """Which nodes (n,) are held; says where that comes from."""
-    drawing, net, asked = reading.drawing, reading.net, reading.options.supports
+    """Select the supported nodes (n,), and report their source."""
+    drawing, net, option = reading.drawing, reading.net, reading.options.supports
     fixed = np.zeros(len(net.x), bool)
-    if asked == OUTLINE or (asked is None and not len(drawing.held)):
+    if option == OUTLINE or (option is None and not len(drawing.held)):
         fixed, roofs = _outline(net)
-        of = f" of each of {roofs} parts" if roofs > 1 else ""
-        why = f"nodes on the outline{of}, and ends of single elements"
-        advice = "" if asked else "; --supports names a layer, points or outline"
+        of_parts = f" of each of {roofs} parts" if roofs > 1 else ""
+        source = f"nodes on the outline{of_parts}, and ends of single elements"
+        advice = "" if option else "; --supports names a layer, points or outline"
     else:
-        marks = drawing.held if asked is None else drawing.points
-        if asked not in (None, AT_POINTS):
-            marks = marks[np.isin(drawing.point_layer, rows_called(asked, drawing.layers))]
-            fixed[net.ends[_on_support_layer(reading, asked)]] = True
-        why, advice = {None: "as the file says", AT_POINTS: "at points"}.get(asked, f'layer "{asked}"'), ""
+        marks = drawing.held if option is None else drawing.points
+        if option not in (None, AT_POINTS):
+            marks = marks[np.isin(drawing.point_layer, rows_called(option, drawing.layers))]
+            fixed[net.ends[_on_support_layer(reading, option)]] = True
+        source, advice = (
+            {None: "as the file says", AT_POINTS: "at points"}.get(option, f'layer "{option}"'),
+            "",
+        )
         _mark(reading, marks, fixed)
-    reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({why}){advice}")
-    what = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
-    reading.tell("held in part", what, drawing.in_part)
+    reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({source}){advice}")
+    meaning = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
+    reading.tell("held in part", meaning, drawing.in_part)
     return fixed
 
 
 def _mark(reading: Reading, marks: np.ndarray, held: np.ndarray) -> None:
-    """Set held (n,) bool where marks (k, 3) [m] of supports are at a node; the others are told."""
+    """Set held (n,) bool at nodes that marks (k, 3) [m] of supports hit; report the other marks."""
     if not len(marks):
         return
     from scipy.spatial import cKDTree
 
-    apart, node = cKDTree(reading.net.x).query(marks)
-    good = apart <= reading.options.tolerance
-    held[node[good]] = True
-    far, apart = marks[~good], apart[~good]
-    told = [f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}" for d, x in zip(apart, far)]
-    reading.tell("support", "points of supports are not at a node", far, told)
+    distance, node = cKDTree(reading.net.x).query(marks)
+    at_node = distance <= reading.options.tolerance
+    held[node[at_node]] = True
+    missed, distance = marks[~at_node], distance[~at_node]
+    places = [
+        f"{1e3 * d:.4g} mm from the nearest node, at {reading.place(x)}" for d, x in zip(distance, missed)
+    ]
+    reading.tell("support", "points of supports are not at a node", missed, places)
 
 
 def _set_springs(reading: Reading) -> None:
-    """Elastic supports where their layer has points or lines; what they hold is held by nothing else."""
+    """Set elastic supports at the points and lines of their layer; these nodes have no other support."""
     if reading.options.springs is None:
         return
     drawing, net, (layer, stiffness) = reading.drawing, reading.net, reading.options.springs
@@ -274,15 +295,15 @@ def _set_springs(reading: Reading) -> None:
     _mark(reading, drawing.points[np.isin(drawing.point_layer, rows_called(layer, drawing.layers))], sprung)
     reading.spring = np.where(sprung[:, None], np.array(stiffness), 0.0)
     reading.fixed &= ~sprung
-    words = " x ".join(f"{k:g}" for k in stiffness)
-    reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {words} N/m')
+    text = " x ".join(f"{k:g}" for k in stiffness)
+    reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {text} N/m')
 
 
 def _outline(net: Joined) -> tuple[np.ndarray, int]:
-    """Nodes (n,) on the outline of the net, of each part of it that is a roof, and how many these are.
+    """Select the nodes (n,) on the outline of each part of the net that is a roof; count these parts.
 
-    The largest part is one; another if its outline holds free nodes, and it has closed faces or some size. So
-    neither a title block's frame nor a stray line becomes one.
+    The largest part is a roof. Another part is one if its outline contains free nodes, and it has closed
+    faces or some size. This excludes the frame of a title block and stray lines.
     """
     of_element = parts_by_size(net.ends, len(net.x))[net.ends[:, 0]]
     order = np.argsort(of_element, kind="stable")
@@ -300,65 +321,76 @@ def _outline(net: Joined) -> tuple[np.ndarray, int]:
 
 
 def _tell_near_misses(reading: Reading) -> None:
+    """Report nodes that nearly meet other nodes or elements."""
     net, tolerance = reading.net, reading.options.tolerance
     reach = faults.reach_of(net.x, net.ends, tolerance)
-    pairs, apart = faults.near_nodes(net.x, net.ends, reach)
-    words = lambda nodes, far: [f"{1e3 * d:.4g} mm at {reading.place(x)}" for d, x in zip(far, net.x[nodes])]
-    what = f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
-    reading.tell("near miss", what, net.x[pairs[:, 0]], words(pairs[:, 0], apart))
-    node, _, apart = faults.touches(net.x, net.ends, reach)
-    node, apart = node[apart > tolerance], apart[apart > tolerance]
-    what = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
-    reading.tell("near miss", what, net.x[node], words(node, apart))
+    pairs, distance = faults.near_nodes(net.x, net.ends, reach)
+
+    def places(nodes: np.ndarray, gaps: np.ndarray) -> list[str]:
+        return [f"{1e3 * gap:.4g} mm at {reading.place(x)}" for gap, x in zip(gaps, net.x[nodes])]
+
+    meaning = (
+        f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
+    )
+    reading.tell("near miss", meaning, net.x[pairs[:, 0]], places(pairs[:, 0], distance))
+    node, _, distance = faults.touches(net.x, net.ends, reach)
+    node, distance = node[distance > tolerance], distance[distance > tolerance]
+    meaning = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
+    reading.tell("near miss", meaning, net.x[node], places(node, distance))
 
 
 def _drop_loose_parts(reading: Reading) -> None:
-    """Parts of the net that no support holds are told, and left out: nothing could hold them up."""
+    """Report the parts of the net that have no support, and remove them, since they are mechanisms."""
     net, drawing = reading.net, reading.drawing
     part = parts_by_size(net.ends, len(net.x))
-    held = np.zeros(part.max() + 1, bool)
-    held[part[reading.held]] = True
-    if not held.any():
+    has_support = np.zeros(part.max() + 1, bool)
+    has_support[part[reading.held]] = True
+    if not has_support.any():
         raise InputError(
             f"{reading.path}: no node is held; --supports takes a layer, points or outline; "
             f"layers: {', '.join(drawing.layers)}"
         )
     of_element = part[net.ends[:, 0]]
-    if not held[0]:  # the net is then another one than was meant
-        mine = of_element == 0
+    if not has_support[0]:  # the part that is left is hardly the intended roof
+        is_part = of_element == 0
         reading.lines.append(
-            f"LARGEST PART LEFT OUT: {int(mine.sum())} of {len(mine)} elements are without a support; "
+            f"LARGEST PART LEFT OUT: {int(is_part.sum())} of {len(is_part)} elements are without a support; "
             "--supports takes a layer, points or outline"
         )
-        reading.lines.append(f"    {_where(reading, mine)}")
+        reading.lines.append(f"    {_where(reading, is_part)}")
     others = np.unique(of_element[of_element > 0])
-    for numbers, fate in (
-        (others[~held[others]], "and without a support: LEFT OUT"),
-        (others[held[others]], "and held by supports of their own"),
+    for numbers, remark in (
+        (others[~has_support[others]], "and without a support: LEFT OUT"),
+        (others[has_support[others]], "and held by supports of their own"),
     ):
         of_parts = [of_element == number for number in numbers.tolist()]
         count = int(np.isin(of_element, numbers).sum())
-        what = f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {fate}"
-        places = [net.x[net.ends[mine][0, 0]] for mine in of_parts]
-        told = (f"{int(mine.sum())} elements {_where(reading, mine)}" for mine in of_parts)
-        reading.tell("loose part", what, places, told)
-    kept = held[of_element]
-    nodes = held[part]
+        meaning = (
+            f"parts ({count} of {len(of_element)} elements) are not joined to the rest of the net, {remark}"
+        )
+        places = [net.x[net.ends[is_part][0, 0]] for is_part in of_parts]
+        texts = (f"{int(is_part.sum())} elements {_where(reading, is_part)}" for is_part in of_parts)
+        reading.tell("loose part", meaning, places, texts)
+    supported = has_support[of_element]
+    nodes = has_support[part]
     row = np.cumsum(nodes) - 1
-    reading.net = Joined(net.x[nodes], row[net.ends[kept]], net.line[kept], net.moved, net.short, net.twice)
+    reading.net = Joined(
+        net.x[nodes], row[net.ends[supported]], net.line[supported], net.moved, net.short, net.twice
+    )
     reading.fixed = reading.fixed[nodes]
     if reading.spring is not None:
         reading.spring = reading.spring[nodes]
 
 
-def _where(reading: Reading, mine: np.ndarray) -> str:
-    """Where some elements, mine (m,) bool, are, and on which layers, in words."""
+def _where(reading: Reading, elements: np.ndarray) -> str:
+    """Describe the place and the layers of elements; elements : (m,) bool."""
     net, drawing = reading.net, reading.drawing
-    layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[mine]].tolist()})
-    return f"at {reading.place(net.x[net.ends[mine][0, 0]])}, layer {', '.join(layers)}"
+    layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[elements]].tolist()})
+    return f"at {reading.place(net.x[net.ends[elements][0, 0]])}, layer {', '.join(layers)}"
 
 
 def _tell_loose_ends(reading: Reading) -> None:
+    """Report nodes with one element and no support."""
     net = reading.net
     single = np.bincount(net.ends.ravel(), minlength=len(net.x)) == 1
     loose = np.flatnonzero(single & ~reading.held)

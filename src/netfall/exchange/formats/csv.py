@@ -1,4 +1,4 @@
-"""A result as a folder of tables: the net in its form with all that it has, and a job that runs it again."""
+"""Export of a result as a folder of tables: the complete net in its form, and a job that runs it again."""
 
 import hashlib
 from pathlib import Path
@@ -18,45 +18,47 @@ HOLDS = None
 FOLDER, AT_REST, UNITS = True, False, False
 ABOUT = "README.txt"
 OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", ABOUT)
-DIGITS = 16  # of the digest
+DIGITS = 16  # hexadecimal digits of the digest
 
 
 def write(result: Result, state: State, folder: Path, unit: str) -> list[str]:
-    """nodes.csv, elements.csv and faces.csv, from which job.toml makes the same net; history and events.
+    """Write nodes.csv, elements.csv and faces.csv, the job.toml that reads them, history and events.
 
-    In motion the tables alone: where the points are then, and what elements carry.
+    For a state in motion only the tables are written: positions of the points and forces of the elements.
     """
-    ours = _check_folder(folder)
-    with whole_folder(folder) as place:
-        told = [line.replace(str(place), str(folder)) for line in _written(result, state, place)]
-        _check_copies(folder, place, ours)
-        (place / ABOUT).write_text("\n".join([MARK, *told]) + "\n", encoding="utf-8")
-        for name in OWN:  # what an export before has left and this one does not write
-            if not (place / name).exists():
+    is_export = _check_folder(folder)
+    with whole_folder(folder) as temporary:
+        lines = [line.replace(str(temporary), str(folder)) for line in _written(result, state, temporary)]
+        _check_copies(folder, temporary, is_export)
+        (temporary / ABOUT).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
+        for name in OWN:  # remove files of an earlier export that this one lacks
+            if not (temporary / name).exists():
                 (folder / name).unlink(missing_ok=True)
-    return told
+    return lines
 
 
 def _written(result: Result, state: State, folder: Path) -> list[str]:
-    """Write the files; what is said of them."""
+    """Write the files; return lines on what was written."""
     tables = _of_the_net(result, state) if state.is_form else _in_motion(state)
-    told = [f"{folder}: {state.name}; coordinates in m, forces in N"]
+    lines = [f"{folder}: {state.name}; coordinates in m, forces in N"]
     if hasattr(result, "history"):
         tables |= {"history": _history(result), "events": dict(result.events)}
     for name, columns in tables.items():
         write_table(folder / f"{name}.csv", columns)
-        told.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
+        lines.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
     if state.is_form:
-        told += state.told_out("rows")
-        told += job_again(result, state, folder, "faces" in tables, OWN)
-        told.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
+        lines += state.told_out("rows")
+        lines += job_again(result, state, folder, "faces" in tables, OWN)
+        lines.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
-        told.append(f"note: {state.name}, without loads, masses, springs and sections: those are of the form")
-    return told
+        lines.append(
+            f"note: {state.name}, without loads, masses, springs and sections: those are of the form"
+        )
+    return lines
 
 
 def digest(folder: Path) -> str:
-    """Of the tables that make the net, as they stand: a net that is read and written again has the same."""
+    """Compute a digest of the tables of the net; a net that is read and written again has the same digest."""
     total = hashlib.sha256()
     for name in OWN[:3]:
         if (folder / name).exists():
@@ -65,155 +67,168 @@ def digest(folder: Path) -> str:
 
 
 def _check_folder(folder: Path) -> bool:
-    """Whether netfall exported what is in the folder. Raises InputError for tables of the user's."""
+    """Whether netfall exported the content of the folder. Raises InputError for tables of the user."""
     about = folder / ABOUT
-    ours = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
-    there = [name for name in OWN if (folder / name).exists()]
-    if there and not ours:
+    is_export = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
+    existing = [name for name in OWN if (folder / name).exists()]
+    if existing and not is_export:
         raise InputError(
-            f"-o {folder}: has {there[0]} already, which is not what netfall exported; give another name"
+            f"-o {folder}: has {existing[0]} already, which is not what netfall exported; give another name"
         )
-    return ours
+    return is_export
 
 
-def _check_copies(folder: Path, place: Path, ours: bool) -> None:
-    """Raises InputError for a file of the user's that a copy of another one would replace."""
-    for copy in sorted(place.iterdir()):
-        there = folder / copy.name
-        if not ours and there.exists() and there.read_bytes() != copy.read_bytes():
+def _check_copies(folder: Path, temporary: Path, is_export: bool) -> None:
+    """Refuse to replace a file of the user by a copy of another one. Raises InputError."""
+    for copy in sorted(temporary.iterdir()):
+        target = folder / copy.name
+        if not is_export and target.exists() and target.read_bytes() != copy.read_bytes():
             raise InputError(f"-o {folder}: has another {copy.name} already; give another name")
 
 
 def _in_motion(state: State) -> dict[str, dict]:
-    """The tables of a moment."""
+    """Return the tables of a state in motion."""
     elements = _ends(state) | {"group": state.group, "unstressed_length": state.unstressed_length}
     elements |= {"tension": state.tension, "broken": state.broken.astype(int)}
     return {"nodes": _places(state), "elements": elements}
 
 
 def _of_the_net(result: Result, state: State) -> dict[str, dict]:
-    """The tables of the net in its form."""
-    there, elements = ~state.out(), _ends(state) | _element_columns(result, state)
+    """Return the tables of the net in its form."""
+    present, elements = ~state.out(), _ends(state) | _element_columns(result, state)
     tables = {
         "nodes": _places(state) | _node_columns(result),
-        "elements": {name: values[there] for name, values in elements.items()},
+        "elements": {name: values[present] for name, values in elements.items()},
     }
     faces = _faces(result, state)
     return tables | ({"faces": faces} if len(faces["face"]) else {})
 
 
 def _places(state: State) -> dict[str, np.ndarray]:
+    """Return the columns of node ids, coordinates and supports."""
     columns = {"id": state.node_id, **{k: state.position[:, i] for i, k in enumerate(AXES)}}
     return columns | {f"fixed_{k}": state.fixed[:, i].astype(int) for i, k in enumerate(AXES)}
 
 
 def _ends(state: State) -> dict[str, np.ndarray]:
+    """Return the columns of element ids and end nodes."""
     start, end = state.node_id[state.ends].T
     return {"id": state.element_id, "start": start, "end": end}
 
 
 def _recorded(result: Result, name: str, rows: int) -> np.ndarray:
-    """A column (rows, ...) of the net as it was built."""
+    """Return a column (rows, ...) of the net as it was built."""
     values = result.file[f"{RECORD}/{name}"][:]
     return np.broadcast_to(values, (rows, *values.shape[1:])) if len(values) == 1 else values
 
 
 def _node_columns(result: Result) -> dict[str, np.ndarray]:
-    """Loads, masses, areas, normals, springs and zones, those of them that the net has."""
+    """Return loads, masses, areas, normals, springs and zones of the nodes, if the net has them."""
     net, n = result.file["net"], len(result.nodes["id"])
-    of = lambda name: _recorded(result, name, n)
     angle = support_angles(result.file)
-    found: dict[str, np.ndarray] = {}
-    for name, values in (("load", of("load")), ("normal", of("normal"))):
+    columns: dict[str, np.ndarray] = {}
+
+    def recorded(name: str) -> np.ndarray:
+        return _recorded(result, name, n)
+
+    for name, values in (("load", recorded("load")), ("normal", recorded("normal"))):
         if (values[np.isfinite(values)] != 0.0).any():
-            found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
-    if of("mass").any():
-        found["mass"] = of("mass")
-    if np.isfinite(of("area")).any():
-        found["area"] = of("area")
+            columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
+    if recorded("mass").any():
+        columns["mass"] = recorded("mass")
+    if np.isfinite(recorded("area")).any():
+        columns["area"] = recorded("area")
     if "spring" in net:
-        rest = to_own(of("spring_rest"), angle)
-        for name, values in (("spring", net["spring"][:]), ("spring_rest", rest)):
-            found |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
+        spring_rest = to_own(recorded("spring_rest"), angle)
+        for name, values in (("spring", net["spring"][:]), ("spring_rest", spring_rest)):
+            columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
-        found["angle"] = angle
+        columns["angle"] = angle
     if (net["zone"][:] >= 0).any():
-        found |= _zone_columns(result)
-    return found
+        columns |= _zone_columns(result)
+    return columns
 
 
 def _zone_columns(result: Result) -> dict[str, np.ndarray]:
-    """The zone of each node; of one in several all of them, and its shares beside."""
+    """Return the zone of each node; for a node in several zones all their names, and its shares."""
     zone, net = result.nodes["zone"].astype(object), result.file["net"]
     if "zone_share" not in net:
         return {"zone": zone}
     names, share = net["zone_names"].asstr()[:], net["zone_share"][:]
-    beside = np.full(len(zone), "", object)
+    share_text = np.full(len(zone), "", object)
     for row in np.flatnonzero(((share > 0) & (share < 1)).any(1)):
-        there = share[row] > 0
-        zone[row] = SEVERAL.join(names[there])
-        beside[row] = SEVERAL.join(map(repr, share[row, there].tolist()))
-    return {"zone": zone, "zone_share": beside}
+        is_in = share[row] > 0
+        zone[row] = SEVERAL.join(names[is_in])
+        share_text[row] = SEVERAL.join(map(repr, share[row, is_in].tolist()))
+    return {"zone": zone, "zone_share": share_text}
 
 
 def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
-    """Kinds, lengths, pieces of cable, sections and strengths; these as they were before they were drawn."""
+    """Return kinds, lengths, cables, sections and strengths of the elements.
+
+    Strengths are those before the random draw.
+    """
     net, m = result.file["net"], len(state.ends)
-    of = lambda name: _recorded(result, name, m)
-    drawn = "strength" in net and not state.out().any()  # else pieces of cable have other numbers
-    factor = net["strength"][:] if drawn else np.ones(m)
-    found = {"group": state.group, "kind": np.where(net["bar"][:].astype(bool), "bar", "cable")}
-    found["unstressed_length"] = state.unstressed_length
-    found["cable"] = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
-    found |= {"area": of("section"), "modulus": of("modulus"), "density": of("density")}
-    found["expansion"] = net["expansion"][:]
-    by_load = of("breaking_load") / (of("modulus") * of("section"))
-    of_its_own = np.where(of("fracture_strain") < by_load, of("fracture_strain"), np.inf)
+
+    def recorded(name: str) -> np.ndarray:
+        return _recorded(result, name, m)
+
+    has_factors = "strength" in net and not state.out().any()  # a reduced net has other numbers
+    factor = net["strength"][:] if has_factors else np.ones(m)
+    columns = {"group": state.group, "kind": np.where(net["bar"][:].astype(bool), "bar", "cable")}
+    columns["unstressed_length"] = state.unstressed_length
+    columns["cable"] = net["cable_names"].asstr()[:].astype(str)[net["cable"][:]]
+    columns |= {"area": recorded("section"), "modulus": recorded("modulus"), "density": recorded("density")}
+    columns["expansion"] = net["expansion"][:]
+    strain_at_load = recorded("breaking_load") / (recorded("modulus") * recorded("section"))
+    fracture_strain = np.where(
+        recorded("fracture_strain") < strain_at_load, recorded("fracture_strain"), np.inf
+    )
     for name, values in (
-        ("yield_stress", of("yield_stress")),
-        ("breaking_load", of("breaking_load")),
-        ("fracture_strain", of_its_own),
+        ("yield_stress", recorded("yield_stress")),
+        ("breaking_load", recorded("breaking_load")),
+        ("fracture_strain", fracture_strain),
     ):
         if np.isfinite(values).any():
-            given = before_drawing(values, factor)
-            found[name] = np.where(np.isfinite(given), given, np.nan)
+            undrawn = before_drawing(values, factor)
+            columns[name] = np.where(np.isfinite(undrawn), undrawn, np.nan)
     if "type" in net:
         names = np.append(net["type_names"].asstr()[:], "").astype(str)
-        found["type"] = names[net["type"][:]]
-    return found
+        columns["type"] = names[net["type"][:]]
+    return columns
 
 
 def before_drawing(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """The least number (m,) whose product with the factor (m,) reaches the value (m,), to the last bit."""
+    """Find the smallest numbers (m,) whose product with the factor (m,) reaches the value (m,) exactly."""
     with np.errstate(over="ignore"):
-        found = value / factor
+        quotient = value / factor
         for _ in range(2):
-            less = np.nextafter(found, 0.0)
-            found = np.where(np.isfinite(found) & (less * factor >= value), less, found)
+            smaller = np.nextafter(quotient, 0.0)
+            quotient = np.where(np.isfinite(quotient) & (smaller * factor >= value), smaller, quotient)
         for _ in range(2):
-            found = np.where(found * factor >= value, found, np.nextafter(found, np.inf))
-    return found
+            quotient = np.where(quotient * factor >= value, quotient, np.nextafter(quotient, np.inf))
+    return quotient
 
 
 def _faces(result: Result, state: State) -> dict[str, np.ndarray]:
-    """A row for each corner of each ring of a face; points that are no node by their places."""
-    start, corner, face, others = (
+    """Return the faces, one row for each corner of each ring; corners that are no nodes have coordinates."""
+    start, corner, face, extra = (
         result.file[f"{RECORD}/{name}"][:] for name in ("ring_start", "ring_corner", "ring_face", "corners")
     )
-    n, of_corner = len(result.nodes["id"]), np.repeat(np.arange(len(face)), np.diff(start))
+    n, ring = len(result.nodes["id"]), np.repeat(np.arange(len(face)), np.diff(start))
     hole = np.arange(len(face)) - np.searchsorted(face, face)
     is_node = corner < n
     node = np.where(is_node, state.node_id[np.where(is_node, corner, 0)].astype(object), "")
-    columns = {"face": face[of_corner]} | ({"ring": hole[of_corner]} if hole.any() else {}) | {"node": node}
+    columns = {"face": face[ring]} | ({"ring": hole[ring]} if hole.any() else {}) | {"node": node}
     if not is_node.all():
-        place = np.full((len(corner), 3), np.nan)
-        place[~is_node] = others[corner[~is_node] - n]
-        columns |= {k: place[:, i] for i, k in enumerate(AXES)}
+        coordinates = np.full((len(corner), 3), np.nan)
+        coordinates[~is_node] = extra[corner[~is_node] - n]
+        columns |= {k: coordinates[:, i] for i, k in enumerate(AXES)}
     return columns
 
 
 def _history(result: Result) -> dict[str, np.ndarray]:
-    """The columns of /history; those of probes by the ids of their nodes and elements."""
+    """Return the columns of /history, with probes named by the ids of their nodes and elements."""
     history = result.history
     by_id = ("probe", "element")
     columns = {name: history[name] for name in history if not name.startswith(by_id)}
@@ -231,7 +246,7 @@ def _history(result: Result) -> dict[str, np.ndarray]:
 
 
 def _named(result: Result, element: int) -> str:
-    """The id of an element, with its nodes where it is one part of several."""
+    """Return the id of an element, with its nodes if several elements share the id."""
     ids, rows = result.elements["id"], result.elements
     nodes = f" ({rows['start'][element]}-{rows['end'][element]})"
     return f"{ids[element]}{nodes if (ids == ids[element]).sum() > 1 else ''}"

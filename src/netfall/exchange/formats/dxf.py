@@ -1,4 +1,4 @@
-"""A result as a drawing: lines, a layer for each group, for supports of each kind, for what broke."""
+"""Export of a result as a drawing: lines, with layers for groups, kinds of supports and broken elements."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from netfall.write.locks import whole
 
 HOLDS = ("groups",)
 FOLDER, AT_REST, UNITS = False, False, True
-COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # of AutoCAD's table, for groups in turn
+COLOURS = (5, 3, 30, 6, 4, 140, 40, 200)  # AutoCAD colour indices, used in turn for the groups
 RED = 1
 SUPPORTS, IN_PART, SPRINGS, BROKEN = MARKS = ("supports", "held in part", "springs", "broken")  # layers
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
@@ -26,20 +26,22 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     space = drawing.modelspace()
     layers = _layers(sorted(set(state.group.tolist())))
     for k, layer in enumerate(layers.values()):
-        known = drawing.layers.get(layer) if layer in drawing.layers else drawing.layers.add(layer)
-        known.color = COLOURS[k % len(COLOURS)]
-    there = ~state.out()
-    some, whole_held = state.fixed.any(1), state.fixed.all(1)
-    marks = {SUPPORTS: np.flatnonzero(whole_held), IN_PART: np.flatnonzero(some & ~whole_held)}
+        entry = drawing.layers.get(layer) if layer in drawing.layers else drawing.layers.add(layer)
+        entry.color = COLOURS[k % len(COLOURS)]
+    present = ~state.out()
+    partly_held, fully_held = state.fixed.any(1), state.fixed.all(1)
+    marks = {SUPPORTS: np.flatnonzero(fully_held), IN_PART: np.flatnonzero(partly_held & ~fully_held)}
     marks[SPRINGS] = springs_of(result.file).nodes
-    counts = {layer: len(nodes) for layer, nodes in marks.items()} | {BROKEN: int(state.broken[there].sum())}
+    counts = {layer: len(nodes) for layer, nodes in marks.items()} | {
+        BROKEN: int(state.broken[present].sum())
+    }
     for layer, count in counts.items():
         if count or layer == SUPPORTS:
             drawing.layers.add(layer, color=RED)
     for (a, b), group, broken in zip(
-        (per * state.position)[state.ends][there].tolist(),
-        state.group[there].tolist(),
-        state.broken[there].tolist(),
+        (per * state.position)[state.ends][present].tolist(),
+        state.group[present].tolist(),
+        state.broken[present].tolist(),
         strict=True,
     ):
         space.add_line(a, b, dxfattribs={"layer": BROKEN if broken else layers[group]})
@@ -47,28 +49,28 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
         for x in (per * state.position[nodes]).tolist():
             space.add_point(x, dxfattribs={"layer": layer})
     drawing.header.custom_vars.append("made", MARK)
-    with whole(path) as place:
-        drawing.saveas(place)
-    shown = ", ".join(layers.values())
+    with whole(path) as temporary:
+        drawing.saveas(temporary)
+    names = ", ".join(layers.values())
     broken = f", {counts[BROKEN]} on layer {BROKEN}" if counts[BROKEN] else ""
     points = f"{counts[SUPPORTS]} points on layer {SUPPORTS}"
     points += "".join(f", {counts[k]} on layer {k}" for k in (IN_PART, SPRINGS) if counts[k])
-    told = [f"{path}: {state.name}, {there.sum()} lines in {unit} on layers {shown}{broken}; {points}"]
-    return told + state.told_out("lines")
+    lines = [f"{path}: {state.name}, {present.sum()} lines in {unit} on layers {names}{broken}; {points}"]
+    return lines + state.told_out("lines")
 
 
 def _layers(groups: list[str]) -> dict[str, str]:
-    """A layer for each group, of its name without what DXF forbids in one; with a number if it is taken.
+    """Return a layer for each group, named after it without characters that DXF forbids.
 
-    DXF makes no difference between upper and lower case.
+    A name that is in use gets a number; DXF does not distinguish upper and lower case.
     """
-    found: dict[str, str] = {}
-    taken = {*MARKS, "defpoints"}  # the last one is never printed
+    layers: dict[str, str] = {}
+    used = {*MARKS, "defpoints"}  # entities on defpoints are never printed
     for group in groups:
-        plain = "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in group or "cables")
-        layer, k = plain, 2
-        while layer.casefold() in taken:
-            layer, k = f"{plain}_{k}", k + 1
-        taken.add(layer.casefold())
-        found[group] = layer
-    return found
+        base = "".join("_" if letter in '<>/\\":;?*|=`' else letter for letter in group or "cables")
+        layer, k = base, 2
+        while layer.casefold() in used:
+            layer, k = f"{base}_{k}", k + 1
+        used.add(layer.casefold())
+        layers[group] = layer
+    return layers

@@ -1,4 +1,4 @@
-"""A result as a Graph of COMPAS 2, `compas.json_load` reads it: nodes and edges with their attributes."""
+"""Export of a result as a COMPAS 2 Graph, which `compas.json_load` reads: nodes and edges with attributes."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ FOLDER, AT_REST, UNITS = False, False, False
 
 def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     """Write the Graph."""
-    length, there = lengths(state.position, state.ends), ~state.out()
+    length, present = lengths(state.position, state.ends), ~state.out()
     force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)
     columns = (column.tolist() for column in (state.node_id, state.position, state.fixed))
     node = {
@@ -24,7 +24,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     }
     edge: dict[str, dict] = {number: {} for number in node}
     doubled, unstressed = 0, state.unstressed()
-    for e in np.flatnonzero(there).tolist():
+    for e in np.flatnonzero(present).tolist():
         a, b = state.node_id[state.ends[e]].tolist()
         doubled += str(b) in edge[str(a)] or str(a) in edge[str(b)]
         edge[str(a)][str(b)] = {
@@ -43,10 +43,12 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
         "edge": edge,
         "max_node": int(state.node_id.max()),
     }
-    with whole(path) as place:
-        place.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8")
-    told = [f"{path}: {state.name}, {len(node)} nodes, {there.sum()} edges; m, N, N/m"]
-    told += state.told_out("edges")
+    with whole(path) as temporary:
+        temporary.write_text(
+            json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8"
+        )
+    lines = [f"{path}: {state.name}, {len(node)} nodes, {present.sum()} edges; m, N, N/m"]
+    lines += state.told_out("edges")
     if doubled:
-        told.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
-    return told
+        lines.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
+    return lines

@@ -1,4 +1,4 @@
-"""A result as a model for OpenSees: the last equilibrium that the run found, to be found again."""
+"""Export of a result as an OpenSees model, which solves the last equilibrium of the run again."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ HOLDS = (
     *("loads of nodes", "temperature", "springs", "angles of supports"),
 )
 FOLDER, AT_REST, UNITS = False, True, False
-SAME = 1e-9  # of the largest force: what two ways to compute a force may differ by
+SAME = 1e-9  # share of the largest force, by which two computations of a force may differ
 LOAD_STEPS = 10
 HEAD = """\
 # {title}
@@ -59,46 +59,46 @@ close $out
 
 
 def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
-    """Write the model, which starts from the form. Raises InputError for supports that it cannot hold."""
+    """Write the model, which starts from the form. Raises InputError for supports that OpenSees lacks."""
     _check_guides(result, state, path)
-    what, x, *of_elements = _equilibrium(result, state)
-    there, told_out = ~state.out(), state.told_out("trusses")
-    of_elements += [result.elements["axial_stiffness"], result.elements["bar"].astype(bool)]
-    tension, free, EA, bar = (values[there] for values in of_elements)
-    ends, ids = state.ends[there], state.element_id[there]
+    name, x, tension, free = _equilibrium(result, state)
+    present, removal_lines = ~state.out(), state.told_out("trusses")
+    tension, free = tension[present], free[present]
+    EA, bar = result.elements["axial_stiffness"][present], result.elements["bar"].astype(bool)[present]
+    ends, ids = state.ends[present], state.element_id[present]
     state = replace(state, position=form_of(result)[0], ends=ends, element_id=ids)
-    moved = np.where(state.fixed, x - state.position, 0.0)  # supports that settle
-    reached = lengths(x, state.ends)
-    linear = elastic_forces(reached, free, EA, bar, strain="engineering")
-    other = np.abs(linear - tension) > SAME * np.abs(tension).max()
-    free = np.where(other, unstressed_length(reached, tension, EA, strain="engineering"), free)
+    settlement = np.where(state.fixed, x - state.position, 0.0)  # settlement of supports
+    length = lengths(x, state.ends)
+    linear_tension = elastic_forces(length, free, EA, bar, strain="engineering")
+    nonlinear = np.abs(linear_tension - tension) > SAME * np.abs(tension).max()
+    free = np.where(nonlinear, unstressed_length(length, tension, EA, strain="engineering"), free)
     springs = springs_of(result.file)
     load = np.where(state.fixed, 0.0, -pull_at(x, state.ends, tension) - springs.forces(x))
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
-    names = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
-    names["foot"] = first_foot(state)
-    head = HEAD.format(title=one_line(result.title), what=one_line(what), source=result.path.name, **names)
-    parts = [head, _nodes(state, moved), _elements(state, free, EA, bar), _springs(state, springs)]
-    parts.append(_loads(state, load, moved))
-    with whole(path) as place:
-        place.write_text(
-            "".join(parts) + ANALYSIS.format(**names) + RESULTS.format(**names), encoding="utf-8"
+    fields = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
+    fields["foot"] = first_foot(state)
+    head = HEAD.format(title=one_line(result.title), what=one_line(name), source=result.path.name, **fields)
+    parts = [head, _nodes(state, settlement), _elements(state, free, EA, bar), _springs(state, springs)]
+    parts.append(_loads(state, load, settlement))
+    with whole(path) as temporary:
+        temporary.write_text(
+            "".join(parts) + ANALYSIS.format(**fields) + RESULTS.format(**fields), encoding="utf-8"
         )
     counts = f"{len(x)} nodes, {len(free)} trusses, {int(load.any(1).sum())} nodes with loads"
-    sprung = f", {len(springs.nodes)} on springs" if len(springs.nodes) else ""
-    told = [f"{path}: {what}; {counts}{sprung}", *told_out]
-    if other.any():
-        told.append(
-            f"note: {int(other.sum())} elements are not linear elastic there (they yielded or slipped, the "
-            "strain is logarithmic, or the case changes lengths): their unstressed lengths give the same "
+    spring_count = f", {len(springs.nodes)} on springs" if len(springs.nodes) else ""
+    lines = [f"{path}: {name}; {counts}{spring_count}", *removal_lines]
+    if nonlinear.any():
+        lines.append(
+            f"note: {int(nonlinear.sum())} elements are not linear elastic there (they yielded or slipped, "
+            "the strain is logarithmic, or the case changes lengths): their unstressed lengths give the same "
             "force in this equilibrium alone; where many have yielded, OpenSees may not get there from the "
             "form"
         )
-    return told
+    return lines
 
 
 def _check_guides(result: Result, state: State, path: Path) -> None:
-    """Raises InputError for nodes that move along lines which are neither x nor y."""
+    """Refuse nodes guided along lines that are neither x nor y. Raises InputError."""
     angle = support_angles(result.file)
     if angle is None:
         return
@@ -112,28 +112,31 @@ def _check_guides(result: Result, state: State, path: Path) -> None:
 
 
 def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
-    """That of a case, else the last one found.
+    """Return the equilibrium of the case, or else the last one of the run.
 
-    What it is, position (n, 3) [m], tension (m,) [N], unstressed lengths (m,) [m]
+    Returns its name, position (n, 3) [m], tension (m,) [N] and unstressed lengths (m,) [m].
     """
     x, tension = form_of(result)
     warm = result.elements["unstressed_length_warm"]
     if state.case:
-        place = result.file[f"cases/{state.case}"]
-        length = place["unstressed_length"][:] if "unstressed_length" in place else warm
-        return state.name, x + place["displacement"][:], place["tension"][:], length
+        case = result.file[f"cases/{state.case}"]
+        length = case["unstressed_length"][:] if "unstressed_length" in case else warm
+        return state.name, x + case["displacement"][:], case["tension"][:], length
     if hasattr(result, "rest"):
-        what = "rest under all constant loads" + " and the mean wind" * ("wind" in result.file)
-        return what, result.rest["position"], result.rest["tension"], warm
+        name = "rest under all constant loads" + " and the mean wind" * ("wind" in result.file)
+        return name, result.rest["position"], result.rest["tension"], warm
     if hasattr(result, "statics"):
-        moved, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
-        return "equilibrium under the static load", x + moved, tension, warm
+        displacement, tension = result.statics["displacement"][-1], result.statics["tension"][-1]
+        return "equilibrium under the static load", x + displacement, tension, warm
     return "form", x, tension, result.elements["unstressed_length"]
 
 
-def _nodes(state: State, moved: np.ndarray) -> str:
-    """moved : (n, 3) [m], of supports; what moves is held by the loads"""
-    lines, fixed = [], state.fixed & (moved == 0.0)
+def _nodes(state: State, settlement: np.ndarray) -> str:
+    """Return the nodes and their fixed axes; settlement : (n, 3) [m] of supports.
+
+    Axes that settle are left free here, since the loads prescribe their displacement.
+    """
+    lines, fixed = [], state.fixed & (settlement == 0.0)
     for tag, x, held in zip(state.node_id.tolist(), state.position.tolist(), fixed.tolist(), strict=True):
         lines.append(f"node {tag} {x[0]!r} {x[1]!r} {x[2]!r}\n")
         if any(held):
@@ -142,7 +145,10 @@ def _nodes(state: State, moved: np.ndarray) -> str:
 
 
 def _elements(state: State, free: np.ndarray, EA: np.ndarray, bar: np.ndarray) -> str:
-    """Two materials for each truss, of the area 1 m2: its stiffness, and the strain it has in the form."""
+    """Return two materials and a truss of area 1 m2 for each element: its stiffness and initial strain.
+
+    Strains refer to the lengths in the form.
+    """
     length = lengths(state.position, state.ends)
     modulus = EA * length / free
     in_compression = np.where(bar, modulus, 0.0)
@@ -158,40 +164,41 @@ def _elements(state: State, free: np.ndarray, EA: np.ndarray, bar: np.ndarray) -
 
 
 def _springs(state: State, springs: Springs) -> str:
-    """A foot and a zeroLength for each node on springs, whose materials begin with the spring's strain."""
+    """Return a foot and a zeroLength for each node on springs, with the initial strain of the spring."""
     lines, material = [], 2 * len(state.element_id)
     columns = (springs.nodes, springs.stiffness, springs.rest)
-    for tag, (p, k, rest) in enumerate(zip(*(c.tolist() for c in columns)), first_foot(state)):
-        x, kinds, axes = state.position[p].tolist(), [], []
+    for tag, (p, k, offset) in enumerate(zip(*(c.tolist() for c in columns)), first_foot(state)):
+        x, materials, axes = state.position[p].tolist(), [], []
         lines.append(f"node {tag} {x[0]!r} {x[1]!r} {x[2]!r}\nfix {tag} 1 1 1\n")
         for axis in [axis for axis in range(3) if k[axis] > 0.0]:
             lines.append(f"uniaxialMaterial Elastic {material + 1} {k[axis]!r}\n")
-            initial = f"{material + 2} {material + 1} {-rest[axis]!r}"
+            initial = f"{material + 2} {material + 1} {-offset[axis]!r}"
             lines.append(f"uniaxialMaterial InitStrainMaterial {initial}\n")
             material += 2
-            kinds.append(str(material))
+            materials.append(str(material))
             axes.append(str(axis + 1))
         ends = f"{tag} {int(state.node_id[p])}"
         orient = ""
         if springs.angle is not None:
             c, s = directions(springs.angle[tag - first_foot(state)][None])[0].tolist()
             orient = f" -orient {c!r} {s!r} 0 {-s!r} {c!r} 0"
-        mats, along = " ".join(kinds), " ".join(axes)
-        lines.append(f"element zeroLength {tag} {ends} -mat {mats} -dir {along}{orient}\n")
+        materials_text, axes_text = " ".join(materials), " ".join(axes)
+        lines.append(f"element zeroLength {tag} {ends} -mat {materials_text} -dir {axes_text}{orient}\n")
     return "".join(lines)
 
 
 def first_foot(state: State) -> int:
-    """The first number above all nodes and elements, for the feet of springs and their elements."""
+    """Return the first number above all nodes and elements, for the feet of springs and their elements."""
     return 1 + int(max(state.node_id.max(), state.element_id.max()))
 
 
-def _loads(state: State, load: np.ndarray, moved: np.ndarray) -> str:
+def _loads(state: State, load: np.ndarray, settlement: np.ndarray) -> str:
+    """Return the pattern of nodal loads and of prescribed displacements; settlement : (n, 3) [m]."""
     loaded = np.flatnonzero(load.any(1))
     lines = [
         f"    load {tag} {f[0]!r} {f[1]!r} {f[2]!r}\n"
         for tag, f in zip(state.node_id[loaded].tolist(), load[loaded].tolist(), strict=True)
     ]
-    for p, k in np.argwhere(moved != 0.0).tolist():
-        lines.append(f"    sp {int(state.node_id[p])} {k + 1} {float(moved[p, k])!r}\n")
+    for p, k in np.argwhere(settlement != 0.0).tolist():
+        lines.append(f"    sp {int(state.node_id[p])} {k + 1} {float(settlement[p, k])!r}\n")
     return "\ntimeSeries Linear 1\npattern Plain 1 1 {\n" + "".join(lines) + "}\n"

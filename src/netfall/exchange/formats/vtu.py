@@ -1,4 +1,4 @@
-"""A result as an UnstructuredGrid of lines, for ParaView."""
+"""Export of a result as an UnstructuredGrid of lines, for ParaView."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
         **state.unstressed(),
         "broken": state.broken.astype(np.uint8),
     }
-    with whole(path) as place:
-        write_vtu(place, state.position, state.ends, points, cells, MARK)
+    with whole(path) as temporary:
+        write_vtu(temporary, state.position, state.ends, points, cells, MARK)
     groups = ", ".join(f"{k} {name or '(none)'}" for k, name in enumerate(names))
     return [f"{path}: {state.name}, {len(state.position)} points, {len(state.ends)} lines; groups: {groups}"]

@@ -1,4 +1,4 @@
-"""Fragility curves: the share of runs that fail over the mean wind speed, a panel for each measure."""
+"""Fragility curves: the share of failed runs over the mean wind speed, a panel for each measure."""
 
 import textwrap
 
@@ -10,13 +10,13 @@ from netfall.plots.canvas import SMALL, charts, heading
 from netfall.study.answers.intervals import binned, wilson, with_interval
 from netfall.study.answers.read import Study
 
-COLUMNS = 3  # panels beside each other
-POINTS = 200  # of a curve
-WRAPPED = 44  # characters of a line in a panel
+COLUMNS = 3  # panels in a row
+POINTS = 200  # points of a curve
+WRAPPED = 44  # characters per line in a panel
 
 
 def fragility(study: Study):
-    """A panel for each measure: curves with their bands, observed shares with the intervals of each alone."""
+    """Draw a panel for each measure: curves with their bands, observed shares with their intervals."""
     g = study.fragility
     measures, names = (list(dict.fromkeys(g[key])) for key in ("measure", "curve"))
     rows = -(-len(measures) // COLUMNS)
@@ -41,26 +41,26 @@ def fragility(study: Study):
 
 
 def _draw(axes, g, k: int, j: int, curves: int) -> None:
-    """One curve in colour j."""
+    """Draw one curve in colour j."""
     colour, speed, band = f"C{j}", g["band_speed"], g["band"][k]
     if np.isfinite(band).all():
         axes.fill_between(speed, band[:, 0], band[:, 1], color=colour, alpha=0.18, lw=0)
     median, dispersion = g["median"][k], g["dispersion"][k]
     if np.isfinite(median):
-        fine = np.linspace(speed[0], speed[-1], POINTS)
-        axes.plot(fine, ndtr((np.log(fine) - np.log(median)) / dispersion), color=colour, lw=1.6)
-    at, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
-    at = at + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # beside each other, not on top
+        speeds = np.linspace(speed[0], speed[-1], POINTS)
+        axes.plot(speeds, ndtr((np.log(speeds) - np.log(median)) / dispersion), color=colour, lw=1.6)
+    centre, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
+    centre = centre + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # separates the curves
     share, (low, high) = failed / runs, wilson(runs, failed)
     style = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
-    axes.errorbar(at, share, [share - low, high - share], **style)
+    axes.errorbar(centre, share, [share - low, high - share], **style)
     text = _text(g, k) if curves == 1 else _short(g, k)
-    place = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
-    axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **place)
+    text_style = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
+    axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **text_style)
 
 
 def _text(g, k: int) -> str:
-    """Median and dispersion with their intervals, or why there is none."""
+    """Return median and dispersion with their intervals, or the reason why there is no curve."""
     if not np.isfinite(g["median"][k]):
         return textwrap.fill(f"no curve: {g['note'][k]}", WRAPPED)
     median = with_interval(g["median"][k], g["median_interval"][k], 4)
@@ -69,7 +69,7 @@ def _text(g, k: int) -> str:
 
 
 def _short(g, k: int) -> str:
-    """Median and its interval; there are other curves in the panel."""
+    """Return the median with its interval; for panels with several curves."""
     if not np.isfinite(g["median"][k]):
         low, high = g["median_bounds"][k]
         bounds = f"{low:g}" if low == high else f"{low:g} to {high:g}".replace(" to inf", " or more")
@@ -78,15 +78,15 @@ def _short(g, k: int) -> str:
 
 
 def _handles(g, names: list[str]) -> list:
-    """What the marks mean, and which curve has which colour."""
-    several = names if len(names) > 1 else []
-    colours = [plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(several)]
+    """Return the legend entries of marks and curves."""
+    labelled = names if len(names) > 1 else []
+    colours = [plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(labelled)]
     k = int(np.argmax(g["samples"]))
-    first = "C0" if len(names) == 1 else "0.4"
+    neutral = "C0" if len(names) == 1 else "0.4"
     resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"
     return [
         *colours,
-        plt.Line2D([], [], color=first, lw=1.6, label="lognormal curve of largest likelihood"),
-        plt.Rectangle((0, 0), 1, 1, color=first, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
-        plt.Line2D([], [], color=first, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),
+        plt.Line2D([], [], color=neutral, lw=1.6, label="lognormal curve of largest likelihood"),
+        plt.Rectangle((0, 0), 1, 1, color=neutral, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
+        plt.Line2D([], [], color=neutral, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),
     ]

@@ -1,4 +1,4 @@
-"""What the pictures of a study share: the net in plan coloured by element, the largest values named."""
+"""Common parts of study pictures: the net in plan coloured by element, with the largest values labelled."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -9,17 +9,17 @@ from netfall.plots.canvas import ROUND, add_coloured, add_scale, in_space, line_
 from netfall.plots.labels import add_labels
 from netfall.study.answers.read import Study
 
-SHORT = 0.015  # share of the picture, of an element that has a dot
+SHORT = 0.015  # length / size of the picture; shorter elements get a dot
 COLOURS = "viridis_r"
-MOST_NAMED = 5  # elements with their ids
-UPRIGHT = 0.1  # run over rise, up to which an element is a strut between layers
+MOST_NAMED = 5  # elements labelled with their ids
+UPRIGHT = 0.1  # horizontal / vertical length, below which an element is a strut between layers
 
 
 def roof_panels(study: Study):
-    """A figure with two maps of the net, each in plan, and in space too where it has layers."""
+    """Open a figure with two maps of the net, each in plan, and also in space if the net has layers."""
     x, held = study.net["particles"], study.net["fixed"].any(1)
     run, rise = np.hsplit(np.abs(np.diff(x[study.net["elements"]], axis=1)[:, 0]), [2])
-    layered = (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any()  # what stands upright between layers
+    layered = (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any()  # upright elements connect layers
     figure, panels = plan_panels(x[:, :2], held, 4 if layered else 2)
     for unused in panels[2:]:
         unused.remove()
@@ -30,8 +30,9 @@ def roof_panels(study: Study):
 def draw_values(
     study: Study, panels, values: np.ndarray, label: str, low=0.0, percent=False, names=None, log=False
 ):
-    """The elements of a map coloured by values (m,), nan: grey, the largest on top and named: by ids if no
-    names (m,) are given. panels : the map's
+    """Colour the elements of a map by values (m,), nan: grey, with the largest on top and labelled.
+
+    panels : axes of the map; names : labels (m,), None: ids
     """
     lines = study.net["particles"][study.net["elements"]]
     high = np.nanmax(values) if np.isfinite(values).any() else 1.0
@@ -39,8 +40,8 @@ def draw_values(
     colours = plt.cm.ScalarMappable(norm, COLOURS)
     names = (study.net["element_id"] if names is None else names).astype(str)
     for axes in panels:
-        shown = lines[..., : 3 if axes.name == "3d" else 2]
-        rows = add_coloured(axes, shown, values, norm, COLOURS, line_width(len(lines), 3.0))
+        projected = lines[..., : 3 if axes.name == "3d" else 2]
+        rows = add_coloured(axes, projected, values, norm, COLOURS, line_width(len(lines), 3.0))
     plan = panels[0]
     _dot_short(plan, lines[rows][..., :2], colours.to_rgba(values[rows]))
     bar = add_scale(plan, norm, COLOURS, label, shrink=0.8)
@@ -50,13 +51,13 @@ def draw_values(
         bar.minorticks_off()
     if percent:
         bar.ax.xaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
-    _, first = np.unique(names[rows[::-1]], return_index=True)  # of those that share a name, the largest
-    named = rows[::-1][np.sort(first)][:MOST_NAMED]
-    add_labels(plan, lines[named].mean(1)[:, :2], names[named].tolist())
+    _, first = np.unique(names[rows[::-1]], return_index=True)  # the largest value of each name
+    labelled = rows[::-1][np.sort(first)][:MOST_NAMED]
+    add_labels(plan, lines[labelled].mean(1)[:, :2], names[labelled].tolist())
 
 
 def _dot_short(axes, ends: np.ndarray, colours: np.ndarray) -> None:
-    """A dot of the same colour (k, 4) on elements (k, 2, 2) that are too short for a line to be seen."""
+    """Add dots in colours (k, 4) on elements (k, 2, 2) that are too short to be seen as lines."""
     extent = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
     short = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SHORT * extent
     middle = ends[short].mean(1)

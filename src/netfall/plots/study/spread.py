@@ -1,4 +1,4 @@
-"""Spread of the collapse: elements broken over the time since the first fracture."""
+"""Picture of the spread of the collapse: broken elements over the time since the first fracture."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -7,23 +7,23 @@ from netfall.plots.canvas import charts, heading, legend_below
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import SPEED
 
-MOST_LINES = 300  # members that are drawn
-POINTS = 200  # in time
-SHOWN = 0.995  # share of all fractures within the time that is shown
+MOST_LINES = 300  # samples that are drawn
+POINTS = 200  # points in time
+SHOWN = 0.995  # share of all fractures within the time range of the picture
 
 
 def spread(study: Study):
-    """A thin line for each member that broke, and the median and the 5 to 95 % band over them.
+    """Draw a thin line for each sample that broke, with the median and the 5 to 95 % band.
 
-    A member whose exposure has ended counts on with what broke up to then.
+    A sample whose exposure has ended keeps its last count.
     """
     courses = _courses(study)
     first = study.members["first_fracture"]
-    left = np.array([study.members["duration"][k] - first[k] for k in courses])
+    remaining = np.array([study.members["duration"][k] - first[k] for k in courses])
     times = np.concatenate(list(courses.values()))
-    span = max(1.05 * np.quantile(times, SHOWN), 0.05 * left.max(), 1e-3)
+    span = max(1.05 * np.quantile(times, SHOWN), 0.05 * remaining.max(), 1e-3)
     figure, ((axes,),) = charts(1, 1, 9, 5.4)
-    lines = _lines(study, axes, courses, left)
+    lines = _lines(study, axes, courses, remaining)
     grid = np.linspace(0.0, span, POINTS)
     count = np.array([np.searchsorted(t, grid, side="right") for t in courses.values()], float)
     low, middle, high = np.quantile(count, (0.05, 0.5, 0.95), axis=0)
@@ -42,7 +42,7 @@ def spread(study: Study):
 
 
 def _courses(study: Study) -> dict[int, np.ndarray]:
-    """Times since its first fracture [s] at which elements of a member break for the first time, by row."""
+    """Return the times [s] of first breaks of elements since the first fracture, by row of the sample."""
     e = study.events
     _, first = np.unique(np.stack([e["member"], e["element"]], 1), axis=0, return_index=True)
     first = first[study.finished[e["member"][first]]]
@@ -53,16 +53,16 @@ def _courses(study: Study) -> dict[int, np.ndarray]:
     return {int(k): t - t[0] for k, t in zip(rows, courses)}
 
 
-def _lines(study: Study, axes, courses: dict[int, np.ndarray], left: np.ndarray):
-    """Steps of some of the members, evenly chosen, coloured by the wind's speed; what gives the colours."""
+def _lines(study: Study, axes, courses: dict[int, np.ndarray], remaining: np.ndarray):
+    """Draw step curves of some samples, evenly chosen, coloured by wind speed; return the colour mapping."""
     speeds = study.members.get(SPEED)
-    several = speeds is not None and len(np.unique(speeds)) > 1
-    colours = plt.cm.ScalarMappable(plt.Normalize(speeds.min(), speeds.max()), "viridis") if several else None
+    varied = speeds is not None and len(np.unique(speeds)) > 1
+    colours = plt.cm.ScalarMappable(plt.Normalize(speeds.min(), speeds.max()), "viridis") if varied else None
     chosen = np.unique(np.linspace(0, len(courses) - 1, MOST_LINES).astype(int))
     rows = list(courses)
     for i in chosen:
-        t = np.append(courses[rows[i]], max(left[i], courses[rows[i]][-1]))
+        t = np.append(courses[rows[i]], max(remaining[i], courses[rows[i]][-1]))
         count = np.append(np.arange(1, len(t)), len(t) - 1)
-        colour = colours.to_rgba(speeds[rows[i]]) if several else "C0"
+        colour = colours.to_rgba(speeds[rows[i]]) if varied else "C0"
         axes.plot(t, count, drawstyle="steps-post", color=colour, lw=0.5, alpha=0.5)
     return colours

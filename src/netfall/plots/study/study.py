@@ -1,4 +1,4 @@
-"""Pictures and the table of a study file: which come depends on what it holds. No MPI, no solver."""
+"""Pictures and the table of a study file, depending on its content; without MPI and solver."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,33 +21,33 @@ from netfall.write.locks import whole
 
 
 def pictures_of(study: Study) -> dict[str, Callable]:
-    """The pictures that a study has data for, by name: what draws each from the study."""
+    """Return the pictures that a study has data for: the drawing functions by name."""
     losses = losses_of(study)
-    broke = bool(study.breaks.any())
+    has_breaks = bool(study.breaks.any())
     pictures = [
         ("fragility", fragility, bool(study.fragility)),
         ("hazard", hazard, bool(study.hazard) and np.isfinite(study.hazard["annual_probability"]).any()),
-        ("breaks", breaks, broke),
+        ("breaks", breaks, has_breaks),
         ("spread", spread, bool(len(study.events["time"])) and study.finished[study.events["member"]].any()),
         ("loss_map", loss_map, losses is not None and (elements_lost(study, losses) >= 0).any()),
         ("losses", loss_chart, losses is not None),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),
     ]
-    return {name: draw for name, draw, there in pictures if there}
+    return {name: draw for name, draw, present in pictures if present}
 
 
 def plot_study(path: Path, folder: Path) -> list[Path]:
-    """Write every picture that the study has data for, and the members as a table; their paths."""
+    """Write every picture that the study has data for, and the table of samples; return their paths."""
     study = read_study(path)
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name, draw in pictures_of(study).items():
         written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
     written.append(folder / f"{study.name}_members.csv")
-    with whole(written[-1]) as place:
-        drawn = [name for name in study.members if name not in BY_NAME]
-        names = *drawn, *(name for name in BY_NAME if name in study.members)  # then what came of it
+    with whole(written[-1]) as temporary:
+        drawn_names = [name for name in study.members if name not in BY_NAME]
+        names = *drawn_names, *(name for name in BY_NAME if name in study.members)
         columns = {name: study.members[name] for name in names}
         units = ", ".join(map(with_unit, columns))
-        write_table(place, columns, f"{units}; ..._id: of the tables, beside rows of /net")
+        write_table(temporary, columns, f"{units}; ..._id: of the tables, beside rows of /net")
     return written
