@@ -171,7 +171,7 @@ class Mixed:
                 self.watch()
 
     def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
-        """Return the correction (n_owned, 3) [m] of a residual, the change of `work.factor`, and the iterations.
+        """Return the correction (n_owned, 3) [m], the change of `work.factor`, and the iterations.
 
         Collective.
         """

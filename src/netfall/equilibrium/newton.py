@@ -332,7 +332,7 @@ class Newton:
             raise NoConvergence("the tangent is singular")
 
     def unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
-        """Return the largest change of tension that the old tangent did not predict, over the largest tension."""
+        """Return the largest change of tension that the old tangent missed, over the largest tension."""
         difference, tension = self.largest(
             (new.N - old.N - predicted)[self.moved_elements], new.N[self.moved_elements]
         )

@@ -1,4 +1,4 @@
-"""The slips of cables over nodes at given positions: the convex problem that `slip` solves for each trial."""
+"""Slips of cables over nodes at given positions, a convex problem that `slip` solves for each trial."""
 
 import math
 
@@ -10,23 +10,25 @@ from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_li
 from netfall.numerics.arithmetic import exponential, logarithm
 
 MOST_STEPS = 200  # of Newton's method on the slips at given positions
-NEAR_ZERO = 1e-12  # of the largest force on them: what is left of it
-ROUNDING = 4e-3  # of EA: what counts as such a force, whose rounding is that of lengths
-FLOOR = 1e-6  # of EA / L0: what a slack strand counts as, so that its slip is defined
+NEAR_ZERO = 1e-12  # residual of the driving forces over the largest force [-]
+ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
+FLOOR = 1e-6  # lowest stiffness over EA / L0 [-], so that the slip of a slack segment is defined
 HALVINGS = 40
-SHORTEST = 0.02  # of a strand: what slips in trials never leave less of
-STOP = 100.0  # times the stiffness of a strand: that of the end on a cable, which stops where LEAST is left
+SHORTEST = 0.02  # shortest free segment over its length without slip [-] in trials
+# stiffness of the stop on a cable over that of the segment [-]; it acts below the share LEAST of the length
+STOP = 100.0
 
 
 class CableChains(Record):
     """Slip points along each cable and the free segments between them; the same on every rank.
 
-    node, column : (k,) global particle, and which of its cables
-    before, after : (k,) rows of the elements beside a slip point; segment_before, segment_after : (k,)
-    friction : (k,); resistance : (k,) [N]; start : (c + 1,) where the chains begin
+    node, column : (k,) global particle, and the index of the cable among its cables
+    before, after : (k,) rows of the elements next to a slip point; segment_before, segment_after : (k,)
+    friction : (k,); resistance : (k,) [N]; start : (c + 1,) first slip point of each chain
     into, out : (g,) slip point at the begin and the end of a segment along the cable, -1: none
-    element : (q,) global numbers of the elements of all segments; segment : (q,); share : (q,) of its length
-    along : (q,) 1, -1; weight : (q,) [N/m] of their own
+    element : (q,) global numbers of the elements of all segments
+    segment : (q,); share : (q,) of the segment's length
+    along : (q,) 1, -1; weight : (q,) [N/m] of the elements
     """
 
     node: i8
@@ -46,11 +48,12 @@ class CableChains(Record):
     along: i8
     weight: f8
 
-    def __reduce__(self):  # rank 0 sends it to the others: there the arrays have other addresses
+    # pickled for the broadcast from rank 0, because addresses of arrays differ between ranks
+    def __reduce__(self):
         return type(self), tuple(getattr(self, name) for name in self.kind.fields)
 
     def passed(self, s: np.ndarray) -> np.ndarray:
-        """Return what slips s (k,) [m] add to the unstressed lengths of the elements (q,) [m]."""
+        """Return the changes (q,) [m] of the elements' unstressed lengths due to slips s (k,) [m]."""
         s = np.append(s, 0.0)
         return self.share * (s[self.into] - s[self.out])[self.segment]
 
@@ -60,14 +63,14 @@ class CableChains(Record):
 
 
 def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
-    """The chains of `net.slides.Slides`. weight : (m,) [N/m] of each element"""
+    """Build the chains of `net.slides.Slides`. weight : (m,) [N/m] of each element"""
     element = np.flatnonzero(slides.segment >= 0)
     rows = np.searchsorted(element, [slides.before, slides.after])
     segment = slides.segment[element]
     before, after = segment[rows]
     into, out = np.full((2, segment.max() + 1), -1)
     into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
-    start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # else it goes on from the one before
+    start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # otherwise the chain continues
     return CableChains(
         *(slides.node, slides.column, *rows, before, after, slides.friction, slides.resistance, start),
         *(into, out, element, segment, slides.share[element]),
@@ -76,10 +79,10 @@ def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
 
 
 class Strands(Record):
-    """The elements of `CableChains` at some positions (q,), [N] and [m].
+    """Elements of `CableChains` at given positions (q,), [N] and [m].
 
-    EA : 0 where it carries nothing; strand : [m] unstressed length without slip; L : [m] length
-    stop : [N/m] stiffness of the end on it; height : [m] of its middle
+    EA : 0 if the element carries nothing; strand : [m] unstressed length without slip; L : [m] length
+    stop : [N/m] stiffness of the stop; height : [m] of the element's middle
     direction : (q, 3) from begin to end along the cable
     """
 
@@ -93,7 +96,7 @@ class Strands(Record):
 
 @part_of_kernel
 def _force_of(e, L0, strands, law):
-    """Tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
+    """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
         return 0.0, 0.0, 0.0, FLOOR * EA / L0
@@ -106,25 +109,26 @@ def _force_of(e, L0, strands, law):
 
 @part_of_kernel
 def _short(e, L0, strands):
-    """By how much element e is shorter than where its end stops it [m], at unstressed lengths L0 (q,) [m]."""
+    """Compute how much [m] element e is shorter than its stop allows, at unstressed lengths L0 (q,) [m]."""
     return LEAST * strands.strand[e] - L0[e]
 
 
 @kernel
 def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness, drive, hold):
-    """Find the forces of the elements at slips s (k,) [m]: of `_force_of`, the weight's in q. All (q,), out.
+    """Compute the forces of the elements at slips s (k,) [m]; all arrays (q,) are filled.
 
-    drive, hold : (g,), out, of the segments: sums of q and of the stiffness that resists slip
+    T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
+    drive, hold : (g,), filled with the sums over each segment of q and of the stiffness against slip
     """
     drive[:] = 0.0
     hold[:] = 0.0
     for e in range(L0.shape[0]):
-        g, passed = chains.segment[e], 0.0
+        g, slipped = chains.segment[e], 0.0
         if chains.into[g] >= 0:
-            passed += s[chains.into[g]]
+            slipped += s[chains.into[g]]
         if chains.out[g] >= 0:
-            passed -= s[chains.out[g]]
-        L0[e] = strands.strand[e] + chains.share[e] * passed
+            slipped -= s[chains.out[g]]
+        L0[e] = strands.strand[e] + chains.share[e] * slipped
         T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
         q[e] -= weights * chains.weight[e] * strands.height[e]
         if strands.EA[e] == 0.0:
@@ -139,7 +143,7 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
 
 @inner_kernel
 def potential(s, old, limit, chains, strands, weights, law, L0):
-    """W [J] at slips s (k,) [m], with unstressed lengths L0 (q,) [m] there; inf where too little is left."""
+    """Compute W [J] at slips s (k,) [m] and unstressed lengths L0 (q,) [m]; inf if a segment is too short."""
     W = 0.0
     for e in range(L0.shape[0]):
         EA, L, short = strands.EA[e], strands.L[e], _short(e, L0, strands)
@@ -162,7 +166,7 @@ def potential(s, old, limit, chains, strands, weights, law, L0):
 
 @kernel
 def limits_of(chains, strands, T, law, limit):
-    """R (k,) [N] of the places at tensions T (q,) [N]."""
+    """Fill limit (k,) with the slip resistances R [N] at tensions T (q,) [N]."""
     for i in range(limit.shape[0]):
         b, a = chains.before[i], chains.after[i]
         turn, d = 1.0, strands.direction
@@ -181,14 +185,15 @@ def limits_of(chains, strands, T, law, limit):
 
 @inner_kernel
 def residuals(s, old, limit, chains, drive, r, way):
-    """What drives each place (k,) [N], 0 where it sticks, and its way: 1, -1, 0 sticks; the largest."""
+    """Fill r (k,) [N] with residual driving forces and way (k,) with 1, -1, 0: sticks; return the largest.
+
+    r is 0 if the slip point sticks.
+    """
     worst = 0.0
     for i in range(s.shape[0]):
         Q = drive[chains.segment_after[i]] - drive[chains.segment_before[i]]
-        moved = s[i] - old[i]
-        way[i] = (
-            1 if moved > 0.0 else -1 if moved < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
-        )
+        slip = s[i] - old[i]
+        way[i] = 1 if slip > 0.0 else -1 if slip < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
         r[i] = Q - way[i] * limit[i] if way[i] != 0 else 0.0
         worst = max(worst, abs(r[i]))
     return worst
@@ -196,9 +201,10 @@ def residuals(s, old, limit, chains, drive, r, way):
 
 @kernel
 def solve_chains(chains, way, hold, b, pivot, beside, border, out):
-    """Slips (k,) [m] that answer forces b (k,) [N] of the places that slip: K_ss^-1 b, chain by chain.
+    """Solve K_ss out = b, slips (k,) [m] and forces (k,) [N] of the points that slip, chain by chain.
 
-    hold : (g,) of `strand_forces`. The last place of a chain is a border, for chains that are closed.
+    hold : (g,) of `strand_forces`. The last slip point of a chain is a border of the matrix, for closed
+        chains.
     pivot, beside, border : (k,), scratch
     """
     for c in range(chains.start.shape[0]):
@@ -239,9 +245,9 @@ def solve_chains(chains, way, hold, b, pivot, beside, border, out):
 
 @kernel
 def slips_at(old, limit, chains, strands, weights, law, work, s):
-    """The slips s (k,) [m] at given positions, from those of `old` (k,); what is left of forces, relative.
+    """Compute the slips s (k,) [m] at given positions from `old` (k,); return the relative residual force.
 
-    work : `Work`; its strands are then those at s
+    work : `Work`; its forces are then those at s
     """
     for i in range(s.shape[0]):
         s[i] = old[i]
@@ -272,7 +278,7 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
             if after <= before + NEAR_ZERO * abs(before):
                 break
             share *= 0.5
-        if not after <= before + NEAR_ZERO * abs(before):  # rounding, or positions that are no numbers
+        if not after <= before + NEAR_ZERO * abs(before):  # due to rounding, or positions that are not finite
             for i in range(s.shape[0]):
                 s[i] = w.start[i]
             strand_forces(
@@ -284,9 +290,9 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
 
 
 class Work(Record):
-    """What `slips_at` fills: of the elements (q,) L0 to stiffness; of the segments (g,) drive and hold.
+    """Scratch arrays of `slips_at`.
 
-    Of the slip points (k,) the rest.
+    Elements (q,) have L0 to stiffness, segments (g,) drive and hold, slip points (k,) the others.
     """
 
     L0: f8
@@ -307,5 +313,5 @@ class Work(Record):
 
 
 def make_work(q: int, g: int, k: int) -> Work:
-    """Return room for q elements, g segments and k slip points."""
+    """Allocate the arrays for q elements, g segments and k slip points."""
     return Work(*np.zeros((5, q)), *np.zeros((2, g)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))
