@@ -65,7 +65,7 @@ class Finder:
         tolerance: float,
         reference: float,
         max_iterations: int,
-        what: str,
+        name: str,
         stop: StopRequest = NEVER,
         resume: Relaxation | None = None,
         relaxes: bool = True,
@@ -93,8 +93,8 @@ class Finder:
         else:
             start = resume.start
         if not relaxes:
-            raise DivergedError(f"{what}: no equilibrium was found at once")
-        context = what, stop, start, resume
+            raise DivergedError(f"{name}: no equilibrium was found at once")
+        context = name, stop, start, resume
         return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, *context)
 
     def _has_tensions(self) -> bool:

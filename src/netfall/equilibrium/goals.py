@@ -28,7 +28,7 @@ def relaxed_in_turn(
     tolerance: float,
     reference: float,
     max_iterations: int,
-    what: str,
+    name: str,
     stop: StopRequest,
     start: np.ndarray,
     resume: Relaxation | None,
@@ -46,12 +46,12 @@ def relaxed_in_turn(
     positions, solution, previous, resume_point = start, None, None, None
     for stage in range(first, len(residuals)):
         goal = residuals[stage]
-        report = lambda i, r, g=goal: finder.report(f"{what}: relaxing, residual {r:.2g} N of {g:.2g} N")
+        report = lambda i, r, g=goal: finder.report(f"{name}: relaxing, residual {r:.2g} N of {g:.2g} N")
         allowed = min(max_iterations, AGAIN + total) if solution else max_iterations
         try:
             net = newton.net
             iterations, residual = relax(
-                finder.comm, finder.halo, net, goal, allowed, what, report, stop, resume
+                finder.comm, finder.halo, net, goal, allowed, name, report, stop, resume
             )
         except Paused as pause:
             pause.at.stage, pause.at.total = stage, total
@@ -76,7 +76,7 @@ def relaxed_in_turn(
             if solution.error <= tolerance:
                 break
             resume_point = resume_point or replace(not_begun(positions), stage=stage, total=total)
-    _check_error(newton, solution, tolerance, residuals[-1], what)
+    _check_error(newton, solution, tolerance, residuals[-1], name)
     return solution
 
 
@@ -92,7 +92,7 @@ def _errors(newton: Newton, state: State, previous: tuple | None) -> tuple[float
 
 
 def _check_error(
-    newton: Newton, solution: Solution, tolerance: float, sufficient_residual: float, what: str
+    newton: Newton, solution: Solution, tolerance: float, sufficient_residual: float, name: str
 ) -> None:
     """Raise DivergedError if the error of a solution is too large or not known. Collective.
 
@@ -106,6 +106,6 @@ def _check_error(
             else "no known error"
         )
         raise DivergedError(
-            f"{what}: {solution.iterations} iterations of relaxation led to a residual of "
+            f"{name}: {solution.iterations} iterations of relaxation led to a residual of "
             f"{solution.residual:.3g} N with {known}, tolerance {tolerance:.3g}"
         )

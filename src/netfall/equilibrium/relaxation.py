@@ -134,7 +134,7 @@ def relax(
     net: Net,
     tolerance: float,
     max_iterations: int,
-    what: str,
+    name: str,
     report: Callable[[int, float], None] = lambda iteration, residual: None,
     stop: StopRequest = NEVER,
     resume: Relaxation | None = None,
@@ -164,14 +164,14 @@ def relax(
                 return iteration, residual
             if not np.isfinite(residual):
                 raise DivergedError(
-                    f"{what}: the residual is no number after {iteration} iterations; "
+                    f"{name}: the residual is no number after {iteration} iterations; "
                     "check the net's geometry and sections"
                 )
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
         if net.lost is not None and iteration % (10 * LOOK_EVERY) == 0 and net.lost(comm, v, residual):
-            raise RunsAway(f"{what}: what yields stretches without end")
+            raise RunsAway(f"{name}: what yields stretches without end")
         halo.update(f)
         if rested:
             total = np.zeros(len(x)) if net.support is None else net.support.copy()
@@ -191,7 +191,7 @@ def relax(
             return_to_peak(x, v, f, mass, free)
             previous = 0.0
     raise DivergedError(
-        f"{what}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
+        f"{name}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
         f"tolerance {tolerance:.3g} N"
     )
 

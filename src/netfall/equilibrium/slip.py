@@ -293,7 +293,7 @@ def find_slipping(finder, *arguments, **keywords):
     """
     slips, state = finder.slips, finder.state
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
-    _, tolerance, _, _, what, *_ = arguments
+    _, tolerance, _, _, name, *_ = arguments
     slips.begin()
     if slips.limit.any():
         _near(slips, finder, arguments, keywords)
@@ -306,11 +306,11 @@ def find_slipping(finder, *arguments, **keywords):
             raise Paused(not_begun(start)) from None
         slips.follow()
         if not slips.left <= INEXACT:
-            raise DivergedError(f"{what}: the slips of cables over nodes were not found")
+            raise DivergedError(f"{name}: the slips of cables over nodes were not found")
         slips_before = slips.s.copy()
         if slips.renew_limits() <= SETTLED * tolerance:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
             return solution
-    raise DivergedError(f"{what}: friction of what slips did not settle in {MOST_ROUNDS} rounds")
+    raise DivergedError(f"{name}: friction of what slips did not settle in {MOST_ROUNDS} rounds")

@@ -143,16 +143,16 @@ def warm_of(scene: Scene, setting: Setting | None):
     return lambda L0: warm_length(L0, scene.model.net.expansion, setting.load.temperature)
 
 
-def _equilibrium(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
+def _equilibrium(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) -> tuple:
     """The equilibrium of a stage, forces pulled to where some are; and the setting with its lengths."""
     if scene.comm.bcast(setting and len(setting.pulls) > 0):
-        outcome, setting = _pulled(scene, each, setting, stop)
+        outcome, setting = _pulled(scene, load_case, setting, stop)
     else:
-        outcome = settle.settle(scene, each, settle.reference_force(scene, each), stop)
+        outcome = settle.settle(scene, load_case, settle.reference_force(scene, load_case), stop)
     return elastic(scene, outcome), _slipped(scene, setting)
 
 
-def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tuple:
+def _pulled(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) -> tuple:
     """The equilibrium with the forces of the jacks, and the setting with the lengths there. Collective.
 
     Weight goes with the lengths, so they are found in turns, until it changes by less than the tolerance.
@@ -161,13 +161,13 @@ def _pulled(scene: Scene, each: StaticLoad, setting: Setting | None, stop) -> tu
     pulls, jacks, warm = of("pulls"), of("jacks"), warm_of(scene, setting)
     asked = settings_of(scene.job).tolerance
     for _ in range(MOST_TURNS):
-        found = tension_to(scene, each, pulls, jacks, setting and setting.L0, warm, stop)
+        found = tension_to(scene, load_case, pulls, jacks, setting and setting.L0, warm, stop)
         setting = setting and replace(setting, L0=found.L0, pulls=(), jacks=())
         load = scene.distribution.particles(setting and setting.forces(scene.model))
-        change = max(scene.comm.allgather(np.abs(load - each.load).max(initial=0.0)))
-        if not found.outcome.carries or change <= asked * settle.reference_force(scene, each):
+        change = max(scene.comm.allgather(np.abs(load - load_case.load).max(initial=0.0)))
+        if not found.outcome.carries or change <= asked * settle.reference_force(scene, load_case):
             return settle.balanced_under(scene, found.outcome, load), setting
-        each = each._replace(load=load)
+        load_case = load_case._replace(load=load)
     reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
     return found.outcome._replace(state=NONE, reason=reason), setting
 

@@ -63,7 +63,7 @@ def of_form(scene: Scene, kind: str, words: str) -> StaticLoad:
 
 def tension_to(
     scene: Scene,
-    each: StaticLoad,
+    load_case: StaticLoad,
     wanted: list[Wanted],
     jacks: list[Jack],
     L0,
@@ -77,10 +77,10 @@ def tension_to(
     Where that is not reached the state is in the last equilibrium on the way. Raises Paused if asked to stop.
     """
     comm, influence, best, before, tried = scene.comm, None, np.inf, None, np.zeros(0)
-    reference = settle.reference_force(scene, each)
+    reference = settle.reference_force(scene, load_case)
     for count in range(1, MOST_EQUILIBRIA + 1):
         set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
-        outcome = settle.settle(scene, each, reference, stop)
+        outcome = settle.settle(scene, load_case, reference, stop)
         now = _measure(scene, wanted) if outcome.carries else None
         size = comm.bcast(now.size if now else np.inf)
         if size <= REACHED:
@@ -95,7 +95,7 @@ def tension_to(
             L0 = scene.model and _changed(jacks, before[1], tried)
             continue
         best, before = min(best, size), (settle.committed(scene.state), L0)
-        influence = influences(scene, each.load, wanted, jacks, L0)
+        influence = influences(scene, load_case.load, wanted, jacks, L0)
         if scene.model:
             tried = _step(scene, now, wanted, jacks, L0, influence)
             L0 = _changed(jacks, L0, tried)
