@@ -200,18 +200,18 @@ def residuals(s, old, limit, chains, drive, r, way):
 
 
 @kernel
-def solve_chains(chains, way, hold, b, pivot, beside, border, out):
+def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
     """Solve K_ss out = b, slips (k,) [m] and forces (k,) [N] of the points that slip, chain by chain.
 
     hold : (g,) of `strand_forces`. The last slip point of a chain is a border of the matrix, for closed
         chains.
-    pivot, beside, border : (k,), scratch
+    pivot, off_diagonal, border : (k,), scratch
     """
     for c in range(chains.start.shape[0]):
         first = chains.start[c]
         last = (chains.start[c + 1] if c + 1 < chains.start.shape[0] else way.shape[0]) - 1
         for i in range(first, last + 1):
-            pivot[i], beside[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
+            pivot[i], off_diagonal[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
             if way[i] != 0:
                 pivot[i] = hold[chains.segment_before[i]] + hold[chains.segment_after[i]]
                 out[i] = b[i]
@@ -222,14 +222,14 @@ def solve_chains(chains, way, hold, b, pivot, beside, border, out):
                 if j == last or i == last:
                     border[min(i, j)] -= hold[g]
                 else:
-                    beside[i] -= hold[g]
+                    off_diagonal[i] -= hold[g]
         whole = pivot[last]
         for i in range(first, last):
             pivot[i] = max(pivot[i], FLOOR)
             share = border[i] / pivot[i]
             if i + 1 < last:
-                along = beside[i] / pivot[i]
-                pivot[i + 1] -= along * beside[i]
+                along = off_diagonal[i] / pivot[i]
+                pivot[i + 1] -= along * off_diagonal[i]
                 border[i + 1] -= along * border[i]
                 out[i + 1] -= along * out[i]
             pivot[last] -= share * border[i]
@@ -239,7 +239,7 @@ def solve_chains(chains, way, hold, b, pivot, beside, border, out):
         for i in range(last - 1, first - 1, -1):
             out[i] -= border[i] * out[last]
             if i + 1 < last:
-                out[i] -= beside[i] * out[i + 1]
+                out[i] -= off_diagonal[i] * out[i + 1]
             out[i] /= pivot[i]
 
 

@@ -1,11 +1,11 @@
-"""Lines of elements that run on over the particles, each solved whole: what is stiff along cables.
+"""Line smoother: lines of elements that continue over particles, each solved exactly.
 
-Along a cable a net is a thousand times as stiff as across. What varies little along cables and much from one
-to the next, no particle by itself puts right, and no coarser level has it. So the particles of a line move
-together: its part of the stiffness, a chain of 3 x 3 blocks, is solved from one end to the other and back, by
-one rank, in double precision: where cables yield, stiffness along a line differs by so much that in single
-precision its inverse is not positive. What the lines at a particle answer is added up, in ascending order of
-the lines.
+A net is about a thousand times as stiff along a cable as across. Errors that vary little along cables and
+strongly from one cable to the next are damped by no point smoother and are not visible on coarser grids. So
+the particles of a line are solved together: the stiffness of the line is a chain of 3 x 3 blocks. One rank
+solves it, forward and back, in double precision. In single precision the inverse is not positive definite if
+cables yield, because the stiffness along a line then varies strongly. The answers of all lines at a particle
+are added in ascending order of the lines.
 """
 
 from typing import NamedTuple
@@ -21,20 +21,21 @@ from netfall.numerics.arithmetic import fused
 from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
 
-STRAIGHT = -0.8  # cosine of two elements at a particle, at most: a line turns by no more than 37 degrees
-MOST_ELEMENTS = 16  # at a particle: of more no two are one line
-MOST_TOUCHING = 7  # lines that touch one element: of more the answers, added up, go too far
+STRAIGHT = -0.8  # largest cosine of two elements at a particle: a line turns by at most 37 degrees
+MOST_ELEMENTS = 16  # at a particle: with more no two form a line
+# largest number of lines that touch one element: with more the sum of the answers overshoots
+MOST_TOUCHING = 7
 
 
 class Lines(NamedTuple):
-    """The lines that a rank solves. A place is a particle in one of them.
+    """Lines that a rank solves. A place is a particle in one of them.
 
-    start : (lines + 1,) where the places of each begin
+    start : (lines + 1,) first place of each
     node, element : (places,) the particle of each, and the element from there to the next place, -1: none
-    particles, elements : what of others this rank needs for that; own rows come first, then these
+    particles, elements : ghosts that this rank needs for that; own rows come first, then these
     element_rows : own elements, of this rank's
-    begin, place : the places of each own particle, from begin (n_owned + 1,) on; places : those of others
-    touching : at most so many places stand at one element, the two of a line as one
+    begin, place : the places of each own particle, from begin (n_owned + 1,) on; places : ghosts of these
+    touching : largest number of places at one element, with the two of a line counted as one
     """
 
     start: np.ndarray
@@ -51,10 +52,10 @@ class Lines(NamedTuple):
 
 @kernel
 def pair_elements(at, ends, x, free, other):
-    """At which element a line goes on behind each element's ends: other (m, 2), -1: it ends there.
+    """Fill other (m, 2) with the element in which the line continues beyond each end, -1: the line ends.
 
-    at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3)
-    Of the elements at a particle the two that are straightest are one line, then the two of the others.
+    at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3) The straightest pair of
+        elements at a particle forms one line, then the straightest pair of the others.
     """
     for p in range(x.shape[0]):
         first, last = at.start[p], at.start[p + 1]
@@ -86,10 +87,10 @@ def pair_elements(at, ends, x, free, other):
 
 @kernel
 def walk_lines(ends, other, seen, start, node, element):
-    """Fill the lines, all of them: start (m + 1,), node, element (2 m,); how many there are.
+    """Fill start (m + 1,), node, element (2 m,) with all lines and return their number.
 
-    other : of `pair_elements`; seen : (m,) of zeros, overwritten
-    A line that closes ends at the particle where it begins, which so has two places in it.
+    other : of `pair_elements`; seen : (m,) of zeros, overwritten A closed line ends at the particle where it
+        starts, which so has two places in it.
     """
     count = k = 0
     for first in range(ends.shape[0]):
@@ -115,7 +116,7 @@ def walk_lines(ends, other, seen, start, node, element):
 
 
 def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
-    """start, node, element of all lines of a net, and `touching`. ends : (m, 2); x, free : (n, 3)"""
+    """Return start, node, element of all lines of a net, and `touching`. ends : (m, 2); x, free : (n, 3)"""
     n, m = len(x), len(ends)
     other, seen = np.full((m, 2), -1, np.int32), np.zeros(m, np.uint8)
     start, (node, element) = np.zeros(m + 1, np.int64), np.empty((2, 2 * m), np.int32)
@@ -129,7 +130,7 @@ def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
 
 
 def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> Lines:
-    """The lines of a net on these ranks: a line goes to the owner of its middle. Collective.
+    """Distribute the lines of a net: a line goes to the owner of its middle. Collective.
 
     ends : (m, 2) of this rank's elements; x, free : (n, 3) of its particles
     """
@@ -140,24 +141,26 @@ def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: 
     particles = Owners(comm, d.particle_gid[: d.n_owned])
     elements = Owners(comm, d.element_gid[d.element_owned])
     counts = np.diff(start)
-    mine = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
-    counts, own = entries_of(counts, mine)
+    own_lines = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
+    counts, own = entries_of(counts, own_lines)
     places = Owners(comm, own)
     order = np.argsort(node, kind="stable")
     number = np.bincount(node, minlength=distribution.n)
     at, place = entries_of(number, particles.mine)
-    of_node, node = _placed(comm, node[own], particles)
+    node_ghosts, node = _placed(comm, node[own], particles)
     element = element[own]
-    goes_on = element >= 0
-    of_element, element[goes_on] = _placed(comm, element[goes_on], elements)
-    of_place, place = _placed(comm, order[place], places)
+    continues = element >= 0
+    element_ghosts, element[continues] = _placed(comm, element[continues], elements)
+    place_ghosts, place = _placed(comm, order[place], places)
     begin = np.concatenate([[0], np.cumsum(at)])
     start, own_elements = np.concatenate([[0], np.cumsum(counts)]), np.flatnonzero(d.element_owned)
-    return Lines(start, node, element, of_node, of_element, own_elements, begin, place, of_place, touching)
+    return Lines(
+        start, node, element, node_ghosts, element_ghosts, own_elements, begin, place, place_ghosts, touching
+    )
 
 
 def _placed(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
-    """The ghosts among wanted rows, and where each of these stands: own rows, then ghosts. Collective."""
+    """Return the ghosts among wanted rows, and the local place of each: own rows, then ghosts. Collective."""
     ghosts = ghosts_of(comm, wanted, owners)
     place = owners.place.copy()
     place[ghosts.number] = len(owners.mine) + np.arange(len(ghosts.number), dtype=np.int32)
@@ -166,17 +169,17 @@ def _placed(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarra
 
 @part_of_kernel
 def _coupling(e, axial, across, direction, i, j):
-    """An entry of the stiffness [N/m] of one end of element e against the other."""
+    """Compute an entry of the stiffness [N/m] of one end of element e against the other."""
     along = (axial[e] - across[e]) * direction[e, i]
     return -along * direction[e, j] - (across[e] if i == j else 0.0)
 
 
 @kernel
 def factorise_lines(start, node, element, diagonal, free, direction, axial, across, work, lower, inverse):
-    """The factors of each line, L D L^T by blocks: lower (places, 9), inverse (places, 6) of D.
+    """Factorise each line, L D L^T by blocks: lower (places, 9), inverse (places, 6) of D.
 
-    start, node, element : of `Lines`; diagonal (n, 3, 3), free (n, 3) : of particles
-    direction (m, 3), axial, across (m,) : of elements; inverse : entries as of `levels.invert`
+    start, node, element : of `Lines`; diagonal (n, 3, 3), free (n, 3) : of particles direction (m, 3), axial,
+        across (m,) : of elements; inverse : entries as in `levels.invert`
     work : (4, 3, 3), overwritten
     """
     D, C, L, last = work[0], work[1], work[2], work[3]
@@ -211,9 +214,9 @@ def factorise_lines(start, node, element, diagonal, free, direction, axial, acro
 
 @kernel
 def solve_lines(start, node, lower, inverse, x, work, y):
-    """y (places, 3) of each line, of the rows of x (n, 3) at its places; work : (places, 3), overwritten.
+    """Solve each line for y (places, 3), with the rows of x (n, 3) at its places as right-hand side.
 
-    start, node, lower, inverse : as of `factorise_lines`
+    start, node, lower, inverse : see `factorise_lines`; work : (places, 3), overwritten
     """
     for line in range(np.uint64(start.shape[0] - 1)):
         first, end = np.uint64(start[line]), np.uint64(start[line + 1])
@@ -249,7 +252,10 @@ def solve_lines(start, node, lower, inverse, x, work, y):
 
 @kernel
 def add_places(begin, place, y, scale, x):
-    """Add scale times the places of each particle to x (n_owned, 3). begin, place : of `Lines`; y : (k, 3)"""
+    """Add scale times the sum over the places of each particle to x (n_owned, 3).
+
+    begin, place : of `Lines`; y : (k, 3)
+    """
     for i in range(np.uint64(x.shape[0])):
         a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for k in range(np.uint64(begin[i]), np.uint64(begin[i + 1])):
@@ -260,29 +266,31 @@ def add_places(begin, place, y, scale, x):
 
 
 class LineSmoother:
-    """One step towards matrix x = b by the lines."""
+    """Damped smoother for matrix x = b that adds up the exact solutions of all lines."""
 
     def __init__(self, lines: Lines, matrix: BlockRows, net, K: Tangent):
-        """Of a tangent as `matrix` has it. Collective. net : `relaxation.Net`"""
-        comm, n, K, mine = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
-        of_elements = (
-            each if len(mine) == len(each) else each[mine] for each in (K.direction, K.axial, K.across)
+        """Factorise the lines of the tangent in `matrix`. Collective. net : `relaxation.Net`"""
+        comm, n, K, own_rows = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
+        element_arrays = (
+            rows if len(own_rows) == len(rows) else rows[own_rows]
+            for rows in (K.direction, K.axial, K.across)
         )
-        direction, axial, across = (lines.elements.joined(comm, each) for each in of_elements)
+        direction, axial, across = (lines.elements.joined(comm, rows) for rows in element_arrays)
         diagonal = lines.particles.joined(comm, matrix.diagonal())
         free = lines.particles.joined(comm, np.ascontiguousarray(net.free[:n] != 0))
         self.lines, places = lines, len(lines.node)
         self.work = np.empty((places, 3))
         self.lower, self.inverse = np.empty((places, 9)), np.empty((places, 6))
-        of_lines, factors = (lines.start, lines.node, lines.element), (self.lower, self.inverse)
+        line_arrays, factors = (lines.start, lines.node, lines.element), (self.lower, self.inverse)
         work = np.empty((4, 3, 3))
-        factorise_lines(*of_lines, diagonal, free, direction, axial, across, work, *factors)
-        most = lines.touching  # bounds the eigenvalues; damped from there down to a third of it
-        self.scale = np.float32(2.0 / (most + max(1.0, most / 3.0)))
+        factorise_lines(*line_arrays, diagonal, free, direction, axial, across, work, *factors)
+        # bounds the eigenvalues; damped from there down to a third of it
+        bound = lines.touching
+        self.scale = np.float32(2.0 / (bound + max(1.0, bound / 3.0)))
         self.x, self.y = Shared(comm, n, lines.particles), Shared(comm, places, lines.places)
 
     def add_step(self, r: np.ndarray, x: np.ndarray) -> None:
-        """Add the step to x that answers what is left, r. Both (n_owned, 3). Collective."""
+        """Add to x the step that answers the residual r. Both (n_owned, 3). Collective."""
         lines = self.lines
         self.x.own[:] = r
         self.x.share()
