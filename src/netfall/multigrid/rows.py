@@ -54,8 +54,8 @@ def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
     number = np.flatnonzero(needs)
     number = number[np.argsort(owners.rank[number], kind="stable")]
     counts = np.bincount(owners.rank[number], minlength=comm.size)
-    asked = comm.alltoall(np.split(owners.place[number], np.cumsum(counts)[:-1]))
-    return Ghosts(number, counts, asked)
+    requested = comm.alltoall(np.split(owners.place[number], np.cumsum(counts)[:-1]))
+    return Ghosts(number, counts, requested)
 
 
 class Pattern:
