@@ -82,9 +82,9 @@ class Finder:
         newton, x = self.newton(load), self.state.x
         if resume is None or not resume.is_begun:
             start, resume = x.copy(order="K"), None
-            for way in (self._by_newton, self._by_tensions):
+            for method in (self._by_newton, self._by_tensions):
                 try:
-                    return way(newton, tolerance, stop, watch)
+                    return method(newton, tolerance, stop, watch)
                 except Stopped:
                     x[:] = start
                     raise Paused(not_begun(start)) from None
@@ -94,8 +94,8 @@ class Finder:
             start = resume.start
         if not relaxes:
             raise DivergedError(f"{name}: no equilibrium was found at once")
-        context = name, stop, start, resume
-        return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, *context)
+        search = name, stop, start, resume
+        return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, *search)
 
     def _has_tensions(self) -> bool:
         """Return whether the interior point method applies, which takes tensions as unknowns."""
@@ -125,12 +125,12 @@ class Finder:
             start_point = mixed.narrow(size, tolerance)
             if max(mixed.missing) <= tolerance:
                 break
-            before = x.copy(order="K")
+            positions = x.copy(order="K")
             try:
                 solution = self.corrected(newton, tolerance, stop, start_point)
                 break
             except NoConvergence:
-                x[:] = before
+                x[:] = positions
         solution = solution or self._narrowed(newton, mixed.gradients, mixed.missing)
         if solution.unstable_at >= 0:
             raise NoConvergence("it is not stable: relaxation leads to one that is, if there is one")
@@ -179,7 +179,7 @@ class Finder:
     def limit_load(
         self,
         load: np.ndarray,
-        more: np.ndarray,
+        scaled_load: np.ndarray,
         strained: Callable[[], Strained],
         tolerances: tuple[float, float],
         stop: StopRequest,
@@ -187,12 +187,12 @@ class Finder:
     ) -> tuple[LimitLoad, Solution]:
         """Bring the state to the limit load factor of one of two loads. Collective.
 
-        load : (n, 3) [N], acts in full; more : (n, 3) [N], acts times the factor. The other arguments are
-            those of `limit.limit_load`.
+        load : (n, 3) [N], acts in full; scaled_load : (n, 3) [N], acts times the factor. The other arguments
+            are those of `limit.limit_load`.
         """
-        own = more[: self.state.n_owned]
-        limit = limit_load(self.newton(load), self.state, own, strained, tolerances, stop, report)
-        newton = self.newton(load + limit.factor * more)
+        owned_load = scaled_load[: self.state.n_owned]
+        limit = limit_load(self.newton(load), self.state, owned_load, strained, tolerances, stop, report)
+        newton = self.newton(load + limit.factor * scaled_load)
         return limit, self._narrowed(newton, limit.gradients, limit.missing)
 
     def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple]:

@@ -100,12 +100,12 @@ def _check_error(
     """
     allowed = NEARLY * max(tolerance, newton.rounding(newton.tangent()))
     if not (solution.error <= allowed or solution.residual <= sufficient_residual):
-        known = (
+        error_text = (
             f"an estimated error of {solution.error:.1g}"
             if solution.error == solution.error
             else "no known error"
         )
         raise DivergedError(
             f"{name}: {solution.iterations} iterations of relaxation led to a residual of "
-            f"{solution.residual:.3g} N with {known}, tolerance {tolerance:.3g}"
+            f"{solution.residual:.3g} N with {error_text}, tolerance {tolerance:.3g}"
         )

@@ -1,10 +1,10 @@
 """Limit load factor of a net of cables by work control.
 
-Close to the limit load a small increment of load moves the net far, and above it there is no equilibrium. If
-the work of the load is prescribed instead (force times displacement, over all particles), an equilibrium
-exists for any value, because the energy of cables is convex in the positions. So each trial prescribes the
-work, and the load factor is one more unknown. The utilisation of the net grows nearly in proportion to the
-work, so few trials suffice. The load hardly changes between the last of them.
+Close to the limit load a small increment of load moves the net far, and above it there is no equilibrium. So
+each trial prescribes the work of the load instead: force times displacement, over all particles. An
+equilibrium exists for any work, because the energy of cables is convex in the positions. The load factor is
+one more unknown. The utilisation of the net grows nearly in proportion to the work, so few trials suffice.
+The load hardly changes between the last of them.
 """
 
 from collections.abc import Callable
@@ -37,7 +37,7 @@ class Work:
         (work,) = self.newton.dots((self.load, self.newton.net.x[self.newton.owned] - self.start))
         return work
 
-    def solve(self, K: Tangent, cycle, r: np.ndarray, left: float) -> tuple[np.ndarray, float, int]:
+    def solve(self, K: Tangent, cycle, r: np.ndarray, residual_share: float) -> tuple[np.ndarray, float, int]:
         """Return the correction (n_owned, 3) [m], the change of `factor`, and the iterations. Collective.
 
         r : residual without the load; left : largest share of the residual that may remain. A first
@@ -64,15 +64,15 @@ class Work:
 
         to_target = (self.target - self.done()) / compliance * response
         r = r + self.factor * load - newton.stiffness_times(K, to_target)
-        s, count = newton.solve(K, idle, r, left)
+        s, count = newton.solve(K, idle, r, residual_share)
         return to_target + s, factor_change, count
 
 
 class LimitLoad(NamedTuple):
     """Limit load factor and the state at the limit.
 
-    factor : limit load factor, 1: the whole load is carried; beyond : what fails slightly above it,
-        `UNSTRAINED` if the whole load is carried
+    factor : limit load factor, 1: the whole load is carried
+    beyond : utilisation slightly above it, `UNSTRAINED` if the whole load is carried
     gradients : iterations; missing : estimated errors, shares of the largest displacement and tension
     """
 
@@ -133,12 +133,12 @@ def limit_load(
 
 def _ends(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:
     """Find trials below and above the limit; None above if the whole load is carried. first : work [J]"""
-    low, at = NOTHING, first
+    low, work = NOTHING, first
     for _ in range(MOST_STEPS):
-        result = trial(at)
+        result = trial(work)
         if result.there.reason:
             return low, result
-        low, at = result, 2.0 * at
+        low, work = result, 2.0 * work
         if low.factor >= 1.0:
             return low, None
     raise NoConvergence("nothing gives way under any work")

@@ -8,12 +8,14 @@ the tension N of a cable is an unknown of its own. Residual forces and geometric
 that the last correction predicted (Magisano, Leonetti, Garcea 2017), and the constitutive law is linear in
 it. So a correction may be large, and the next one squares what remains of its error.
 
-A cable that goes slack and yields has the complementary energy of a bar with bounds on its tension: 0 <= N <=
-limit and N - p + q = a. Here a is the force of a bar that does neither, p >= 0 with N p = 0, and, for the
-flow, q >= 0 with q (limit - N) = 0. The interior point method solves N p = q (limit - N) = k gap, with the
-stiffness k [N/m] and the barrier parameter gap [J]. It reduces the barrier parameter to 0, so no tangent is
-singular on the way. The method is primal-dual, on tensions alone. The energy is convex in the positions for
-any barrier parameter (Kanno and Ohsaki 2003).
+A cable that goes slack and yields has the complementary energy of a bar with bounds on its tension:
+
+    0 <= N <= limit,  N - p + q = a,  p >= 0,  N p = 0,  q >= 0,  q (limit - N) = 0
+
+Here a is the force of a bar without bounds, p belongs to slackening and q to plastic flow. The interior point
+method solves N p = q (limit - N) = k gap instead. Here k is the stiffness [N/m] and gap the barrier parameter
+[J], which decreases to 0, so no tangent is singular on the way. The method is primal-dual, on tensions alone.
+The energy is convex in the positions for any barrier parameter (Kanno and Ohsaki 2003).
 """
 
 import numpy as np
@@ -132,8 +134,8 @@ class Mixed:
 
         Collective.
         """
-        N, own = self.state.elements_now().N, self.owned
-        deviation, largest = self.newton.largest(N[own] - self.now[own, 0], self.now[own, 0])
+        N, rows = self.state.elements_now().N, self.owned
+        deviation, largest = self.newton.largest(N[rows] - self.now[rows, 0], self.now[rows, 0])
         return deviation / largest
 
     def step(self) -> None:
@@ -149,23 +151,23 @@ class Mixed:
         pull = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
         add_pulls(state.ends, pull[:, None] * K.direction, newton.f)
         s, factor_change, count = self.answer(K, newton.not_held(newton.f[newton.owned]))
-        moved, changed, change = newton.sizes(K, s, state.x_start)
+        displacement, changed, change = newton.sizes(K, s, state.x_start)
         change_of_tensions(*law_arguments, self.now, self.aimed, change, self.changes, self.part)
-        share = self.longest()
+        step_share = self.longest()
         (most_turn,) = newton.largest(most_turned(newton.spread, self.cables, L, state.ends))
-        share = min(newton.most_of(s), share, max(1.0 / most_turn, PARTS[-1]))
-        state.x[:] += share * newton.spread
-        change_tensions(self.cables, share, self.changes, self.now)
+        step_share = min(newton.most_of(s), step_share, max(1.0 / most_turn, PARTS[-1]))
+        state.x[:] += step_share * newton.spread
+        change_tensions(self.cables, step_share, self.changes, self.now)
         if self.work is not None:
-            self.work.factor += share * factor_change
+            self.work.factor += step_share * factor_change
         elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
             raise RunsAway("what yields stretches without end")
-        size = max(moved, changed)
-        displacement_error, tension_error = still_missing((moved, changed), share, self.size)
+        size = max(displacement, changed)
+        displacement_error, tension_error = still_missing((displacement, changed), step_share, self.size)
         self.missing = displacement_error, max(tension_error, self.off())
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
         (largest_tension,) = newton.largest(self.now[self.owned, 0])
-        if share == 1.0 and moved < LARGE and self.settled(change, largest_tension):
+        if step_share == 1.0 and displacement < LARGE and self.settled(change, largest_tension):
             self.gap = max(NARROWER * self.gap, np.finfo(float).eps * self.energy)
             if self.watch is not None and self.gap < 2.0 * NARROWER**2 * self.begun:
                 self.watch()
@@ -183,19 +185,19 @@ class Mixed:
     def longest(self) -> float:
         """Return the largest share of a step that takes only few cables beyond their bounds. Collective."""
         shares = self.part[self.owned]
-        beyond = [np.count_nonzero(shares < part) for part in PARTS / BEYOND]
+        beyond = [np.count_nonzero(shares < trial_share) for trial_share in PARTS / BEYOND]
         allowed = PARTS[self.newton.comm.allreduce(np.array(beyond)) <= FEW * self.count]
         return float(allowed.max(initial=PARTS[-1]))
 
-    def settled(self, change: np.ndarray, most: float) -> bool:
+    def settled(self, change: np.ndarray, largest_tension: float) -> bool:
         """Return whether only few cables are unsettled, so that the barrier parameter may be reduced.
 
         Collective.
 
         A cable is unsettled if it allows less than half a step or if its tension changes much.
-        change : (m,) [N] by the motion of the ends; most : largest tension [N]
+        change : (m,) [N] by the motion of the ends; largest_tension : [N]
         """
-        unsettled = (self.part[self.owned] < 0.5) | (np.abs(change[self.owned]) > LARGE * most)
+        unsettled = (self.part[self.owned] < 0.5) | (np.abs(change[self.owned]) > LARGE * largest_tension)
         return self.newton.comm.allreduce(np.count_nonzero(unsettled)) <= FEW * self.count
 
 
@@ -237,9 +239,9 @@ def aim_tensions(cables, L, gap, now, axial, across, aimed):
             across[e] = max(across[e], 0.0)
             continue
         a, k = trial(e, L[e], cables)
-        N, room = now[e, 0], now[e, 1]
-        D = 1.0 + now[e, 2] / N + now[e, 3] / room
-        aimed[e] = N + (a - N + gap * k / N - gap * k / room) / D
+        N, reserve = now[e, 0], now[e, 1]
+        D = 1.0 + now[e, 2] / N + now[e, 3] / reserve
+        aimed[e] = N + (a - N + gap * k / N - gap * k / reserve) / D
         axial[e], across[e] = k / D, N / L[e]
 
 
@@ -253,24 +255,26 @@ def add_pulls(ends, pull, f):
 
 
 @kernel
-def change_of_tensions(cables, L, gap, now, aimed, moved, changes, part):
-    """Fill changes (m, 4) of `now`, to the tension aimed at plus moved (m,) [N], the effect of moving ends.
+def change_of_tensions(cables, L, gap, now, aimed, by_motion, changes, step_limit):
+    """Fill changes (m, 4) of `now` for a step to the tension aimed at and for moving ends.
 
-    part : (m,), filled with the share of the change at which the first of the four becomes 0; inf: none does
+    by_motion : (m,) [N], the effect of moving ends
+    step_limit : (m,), filled with the share of the change at which the first of the four becomes 0; inf: none
+        does
     """
     for e in range(now.shape[0]):
         if not cables.carries[e]:
             continue
         _, k = trial(e, L[e], cables)
-        part[e] = np.inf
-        tension_change = aimed[e] - now[e, 0] + moved[e]
+        step_limit[e] = np.inf
+        tension_change = aimed[e] - now[e, 0] + by_motion[e]
         changes[e, 0], changes[e, 1] = tension_change, -tension_change
         for i in range(2):
             value = now[e, i]
             changes[e, 2 + i] = gap * k / value - now[e, 2 + i] * (1.0 + changes[e, i] / value)
         for i in range(4):
             if changes[e, i] < 0.0:
-                part[e] = min(part[e], -now[e, i] / changes[e, i])
+                step_limit[e] = min(step_limit[e], -now[e, i] / changes[e, i])
 
 
 @kernel

@@ -103,14 +103,14 @@ class NotPositiveDefinite(NoConvergence):
         self.shape = shape
 
 
-def still_missing(sizes: tuple[float, float], part: float, before: float) -> tuple[float, ...]:
+def still_missing(sizes: tuple[float, float], step_share: float, previous_size: float) -> tuple[float, ...]:
     """Estimate the errors left after a share of a step, if step sizes go on to decrease at the same rate.
 
-    before : the larger size of the step before. The estimate is at least the size of the step itself.
+    previous_size : the larger size of the step before. The estimate is at least the size of the step itself.
     """
-    rate = max(sizes) / before
+    rate = max(sizes) / previous_size
     remaining = max(1.0, rate / (1.0 - rate)) if rate < 1.0 else np.inf
-    return tuple(size * (1.0 - part + remaining) if size else 0.0 for size in sizes)
+    return tuple(size * (1.0 - step_share + remaining) if size else 0.0 for size in sizes)
 
 
 class Newton:
@@ -192,14 +192,16 @@ class Newton:
             keep_on_guides(self.net.turned, rows)
         return rows
 
-    def solve(self, K: Tangent, cycle: Cycle, r: np.ndarray, share: float = LEFT) -> tuple[np.ndarray, int]:
+    def solve(
+        self, K: Tangent, cycle: Cycle, r: np.ndarray, residual_share: float = LEFT
+    ) -> tuple[np.ndarray, int]:
         """Return the correction (n_owned, 3) [m] of a residual and the iterations. Collective.
 
-        share : of the residual that may be left
+        residual_share : of the residual that may be left
 
         Raises NoConvergence if the tangent is singular in the direction of the residual.
         """
-        s, remainder, before = np.zeros_like(r), r.copy(), np.empty_like(r)
+        s, remainder, previous_remainder = np.zeros_like(r), r.copy(), np.empty_like(r)
         z = self._held(cycle(remainder))
         p = z.copy()
         rz, rr = self.dots((remainder, z), (remainder, remainder))
@@ -214,10 +216,15 @@ class Newton:
             if not pq > 0.0:
                 raise NotPositiveDefinite(p)
             step = rz / pq
-            advance(step, p, q, s, remainder, before)
+            advance(step, p, q, s, remainder, previous_remainder)
             z = self._held(cycle(remainder))
-            size, new, mixed_product = self.dots((remainder, remainder), (remainder, z), (before, z))
-            if size <= share * share * rr and new <= share * share * first:
+            size, new, mixed_product = self.dots(
+                (remainder, remainder), (remainder, z), (previous_remainder, z)
+            )
+            if (
+                size <= residual_share * residual_share * rr
+                and new <= residual_share * residual_share * first
+            ):
                 return s, iteration
             turn((new - mixed_product) / rz, z, p)
             rz = new
@@ -234,7 +241,7 @@ class Newton:
         tolerance: float,
         start: np.ndarray,
         stop: StopRequest = NEVER,
-        near: StartPoint | None = None,
+        start_point: StartPoint | None = None,
         quick: bool = False,
     ) -> Solution:
         """Move the net to equilibrium. Collective.
@@ -242,57 +249,59 @@ class Newton:
         tolerance : of the remaining error after the last correction, a share of the largest displacement from
             `start` (n, 3) and of the largest tension
         stop : stop flag
-        near : set if another method has brought the net close to an equilibrium, so no correction is too
-            expensive
-        quick : whether to give up if a correction goes too far, because another method is better
+        start_point : set if another method has brought the net close to an equilibrium, so no correction is
+            too expensive
+        quick : whether to give up if a correction is too large, because another method is better
 
         Raises NoConvergence, Stopped if asked to stop; the positions are then those of the last correction.
         """
         self.begin()
-        K, (total, before) = self.tangent(), near or StartPoint()
+        K, (total, previous_size) = self.tangent(), start_point or StartPoint()
         cycle, r = None, self.residual()
         exact = True  # whether the tangent includes compression
         for _ in range(MOST_CORRECTIONS):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
                 raise Stopped
             cycle = cycle or self.cycle(K)
-            share = min(max(LEFT, tolerance / (LEFT * max(before, tolerance))), LEFT_LAST)
+            residual_share = min(max(LEFT, tolerance / (LEFT * max(previous_size, tolerance))), LEFT_LAST)
             try:
-                s, count = self.solve(K, cycle, r, share)
+                s, count = self.solve(K, cycle, r, residual_share)
             except NoConvergence as error:
-                if quick or (isinstance(error, SlowConvergence) and not near):
+                if quick or (isinstance(error, SlowConvergence) and not start_point):
                     raise
                 if exact and self.comm.allreduce(K.softened, MPI.LOR):
                     K, exact = without_compression(K), False
                 else:
                     self._more_inertia()
                     cycle = None
-                before = np.inf
+                previous_size = np.inf
                 continue
             total += count
             displacement, change, predicted = self.sizes(K, s, start)
-            part = self.go(s, r)
+            step_share = self.go(s, r)
             old_tangent, r, K = K, self.residual(), self.tangent()
             unpredicted = self.unforeseen(old_tangent, K, predicted)
-            is_full, change = part == 1.0 and not self.inertia, max(change, unpredicted)
-            if quick and (part < SHORT or unpredicted > FAR):
+            is_full, change = step_share == 1.0 and not self.inertia, max(change, unpredicted)
+            if quick and (step_share < SHORT or unpredicted > FAR):
                 raise NoConvergence("it is not near")
             size, changed = max(displacement, change), self.active_set_changes(old_tangent, K)
             if changed:  # elements became slack or taut, or began or ceased to yield
-                before = np.inf
+                previous_size = np.inf
             if changed or count > MANY_GRADIENTS:
                 cycle = None
-            solver_share = CAUTION * share if count > MANY_GRADIENTS else share
-            remaining_share = max(solver_share, min(1.0, size / before)) if 0.0 < before < np.inf else 1.0
+            solver_share = CAUTION * residual_share if count > MANY_GRADIENTS else residual_share
+            remaining_share = (
+                max(solver_share, min(1.0, size / previous_size)) if 0.0 < previous_size < np.inf else 1.0
+            )
             done = remaining_share * size <= tolerance or remaining_share * size <= self.rounding(K)
             if is_full and exact and done:
                 local_residual = largest_residual(self.f, self.net.free, self.halo.n_owned)
                 worst = self.comm.allreduce(local_residual, MPI.MAX)
                 return Solution(total, worst, remaining_share * displacement, remaining_share * change)
-            before, exact = size if is_full else np.inf, True
-            if part < SHORT:
+            previous_size, exact = size if is_full else np.inf, True
+            if step_share < SHORT:
                 self._more_inertia()
-            elif part == 1.0:
+            elif step_share == 1.0:
                 self.inertia = 0.0 if self.inertia <= INERTIA[0] else 0.1 * self.inertia
         raise NoConvergence(f"{MOST_CORRECTIONS} corrections were not enough")
 
@@ -319,12 +328,17 @@ class Newton:
 
         Returns shares of displacement and tension as `errors` does. Call `begin` first.
         """
-        owned, now, counts = self.owned, state.elements_now().N, self.moved_elements
-        parts = (state.x - x)[owned], (state.x - state.x_start)[owned], (now - N)[counts], now[counts]
-        step, distance, force_change, tension = self.largest(
-            *(lengths(part) if part.ndim > 1 else part for part in parts)
+        owned, tensions, counts = self.owned, state.elements_now().N, self.moved_elements
+        arrays = (
+            (state.x - x)[owned],
+            (state.x - state.x_start)[owned],
+            (tensions - N)[counts],
+            tensions[counts],
         )
-        return step / max(distance, NIL * self.extent), force_change / tension if tension > 0.0 else 0.0
+        movement, distance, force_change, tension = self.largest(
+            *(lengths(array) if array.ndim > 1 else array for array in arrays)
+        )
+        return movement / max(distance, NIL * self.extent), force_change / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
         self.inertia = 10.0 * self.inertia or INERTIA[0]
@@ -360,11 +374,11 @@ class Newton:
         dot_rows(displacement, displacement, squares[1])
         counts = self.moved_elements
         sizes = (np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts])
-        step, distance, force_change, tension = self.largest(*sizes)
-        if step <= ULPS * np.finfo(float).eps * self.extent:
+        movement, distance, force_change, tension = self.largest(*sizes)
+        if movement <= ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0, change
         return (
-            step / max(distance, NIL * self.extent),
+            movement / max(distance, NIL * self.extent),
             force_change / tension if tension > 0.0 else 0.0,
             change,
         )
@@ -378,15 +392,15 @@ class Newton:
 
         Collective.
         """
-        share = self.most_of(s)
-        before = self.net.x.copy()
+        step_share = self.most_of(s)
+        start = self.net.x.copy()
         (slope,) = self.dots((r, s))
         self.spread_out(s)
         for _ in range(HALVINGS):
-            self.net.x[:] = before + share * self.spread
-            (after,) = self.dots((self.residual(), s))
-            if np.isfinite(after) and after >= -0.5 * slope:
+            self.net.x[:] = start + step_share * self.spread
+            (new_slope,) = self.dots((self.residual(), s))
+            if np.isfinite(new_slope) and new_slope >= -0.5 * slope:
                 break
-            part = slope / (slope - after) if np.isfinite(after) else 0.1
-            share *= min(max(part, 0.1), 0.5)
-        return share
+            fraction = slope / (slope - new_slope) if np.isfinite(new_slope) else 0.1
+            step_share *= min(max(fraction, 0.1), 0.5)
+        return step_share

@@ -1,9 +1,9 @@
 """Limit criteria of a net under load, and the search for the limit load factor between trials.
 
 An element that can break reaches its limit at its fracture strain. A net that yields reaches its limit when
-displacements become unbounded: an element is twice as long and nodes have moved by the width of the net.
-Strain alone is no criterion, because ideal plastic strain localises in few elements, more so the finer the
-net.
+displacements become unbounded. The criterion is that an element is twice as long and nodes have moved by the
+width of the net. Strain alone is no criterion, because ideal plastic strain localises in few elements, more
+so the finer the net.
 """
 
 from collections.abc import Callable
@@ -106,19 +106,21 @@ def run_away(comm: MPI.Comm, state: State) -> float:
     return float(min(maxima[7], maxima[6] / (maxima[:3] + maxima[3:6]).max()))
 
 
-def is_lost(comm: MPI.Comm, state: State, load: np.ndarray, held: np.ndarray, ways, residual: float) -> bool:
+def is_lost(
+    comm: MPI.Comm, state: State, load: np.ndarray, held: np.ndarray, fields, residual: float
+) -> bool:
     """Return whether displacements are unbounded and no equilibrium exists to return to. Collective.
 
     load : (n, 3) [N]
     held : (n,) of particles at springs and joints
-    ways : displacements (k, n, 3) of any size, along which the net goes on moving
+    fields : displacements (k, n, 3) of any size, along which the net continues to move
     residual : largest [N]
 
-    In any equilibrium the work of the load along a displacement field is at most what the elements absorb:
-    their largest forces times the relative displacement of their ends (upper bound theorem). If the load does
-    more work along one of the fields, with held particles fixed, there is no equilibrium. An element that
-    never yields is taken to carry a strain of 1. Nor is there a way back if the net is in equilibrium under
-    nearly that load.
+    In any equilibrium the elements absorb the work of the load along a displacement field. They absorb at
+    most their largest forces times the relative displacement of their ends (upper bound theorem). If the load
+    does more work along one of the fields, with held particles fixed, there is no equilibrium. An element
+    that never yields is taken to carry a strain of 1. Nor is there a way back if the net is in equilibrium
+    under nearly that load.
     """
     excess = run_away(comm, state)
     if excess <= 1.0:
@@ -127,14 +129,14 @@ def is_lost(comm: MPI.Comm, state: State, load: np.ndarray, held: np.ndarray, wa
     if residual <= SHARP * largest:
         return True
     moves, limit = (state.free != 0) & ~held[:, None], np.minimum(state.yield_force, state.EA)
-    terms, own = [], slice(state.n_owned)
-    for way in ways:
-        u, absorbed = np.where(moves, way, 0.0), np.zeros(len(moves))
+    terms, owned = [], slice(state.n_owned)
+    for field in fields:
+        u, absorbed = np.where(moves, field, 0.0), np.zeros(len(moves))
         if state.turned is not None:
             keep_on_guides(state.turned, u)
         elongations = lengths(u[state.ends[:, 1]] - u[state.ends[:, 0]])
         nodal_stiffness(state.ends, 0.5 * limit * elongations, absorbed)  # half at either end
-        terms += [(load * u)[own], absorbed[own]]
+        terms += [(load * u)[owned], absorbed[owned]]
     sums = exact_sums(comm, *terms)
     return any(work > capacity for work, capacity in zip(sums[::2], sums[1::2]))
 
@@ -156,9 +158,9 @@ def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: b
         strain = yield_strains(state)
         threshold = WITH_IT * comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
     subdomain = distribution.subdomain
-    over = (strain > (threshold if reason else np.inf)) & subdomain.element_owned
-    parts = comm.allgather((np.round(strain[over], 3), subdomain.element_gid[over]))
-    strains, elements = (np.concatenate(values) for values in zip(*parts))
+    is_over = (strain > (threshold if reason else np.inf)) & subdomain.element_owned
+    gathered = comm.allgather((np.round(strain[is_over], 3), subdomain.element_gid[is_over]))
+    strains, elements = (np.concatenate(values) for values in zip(*gathered))
     order = np.lexsort((elements, -strains))  # elements of equal strain by number
     return Strained(max(largest, excess), tuple(elements[order].tolist()), reason)
 
@@ -201,7 +203,7 @@ def _is_near(high: Trial) -> bool:
 
 
 def _between(low: Trial, high: Trial, power: float, stays: int) -> float:
-    """Return where to try next between two trials, by regula falsi, half of `SHARP` or more inside.
+    """Return the next trial between two trials, by regula falsi, half of `SHARP` or more inside the bracket.
 
     power : with which strains grow, used while no load is carried yet
     stays : how often the high end has stayed; less than 0: the low end. The Illinois rule halves the residual

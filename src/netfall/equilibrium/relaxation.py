@@ -2,7 +2,7 @@
 
 Kinetic damping (Barnes 1999): when the kinetic energy has passed a peak, the particles return to their
 positions at the peak, with zero velocity. Without the return, the stops can synchronise with a mode that is
-then never damped. The virtual mass is M = dt^2/2 sum(k), with the stiffness of the attached elements, so dt =
+then never damped. The virtual mass is M = dt^2/2 sum(k), with the stiffness of the attached elements. So dt =
 1 is the largest stable step of every particle. Form finding and statics use the same code with different
 forces.
 """
@@ -79,12 +79,12 @@ def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
 
     `first` : whether the velocity is zero, so that this step takes half a velocity update
     """
-    share = 0.5 if first else 1.0
+    factor = 0.5 if first else 1.0
     for p in range(mass.shape[0]):
         energy = 0.0
         for k in range(3):
             if free[p, k]:
-                v[p, k] += share * f[p, k] / mass[p, k]
+                v[p, k] += factor * f[p, k] / mass[p, k]
                 x[p, k] += v[p, k]
                 energy += v[p, k] * v[p, k]
         if p < n_owned:
@@ -93,9 +93,9 @@ def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
 
 @kernel
 def return_to_peak(x, v, f, mass, free):
-    """Return the particles, with zero velocity, to where the kinetic energy peaked.
+    """Return the particles, with zero velocity, to the peak of the kinetic energy.
 
-    The peak lies half a step before the last but one: x* = x - 3/2 v + 1/2 f / M, dt = 1 (Barnes 1999).
+    The peak lies half a step before the last but one (Barnes 1999): x* = x - 3/2 v + 1/2 f / M, dt = 1.
     """
     for p in range(mass.shape[0]):
         for k in range(3):
@@ -230,8 +230,8 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
             keep_on_guides(state.turned, f)
 
     def stiffness(x):
-        now = state.elements_now()
-        return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
+        elements = state.elements_now()
+        return largest_stiffness(state.EA, state.L0) + geometric_stiffness(elements.N, elements.L)
 
     support = largest_springs(state.spring, state.turned) if state.features.springs else None
     bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)

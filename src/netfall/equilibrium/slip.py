@@ -208,12 +208,12 @@ class Slips:
 
     def renew_limits(self) -> float:
         """Update slip resistances with the tensions; return the largest change over the largest tension."""
-        strands, w, before = self._strands(), self.work, self.limit.copy()
+        strands, w, previous = self._strands(), self.work, self.limit.copy()
         law, element_arrays = self.state.law, (w.L0, w.T, w.q, w.coupling, w.stiffness)
         strand_forces(self.s, self.chains, strands, self.weights, law, *element_arrays, w.drive, w.hold)
         limits_of(self.chains, strands, w.T, law, self.limit)
         largest = np.abs(w.T).max(initial=0.0)
-        return float(np.abs(self.limit - before).max(initial=0.0) / largest) if largest > 0.0 else 0.0
+        return float(np.abs(self.limit - previous).max(initial=0.0) / largest) if largest > 0.0 else 0.0
 
     def follow(self) -> Strands:
         """Update slips and unstressed lengths to the present positions. Collective."""
@@ -275,11 +275,11 @@ def _near(slips: Slips, finder, arguments: tuple, keywords: dict) -> None:
 
     If there is none, or a stop is requested, the positions are restored.
     """
-    before, slips.held = finder.state.x.copy(order="K"), True
+    positions, slips.held = finder.state.x.copy(order="K"), True
     try:
         finder.find(*arguments, **keywords)
     except (DivergedError, Paused):
-        finder.state.x[:] = before
+        finder.state.x[:] = positions
     slips.held = False
 
 

@@ -1,10 +1,10 @@
-"""Limit points between two equilibria on one load path: at which load factor a net snaps through.
+"""Limit points between two equilibria on one load path: the load factors at which a net snaps through.
 
 From an equilibrium A the missing part of the load is applied, with a factor from 0 to 1. The path to the
-equilibrium B is plain if the tangent stiffness at A and the one at B both predict the displacements between A
-and B. Otherwise the interval is halved: the equilibrium at its middle is found from its lower end, and both
-halves are examined. A path that only curves becomes plain in short intervals. At a limit point the net jumps
-however short the interval is. If the equilibrium at the middle is not stable, the tangent loses its positive
+equilibrium B is plain if the tangents at A and at B both predict the displacements between A and B. Otherwise
+the interval is halved: the equilibrium at its middle is found from its lower end, and both halves are
+examined. A path that only curves becomes plain in short intervals. At a limit point the net jumps however
+short the interval is. If the equilibrium at the middle is not stable, the tangent loses its positive
 definiteness below it. The energy of cables is convex in the positions, so a net without bars has no limit
 point.
 """
@@ -125,26 +125,26 @@ class LoadPath:
             raise _Untold
         return self.state.x.copy(order="K") if stable else None
 
-    def _motion(self, x, there, low: float, high: float) -> _Motion | None:
-        """Compare the motion from x to `there` (n, 3) [m] with predictions; None if a tangent is singular."""
-        state, moved, foreseen = self.state, there - x, []
-        for begin, share, target, sign in ((x, low, high, 1.0), (there, high, low, -1.0)):
+    def _motion(self, x, upper, low: float, high: float) -> _Motion | None:
+        """Compare the motion from x to `upper` (n, 3) [m] with predictions; None if a tangent is singular."""
+        state, motion, foreseen = self.state, upper - x, []
+        for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
             state.x[:] = begin
-            step = self._answer(share, target)
-            if step is None:
+            predicted = self._answer(factor, target)
+            if predicted is None:
                 return None
-            foreseen.append(np.where(state.free[: len(step)] != 0, sign * step, moved))
+            foreseen.append(np.where(state.free[: len(predicted)] != 0, sign * predicted, motion))
         a, b = state.ends.T
-        relative = moved[b] - moved[a]
+        relative = motion[b] - motion[a]
         size = lengths(relative)
         counts = size > LEAST * state.elements_now().L
-        missed = [relative - (step[b] - step[a]) for step in foreseen]
+        missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
         exceeds = [bool((counts & (lengths(error) > OFF * size)).any()) for error in missed]
         falls_short = [counts & ((error * relative).sum(1) > OFF * size**2) for error in missed]
-        own = slice(state.n_owned)
-        beyond = lengths((moved - foreseen[0])[own])
+        owned = slice(state.n_owned)
+        beyond = lengths((motion - foreseen[0])[owned])
         newton = self.newton(low)
-        gid = newton.distribution.subdomain.particle_gid[own]
+        gid = newton.distribution.subdomain.particle_gid[owned]
         p = int(np.argmax(beyond)) if len(beyond) else -1
         candidate = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
         largest, particle = max(newton.comm.allgather(candidate))
@@ -152,15 +152,16 @@ class LoadPath:
         newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
         return _Motion(not flags[0], bool(flags[1]), -particle, largest)
 
-    def _answer(self, share: float, to: float) -> np.ndarray | None:
-        """Predict displacements (n, 3) [m] from the equilibrium at one load factor to another factor `to`.
+    def _answer(self, factor: float, target: float) -> np.ndarray | None:
+        """Predict displacements (n, 3) [m] from the equilibrium at one load factor to another one.
 
-        Uses the tangent at the first factor. Returns None if the tangent is singular.
+        Uses the tangent at the first factor, with the net in equilibrium there; target : the other factor.
+        Returns None if the tangent is singular.
         """
-        newton = self.newton(share)
+        newton = self.newton(factor)
         newton.begin()
         K = newton.tangent()
-        cycle, newton = newton.cycle(K), self.newton(to)
+        cycle, newton = newton.cycle(K), self.newton(target)
         try:
             s, _ = newton.solve(K, cycle, newton.residual())
         except NoConvergence:

@@ -184,17 +184,19 @@ def limits_of(chains, strands, T, law, limit):
 
 
 @inner_kernel
-def residuals(s, old, limit, chains, drive, r, way):
-    """Fill r (k,) [N] with residual driving forces and way (k,) with 1, -1, 0: sticks; return the largest.
+def residuals(s, old, limit, chains, drive, r, direction):
+    """Fill r (k,) [N] with the residual driving forces; return the largest.
 
-    r is 0 if the slip point sticks.
+    direction : (k,), filled with 1, -1, 0: the point sticks, and r is 0
     """
     worst = 0.0
     for i in range(s.shape[0]):
         Q = drive[chains.segment_after[i]] - drive[chains.segment_before[i]]
         slip = s[i] - old[i]
-        way[i] = 1 if slip > 0.0 else -1 if slip < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
-        r[i] = Q - way[i] * limit[i] if way[i] != 0 else 0.0
+        direction[i] = (
+            1 if slip > 0.0 else -1 if slip < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
+        )
+        r[i] = Q - direction[i] * limit[i] if direction[i] != 0 else 0.0
         worst = max(worst, abs(r[i]))
     return worst
 
@@ -223,18 +225,18 @@ def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
                     border[min(i, j)] -= hold[g]
                 else:
                     off_diagonal[i] -= hold[g]
-        whole = pivot[last]
+        corner = pivot[last]
         for i in range(first, last):
             pivot[i] = max(pivot[i], FLOOR)
-            share = border[i] / pivot[i]
+            multiplier = border[i] / pivot[i]
             if i + 1 < last:
-                along = off_diagonal[i] / pivot[i]
-                pivot[i + 1] -= along * off_diagonal[i]
-                border[i + 1] -= along * border[i]
-                out[i + 1] -= along * out[i]
-            pivot[last] -= share * border[i]
-            out[last] -= share * out[i]
-        pivot[last] = max(pivot[last], FLOOR * whole, FLOOR * FLOOR)
+                ratio = off_diagonal[i] / pivot[i]
+                pivot[i + 1] -= ratio * off_diagonal[i]
+                border[i + 1] -= ratio * border[i]
+                out[i + 1] -= ratio * out[i]
+            pivot[last] -= multiplier * border[i]
+            out[last] -= multiplier * out[i]
+        pivot[last] = max(pivot[last], FLOOR * corner, FLOOR * FLOOR)
         out[last] /= pivot[last]
         for i in range(last - 1, first - 1, -1):
             out[i] -= border[i] * out[last]
@@ -253,7 +255,7 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
         s[i] = old[i]
     w, worst, scale = work, 0.0, 0.0
     strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold)
-    before = potential(s, old, limit, chains, strands, weights, law, w.L0)
+    old_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
     for _ in range(MOST_STEPS):
         worst = residuals(s, old, limit, chains, w.drive, w.r, w.way)
         for e in range(w.q.shape[0]):
@@ -265,27 +267,29 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
         solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
         for i in range(s.shape[0]):
             w.start[i], w.way_before[i] = s[i], w.way[i]
-        share, after = 1.0, 0.0
+        step_share, new_potential = 1.0, 0.0
         for _ in range(HALVINGS):
             for i in range(s.shape[0]):
-                s[i] = w.start[i] + share * w.step[i]
+                s[i] = w.start[i] + step_share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
                     s[i] = old[i]
             strand_forces(
                 s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
             )
-            after = potential(s, old, limit, chains, strands, weights, law, w.L0)
-            if after <= before + NEAR_ZERO * abs(before):
+            new_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
+            if new_potential <= old_potential + NEAR_ZERO * abs(old_potential):
                 break
-            share *= 0.5
-        if not after <= before + NEAR_ZERO * abs(before):  # due to rounding, or positions that are not finite
+            step_share *= 0.5
+        if not new_potential <= old_potential + NEAR_ZERO * abs(
+            old_potential
+        ):  # due to rounding, or positions that are not finite
             for i in range(s.shape[0]):
                 s[i] = w.start[i]
             strand_forces(
                 s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
             )
             return worst / scale
-        before = after
+        old_potential = new_potential
     return worst / scale
 
 

@@ -207,8 +207,8 @@ def _note(
     if model is None:
         return
     if "slip" in numbers:
-        last = list(erection.sections.values())[-1:]
-        numbers["slip"] = numbers["slip"] + (last[0]["slip"] if last else 0.0)
+        last_sections = list(erection.sections.values())[-1:]
+        numbers["slip"] = numbers["slip"] + (last_sections[0]["slip"] if last_sections else 0.0)
         erection.labels[group]["clamps"] = setting.clamps
     held = setting.fixed & setting.there(model.net)[:, None]
     datasets = {

@@ -95,8 +95,8 @@ def unknown_name(net: Net, name: str) -> str:
     """Return the error in the name of a group or a cable as text; "": none."""
     if len(rows_named(net, name)):
         return ""
-    known = [*(group for group in net.group_names if group), *net.cable_names]
-    return f"{shown(name)}: neither a group nor a cable; {nearest(name, known)}"
+    names = [*(group for group in net.group_names if group), *net.cable_names]
+    return f"{shown(name)}: neither a group nor a cable; {nearest(name, names)}"
 
 
 def amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
@@ -117,12 +117,12 @@ def until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force:
     return float((L[rows] / (1.0 + force_to_reach / EA[rows]) - L0[rows]).sum()) / (1 + int(jack.cable.max()))
 
 
-def missed(wanted: list[Wanted], values: np.ndarray) -> list[str]:
+def missed(targets: list[Wanted], values: np.ndarray) -> list[str]:
     """Return the targets and their values as text."""
-    unit = lambda each: "m" if each.node >= 0 else "N"
+    unit = lambda target: "m" if target.node >= 0 else "N"
     return [
-        f"{each.words} = {each.value:.6g} {unit(each)}: came to {value:.6g} {unit(each)}"
-        for each, value in zip(wanted, values)
+        f"{target.words} = {target.value:.6g} {unit(target)}: came to {value:.6g} {unit(target)}"
+        for target, value in zip(targets, values)
     ]
 
 
@@ -171,36 +171,36 @@ def first_setting(job: Job, model: Model) -> Setting:
     return Setting(model.cut_length, net.fixed, all_elements, no_motion, settings_of(job))
 
 
-def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
+def after(previous: Setting, stage: SimpleNamespace, net: Net) -> Setting:
     """Return the setting of the stage that follows."""
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
-    active = before.active if groups is None else np.isin(net.group, groups)
-    fixed, moved = before.fixed.copy(), np.zeros_like(net.x)
+    active = previous.active if groups is None else np.isin(net.group, groups)
+    fixed, motion = previous.fixed.copy(), np.zeros_like(net.x)
     released = np.isin(net.node_id, stage.release or [])
     fixed[released] = False
     # inner nodes fixed between two fixed ends are released with an end
     fixed[released[ends_of_inner(net)].any(1) & net.fixed.all(1)] = False
     fixed[_rows(net, stage.hold)] = True
-    for name, by in (stage.move or {}).items():
-        moved[_rows(net, [int(name)])] = by
-    L0, pulls, jacks = before.L0, [], []
-    for name, what in (stage.lengths or {}).items():
+    for name, displacement in (stage.move or {}).items():
+        motion[_rows(net, [int(name)])] = displacement
+    L0, pulls, jacks = previous.L0, [], []
+    for name, change in (stage.lengths or {}).items():
         own_jacks = jacks_of(net, name)
-        if "change" in what:
-            L0 = jack_of(net, name).changed(L0, what["change"])
-        elif "length" in what:
+        if "change" in change:
+            L0 = jack_of(net, name).changed(L0, change["change"])
+        elif "length" in change:
             for jack in own_jacks:
-                L0 = jack.changed(L0, what["length"] - float(L0[jack.rows].sum()))
+                L0 = jack.changed(L0, change["length"] - float(L0[jack.rows].sum()))
         else:
             first = len(jacks)
             pulls += [
-                Wanted(f"force of {jack.name}", what["force"], jack.rows, own=first + k)
+                Wanted(f"force of {jack.name}", change["force"], jack.rows, own=first + k)
                 for k, jack in enumerate(own_jacks)
             ]
             jacks += own_jacks
-    load, clamps = with_set(before.load, "load", stage), stage.clamps or before.clamps
-    moved = with_inner(net, moved, fixed)
-    return Setting(L0, fixed, active, moved, load, tuple(pulls), tuple(jacks), clamps)
+    load, clamps = with_set(previous.load, "load", stage), stage.clamps or previous.clamps
+    motion = with_inner(net, motion, fixed)
+    return Setting(L0, fixed, active, motion, load, tuple(pulls), tuple(jacks), clamps)
 
 
 def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
@@ -226,10 +226,10 @@ def check_stages(job: Job, model: Model) -> None:
                 f'form finding, and the last [[stage]] ends at {warm:g} K; expected "load.temperature" = 0.0 '
                 "in its set, or a factor of 1"
             )
-    free, given = ~settles_along(net, setting.fixed), ends_of_inner(net)[:, 0] == np.arange(net.n)
+    free, is_given = ~settles_along(net, setting.fixed), ends_of_inner(net)[:, 0] == np.arange(net.n)
     for name, inputs in model.layout.cases.items():
         settles = np.zeros((net.n, 3)) if inputs.settlement is None else inputs.settlement
-        released = net.node_id[((settles != 0.0) & free).any(1) & given]
+        released = net.node_id[((settles != 0.0) & free).any(1) & is_given]
         if len(released):
             why = "released in a [[stage]], and so free"
             errors.append(f"[[case]] {name}: settlement: {counted('node', released)}: {why}")
@@ -239,10 +239,10 @@ def check_stages(job: Job, model: Model) -> None:
 def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
     """Yield errors for names and ids that the net does not have."""
     yield from (f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name)))
-    known = [name for name in net.group_names if name]
+    names = [name for name in net.group_names if name]
     for name in stage.active or []:
         if name not in net.group_names:
-            yield f"active: no group {shown(name)}; {nearest(name, known) if known else 'none'}"
+            yield f"active: no group {shown(name)}; {nearest(name, names) if names else 'none'}"
     ids = {"hold": stage.hold, "release": stage.release, "move": map(int, stage.move or {})}
     for key, named in ids.items():
         if unknown := sorted(set(named or []) - set(net.node_id.tolist())):

@@ -64,7 +64,7 @@ def of_form(scene: Scene, kind: str, words: str) -> StaticLoad:
 def tension_to(
     scene: Scene,
     load_case: StaticLoad,
-    wanted: list[Wanted],
+    targets: list[Wanted],
     jacks: list[Jack],
     L0,
     warm,
@@ -74,42 +74,42 @@ def tension_to(
 
     Collective.
 
-    wanted, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state
+    targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state
 
     If the targets are not reached, the state is the last equilibrium on the way. Raises Paused if asked to
     stop.
     """
-    comm, influence, best, before, tried = scene.comm, None, np.inf, None, np.zeros(0)
+    comm, influence, best, last_state, step = scene.comm, None, np.inf, None, np.zeros(0)
     reference = settle.reference_force(scene, load_case)
     for count in range(1, MOST_EQUILIBRIA + 1):
         set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
         outcome = settle.settle(scene, load_case, reference, stop)
-        measured = _measure(scene, wanted) if outcome.carries else None
+        measured = _measure(scene, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
         if size <= REACHED:
             return Tensioned(L0, influence, outcome, count)
-        if (size > WORSE * best or size == np.inf) and before is None:
+        if (size > WORSE * best or size == np.inf) and last_state is None:
             reason = outcome.reason or "the forces are no numbers"
             state = NONE if outcome.carries else outcome.state
             return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
         if size > WORSE * best or size == np.inf:
-            settle.put_back(scene.state, before[0])
-            tried = 0.5 * tried
-            L0 = scene.model and _changed(jacks, before[1], tried)
+            settle.put_back(scene.state, last_state[0])
+            step = 0.5 * step
+            L0 = scene.model and _changed(jacks, last_state[1], step)
             continue
-        best, before = min(best, size), (settle.committed(scene.state), L0)
-        influence = influences(scene, load_case.load, wanted, jacks, L0)
+        best, last_state = min(best, size), (settle.committed(scene.state), L0)
+        influence = influences(scene, load_case.load, targets, jacks, L0)
         if scene.model:
-            tried = _step(scene, measured, wanted, jacks, L0, influence)
-            L0 = _changed(jacks, L0, tried)
-        if comm.bcast(scene.model and not tried.any()):
+            step = _step(scene, measured, targets, jacks, L0, influence)
+            L0 = _changed(jacks, L0, step)
+        if comm.bcast(scene.model and not step.any()):
             break
-    settle.put_back(scene.state, before[0])
-    measured = _measure(scene, wanted)
-    lines = comm.bcast(measured and missed(wanted, measured.values))
+    settle.put_back(scene.state, last_state[0])
+    measured = _measure(scene, targets)
+    lines = comm.bcast(measured and missed(targets, measured.values))
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
     failed = StaticOutcome(NONE, np.nan, reason, (), settle.as_it_began(scene))
-    return Tensioned(before[1], influence, failed, count)
+    return Tensioned(last_state[1], influence, failed, count)
 
 
 def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
@@ -138,22 +138,22 @@ class _Now(NamedTuple):
     size: float
 
 
-def _measure(scene: Scene, wanted: list[Wanted]) -> _Now | None:
+def _measure(scene: Scene, targets: list[Wanted]) -> _Now | None:
     """Measure the targets in the present state, on rank 0. Collective."""
     state, distribution = scene.state, scene.distribution
     x = distribution.gather_particles(state.x)
     N = distribution.gather_elements(state.elements_now().N, state.owned.astype(bool))
     if scene.model is None:
         return None
-    values = np.array([target.now(x, N) for target in wanted])
+    values = np.array([target.now(x, N) for target in targets])
     largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
-    scale = np.array([extent if target.node >= 0 else abs(target.value) or largest for target in wanted])
-    misses = values - [target.value for target in wanted]
+    scale = np.array([extent if target.node >= 0 else abs(target.value) or largest for target in targets])
+    misses = values - [target.value for target in targets]
     return _Now(x, values, misses, scale, float(np.abs(misses / scale).max()))
 
 
 def influences(
-    scene: Scene, load: np.ndarray, wanted: list[Wanted], jacks: list[Jack], L0
+    scene: Scene, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0
 ) -> np.ndarray | None:
     """Compute the influence (t, k) of each amount on each target, [N/m] or [m/m], on rank 0. Collective."""
     rows = []
@@ -165,7 +165,7 @@ def influences(
             change[jacks[k].rows] = jacks[k].shares(L0)
         x, N = respond(scene.distribution.elements(scene.model and change))
         if scene.model:
-            rows.append([target.now(x, N) for target in wanted])
+            rows.append([target.now(x, N) for target in targets])
     return np.array(rows).T if scene.model else None
 
 
@@ -189,20 +189,20 @@ def responses(scene: Scene, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
     return gathered
 
 
-def _step(scene: Scene, measured: _Now, wanted, jacks: list[Jack], L0, influence: np.ndarray) -> np.ndarray:
+def _step(scene: Scene, measured: _Now, targets, jacks: list[Jack], L0, influence: np.ndarray) -> np.ndarray:
     """Compute the amounts (k,) [m] of the next step. Rank 0."""
     net = scene.model.net
     L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]])
-    tried = amounts(measured.misses, influence, measured.scale)
-    for target in wanted:
+    step = amounts(measured.misses, influence, measured.scale)
+    for target in targets:
         if target.own >= 0 and not influence[:, target.own].any():
-            tried[target.own] = until_taut(jacks[target.own], L, L0, net.EA, target.value)
+            step[target.own] = until_taut(jacks[target.own], L, L0, net.EA, target.value)
     longest = np.array([LONGEST * L0[jack.rows].sum() / (1 + jack.cable.max()) for jack in jacks])
-    return np.clip(tried, -longest, longest)
+    return np.clip(step, -longest, longest)
 
 
-def _changed(jacks: list[Jack], L0: np.ndarray, tried: np.ndarray) -> np.ndarray:
-    for jack, amount in zip(jacks, tried):
+def _changed(jacks: list[Jack], L0: np.ndarray, step: np.ndarray) -> np.ndarray:
+    for jack, amount in zip(jacks, step):
         L0 = jack.changed(L0, amount)
     return L0
 
@@ -238,11 +238,11 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     wrong names.
     """
     job, model, comm = scene.job, scene.model, scene.comm
-    wanted, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
+    targets, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
     load_case = of_form(scene, "target", "the targets")
-    tensioned = tension_to(scene, load_case, wanted, jacks, model and model.cut_length, lambda L0: L0)
+    tensioned = tension_to(scene, load_case, targets, jacks, model and model.cut_length, lambda L0: L0)
     tensioned = tensioned._replace(outcome=elastic(scene, tensioned.outcome))
-    influence = influences(scene, load_case.load, wanted, jacks, tensioned.L0)
+    influence = influences(scene, load_case.load, targets, jacks, tensioned.L0)
     x = scene.distribution.gather_particles(scene.state.x)
     if model is None:
         return None
@@ -256,7 +256,7 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     lines = [
         f"target: {target.words} = {target.value:.6g} {'m' if target.node >= 0 else 'N'}: each cable of "
         f"{jack.name} {amount:+.6g} m"
-        for target, jack, amount in zip(wanted, jacks, change)
+        for target, jack, amount in zip(targets, jacks, change)
     ]
     lines.append(f"targets: reached in {equilibria} equilibria")
     return Reached(x, tensioned.L0, change, influence, equilibria, lines)

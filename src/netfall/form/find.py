@@ -75,17 +75,17 @@ def find_form(
     turned = particles(net and turned_column(net, net.held)) if guided else None
     if settings.method == "keep":
         return form_as_given(comm, net, distribution, settings, x, free, load)
-    given = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+    given_elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
     owned_load = None if carried is None else carried[: halo.n_owned]
-    largest = lambda N: largest_force(comm, N, given.ends, free, owned_load)
+    largest = lambda N: largest_force(comm, N, given_elements.ends, free, owned_load)
     if settings.method == "force_density" or settings.start == "force_density":
         x = particles(on_root(comm, lambda: force_density_form(net, load)))
         elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
     else:
-        elements = given
+        elements = given_elements
     if settings.method == "force_density":
         return _of_densities(
-            comm, given.densities(), elements, x, free, halo.n_owned, settings.tolerance, largest
+            comm, given_elements.densities(), elements, x, free, halo.n_owned, settings.tolerance, largest
         )
     if start is not None:
         x[:] = start

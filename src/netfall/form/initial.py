@@ -37,8 +37,8 @@ def form_of(
     comm, net, is_loaded = distribution.comm, layout and layout.net, carries_permanent(job)
     as_given, own_halo = layout and (net if is_loaded else joined(net)), None
     if comm.bcast(layout and as_given.n < net.n):
-        part = layout and layout.part[: as_given.n]
-        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
+        ranks = layout and layout.part[: as_given.n]
+        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, ranks, comm.size))
         distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
 
@@ -47,11 +47,11 @@ def form_of(
         try:
             return find_form(comm, as_given, distribution, settings, halo, report, stop, resume, load, start)
         except Paused as pause:
-            parts = {RELAXATION: relaxation_record(distribution, pause.at)}
+            records = {RELAXATION: relaxation_record(distribution, pause.at)}
             if is_loaded:
-                parts[FORM_LOAD] = {}, {} if load is None else {"load": load}
+                records[FORM_LOAD] = {}, {} if load is None else {"load": load}
             step = pause.at.iteration
-            path = write_before_stages(comm, job, result, digest, step, parts, restart)
+            path = write_before_stages(comm, job, result, digest, step, records, restart)
             raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
 
     try:

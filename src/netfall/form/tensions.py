@@ -86,10 +86,12 @@ class Watch:
     def __call__(self, iteration: int, residual: float) -> None:
         """Raise RunTogether if the nodes of an element coincide in LOOKS consecutive checks. Collective."""
         self.report(iteration, residual)
-        share = self.elements.L / self.elements.L_start
-        e = int(np.argmin(share)) if len(share) else -1
-        least, gid = min(self.comm.allgather((float(share[e]), int(self.gid[e])) if e >= 0 else (np.inf, -1)))
-        self.looks = self.looks + 1 if least < TOGETHER else 0
+        ratio = self.elements.L / self.elements.L_start
+        e = int(np.argmin(ratio)) if len(ratio) else -1
+        smallest, gid = min(
+            self.comm.allgather((float(ratio[e]), int(self.gid[e])) if e >= 0 else (np.inf, -1))
+        )
+        self.looks = self.looks + 1 if smallest < TOGETHER else 0
         if self.looks < LOOKS:
             return
         net = self.net

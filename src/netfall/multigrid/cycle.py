@@ -108,10 +108,10 @@ class Cycle:
         return x
 
     def _gathered(self, b: np.ndarray) -> np.ndarray:
-        whole = np.zeros((self.rows.n, 3), np.float32)
-        whole[self.rows.mine] = b
-        self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # only one term is not zero, so no rounding
-        return whole
+        all_rows = np.zeros((self.rows.n, 3), np.float32)
+        all_rows[self.rows.mine] = b
+        self.comm.Allreduce(MPI.IN_PLACE, all_rows, MPI.SUM)  # only one term is not zero, so no rounding
+        return all_rows
 
     def _solved(self, b: np.ndarray) -> np.ndarray:
         flat = b.astype(float).ravel()
@@ -165,5 +165,5 @@ class _PointLevel:
                 self.matrix.share()
             else:
                 self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
-            after = 1.0 / (2.0 * ratio - factor)
-            keep, scale, factor = after * factor, 2.0 * after / half, after
+            new_factor = 1.0 / (2.0 * ratio - factor)
+            keep, scale, factor = new_factor * factor, 2.0 * new_factor / half, new_factor

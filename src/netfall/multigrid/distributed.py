@@ -71,12 +71,12 @@ def dot_rows(a, b, out):
 
 
 @kernel
-def advance(step, p, q, s, remainder, before):
-    """Compute s += step p, before = left, left -= step q. All (n, 3), step a number."""
+def advance(step, p, q, s, remainder, previous):
+    """Compute s += step p, previous = remainder, remainder -= step q. All (n, 3), step a number."""
     for i in range(s.shape[0]):
         for k in range(3):
             s[i, k] += step * p[i, k]
-            before[i, k] = remainder[i, k]
+            previous[i, k] = remainder[i, k]
             remainder[i, k] -= step * q[i, k]
 
 

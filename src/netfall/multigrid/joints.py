@@ -14,20 +14,20 @@ def joint_tangent(x: np.ndarray, joints: Joints, nodal: np.ndarray) -> JointTang
     return JointTangent(joints.particles, stiffness, positive)
 
 
-def with_joints(own, K: JointTangent, free: np.ndarray, number: np.ndarray):
+def with_joints(matrix, K: JointTangent, free: np.ndarray, number: np.ndarray):
     """Add the stiffness of joints to the rows of a rank, a scipy BSR array with ascending columns.
 
     free : (n, 3) bool; number : (n,) of a particle's column
     """
-    rows, p = len(own.indptr) - 1, K.particles.astype(np.int64)
+    rows, p = len(matrix.indptr) - 1, K.particles.astype(np.int64)
     joint_blocks, moves = _by_particles(K.stiffness), free[p].astype(float)
     joint_blocks *= moves[:, :, None, :, None] * moves[:, None, :, None, :]
     row, column = np.repeat(p, 3, axis=1).ravel(), np.tile(p, (1, 3)).ravel()
     is_own = row < rows
-    row = np.concatenate([np.repeat(np.arange(rows), np.diff(own.indptr)), row[is_own]])
-    column = np.concatenate([own.indices, number[column[is_own]]])
-    blocks = np.concatenate([own.data, joint_blocks.reshape(-1, 3, 3)[is_own]])
-    width = own.shape[1] // 3
+    row = np.concatenate([np.repeat(np.arange(rows), np.diff(matrix.indptr)), row[is_own]])
+    column = np.concatenate([matrix.indices, number[column[is_own]]])
+    blocks = np.concatenate([matrix.data, joint_blocks.reshape(-1, 3, 3)[is_own]])
+    width = matrix.shape[1] // 3
     place, inverse = np.unique(row * width + column, return_inverse=True)
     block = np.zeros((len(place), 3, 3))
     np.add.at(block, inverse, blocks)

@@ -153,8 +153,8 @@ def meet_aggregates(begin, column, number, start, aggregate):
                 k -= 1
             if a < 0 or (k > first and aggregate[k - 1] == a):
                 continue
-            for after in range(end, k, -1):
-                aggregate[after] = aggregate[after - 1]
+            for position in range(end, k, -1):
+                aggregate[position] = aggregate[position - 1]
             aggregate[k] = a
             end += 1
     start[-1] = end
@@ -241,14 +241,14 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
     v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
     squares = np.empty((2, len(v)))
     for _ in range(POWERS):  # which grow the vector by 1e12 at most
-        before = v.astype(float)
+        previous = v.astype(float)
         first_step(inverse, product(v), np.float32(1.0), v)
-    for vector, square in zip((before, v.astype(float)), squares):
+    for vector, square in zip((previous, v.astype(float)), squares):
         dot_rows(vector, vector, square)
-    old, new = exact_sums(product.shared.comm, *squares)
-    if new == 0.0:  # everything is slack and there is no stiffness: any bound holds
+    old_square, new_square = exact_sums(product.shared.comm, *squares)
+    if new_square == 0.0:  # everything is slack and there is no stiffness: any bound holds
         return TOP_OF_NET
-    return SAFE * math.sqrt(new / old)
+    return SAFE * math.sqrt(new_square / old_square)
 
 
 @kernel
@@ -266,7 +266,7 @@ def aggregates_into(start, column, corners, number, mark, block):
     n, count = number.shape[0], 0
     for i in range(n):
         number[i] = FREE if start[i + 1] - start[i] > 1 else ALONE
-    for least in (1.0, 0.5, 0.0):
+    for required_share in (1.0, 0.5, 0.0):
         for i in range(n):
             if number[i] != FREE:
                 continue
@@ -289,14 +289,14 @@ def aggregates_into(start, column, corners, number, mark, block):
                 if mark[block[a]] == 2:
                     size_of_core += 1
                     free += number[block[a]] == FREE
-            is_aggregate = free >= least * size_of_core and (free > 1 or least == 0.0)
+            is_aggregate = free >= required_share * size_of_core and (free > 1 or required_share == 0.0)
             for a in range(size):
                 q = block[a]
                 if is_aggregate and mark[q] == 2 and number[q] == FREE:
                     number[q] = count
                 mark[q] = 0
             count += is_aggregate
-        if least == 0.5:
+        if required_share == 0.5:
             for i in range(n):
                 if number[i] == FREE:
                     for k in range(start[i], start[i + 1]):
@@ -317,10 +317,10 @@ def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
     The algorithm is sequential in the order of the global numbers, so rank 0 runs it.
     """
     comm = matrix.comm
-    parts = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
+    gathered = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
 
     def joined():
-        row, counts, column = (np.concatenate(arrays) for arrays in zip(*parts))
+        row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
         counts, entries = entries_of(counts, np.argsort(row))
         number, block = np.empty((2, len(row)), np.int64)
         row_arguments = starts_of(counts), column[entries], corners

@@ -1,7 +1,7 @@
 """Line smoother: lines of elements that continue over particles, each solved exactly.
 
-A net is about a thousand times as stiff along a cable as across. Errors that vary little along cables and
-strongly from one cable to the next are damped by no point smoother and are not visible on coarser grids. So
+A net is about a thousand times as stiff along a cable as across. Some errors vary little along cables and
+strongly from one cable to the next. No point smoother damps them, and coarser grids do not contain them. So
 the particles of a line are solved together: the stiffness of the line is a chain of 3 x 3 blocks. One rank
 solves it, forward and back, in double precision. In single precision the inverse is not positive definite if
 cables yield, because the stiffness along a line then varies strongly. The answers of all lines at a particle
@@ -58,16 +58,16 @@ def pair_elements(at, ends, x, free, other):
         elements at a particle forms one line, then the straightest pair of the others.
     """
     for p in range(x.shape[0]):
-        first, last = at.start[p], at.start[p + 1]
-        if last - first > MOST_ELEMENTS or not (free[p, 0] or free[p, 1] or free[p, 2]):
+        first, end = at.start[p], at.start[p + 1]
+        if end - first > MOST_ELEMENTS or not (free[p, 0] or free[p, 1] or free[p, 2]):
             continue
-        for _ in range((last - first) // 2):
-            best, one, two = STRAIGHT, -1, -1
-            for a in range(first, last):
+        for _ in range((end - first) // 2):
+            best, first_best, second_best = STRAIGHT, -1, -1
+            for a in range(first, end):
                 e, q = at.element[a], at.far[a]
                 if other[e, 0 if ends[e, 0] == p else 1] >= 0:
                     continue
-                for b in range(a + 1, last):
+                for b in range(a + 1, end):
                     f, r = at.element[b], at.far[b]
                     if other[f, 0 if ends[f, 0] == p else 1] >= 0:
                         continue
@@ -78,11 +78,11 @@ def pair_elements(at, ends, x, free, other):
                         square_q += to_q * to_q
                         square_r += to_r * to_r
                     if product < best * np.sqrt(square_q * square_r):
-                        best, one, two = product / np.sqrt(square_q * square_r), e, f
-            if one < 0:
+                        best, first_best, second_best = product / np.sqrt(square_q * square_r), e, f
+            if first_best < 0:
                 break
-            other[one, 0 if ends[one, 0] == p else 1] = two
-            other[two, 0 if ends[two, 0] == p else 1] = one
+            other[first_best, 0 if ends[first_best, 0] == p else 1] = second_best
+            other[second_best, 0 if ends[second_best, 0] == p else 1] = first_best
 
 
 @kernel
@@ -105,10 +105,10 @@ def walk_lines(ends, other, seen, start, node, element):
             seen[e] = 1
             node[k], element[k] = ends[e, end], e
             k += 1
-            p, after = ends[e, 1 - end], other[e, 1 - end]
-            if after < 0 or seen[after]:
+            p, following = ends[e, 1 - end], other[e, 1 - end]
+            if following < 0 or seen[following]:
                 break
-            e, end = after, 0 if ends[after, 0] == p else 1
+            e, end = following, 0 if ends[following, 0] == p else 1
         node[k], element[k] = p, -1
         k, count = k + 1, count + 1
     start[count] = k
@@ -124,8 +124,8 @@ def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
     count = walk_lines(ends, other, seen, start, node, element)
     node, element = node[: start[count]], element[: start[count]]
     moves = free.any(1)
-    at = np.bincount(node, minlength=n) * moves
-    touching = at[ends].sum(1) - moves[ends].all(1)
+    count_at = np.bincount(node, minlength=n) * moves
+    touching = count_at[ends].sum(1) - moves[ends].all(1)
     return start[: count + 1], node, element, int(touching.max(initial=0))
 
 
@@ -142,17 +142,17 @@ def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: 
     elements = Owners(comm, d.element_gid[d.element_owned])
     counts = np.diff(start)
     own_lines = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
-    counts, own = entries_of(counts, own_lines)
-    places = Owners(comm, own)
+    counts, own_places = entries_of(counts, own_lines)
+    places = Owners(comm, own_places)
     order = np.argsort(node, kind="stable")
     number = np.bincount(node, minlength=distribution.n)
-    at, place = entries_of(number, particles.mine)
-    node_ghosts, node = _placed(comm, node[own], particles)
-    element = element[own]
+    counts_at, place = entries_of(number, particles.mine)
+    node_ghosts, node = _placed(comm, node[own_places], particles)
+    element = element[own_places]
     continues = element >= 0
     element_ghosts, element[continues] = _placed(comm, element[continues], elements)
     place_ghosts, place = _placed(comm, order[place], places)
-    begin = np.concatenate([[0], np.cumsum(at)])
+    begin = np.concatenate([[0], np.cumsum(counts_at)])
     start, own_elements = np.concatenate([[0], np.cumsum(counts)]), np.flatnonzero(d.element_owned)
     return Lines(
         start, node, element, node_ghosts, element_ghosts, own_elements, begin, place, place_ghosts, touching
@@ -182,7 +182,7 @@ def factorise_lines(start, node, element, diagonal, free, direction, axial, acro
         across (m,) : of elements; inverse : entries as in `levels.invert`
     work : (4, 3, 3), overwritten
     """
-    D, C, L, last = work[0], work[1], work[2], work[3]
+    D, C, L, last_inverse = work[0], work[1], work[2], work[3]
     for line in range(start.shape[0] - 1):
         for k in range(start[line], start[line + 1]):
             p, trace = node[k], 0.0
@@ -191,21 +191,25 @@ def factorise_lines(start, node, element, diagonal, free, direction, axial, acro
                 for j in range(3):
                     D[i, j], L[i, j] = diagonal[p, i, j], 0.0
             if k > start[line]:
-                q, way = node[k - 1], element[k - 1]
+                q, link = node[k - 1], element[k - 1]
                 for i in range(3):
                     for j in range(3):
                         moves = free[p, i] and free[q, j]
-                        C[i, j] = _coupling(way, axial, across, direction, i, j) if moves else 0.0
+                        C[i, j] = _coupling(link, axial, across, direction, i, j) if moves else 0.0
                 for i in range(3):
                     for j in range(3):
-                        L[i, j] = C[i, 0] * last[0, j] + C[i, 1] * last[1, j] + C[i, 2] * last[2, j]
+                        L[i, j] = (
+                            C[i, 0] * last_inverse[0, j]
+                            + C[i, 1] * last_inverse[1, j]
+                            + C[i, 2] * last_inverse[2, j]
+                        )
                 for i in range(3):
                     for j in range(3):
                         D[i, j] -= L[i, 0] * C[j, 0] + L[i, 1] * C[j, 1] + L[i, 2] * C[j, 2]
             a, b, c, d, e, f = invert(D[0, 0], D[0, 1], D[0, 2], D[1, 1], D[1, 2], D[2, 2], trace)
-            last[0, 0], last[0, 1], last[0, 2] = a, b, c
-            last[1, 0], last[1, 1], last[1, 2] = b, d, e
-            last[2, 0], last[2, 1], last[2, 2] = c, e, f
+            last_inverse[0, 0], last_inverse[0, 1], last_inverse[0, 2] = a, b, c
+            last_inverse[1, 0], last_inverse[1, 1], last_inverse[1, 2] = b, d, e
+            last_inverse[2, 0], last_inverse[2, 1], last_inverse[2, 2] = c, e, f
             for i in range(3):
                 lower[k, 3 * i], lower[k, 3 * i + 1], lower[k, 3 * i + 2] = L[i, 0], L[i, 1], L[i, 2]
             inverse[k, 0], inverse[k, 1], inverse[k, 2] = a, b, c

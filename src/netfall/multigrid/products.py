@@ -1,7 +1,7 @@
 """Products and transposes of distributed block matrices.
 
 The pattern of a result depends on the patterns of the factors alone, so it is computed once for all tangents
-of a net. Blocks are multiplied and added in ascending global number of the rows of the second matrix, so each
+of a net. Blocks are multiplied and added in ascending global number of the rows of the second matrix. So each
 block has the same bits on any number of ranks.
 """
 
@@ -137,16 +137,24 @@ class Transposed:
             np.flatnonzero(rank == target) if target != self.comm.rank else np.zeros(0, int)
             for target in range(self.comm.size)
         ]
-        parts = [(matrix.row[entries], matrix.column[entries]) for entries in self.entries]
-        row, column = (np.concatenate(arrays) for arrays in zip(*self.comm.alltoall(parts)))
+        sent = [(matrix.row[entries], matrix.column[entries]) for entries in self.entries]
+        row, column = (np.concatenate(arrays) for arrays in zip(*self.comm.alltoall(sent)))
         number = np.concatenate([own_rows, row]).astype(np.int32)
-        place = place_here(self.comm, matrix.columns)
-        local_row = place[np.concatenate([matrix.column, column])]
+        local_index = place_here(self.comm, matrix.columns)
+        local_row = local_index[np.concatenate([matrix.column, column])]
         start = starts_of(np.bincount(local_row[local_row >= 0], minlength=len(matrix.columns.mine)))
         row, self.source = np.empty((2, start[-1]), np.int32)
         order = np.argsort(number, kind="stable")
         transpose_rows(
-            order, number, matrix.start, matrix.column, column, place, start[:-1].copy(), row, self.source
+            order,
+            number,
+            matrix.start,
+            matrix.column,
+            column,
+            local_index,
+            start[:-1].copy(),
+            row,
+            self.source,
         )
         self.pattern = Pattern(self.comm, start, row, matrix.columns, matrix.rows)
 

@@ -24,8 +24,8 @@ class Owners:
         everyone = comm.allgather(mine)
         self.mine, self.n = mine, sum(map(len, everyone))
         self.rank, self.place = np.empty((2, self.n), np.int32)
-        for rank, own in enumerate(everyone):
-            self.rank[own], self.place[own] = rank, np.arange(len(own))
+        for rank, rows in enumerate(everyone):
+            self.rank[rows], self.place[rows] = rank, np.arange(len(rows))
 
 
 class Ghosts(NamedTuple):
@@ -111,10 +111,10 @@ class BlockRows:
 
     def dense(self) -> np.ndarray:
         """Return the whole matrix (3 rows, 3 columns of all) on every rank. Collective."""
-        whole = np.zeros((self.rows.n, 3, self.columns.n, 3))
-        whole[self.pattern.row, :, self.pattern.column] = self.block
-        self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # only one term is not zero, so no rounding
-        return whole.reshape(3 * self.rows.n, -1)
+        dense = np.zeros((self.rows.n, 3, self.columns.n, 3))
+        dense[self.pattern.row, :, self.pattern.column] = self.block
+        self.comm.Allreduce(MPI.IN_PLACE, dense, MPI.SUM)  # only one term is not zero, so no rounding
+        return dense.reshape(3 * self.rows.n, -1)
 
 
 class Everywhere:
@@ -123,8 +123,8 @@ class Everywhere:
     def __init__(self, pattern: Pattern):
         """Collective."""
         self.comm = pattern.comm
-        parts = self.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
-        row, counts, column = (np.concatenate(arrays) for arrays in zip(*parts))
+        gathered = self.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
+        row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
         counts, self.entries = entries_of(counts, np.argsort(row))
         owners = Owners(MPI.COMM_SELF, np.arange(pattern.rows.n))
         self.pattern = Pattern(MPI.COMM_SELF, starts_of(counts), column[self.entries], owners, owners)
@@ -149,8 +149,8 @@ class Borrowed:
 
     def of(self, matrix: BlockRows) -> "Rows":
         """Receive the rows of a matrix. Collective."""
-        parts = self.comm.alltoall([matrix.block[entries] for entries in self.entries])
-        return Rows(self.start, self.column, np.concatenate(parts))
+        received = self.comm.alltoall([matrix.block[entries] for entries in self.entries])
+        return Rows(self.start, self.column, np.concatenate(received))
 
 
 class Rows(NamedTuple):

@@ -183,16 +183,16 @@ def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, star
     for p in range(start.shape[0] - 1):
         start[p] = k
         moves = free[p, 0] or free[p, 1] or free[p, 2]
-        before = True  # the diagonal block is still to be added
+        needs_diagonal = True  # the diagonal block is still to be added
         for entry in range(at.start[p], at.start[p + 1] + 1):
-            last = entry == at.start[p + 1]
-            if before and (last or number[at.far[entry]] > number[p]):
+            is_end = entry == at.start[p + 1]
+            if needs_diagonal and (is_end or number[at.far[entry]] > number[p]):
                 column[k] = number[p]
                 for i in range(3):
                     for j in range(3):
                         block[k, i, j] = diagonal[p, i, j]
-                k, before = k + 1, False
-            if last:
+                k, needs_diagonal = k + 1, False
+            if is_end:
                 break
             e, q = at.element[entry], at.far[entry]
             if not (moves and (free[q, 0] or free[q, 1] or free[q, 2])):
@@ -242,10 +242,10 @@ def tangent_rows(
     d, K = distribution.subdomain, without_compression(K)
     elements = K.direction, K.axial, K.across
     supports = net.free != 0, K.support, inertia * K.nodal
-    own = block_matrix(net.ends, *elements, *supports, d.particle_gid, at, distribution.n, K.between)
+    matrix = block_matrix(net.ends, *elements, *supports, d.particle_gid, at, distribution.n, K.between)
     if K.joints is not None:
-        own = with_joints(own, K.joints, net.free != 0, d.particle_gid)
+        matrix = with_joints(matrix, K.joints, net.free != 0, d.particle_gid)
     if pattern is None:
         owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
-        pattern = Pattern(distribution.comm, own.indptr, own.indices, owners, owners)
-    return BlockRows(pattern, own.data)
+        pattern = Pattern(distribution.comm, matrix.indptr, matrix.indices, owners, owners)
+    return BlockRows(pattern, matrix.data)

@@ -113,17 +113,17 @@ def modes_at(
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
-    still = STILL * scaled.diagonal().max()
+    threshold = STILL * scaled.diagonal().max()
     with np.errstate(divide="ignore", invalid="ignore"):
-        periods = 2.0 * np.pi / np.sqrt(np.where(np.abs(values) <= still, 0.0, values))
+        periods = 2.0 * np.pi / np.sqrt(np.where(np.abs(values) <= threshold, 0.0, values))
     unit_motion = (1.0 / root)[:, None] * unit_motions[moves]  # vectors are M^1/2 u, of length 1
     share = (vectors.T @ unit_motion) ** 2 / np.maximum((unit_motion**2).sum(0), np.finfo(float).tiny)
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T
     shape = _scaled(np.array([from_own(mode, net.angle) for mode in shape.reshape(-1, net.n, 3)]))
-    step = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
-    elongation = np.sum(step * (vectors_along / L[:, None]), axis=2)
-    modal_stiffness = np.maximum(values, still) * (np.sum(shape**2, axis=2) @ mass)
+    difference = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
+    elongation = np.sum(difference * (vectors_along / L[:, None]), axis=2)
+    modal_stiffness = np.maximum(values, threshold) * (np.sum(shape**2, axis=2) @ mass)
     stretch = np.divide(
         elongation**2 @ axial, modal_stiffness, out=np.zeros(len(values)), where=modal_stiffness > 0.0
     )
@@ -290,8 +290,8 @@ def _notes(model: Model, modes: Modes) -> list[str]:
     kinds = (np.isinf(modes.period), "have no stiffness (mechanisms)"), (np.isnan(modes.period), unstable)
     for selected, words in kinds:
         if selected.any():
-            moved = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
-            nodes = listed(model.net.node_id[moved])
+            moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
+            nodes = listed(model.net.node_id[moves_most])
             notes.append(f"modes: {int(selected.sum())} of these {words}: nodes {nodes} move most")
     return notes
 

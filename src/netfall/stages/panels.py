@@ -1,9 +1,9 @@
 """Cladding that tears off: when an element breaks, its panels leave the roof as a whole.
 
-At the step of the fracture the corners of such a panel lose its share of the wind, of the pressure, and of
-the mass of dead load and snow with its weight. At least the mass that the step needs remains: sum(k) dt^2 / 2
-of the remaining elements, as for fragments (`stability.fragment_mass`). The kinetic energy of the lost mass
-counts as negative external work, so both energy checks hold.
+At the step of the fracture the corners of such a panel lose its share of the wind and of the pressure. They
+also lose its share of the mass of dead load and snow, with its weight. At least the mass that the step needs
+remains: sum(k) dt^2 / 2 of the remaining elements, as for fragments (`stability.fragment_mass`). The kinetic
+energy of the lost mass counts as negative external work, so both energy checks hold.
 """
 
 from typing import NamedTuple

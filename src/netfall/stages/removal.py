@@ -59,12 +59,12 @@ class Removal:
         """Carry out the removal that is due at the present step. Collective."""
         state, loss = simulation.state, self.losses[self.done]
         simulation.plan.collect_yield()
-        now = state.elements_now()
-        self.close(state, now.N)
+        elements = state.elements_now()
+        self.close(state, elements.N)
         simulation.envelope.take_in(simulation.time, state)
-        self._keep("before", self.done, state, now.N)
+        self._keep("before", self.done, state, elements.N)
         gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
-        force = self._forces(state, loss, rows[rows >= 0], now)
+        force = self._forces(state, loss, rows[rows >= 0], elements)
         simulation.share_events()
         particles, handed = self._leaving(self.done)
         times = simulation.time, simulation.before_dt, simulation.dt
@@ -78,7 +78,7 @@ class Removal:
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
         self._hand_over(simulation, handed)
         simulation.loads.renew(state)
-        state.begin_extremes(now.N)
+        state.begin_extremes(elements.N)
         self.done += 1
         simulation.result.losses = self.done
 
@@ -86,16 +86,16 @@ class Removal:
         """Return the local rows of elements; -1: not on this rank."""
         return rows_of(self.distribution.subdomain.element_gid, elements)
 
-    def _forces(self, state, loss: Loss, rows: np.ndarray, now) -> np.ndarray:
+    def _forces(self, state, loss: Loss, rows: np.ndarray, elements) -> np.ndarray:
         """Compute the forces (k, 3) [N] of the removed elements on their start nodes, the same on every rank.
 
         Elements that had broken before exert none. Collective.
         """
-        force, N = np.zeros((len(loss.elements), 3)), with_branches(state, now.N)
+        force, N = np.zeros((len(loss.elements), 3)), with_branches(state, elements.N)
         for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
             a, b = state.ends[e]
             k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
-            force[k] = N[e] / now.L[e] * (state.x[b] - state.x[a])
+            force[k] = N[e] / elements.L[e] * (state.x[b] - state.x[a])
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # other ranks add zeros
         return force
 

@@ -103,9 +103,9 @@ def required(job: Job) -> bool:
 def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
     """Compute the equilibrium after each member removal. Collective. Raises Interrupted if asked to stop.
 
-    The result is a `RestsAfter`, None if nothing is removed in time. Each search starts from the state at the
-    start of the dynamic stage, with the removals so far, under all constant loads and the mean wind. The
-    state is restored at the end.
+    The result is a `RestsAfter`, None if nothing is removed in time. Each search starts from the initial
+    state of the dynamic stage, with the removals so far. All constant loads and the mean wind act. The state
+    is restored at the end.
     """
     losses = losses_now(scene)
     if context.saver.is_past(NAME) or not losses:
@@ -126,12 +126,12 @@ def rests_after(scene: Scene, context: Desk, losses: list[Loss]) -> RestsAfter:
     state, distribution, model = scene.state, scene.distribution, scene.model
     loads = loads_after(model, losses) if model else [None] * (len(losses) + 1)
     start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
-    loose = scene.comm.bcast(loose_after(model, losses, loads) if model else None)
+    unsupported = scene.comm.bcast(loose_after(model, losses, loads) if model else None)
     reference = reference_force(scene, StaticLoad("loss", "", distribution.particles(loads[0])))
     gather_owned = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
     search = Search(start, tension=[gather_owned(state.elements_now().N)])
     resume = _taken_up(scene, context, search)
-    for k, (loss, is_loose, whole) in enumerate(zip(losses, loose, loads[1:])):
+    for k, (loss, is_loose, new_load) in enumerate(zip(losses, unsupported, loads[1:])):
         rows = rows_of(distribution.subdomain.element_gid, loss.elements)
         rows = rows[rows >= 0]
         state.EA[rows], state.broken[rows] = 0.0, 1  # removed, not slack
@@ -139,14 +139,16 @@ def rests_after(scene: Scene, context: Desk, losses: list[Loss]) -> RestsAfter:
             continue
         scene.finder.forget()
         put_back(state, search.best)
-        load = distribution.particles(whole)
+        load = distribution.particles(new_load)
         words = f"the net without {words_of(scene.job, loss)}"
         tension, rest = np.full(state.m, np.nan), Rest("no_equilibrium")
         lines = [f"no rest: a part of {words} is connected to no support"]
         if not is_loose:
             try:
-                each = StaticLoad("loss", words, load, 1.0, weights=own_weight(scene.job))
-                tension, rest, lines, iterations = _rest_under(scene, each, reference, context.stop, resume)
+                load_case = StaticLoad("loss", words, load, 1.0, weights=own_weight(scene.job))
+                tension, rest, lines, iterations = _rest_under(
+                    scene, load_case, reference, context.stop, resume
+                )
                 search.total += iterations
                 search.best = committed(state) if rest.state == "equilibrium" else search.best
             except Paused as pause:
@@ -239,11 +241,11 @@ def loose_after(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool
     Rank 0.
     """
     is_present, is_removed = model.net.is_there, np.zeros(model.net.n, bool)
-    loose = []
+    results = []
     for loss, load in zip(losses, loads[1:]):
         is_present[loss.elements], is_removed[loss.particles] = False, True
-        loose.append(comes_loose(model.net, is_present, load, is_removed))
-    return loose
+        results.append(comes_loose(model.net, is_present, load, is_removed))
+    return results
 
 
 def words_of(job, loss: Loss) -> str:

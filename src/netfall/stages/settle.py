@@ -78,10 +78,10 @@ class Effort(NamedTuple):
     gives_up: bool = False
 
 
-def _full(scene: Scene, most: int | None = None) -> Effort:
-    """Return the full effort that the job allows. most : iterations, None: as the job sets them"""
+def _full(scene: Scene, max_iterations: int | None = None) -> Effort:
+    """Return the full effort that the job allows. max_iterations : None: as the job sets them"""
     settings = settings_of(scene.job)
-    return Effort(min(most or np.inf, settings.max_iterations), settings.tolerance)
+    return Effort(min(max_iterations or np.inf, settings.max_iterations), settings.tolerance)
 
 
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
@@ -97,14 +97,14 @@ def paused(
     words: str,
     before: int,
     pause: Paused,
-    kept: dict[str, Record] | None = None,
+    stage_records: dict[str, Record] | None = None,
 ) -> Interrupted:
     """Save a checkpoint and return the error of a run that was stopped in an equilibrium. Collective.
 
-    before : iterations of the equilibria before it; kept : records of the stage, by name
+    before : iterations of the equilibria before it; stage_records : records of the stage, by name
     """
     step = before + pause.at.total + pause.at.iteration
-    records = {RELAXATION: relaxation_record(scene.distribution, pause.at)} | (kept or {})
+    records = {RELAXATION: relaxation_record(scene.distribution, pause.at)} | (stage_records or {})
     return interrupted(f"in statics, {words}", context.saver.save(stage, step, scene.state, records))
 
 
@@ -119,11 +119,11 @@ def reference_force(scene: Scene, last: StaticLoad) -> float:
 
 
 def settle(
-    scene: Scene, load_case: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None
+    scene: Scene, load_case: StaticLoad, reference: float, stop: StopRequest, resume=None, max_iterations=None
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, and update plastic strains. Collective.
 
-    reference : [N], of the tolerance; stop, resume : see `relax`; most : iterations
+    reference : [N], of the tolerance; stop, resume : see `relax`
 
     If there is no equilibrium, the state depends on the load. If the load is one of `SEARCHED` or if an
     element breaks, the state is the equilibrium under the limit load factor. Otherwise it is the initial
@@ -134,7 +134,9 @@ def settle(
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
     has_limit_load = load_case.kind in SEARCHED and scene.finder.has_limit_load()
-    effort = _full(scene, most)._replace(relaxes=not has_limit_load, gives_up=load_case.kind in SEARCHED)
+    effort = _full(scene, max_iterations)._replace(
+        relaxes=not has_limit_load, gives_up=load_case.kind in SEARCHED
+    )
     full_load, equilibrium = _tried(scene, load_case, reference, stop, effort, resume)
     if not full_load.reason:
         return _on_its_path(scene, load_case, reference, start, equilibrium, stop)

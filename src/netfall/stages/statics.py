@@ -108,8 +108,8 @@ def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
             else:
                 find_or_recall(scene, context, path)
         except Paused as pause:
-            words = equilibria(scene)[path.done].each.words
-            raise paused(scene, context, NAME, words, path.total, pause) from None
+            name = equilibria(scene)[path.done].each.words
+            raise paused(scene, context, NAME, name, path.total, pause) from None
     attributes = {} if not path.failed else {"exit_state": failed_as(path)}
     labels = group_labels(path, scene)
     return Outcome(path, lines(path, scene), sections(path), attributes, labels, failure_of(scene.job, path))
@@ -142,16 +142,16 @@ def find_or_recall(scene: Scene, context: Desk, path: StaticPath) -> None:
         return seen
 
     key = scene.comm.bcast(key_of(scene.job) if scene.comm.rank == 0 else None)
-    known = context.memory.once("statics", key, find)
-    if known is not seen:
-        _again(scene, context, path, known)
+    results = context.memory.once("statics", key, find)
+    if results is not seen:
+        _again(scene, context, path, results)
 
 
 def _again(
-    scene: Scene, context: Desk, path: StaticPath, known: list[tuple[StaticOutcome, dict, str]]
+    scene: Scene, context: Desk, path: StaticPath, results: list[tuple[StaticOutcome, dict, str]]
 ) -> None:
     """Repeat the output of `find_equilibria` for results of an earlier run. Collective."""
-    for request, (outcome, arrays, failed) in zip(equilibria(scene), known):
+    for request, (outcome, arrays, failed) in zip(equilibria(scene), results):
         put_back(scene.state, arrays)
         note(scene, context, path, loaded(scene, request), outcome)
         path.failed, path.undecided = failed, bool(failed) and outcome.state == UNDECIDED
@@ -237,11 +237,11 @@ def note(
 def permanent_again(scene: Scene, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
     """Recompute the state under the permanent loads, in a resumed run. Collective."""
     state = scene.state
-    now = committed(state)
+    present = committed(state)
     to_the_start(scene)
     settle(scene, permanent, reference, NEVER)
     base = committed(state)
-    put_back(state, now)
+    put_back(state, present)
     return base
 
 
@@ -321,13 +321,13 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
     """Return the messages of the static stage."""
     combined = {entry.name for entry in scene.job.combinations}
     called = {name: f"{'combination' if name in combined else 'case'} {name}" for name in path.cases}
-    last = [(f"cases/{name}", called[name], numbers) for name, numbers in path.cases.items()]
+    final = [(f"cases/{name}", called[name], numbers) for name, numbers in path.cases.items()]
     if path.steps:
-        last.append(("statics", "statics", path.steps[-1]))
+        final.append(("statics", "statics", path.steps[-1]))
     if path.rest:
-        last.append(("rest", rest_words(scene.job), path.rest))
-    words = lambda group, entry: _in_words(entry, path.labels[group], scene.distribution.m)
-    lines = [f"{title}: {words(group, entry)}" for group, title, entry in last]
+        final.append(("rest", rest_words(scene.job), path.rest))
+    describe = lambda group, entry: _in_words(entry, path.labels[group], scene.distribution.m)
+    lines = [f"{title}: {describe(group, entry)}" for group, title, entry in final]
     for state, verb in ((NONE, "have no equilibrium"), (UNDECIDED, "are undecided")):
         count = sum(path.labels[f"cases/{name}"]["state"] == state for name in path.cases)
         if count:
@@ -335,31 +335,31 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
     if scene.model is None:
         return lines
     steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
-    every = [entry for entry in steps + last if not math.isnan(entry[2]["residual"])]
+    entries = [entry for entry in steps + final if not math.isnan(entry[2]["residual"])]
     node_id, element_id = scene.model.net.node_id, scene.model.net.element_id
     lines += [
         _unstable(title, entry["unstable_at"], node_id)
-        for _, title, entry in every
+        for _, title, entry in entries
         if entry["unstable_at"] != STABLE
     ]
     lines += path.limits
     lines += notes.torsion_warnings(
-        [(title, entry["torsion"]) for _, title, entry in every if "torsion" in entry], node_id
+        [(title, entry["torsion"]) for _, title, entry in entries if "torsion" in entry], node_id
     )
     lines += notes.rounding_warnings(
         [
             (title, max(entry["displacement_error"], entry["tension_error"]), entry["rounding"])
-            for _, title, entry in every
+            for _, title, entry in entries
             if "rounding" in entry
         ],
         settings_of(scene.job).tolerance,
     )
-    stopped = [(title, entry["stopped"]) for _, title, entry in every if "stopped" in entry]
+    stopped = [(title, entry["stopped"]) for _, title, entry in entries if "stopped" in entry]
     lines += notes.stop_notes(stopped, element_id)
-    for group, title, _ in last:
+    for group, title, _ in final:
         lines += notes.limit_notes(title, by_ids(path.labels[group], element_id))
-    lines += notes.force_balance_warnings([(title, entry["unexplained"]) for _, title, entry in every])
-    moved = [(title, entry["moved"][0], node_id[entry["moved"][1]]) for _, title, entry in every]
+    lines += notes.force_balance_warnings([(title, entry["unexplained"]) for _, title, entry in entries])
+    moved = [(title, entry["moved"][0], node_id[entry["moved"][1]]) for _, title, entry in entries]
     return lines + notes.displacement_notes(moved, scene.model.x)
 
 
@@ -400,12 +400,12 @@ def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
     return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
 
 
-def _unstable(what: str, p: int, node_id: np.ndarray) -> str:
+def _unstable(title: str, p: int, node_id: np.ndarray) -> str:
     if p == UNKNOWN:
-        return f"note: {what}: whether compressed bars buckle there could not be decided"
+        return f"note: {title}: whether compressed bars buckle there could not be decided"
     node = node_id[p]
     return (
-        f"note: {what}: NOT STABLE: {notes.NOT_STABLE}, node {node} moves most; the net does not stay in "
+        f"note: {title}: NOT STABLE: {notes.NOT_STABLE}, node {node} moves most; the net does not stay in "
         "this equilibrium: support the bars across, or tension the net more"
     )
 

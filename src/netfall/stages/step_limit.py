@@ -2,7 +2,7 @@
 
 Lanczos iteration on M^-1/2 K M^-1/2, with material and geometric stiffness K and without held axes. Slack
 cables count as taut, because they may become so at any time. Compression, which reduces the stiffness across
-an element, is left out. The sums are exact and each particle's force is summed as in the time loop, so the
+an element, is left out. The sums are exact and each particle's force is summed as in the time loop. So the
 limit has the same bits on any number of ranks.
 """
 
@@ -36,8 +36,8 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     element_gid : (m,); halo : of width 3. Collective.
     """
     s, owned = state, slice(state.n_owned)
-    now = s.elements_now()
-    N, L = now.N, now.L
+    elements = s.elements_now()
+    N, L = elements.N, elements.L
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
     axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
     joints = None if s.joints is None else joint_tangent(s.x, s.joints, np.zeros(len(s.x)))
@@ -85,9 +85,9 @@ def _highest(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float,
     if not size > 0.0:
         return 0.0, start
     diagonal, off_diagonal = [], [np.sqrt(size)]
-    before, v = np.zeros_like(start), start / off_diagonal[0]
+    previous, v = np.zeros_like(start), start / off_diagonal[0]
     while True:
-        w = apply(v) - (off_diagonal[-1] if len(diagonal) else 0.0) * before
+        w = apply(v) - (off_diagonal[-1] if len(diagonal) else 0.0) * previous
         (alpha,) = exact_sums(comm, w * v)
         w -= alpha * v
         (beta_squared,) = exact_sums(comm, w * w)
@@ -103,24 +103,24 @@ def _highest(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float,
             error_bound = 0.0 if ended else off_diagonal[-1] * abs(vector[-1])
             if ended or error_bound <= CLOSE * largest or j == MOST:
                 break
-        before, v = v, w / off_diagonal[-1]
+        previous, v = v, w / off_diagonal[-1]
     if not largest > 0.0:
         return 0.0, start
     mode = np.zeros_like(start)  # the vectors are recomputed, so they need not be stored
-    before, v = np.zeros_like(start), start / off_diagonal[0]
+    previous, v = np.zeros_like(start), start / off_diagonal[0]
     for k in range(j):
         mode += vector[k] * v
         if k < j - 1:
-            w = apply(v) - (off_diagonal[k] if k else 0.0) * before - diagonal[k] * v
-            before, v = v, w / off_diagonal[k + 1]
+            w = apply(v) - (off_diagonal[k] if k else 0.0) * previous - diagonal[k] * v
+            previous, v = v, w / off_diagonal[k + 1]
     return largest + error_bound, mode
 
 
 def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margin: float) -> bool:
     """Return whether the present net, with split-off particles, is stable with the step dt [s]. Collective.
 
-    The criterion is that of `stability.any_shape_limits` for the intact net: omega dt up to 1 at a cable,
-    which may change between slack and taut, and up to 2 at a bar; of both at most the share `margin`.
+    The criterion is that of `stability.any_shape_limits` for the intact net. It limits omega dt to 1 at a
+    cable, which may change between slack and taut, and to 2 at a bar, both times `margin`.
     halo : of any width
     """
     s, k = state, np.where(state.EA > 0.0, largest_stiffness(state.EA, state.L0), 0.0)

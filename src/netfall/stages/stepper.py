@@ -95,9 +95,9 @@ class Stepper:
             return
         self.advance_through_fractures(min(stop, self.calm))
         local_steps = self.plan.events.step[: self.plan.events.count[0]]
-        known = self.log.step[-1] if len(self.log) else -1
-        last = self.comm.allreduce(int(local_steps.max(initial=known)), MPI.MAX)
-        self.calm = max(self.calm, (last // long + 1 + CALM) * long if last >= 0 else 0)
+        last_known = self.log.step[-1] if len(self.log) else -1
+        last_fracture = self.comm.allreduce(int(local_steps.max(initial=last_known)), MPI.MAX)
+        self.calm = max(self.calm, (last_fracture // long + 1 + CALM) * long if last_fracture >= 0 else 0)
         if self.n == self.calm:
             step_and_margin = self.schedule.long_dt, self.schedule.margin
             if long_step_allowed(self.comm, self.state, self.halo, *step_and_margin):
@@ -107,20 +107,20 @@ class Stepper:
 
     def advance_through_fractures(self, stop: int) -> None:
         """Step to number `stop` with the short step, through any fractures."""
-        known = len(self.log)
+        count = len(self.log)
         while self.tearing and self.n < stop and self.advance_to_fracture(stop):
-            self.tearing.tear(self.state, np.unique(self.log.element[known:]))
+            self.tearing.tear(self.state, np.unique(self.log.element[count:]))
             self.plan.attach(self.state)
-            known = len(self.log)
-        if self.after_fracture == "all" and not known and self.advance_to_fracture(stop):
+            count = len(self.log)
+        if self.after_fracture == "all" and not count and self.advance_to_fracture(stop):
             end_wind(self.state)
         self.advance_block(stop)
 
     def interval(self, stop: int, trial: bool = False) -> Interval:
         """Return the interval from the present step to number `stop`, with the present stride."""
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
-        now = first, steps, self.before_dt, self.dt, self.zeta
-        return Interval(*now, self.loads.time, self.loads.dt, self.stride, trial)
+        arguments = first, steps, self.before_dt, self.dt, self.zeta
+        return Interval(*arguments, self.loads.time, self.loads.dt, self.stride, trial)
 
     def advance_to_first_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or to the step before a fracture on any rank; return whether one is due."""
@@ -146,16 +146,16 @@ class Stepper:
     def advance_to_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or just beyond the first fracture on any rank; return whether there is one.
 
-        A fracture acts on the whole net in the same step on all ranks, but other ranks learn of it only at
+        A fracture acts on the whole net in the same step on all ranks. But other ranks learn of it only at
         the end of a block. So a trial finds the number of steps to the first fracture, and no step waits for
         a reduction.
         """
-        known = len(self.log)
+        count = len(self.log)
         if self.advance_to_first_fracture(stop):
-            while self.n < stop and len(self.log) == known:
+            while self.n < stop and len(self.log) == count:
                 self.advance_block(self.n + 1)
                 self.share_events()
-        return len(self.log) > known
+        return len(self.log) > count
 
     def share_events(self) -> None:
         """Broadcast the fractures since the last call to every rank, and receive the stop flag."""
@@ -165,8 +165,8 @@ class Stepper:
         events, stopping = counts.tolist()
         self.stopping = stopping > 0
         if events:
-            parts = self.comm.allgather(
+            columns = self.comm.allgather(
                 [getattr(local_events, name)[: local_events.count[0]] for name in COLUMNS]
             )
-            self.log.add(dict(zip(COLUMNS, map(np.concatenate, zip(*parts)))))
+            self.log.add(dict(zip(COLUMNS, map(np.concatenate, zip(*columns)))))
             local_events.count[0] = 0

@@ -33,13 +33,13 @@ def equilibria(scene: Scene) -> list[Wanted]:
         *((case, of_case_alone) for case in job.cases),
         *((static_load, of_combination) for static_load in job.combinations),
     ]
-    wanted = []
+    requests = []
 
     weights = own_weight(job)
 
-    def want(kind: str, words: str, acts: Callable[[Model], np.ndarray], **options) -> None:
-        load = StaticLoad(kind, words, None, weights=weights, **options)
-        wanted.append(Wanted(load, lambda model: Actions(acts(model))))
+    def want(kind: str, name: str, acts: Callable[[Model], np.ndarray], **options) -> None:
+        load = StaticLoad(kind, name, None, weights=weights, **options)
+        requests.append(Wanted(load, lambda model: Actions(acts(model))))
 
     if apart or steps:
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)
@@ -47,7 +47,7 @@ def equilibria(scene: Scene) -> list[Wanted]:
         what = "case" if acts is of_case_alone else "combination"
         weight = weights * factor_of(entry, "permanent") if acts is of_combination else weights
         static_load = StaticLoad(what, f"{what} {entry.name}", None, 1.0, entry.name, True, weights=weight)
-        wanted.append(Wanted(static_load, lambda model, entry=entry, acts=acts: acts(job, model, entry)))
+        requests.append(Wanted(static_load, lambda model, entry=entry, acts=acts: acts(job, model, entry)))
     has_cases = bool(apart)
     for step in range(1, steps + 1):
         part = lambda model, factor=step / steps: model.loading.permanent + factor * model.loading.live
@@ -60,7 +60,7 @@ def equilibria(scene: Scene) -> list[Wanted]:
         want("rest", ALL_LOADS, lambda model: model.load, factor=1.0, from_permanent=has_cases and not steps)
     if final_wind:
         want("rest", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
-    return wanted
+    return requests
 
 
 def loaded(scene: Scene, request: Wanted) -> StaticLoad:
