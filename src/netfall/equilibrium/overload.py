@@ -29,7 +29,7 @@ WITH_IT = 0.5
 OF_WORK, OF_LOAD = 1.5, 2.0 / 3.0
 FAR = 2.0  # strain over the limit strain [-], above which strains grow with these powers
 SHARP = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
-LEAST = 1e-3  # lowest load factor [-]: the search does not go below
+LEAST = 1e-3  # load factor [-], below which the load counts as not carried at all
 # strain over the fracture strain [-], at which an element surely breaks, also in the equilibrium nearby
 SURELY = 5.0
 BREAKS = "breaks"
@@ -92,7 +92,7 @@ def yield_strains(state: State) -> np.ndarray:
 
 
 def run_away(comm: MPI.Comm, state: State) -> float:
-    """Return how far displacements of yielding elements are unbounded, 1 at the limit. Collective.
+    """Return how close displacements are to unbounded; from 1 on they count as unbounded. Collective.
 
     Both criteria of the module docstring must hold, so the result is the smaller of the two.
     """
@@ -111,15 +111,14 @@ def is_lost(
 ) -> bool:
     """Return whether displacements are unbounded and no equilibrium exists to return to. Collective.
 
-    load : (n, 3) [N]
-    held : (n,) of particles at springs and joints
+    load : (n, 3) [N]; held : (n,) of particles at springs and joints
     fields : displacements (k, n, 3) of any size, along which the net continues to move
     residual : largest [N]
 
     In any equilibrium the elements absorb the work of the load along a displacement field. They absorb at
     most their largest forces times the relative displacement of their ends (upper bound theorem). If the load
     does more work along one of the fields, with held particles fixed, there is no equilibrium. An element
-    that never yields is taken to carry a strain of 1. Nor is there a way back if the net is in equilibrium
+    that never yields is taken to carry a strain of 1. The result is also true if the net is in equilibrium
     under nearly that load.
     """
     excess = run_away(comm, state)
@@ -206,8 +205,10 @@ def _between(low: Trial, high: Trial, power: float, stays: int) -> float:
     """Return the next trial between two trials, by regula falsi, half of `SHARP` or more inside the bracket.
 
     power : with which strains grow, used while no load is carried yet
-    stays : how often the high end has stayed; less than 0: the low end. The Illinois rule halves the residual
-        of an end that stays, so the search approaches the limit from both sides.
+    stays : how often the high end has stayed; less than 0: the low end
+
+    The Illinois rule halves the residual of an end that stays, so the search approaches the limit from both
+    sides.
     """
     reserve, excess = 1.0 - low.there.most, high.there.most - 1.0
     if low.at == 0.0 and FAR < high.there.most < np.inf:
