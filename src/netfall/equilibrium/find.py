@@ -29,7 +29,7 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.elements import add_tensions, axial_forces
 from netfall.mechanics.state import State
 from netfall.multigrid.cycle import Structure
-from netfall.multigrid.lines import lines_of
+from netfall.multigrid.lines import Lines, lines_of
 from netfall.multigrid.tangent import Tangent, tangent_of
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
@@ -94,8 +94,7 @@ class Finder:
             start = resume.start
         if not relaxes:
             raise DivergedError(f"{name}: no equilibrium was found at once")
-        search = name, stop, start, resume
-        return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, *search)
+        return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, name, stop, start, resume)
 
     def _has_tensions(self) -> bool:
         """Return whether the interior point method applies, which takes tensions as unknowns."""
@@ -187,8 +186,9 @@ class Finder:
     ) -> tuple[LimitLoad, Solution]:
         """Bring the state to the limit load factor of one of two loads. Collective.
 
-        load : (n, 3) [N], acts in full; scaled_load : (n, 3) [N], acts times the factor. The other arguments
-            are those of `limit.limit_load`.
+        load : (n, 3) [N], acts in full; scaled_load : (n, 3) [N], acts times the factor
+
+        The other arguments are those of `limit.limit_load`.
         """
         owned_load = scaled_load[: self.state.n_owned]
         limit = limit_load(self.newton(load), self.state, owned_load, strained, tolerances, stop, report)
@@ -198,9 +198,12 @@ class Finder:
     def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
         """Return a function that computes the response to a change (m,) [m] of unstressed lengths.
 
-        load : (n, 3) [N] that acts. This function and the one returned are collective. The one returned gives
-            displacements (n, 3) [m] and changes of axial force (m,) [N]. It raises NoConvergence if the
-            tangent is singular.
+        Collective.
+
+        load : (n, 3) [N] that acts
+
+        Calls are collective too. They return displacements (n, 3) [m] and changes of axial force (m,) [N],
+        and raise NoConvergence if the tangent is singular.
         """
         newton, state = self.newton(load), self.state
         newton.begin()
@@ -234,12 +237,14 @@ class Finder:
 
     def newton(self, load: np.ndarray) -> Newton:
         """Set up Newton's method for the net under a load (n, 3) [N]."""
-        net, state = net_of(self.state, load, self.slips), self.state
-        # the line smoother follows the geometry at the start, also in a run that is resumed
+        net = net_of(self.state, load, self.slips)
         if self._structure is None:
-            of_state = lambda: lines_of(self.distribution, state.ends, state.x_start, state.free)
-            self._structure = Structure(cache(of_state))
+            self._structure = Structure(cache(self._lines))
         return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._structure)
+
+    def _lines(self) -> Lines:
+        state = self.state  # initial positions, so that a resumed run has the same lines
+        return lines_of(self.distribution, state.ends, state.x_start, state.free)
 
     def _tangent(self) -> Tangent:
         # first: unstressed lengths follow the positions

@@ -46,7 +46,10 @@ def relaxed_in_turn(
     positions, solution, previous, resume_point = start, None, None, None
     for stage in range(first, len(residuals)):
         goal = residuals[stage]
-        report = lambda i, r, g=goal: finder.report(f"{name}: relaxing, residual {r:.2g} N of {g:.2g} N")
+
+        def report(_: int, residual: float, goal: float = goal) -> None:
+            finder.report(f"{name}: relaxing, residual {residual:.2g} N of {goal:.2g} N")
+
         allowed = min(max_iterations, AGAIN + total) if solution else max_iterations
         try:
             net = newton.net

@@ -40,15 +40,16 @@ class Work:
     def solve(self, K: Tangent, cycle, r: np.ndarray, residual_share: float) -> tuple[np.ndarray, float, int]:
         """Return the correction (n_owned, 3) [m], the change of `factor`, and the iterations. Collective.
 
-        r : residual without the load; left : largest share of the residual that may remain. A first
-            correction brings the work to `target`. Conjugate gradients then search among displacements in
-            which the load does no work (Gould, Hribar, Nocedal 2001). Raises as `Newton.solve`.
+        r : residual without the load; residual_share : largest share of the residual that may remain
+
+        A first correction brings the work to `target`. Conjugate gradients then search among displacements in
+        which the load does no work (Gould, Hribar, Nocedal 2001). Raises as `Newton.solve`.
         """
         newton, load, factor_change = self.newton, self.load, 0.0
         response = newton.not_held(cycle(load))
         (compliance,) = newton.dots((load, response))
 
-        def idle(rows: np.ndarray) -> np.ndarray:
+        def without_work(rows: np.ndarray) -> np.ndarray:
             """Apply the cycle and remove the work of the load from the result.
 
             Subtracts the same multiple of the load from `rows`, in place.
@@ -64,7 +65,7 @@ class Work:
 
         to_target = (self.target - self.done()) / compliance * response
         r = r + self.factor * load - newton.stiffness_times(K, to_target)
-        s, count = newton.solve(K, idle, r, residual_share)
+        s, count = newton.solve(K, without_work, r, residual_share)
         return to_target + s, factor_change, count
 
 

@@ -145,14 +145,13 @@ class Mixed:
             raise Stopped
         newton.begin()
         K, L = newton.tangent(), state.elements_now().L
-        law_arguments = self.cables, L, self.gap
-        aim_tensions(*law_arguments, self.now, K.axial, K.across, self.aimed)
+        aim_tensions(self.cables, L, self.gap, self.now, K.axial, K.across, self.aimed)
         newton.net.forces(state.x, newton.f)
         pull = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
         add_pulls(state.ends, pull[:, None] * K.direction, newton.f)
         s, factor_change, count = self.answer(K, newton.not_held(newton.f[newton.owned]))
         displacement, changed, change = newton.sizes(K, s, state.x_start)
-        change_of_tensions(*law_arguments, self.now, self.aimed, change, self.changes, self.part)
+        change_of_tensions(self.cables, L, self.gap, self.now, self.aimed, change, self.changes, self.part)
         step_share = self.longest()
         (most_turn,) = newton.largest(most_turned(newton.spread, self.cables, L, state.ends))
         step_share = min(newton.most_of(s), step_share, max(1.0 / most_turn, PARTS[-1]))

@@ -329,14 +329,11 @@ class Newton:
         Returns shares of displacement and tension as `errors` does. Call `begin` first.
         """
         owned, tensions, counts = self.owned, state.elements_now().N, self.moved_elements
-        arrays = (
-            (state.x - x)[owned],
-            (state.x - state.x_start)[owned],
+        movement, distance, force_change, tension = self.largest(
+            lengths((state.x - x)[owned]),
+            lengths((state.x - state.x_start)[owned]),
             (tensions - N)[counts],
             tensions[counts],
-        )
-        movement, distance, force_change, tension = self.largest(
-            *(lengths(array) if array.ndim > 1 else array for array in arrays)
         )
         return movement / max(distance, NIL * self.extent), force_change / tension if tension > 0.0 else 0.0
 
@@ -373,8 +370,9 @@ class Newton:
         displacement += s
         dot_rows(displacement, displacement, squares[1])
         counts = self.moved_elements
-        sizes = (np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts])
-        movement, distance, force_change, tension = self.largest(*sizes)
+        movement, distance, force_change, tension = self.largest(
+            np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts]
+        )
         if movement <= ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0, change
         return (

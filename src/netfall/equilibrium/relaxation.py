@@ -242,8 +242,17 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
             bound(state.x, stiffness)
         return is_lost(comm, state, load, stiffness > 0.0, (u, state.x - state.x_start), residual)
 
-    optional = support, bound, lost if state.features.plastic else None, state.turned
-    return Net(state.x, state.free, state.ends, forces, stiffness, *optional)
+    return Net(
+        state.x,
+        state.free,
+        state.ends,
+        forces,
+        stiffness,
+        support,
+        bound,
+        lost if state.features.plastic else None,
+        state.turned,
+    )
 
 
 def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:

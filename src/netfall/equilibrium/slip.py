@@ -15,11 +15,13 @@ s_old is the slip of the last equilibrium.
 Every rank computes all slips from the same positions, so they have the same bits on any number of ranks.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from netfall.equilibrium.relaxation import Paused, not_begun
+from netfall.equilibrium.newton import Solution
+from netfall.equilibrium.relaxation import Paused, Relaxation, not_begun
 from netfall.equilibrium.strands import (
     STOP,
     CableChains,
@@ -31,6 +33,7 @@ from netfall.equilibrium.strands import (
     strand_forces,
 )
 from netfall.ground.errors import DivergedError
+from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.slip.law import LEAST, slipped_lengths
 from netfall.mechanics.state import State
 from netfall.parallel.mpi import MPI
@@ -128,9 +131,11 @@ class Slips:
         row = rows_of(d.element_gid, chains.element)
         self.mine = np.flatnonzero(np.isin(row, np.flatnonzero(state.owned)))
         self.my_rows = row[self.mine]
-        along = lambda e: state.ends[row[e]].astype(int)[
-            :: int(chains.along[e])
-        ]  # from begin to end along the cable
+
+        def along(e: int) -> np.ndarray:
+            ends = state.ends[row[e]].astype(int)
+            return ends[:: int(chains.along[e])]  # from begin to end along the cable
+
         self.rows = np.flatnonzero(row >= 0), row[row >= 0]
         self.here = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
         self.my_ends = np.array([along(e) for e in self.mine.tolist()], int).reshape(-1, 2)
@@ -209,8 +214,21 @@ class Slips:
     def renew_limits(self) -> float:
         """Update slip resistances with the tensions; return the largest change over the largest tension."""
         strands, w, previous = self._strands(), self.work, self.limit.copy()
-        law, element_arrays = self.state.law, (w.L0, w.T, w.q, w.coupling, w.stiffness)
-        strand_forces(self.s, self.chains, strands, self.weights, law, *element_arrays, w.drive, w.hold)
+        law, weights = self.state.law, self.weights
+        strand_forces(
+            self.s,
+            self.chains,
+            strands,
+            weights,
+            law,
+            w.L0,
+            w.T,
+            w.q,
+            w.coupling,
+            w.stiffness,
+            w.drive,
+            w.hold,
+        )
         limits_of(self.chains, strands, w.T, law, self.limit)
         largest = np.abs(w.T).max(initial=0.0)
         return float(np.abs(self.limit - previous).max(initial=0.0) / largest) if largest > 0.0 else 0.0
@@ -220,7 +238,7 @@ class Slips:
         strands = self._strands()
         limit = self.limit + np.inf if self.held else self.limit
         self.left = slips_at(
-            *(self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s)
+            self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s
         )
         self.state.slip[self.at] = self.s[self.places]
         carries = self.sections[self.rows[0], 0] > 0.0  # torn elements keep their length
@@ -246,11 +264,8 @@ class Slips:
     def tangent(self) -> SlipTangent:
         """Return the reduction of the tangent at the present positions. Collective."""
         strands, w = self.follow(), self.work
-        taut = w.T > 0.0
-        return SlipTangent(
-            *(self, w.way.copy(), np.where(taut, w.coupling, 0.0), w.stiffness.copy(), w.hold.copy()),
-            strands.direction,
-        )
+        coupling = np.where(w.T > 0.0, w.coupling, 0.0)
+        return SlipTangent(self, w.way.copy(), coupling, w.stiffness.copy(), w.hold.copy(), strands.direction)
 
     def tangent_at_rest(self) -> SlipTangent:
         """Return the reduction of the tangent by frictionless pulleys; all other slip points stick.
@@ -260,30 +275,39 @@ class Slips:
         self.begin()
         w, is_loose = self.work, (self.chains.friction == 0.0) & (self.chains.resistance == 0.0)
         coupling = np.where(w.T > 0.0, w.coupling, 0.0)
-        return SlipTangent(
-            *(self, is_loose.astype(np.int64), coupling, w.stiffness.copy(), w.hold.copy()),
-            self._strands().direction,
-        )
+        way, direction = is_loose.astype(np.int64), self._strands().direction
+        return SlipTangent(self, way, coupling, w.stiffness.copy(), w.hold.copy(), direction)
 
     def stopped(self) -> tuple[int, ...]:
         """Return the global numbers of elements whose stop is reached, after an equilibrium."""
         return tuple(self.chains.element[self.work.L0 < LEAST * self.sections[:, 1]].tolist())
 
 
-def _near(slips: Slips, finder, arguments: tuple, keywords: dict) -> None:
+def _near(slips: Slips, finder, find: Callable[[], Solution]) -> None:
     """Bring the net to the equilibrium in which everything sticks, a better start for friction. Collective.
 
-    If there is none, or a stop is requested, the positions are restored.
+    find() : finds it, and may raise. If there is none, or a stop is requested, the positions are restored.
     """
     positions, slips.held = finder.state.x.copy(order="K"), True
     try:
-        finder.find(*arguments, **keywords)
+        find()
     except (DivergedError, Paused):
         finder.state.x[:] = positions
     slips.held = False
 
 
-def find_slipping(finder, *arguments, **keywords):
+def find_slipping(
+    finder,
+    load: np.ndarray,
+    tolerance: float,
+    reference: float,
+    max_iterations: int,
+    name: str,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
+    relaxes: bool = True,
+    watch: Callable[[], None] | None = None,
+) -> Solution:
     """Find the equilibrium of a net with sliding cables, with slip resistances consistent with tensions.
 
     Collective.
@@ -293,13 +317,16 @@ def find_slipping(finder, *arguments, **keywords):
     """
     slips, state = finder.slips, finder.state
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
-    _, tolerance, _, _, name, *_ = arguments
+
+    def find() -> Solution:
+        return finder.find(load, tolerance, reference, max_iterations, name, stop, resume, relaxes, watch)
+
     slips.begin()
     if slips.limit.any():
-        _near(slips, finder, arguments, keywords)
+        _near(slips, finder, find)
     for _ in range(MOST_ROUNDS):
         try:
-            solution = finder.find(*arguments, **keywords)
+            solution = find()
         except Paused:
             state.x[:], state.slip[:] = start, slip
             slipped_lengths(state.particles.slip, state.elements)

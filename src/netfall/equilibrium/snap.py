@@ -192,11 +192,11 @@ def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: f
     set_lengths(0.0)
     residual = finder.residual(load)
 
-    def part(share: float) -> np.ndarray:
+    def load_at(share: float) -> np.ndarray:
         set_lengths(share * carried)
         return load - (1.0 - share * carried) * residual
 
-    return part
+    return load_at
 
 
 def is_compressible(comm: MPI.Comm, state) -> bool:

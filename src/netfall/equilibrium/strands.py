@@ -72,9 +72,22 @@ def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
     into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
     start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # otherwise the chain continues
     return CableChains(
-        *(slides.node, slides.column, *rows, before, after, slides.friction, slides.resistance, start),
-        *(into, out, element, segment, slides.share[element]),
-        *(slides.along[element].astype(np.int64), weight[element]),
+        slides.node,
+        slides.column,
+        rows[0],
+        rows[1],
+        before,
+        after,
+        slides.friction,
+        slides.resistance,
+        start,
+        into,
+        out,
+        element,
+        segment,
+        slides.share[element],
+        slides.along[element].astype(np.int64),
+        weight[element],
     )
 
 
