@@ -122,8 +122,8 @@ class Simulation(Stepper):
     - the history row,
     - the snapshot,
     - member removals,
-    - detached parts, - the steps to the next target, in which elements break as they reach their fracture
-        strain.
+    - detached parts,
+    - the steps to the next target, in which elements break as they reach their fracture strain.
 
     The time loop makes history rows between targets. All ranks collect them together when the buffer is full,
     at a check of the stop flag, and before any later output. On a long way to a target all ranks check the
@@ -137,8 +137,8 @@ class Simulation(Stepper):
         self.history = History(probes, scene.state.features)
         schedule, subdomain = scene.schedule, scene.distribution.subdomain
         slips = scene.finder.slips.numbers() if scene.state.features.sliding else None
-        step_settings = schedule.history, schedule.dt, WIDEN_STEPS * schedule.stride
-        rows = RowTable(scene.state, *step_settings, subdomain, probes, self.envelope, slips)
+        widen_every, due = WIDEN_STEPS * schedule.stride, schedule.history
+        rows = RowTable(scene.state, due, schedule.dt, widen_every, subdomain, probes, self.envelope, slips)
         super().__init__(scene, context, loads, rows)
         self.removal = removal
         self.detaching = Detaching(scene) if scene.state.features.detaches else None
@@ -164,8 +164,7 @@ class Simulation(Stepper):
         if self.wind:
             saver.register("wind", self.wind.record, self.wind.restore, everywhere=True)
         if self.removal:
-            restore = lambda small, arrays: self.removal.restore(small, arrays, self)
-            saver.register("removal", self.removal.record, restore)
+            saver.register("removal", self.removal.record, self.restore_removal)
         if self.detaching:
             saver.register("detached", self.detaching.record, self.detaching.restore, everywhere=True)
         saver.register("simulation", self.record, self.restore)
@@ -228,10 +227,9 @@ class Simulation(Stepper):
         self.plan.collect_yield()
         if self.ground:
             number = self.n // self.stride
-            times = number * self.dt, self.before_dt, (number + 1) * self.dt
-            move_ground(*times, self.zeta, self.ground, self.state.particles)
-        step_arguments = self.before_dt, self.dt, self.zeta, share
-        return self.rows.snapshot.take(self.state, *step_arguments)
+            now, after = number * self.dt, (number + 1) * self.dt
+            move_ground(now, self.before_dt, after, self.zeta, self.ground, self.state.particles)
+        return self.rows.snapshot.take(self.state, self.before_dt, self.dt, self.zeta, share)
 
     def record(self) -> tuple[dict, dict]:
         """Return the record that `restore` needs. Collective."""
@@ -248,6 +246,10 @@ class Simulation(Stepper):
         self.result.losses = self.removal.done if self.removal else 0
         self.loads.renew(self.state)
         self.loads.advance(self.state, self.n)
+
+    def restore_removal(self, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
+        """Restore the member removals of an earlier run. Collective."""
+        self.removal.restore(small, arrays, self)
 
     def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Restore the history rows of an earlier run."""

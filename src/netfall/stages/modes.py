@@ -2,13 +2,13 @@
 
 Small vibrations about the equilibrium satisfy K u = omega^2 M u with the tangent stiffness K of all elements:
 
-k = dN/dL of the elastic law along an element, N / L across it, and the springs of supports.
+    k = dN/dL of the elastic law along an element, N / L across it, and the springs of supports.
 
-Slack cables, elements that a stage of erection took out, and bars beyond Euler's load along their axis add
-nothing. Elements that have yielded respond elastically. Cables run over frictionless pulleys and stick where
-there is friction or a clamp. Shift-invert Lanczos (ARPACK) runs on rank 0 about a shift just below zero, from
-a fixed start vector. Mass-proportional damping, v' = -zeta v, has the damping ratio zeta / (2 omega) = zeta T
-/ (4 pi).
+Slack cables and elements that a stage of erection took out have no stiffness. Bars buckled at Euler's load
+have none along their axis. Elements that have yielded respond elastically. Cables run over frictionless
+pulleys and stick at friction and clamps. Shift-invert Lanczos (ARPACK) runs on rank 0 about a shift just
+below zero, from a fixed start vector. Mass-proportional damping, v' = -zeta v, has the damping ratio zeta /
+(2 omega) = zeta T / (4 pi).
 """
 
 from dataclasses import dataclass
@@ -101,8 +101,16 @@ def modes_at(
     free = np.ones((net.n, 3), bool)  # held axes are left out below
     number = np.arange(net.n)
     K = block_matrix(
-        *(net.elements, vectors_along / L[:, None], axial, N / L, free, springs_along(net), np.zeros(net.n)),
-        *(number, incidence_of(net.elements, number, net.n), net.n),
+        net.elements,
+        vectors_along / L[:, None],
+        axial,
+        N / L,
+        free,
+        springs_along(net),
+        np.zeros(net.n),
+        number,
+        incidence_of(net.elements, number, net.n),
+        net.n,
         between=None if net.angle is None else turned_column(net, net.fixed)[:, 2],
     )
     if joints is not None:
@@ -237,8 +245,8 @@ def modes_now(scene: Scene, count: int) -> Modes | None:
         return None
     # otherwise taken out in a stage of erection, or buckled
     carries = (EA > 0.0) & (-N < REACHED * model.euler)
-    net_arguments = x, model.net, N, L0, model.mass
-    return modes_at(*net_arguments, count, state.features.strain, model.joints, slip, carries)
+    strain = state.features.strain
+    return modes_at(x, model.net, N, L0, model.mass, count, strain, model.joints, slip, carries)
 
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:

@@ -69,9 +69,10 @@ class Tearing:
         self.torn[panels] = True
         corners = np.flatnonzero(np.isin(self.corners.panel, panels))
         carries, ends = state.EA > 0.0, state.ends.ravel()
-        at_nodes = lambda corner_loads: np.bincount(
-            ends, np.repeat(np.where(carries, corner_loads, 0.0), 2), state.n_local
-        )
+
+        def at_nodes(values: np.ndarray) -> np.ndarray:
+            return np.bincount(ends, np.repeat(np.where(carries, values, 0.0), 2), state.n_local)
+
         own_mass, stiffness = at_nodes(state.half_mass), at_nodes(largest_stiffness(state.EA, state.L0))
         least_mass = np.maximum(own_mass, 0.5 * self.stable_dt**2 * stiffness)
         for index in corners.tolist():

@@ -67,8 +67,8 @@ class Removal:
         force = self._forces(state, loss, rows[rows >= 0], elements)
         simulation.share_events()
         particles, handed = self._leaving(self.done)
-        times = simulation.time, simulation.before_dt, simulation.dt
-        since, missing = missing_times([self.job.removes[k] for k in loss.entry.tolist()], *times)
+        entries = [self.job.removes[k] for k in loss.entry.tolist()]
+        since, missing = missing_times(entries, simulation.time, simulation.before_dt, simulation.dt)
         lose_elements(state, rows[rows >= 0], since[rows >= 0])
         push(state, *ends_in(gid, loss.ends, missing[:, :1] * force), INTERNAL)
         push(state, *ends_in(gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
@@ -113,8 +113,8 @@ class Removal:
 
     def _join(self, state, handed: Redistribution) -> None:
         """Move what particles inside removed cables carry to other particles. Collective."""
-        of = lambda rows: None if rows is None else handed.given(self.distribution, rows)
-        given = Carried(*(of(getattr(state, name)) for name in Carried._fields))
+        values = [getattr(state, name) for name in Carried._fields]
+        given = Carried(*(None if rows is None else handed.given(self.distribution, rows) for rows in values))
         row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
         is_local = row >= 0
         join(state, row[is_local], handed.source[is_local], handed.share[is_local], given)

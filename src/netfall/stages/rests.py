@@ -128,7 +128,10 @@ def rests_after(scene: Scene, context: Desk, losses: list[Loss]) -> RestsAfter:
     start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
     unsupported = scene.comm.bcast(loose_after(model, losses, loads) if model else None)
     reference = reference_force(scene, StaticLoad("loss", "", distribution.particles(loads[0])))
-    gather_owned = lambda tension: distribution.gather_elements(tension, state.owned.astype(bool))
+
+    def gather_owned(tension: np.ndarray) -> np.ndarray | None:
+        return distribution.gather_elements(tension, state.owned.astype(bool))
+
     search = Search(start, tension=[gather_owned(state.elements_now().N)])
     resume = _taken_up(scene, context, search)
     for k, (loss, is_loose, new_load) in enumerate(zip(losses, unsupported, loads[1:])):
@@ -201,9 +204,10 @@ def _rest_under(
     line = f"rest of {load_case.words}: {error_words(solution.displacement_error, solution.tension_error)}"
     remark = "" if solution.unstable_at == STABLE else ", whether it is stable could not be told"
     line += f", residual {solution.residual:.3g} N, slack {equilibrium.slack}{remark}"
-    names_of = lambda rows: scene.comm.bcast(
-        scene.model and counted("element", scene.model.net.element_id[list(rows)])
-    )
+
+    def names_of(rows: tuple[int, ...]) -> str:
+        return scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(rows)]))
+
     if equilibrium.stopped:
         line += f"; ends of cables stop in {names_of(equilibrium.stopped)}"
     for limit in ("buckled", "yielding"):
@@ -224,7 +228,10 @@ def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
         constant += model.loading.growing
     if model.mean_wind is not None:
         wind, square = model.wind.copy(), model.wind_field.mean_square(model.history.mean_gust)
-    total = lambda: constant.copy() if wind is None else constant + wind * square[:, None]
+
+    def total() -> np.ndarray:
+        return constant.copy() if wind is None else constant + wind * square[:, None]
+
     totals = [total()]
     for loss in losses:
         for values in (constant, wind):

@@ -127,8 +127,8 @@ def settle(
 
     If there is no equilibrium, the state depends on the load. If the load is one of `SEARCHED` or if an
     element breaks, the state is the equilibrium under the limit load factor. Otherwise it is the initial
-    state. An equilibrium has no fractures. The only exception is member removal: elements beyond their
-    strength are reported with the equilibrium. Raises Paused if asked to stop.
+    state. An equilibrium has no fractures, except after member removal: there the elements beyond their
+    strength are reported. Raises Paused if asked to stop.
     """
     start = committed(scene.state)
     if resume is not None and resume.start is not None:
@@ -204,9 +204,10 @@ def _limit_point(
 ) -> tuple[LimitPoint | None, Equilibrium]:
     """Find the limit point on the path to an equilibrium under a share of a load. Collective.
 
-    carried : that share; see `_on_its_path` for the other arguments. The share of the limit point is
-        converted to a load factor. If the path leads to another equilibrium without a limit point, the state
-        and the result are that equilibrium. Raises Paused.
+    carried : that share; see `_on_its_path` for the other arguments
+
+    The share of the limit point is converted to a load factor. If the path leads to another equilibrium
+    without a limit point, the state and the result are that equilibrium. Raises Paused.
     """
     if (
         load_case.kind not in FOLLOWED
@@ -219,15 +220,20 @@ def _limit_point(
         return None, equilibrium
     state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
     put_back(state, start)
-    part = load_on_path(scene.finder, load_case.load, load_case.before or start, start, carried)
-    find = lambda share: scene.finder.find(part(share), tolerance, reference, FEW, load_case.words, stop)
-    path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find, load_case.kind == "stage")
+    load_at = load_on_path(scene.finder, load_case.load, load_case.before or start, start, carried)
+
+    def find(factor: float) -> Solution:
+        return scene.finder.find(load_at(factor), tolerance, reference, FEW, load_case.words, stop)
+
+    path = LoadPath(
+        state, lambda factor: scene.finder.newton(load_at(factor)), find, load_case.kind == "stage"
+    )
     try:
         limit, x = path.limit_point((load_case.before or start)["x"], None if is_unstable else end["x"])
         put_back(state, end)
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
-            equilibrium = _found(scene, load_case._replace(load=part(1.0)), reference, stop, _full(scene))
+            equilibrium = _found(scene, load_case._replace(load=load_at(1.0)), reference, stop, _full(scene))
     except Paused:
         put_back(state, start)
         raise Paused(not_begun(start["x"])) from None
@@ -275,23 +281,12 @@ def _found(scene: Scene, load_case: StaticLoad, reference, stop, effort: Effort,
     """
     iterations, tolerance, relaxes, gives_up = effort
     watch = partial(_give_up, scene, load_case) if gives_up else None
-    arguments = (
-        load_case.load,
-        tolerance,
-        reference,
-        iterations,
-        load_case.words,
-        stop,
-        resume,
-        relaxes,
-        watch,
-    )
-    slips = scene.finder.slips
-    if slips is None:
-        solution = scene.finder.find(*arguments)
-    else:
+    find, slips = scene.finder.find, scene.finder.slips
+    if slips is not None:
         slips.weights = load_case.weights
-        solution = find_slipping(scene.finder, *arguments)
+        find = partial(find_slipping, scene.finder)
+    name = load_case.words
+    solution = find(load_case.load, tolerance, reference, iterations, name, stop, resume, relaxes, watch)
     return _equilibrium(scene, solution, load_case.load)
 
 
@@ -353,8 +348,10 @@ def _largest_share(
     """
     put_back(scene.state, start)
     missing_load = scene.finder.residual(load_case.load)
-    message = f"{load_case.words}: not borne whole, searching"
-    say = lambda low, high: scene.finder.report(f"{message} {low:.3g} to {high:.3g} of it")
+
+    def say(low: float, high: float) -> None:
+        scene.finder.report(f"{load_case.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
+
     try:
         limit = _limit(scene, load_case, missing_load, stop, say) if has_limit_load else None
         if limit is BORNE or (has_limit_load and limit is None and not full_load.is_decided):
@@ -430,7 +427,9 @@ def _by_trials(
     from_above = scene.finder.slips is None and not is_compressible(scene.comm, state)
     effort = Effort(min(FEW, full.iterations), max(ROUGH, full.tolerance))
     best, above, equilibrium = (0.0, start), None, as_it_began(scene)
-    under = lambda share: load_case._replace(load=load_case.load - (1.0 - share) * missing_load)
+
+    def under(share: float) -> StaticLoad:
+        return load_case._replace(load=load_case.load - (1.0 - share) * missing_load)
 
     def trial(share: float) -> Trial:
         nonlocal best, above, equilibrium

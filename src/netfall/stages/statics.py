@@ -310,7 +310,10 @@ def farthest(scene: Scene) -> tuple[float, int]:
 
 def _borne(job: Job, share: float) -> str:
     """Return the carried share of the mean wind and a remedy as text; pressures at taps have no speed."""
-    down = lambda part: f"{np.floor(100.0 * part + 1e-9) / 100.0:.2f}"  # rounded down: 0.997 is not all of it
+
+    def down(part: float) -> str:
+        return f"{np.floor(100.0 * part + 1e-9) / 100.0:.2f}"  # rounded down: 0.997 is not all of it
+
     text, quantity = f"an equilibrium was found up to {down(share)} of its pressure", "pressures"
     if not job.wind.pressures:
         text, quantity = f"{text}, that is {down(np.sqrt(share))} of its speed", "speed"
@@ -326,8 +329,8 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
         final.append(("statics", "statics", path.steps[-1]))
     if path.rest:
         final.append(("rest", rest_words(scene.job), path.rest))
-    describe = lambda group, entry: _in_words(entry, path.labels[group], scene.distribution.m)
-    lines = [f"{title}: {describe(group, entry)}" for group, title, entry in final]
+    elements = scene.distribution.m
+    lines = [f"{title}: {_in_words(entry, path.labels[group], elements)}" for group, title, entry in final]
     for state, verb in ((NONE, "have no equilibrium"), (UNDECIDED, "are undecided")):
         count = sum(path.labels[f"cases/{name}"]["state"] == state for name in path.cases)
         if count:

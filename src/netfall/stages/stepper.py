@@ -99,8 +99,8 @@ class Stepper:
         last_fracture = self.comm.allreduce(int(local_steps.max(initial=last_known)), MPI.MAX)
         self.calm = max(self.calm, (last_fracture // long + 1 + CALM) * long if last_fracture >= 0 else 0)
         if self.n == self.calm:
-            step_and_margin = self.schedule.long_dt, self.schedule.margin
-            if long_step_allowed(self.comm, self.state, self.halo, *step_and_margin):
+            long_dt, margin = self.schedule.long_dt, self.schedule.margin
+            if long_step_allowed(self.comm, self.state, self.halo, long_dt, margin):
                 self.stride = long
             else:
                 self.calm += CALM * long
@@ -119,8 +119,10 @@ class Stepper:
     def interval(self, stop: int, trial: bool = False) -> Interval:
         """Return the interval from the present step to number `stop`, with the present stride."""
         first, steps = self.n // self.stride, (stop - self.n) // self.stride
-        arguments = first, steps, self.before_dt, self.dt, self.zeta
-        return Interval(*arguments, self.loads.time, self.loads.dt, self.stride, trial)
+        loads = self.loads
+        return Interval(
+            first, steps, self.before_dt, self.dt, self.zeta, loads.time, loads.dt, self.stride, trial
+        )
 
     def advance_to_first_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or to the step before a fracture on any rank; return whether one is due."""

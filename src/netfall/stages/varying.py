@@ -190,8 +190,9 @@ class WindLoad:
         """Collective. field, history : on rank 0; history : `GrowingGusts`"""
         self.comm = comm
         self.history = history
-        column = lambda name: distribution.particles(None if field is None else getattr(field, name))
-        self.mean, self.corner, self.weight = column("mean"), column("corner"), column("weight")
+        self.mean = distribution.particles(field and field.mean)
+        self.corner = distribution.particles(field and field.corner)
+        self.weight = distribution.particles(field and field.weight)
         self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
         self.k = 0  # index of the present sample
         self._sample(1)

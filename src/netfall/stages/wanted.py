@@ -50,10 +50,14 @@ def equilibria(scene: Scene) -> list[Wanted]:
         requests.append(Wanted(static_load, lambda model, entry=entry, acts=acts: acts(job, model, entry)))
     has_cases = bool(apart)
     for step in range(1, steps + 1):
-        part = lambda model, factor=step / steps: model.loading.permanent + factor * model.loading.live
-        first = has_cases and step == 1
-        options = {"factor": step / steps, "from_permanent": first, "begins": (step - 1) / steps}
-        want("step", f"static load step {step} of {steps}", part, **options)
+        want(
+            "step",
+            f"static load step {step} of {steps}",
+            lambda model, factor=step / steps: model.loading.permanent + factor * model.loading.live,
+            factor=step / steps,
+            from_permanent=has_cases and step == 1,
+            begins=(step - 1) / steps,
+        )
     if final_wind and not steps:
         want("at once", "the constant loads", lambda model: model.load, factor=1.0, from_permanent=has_cases)
     if rests_at_loss(job):
