@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from netfall.multigrid.distributed import DistributedMatrix, first_step
-from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, levels_of
+from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, TOP_OF_NET, levels_of
 from netfall.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.multigrid.rows import Pattern
 from netfall.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
@@ -53,8 +53,8 @@ class Cycle:
     def __init__(self, distribution: Distribution, net, K: Tangent, inertia: float, structure: Structure):
         """Set up the levels for a net's tangent, without the effect of compression. Collective.
 
-        net : `relaxation.Net`; inertia : share of the nodal stiffness that is added; kept : shared data of
-            the net
+        net : `relaxation.Net`; inertia : share of the nodal stiffness that is added; structure : data shared
+            by the cycles of the net
         """
         comm, d = distribution.comm, distribution.subdomain
         self.comm = comm
@@ -64,8 +64,8 @@ class Cycle:
         self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
         rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
         structure.pattern, has_joints = rows.pattern, K.joints is not None
-        joint_limits = (TOP_OF_JOINTS, DENSE) if has_joints else ()
-        for level in levels_of(rows, structure.coarsenings, *joint_limits):
+        top, coarsest = (TOP_OF_JOINTS, DENSE) if has_joints else (TOP_OF_NET, COARSEST)
+        for level in levels_of(rows, structure.coarsenings, top, coarsest):
             is_distributed = level.matrix.comm is comm
             if is_distributed:
                 self.rows = level.up.columns if level.up else level.matrix.rows
@@ -74,14 +74,14 @@ class Cycle:
                 factorised(self.factor)
                 break
             self.whole += is_distributed
-            transfers = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
+            down = DistributedMatrix(level.down) if level.up else None
+            up = DistributedMatrix(level.up) if level.up else None
             lines = structure.lines() if not has_joints and not self.levels else None
             if lines and 0 < lines.touching <= MOST_TOUCHING:
-                self.levels.append(
-                    _LineLevel(LineSmoother(lines, level.matrix, net, K), level.product, *transfers)
-                )
+                smoother = LineSmoother(lines, level.matrix, net, K)
+                self.levels.append(_LineLevel(smoother, level.product, down, up))
             else:
-                self.levels.append(_PointLevel(level.single, level.top, level.product, *transfers))
+                self.levels.append(_PointLevel(level.single, level.top, level.product, down, up))
             del level  # frees memory for the next one
 
     def __call__(self, b: np.ndarray) -> np.ndarray:

@@ -143,7 +143,6 @@ class DistributedMatrix:
 
         Collective.
         """
-        step_arguments = self.start, self.column, self.block, inverse, b, self.x, scale, keep
-        step_rows(*step_arguments, step)
+        step_rows(self.start, self.column, self.block, inverse, b, self.x, scale, keep, step)
         self.own += step
         self.share()

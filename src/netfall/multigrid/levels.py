@@ -130,9 +130,18 @@ def _owners(matrix: Pattern, number: np.ndarray, count: int) -> Owners:
 def prolongation(level: Level, coarsening: Coarsening) -> BlockRows:
     """Compute the prolongation: each aggregate moves as a whole, smoothed by one Jacobi step."""
     matrix, up, factor = level.matrix.pattern, coarsening.up, 4.0 / (3.0 * level.top)
-    block, matrix_rows = np.zeros((len(up.column), 3, 3)), (matrix.start, matrix.column, level.matrix.block)
+    block = np.zeros((len(up.column), 3, 3))
     smooth_rows(
-        *matrix_rows, coarsening.number, coarsening.own, level.inverse, factor, up.start, up.column, block
+        matrix.start,
+        matrix.column,
+        level.matrix.block,
+        coarsening.number,
+        coarsening.own,
+        level.inverse,
+        factor,
+        up.start,
+        up.column,
+        block,
     )
     return BlockRows(up, block)
 
@@ -323,7 +332,7 @@ def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
         row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
         counts, entries = entries_of(counts, np.argsort(row))
         number, block = np.empty((2, len(row)), np.int64)
-        row_arguments = starts_of(counts), column[entries], corners
-        return number, aggregates_into(*row_arguments, number, np.zeros(len(row), np.uint8), block)
+        start, mark = starts_of(counts), np.zeros(len(row), np.uint8)
+        return number, aggregates_into(start, column[entries], corners, number, mark, block)
 
     return comm.bcast(on_root(comm, joined))

@@ -285,9 +285,19 @@ class LineSmoother:
         self.lines, places = lines, len(lines.node)
         self.work = np.empty((places, 3))
         self.lower, self.inverse = np.empty((places, 9)), np.empty((places, 6))
-        line_arrays, factors = (lines.start, lines.node, lines.element), (self.lower, self.inverse)
-        work = np.empty((4, 3, 3))
-        factorise_lines(*line_arrays, diagonal, free, direction, axial, across, work, *factors)
+        factorise_lines(
+            lines.start,
+            lines.node,
+            lines.element,
+            diagonal,
+            free,
+            direction,
+            axial,
+            across,
+            np.empty((4, 3, 3)),
+            self.lower,
+            self.inverse,
+        )
         # bounds the eigenvalues; damped from there down to a third of it
         bound = lines.touching
         self.scale = np.float32(2.0 / (bound + max(1.0, bound / 3.0)))

@@ -240,9 +240,19 @@ def tangent_rows(
         that is added; pattern : of an earlier one of the same net
     """
     d, K = distribution.subdomain, without_compression(K)
-    elements = K.direction, K.axial, K.across
-    supports = net.free != 0, K.support, inertia * K.nodal
-    matrix = block_matrix(net.ends, *elements, *supports, d.particle_gid, at, distribution.n, K.between)
+    matrix = block_matrix(
+        net.ends,
+        K.direction,
+        K.axial,
+        K.across,
+        net.free != 0,
+        K.support,
+        inertia * K.nodal,
+        d.particle_gid,
+        at,
+        distribution.n,
+        K.between,
+    )
     if K.joints is not None:
         matrix = with_joints(matrix, K.joints, net.free != 0, d.particle_gid)
     if pattern is None:
