@@ -1,5 +1,6 @@
 """Stages of erection: each is an equilibrium that follows from the last, also if the net is a mechanism."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -120,7 +121,10 @@ def _failure(words: str, outcome: StaticOutcome) -> str:
 def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.ndarray:
     """Set the state for the start of a stage; return its loads (n, 3) [N] of this rank. Collective."""
     state, distribution, model = scene.state, scene.distribution, scene.model
-    on_root = lambda make: None if model is None else make()
+
+    def on_root(make: Callable[[], np.ndarray]) -> np.ndarray | None:
+        return None if model is None else make()
+
     state.x[:] = distribution.particles(on_root(lambda: x + setting.moved))
     if state.features.springs:
         state.spring_rest -= state.x - state.x_start
@@ -164,8 +168,8 @@ def _pulled(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) 
 
     Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
     """
-    of = lambda name: setting and list(getattr(setting, name))
-    pulls, jacks, warm = of("pulls"), of("jacks"), warm_of(scene, setting)
+    pulls, jacks = setting and list(setting.pulls), setting and list(setting.jacks)
+    warm = warm_of(scene, setting)
     tolerance = settings_of(scene.job).tolerance
     for _ in range(MOST_TURNS):
         tensioned = tension_to(scene, load_case, pulls, jacks, setting and setting.L0, warm, stop)

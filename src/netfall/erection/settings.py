@@ -119,10 +119,10 @@ def until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force:
 
 def missed(targets: list[Wanted], values: np.ndarray) -> list[str]:
     """Return the targets and their values as text."""
-    unit = lambda target: "m" if target.node >= 0 else "N"
+    units = ["m" if target.node >= 0 else "N" for target in targets]
     return [
-        f"{target.words} = {target.value:.6g} {unit(target)}: came to {value:.6g} {unit(target)}"
-        for target, value in zip(targets, values)
+        f"{target.words} = {target.value:.6g} {unit}: came to {value:.6g} {unit}"
+        for target, value, unit in zip(targets, values, units)
     ]
 
 

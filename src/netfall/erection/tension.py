@@ -172,9 +172,10 @@ def influences(
 def responses(scene: Scene, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
     """Return a function that computes the response to changes (m,) [m] of unstressed lengths. Collective.
 
-    load : (n, 3) [N] that acts. Calls are collective too. They return changes of positions (n, 3) [m] and
-        axial forces (m,) [N], on rank 0. If the net is a mechanism, the change of positions is unknown, and
-        nodes count as fixed.
+    load : (n, 3) [N] that acts
+
+    Calls are collective too. They return changes of positions (n, 3) [m] and axial forces (m,) [N], on rank
+    0. If the net is a mechanism, the change of positions is unknown, and nodes count as fixed.
     """
     state, distribution = scene.state, scene.distribution
     respond = scene.finder.responses(load)
@@ -246,8 +247,8 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     x = scene.distribution.gather_particles(scene.state.x)
     if model is None:
         return None
-    change_of = lambda jack: float((tensioned.L0 - planned)[jack.rows].sum()) / (1 + int(jack.cable.max()))
-    change = np.array([change_of(jack) for jack in jacks])  # [m] of each cable
+    added = tensioned.L0 - planned
+    change = np.array([float(added[jack.rows].sum()) / (1 + int(jack.cable.max())) for jack in jacks])
     equilibria = tensioned.equilibria + (before.equilibria if before else 0)
     if not tensioned.outcome.carries:
         remark = "what `by` names may not bear on it, or not so far"

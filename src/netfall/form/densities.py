@@ -36,8 +36,9 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
         try:
             if load is not None:
                 pull += load
-            right_side = total[free], pull[free][:, axes], size[free]
-            solution = solve_sparse(place[net.elements[within]], -q[within], *right_side)
+            solution = solve_sparse(
+                place[net.elements[within]], -q[within], total[free], pull[free][:, axes], size[free]
+            )
         except Singular as error:
             raise _not_held(net, free[error.rows], axes) from None
         x[np.ix_(free, axes)] = solution

@@ -36,7 +36,10 @@ class Elements:
         """load : (n, 3) [N] that the form carries, None: none; turned : as in `relaxation.Net`"""
         self.load, self.turned = 0.0 if load is None else np.asfortranarray(load), turned
         self.constant = modulus_factor == 0.0  # whether tensions are constant
-        column = lambda name: distribution.elements(None if net is None else getattr(net, name))
+
+        def column(name: str) -> np.ndarray:
+            return distribution.elements(None if net is None else getattr(net, name))
+
         self.ends = distribution.subdomain.ends
         self.bar = column("bar").astype(np.uint8)
         self.T0, self.q, EA = column("prestress"), column("force_density"), column("EA")

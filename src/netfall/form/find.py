@@ -66,8 +66,11 @@ def find_form(
     if net is not None and load is not None:
         load = load[: net.n]
     carried = distribution.particles(load) if comm.bcast(load is not None) else None
-    # strided columns as in a state, so that compiled kernels serve form finding and equilibria
-    particles = lambda rows: placed(distribution.particles(rows))
+
+    def particles(rows: np.ndarray | None) -> np.ndarray:
+        # strided columns as in a state, so that compiled kernels serve form finding and equilibria
+        return placed(distribution.particles(rows))
+
     x = particles(None if net is None else net.x)
     held = distribution.particles(None if net is None else held_along(net, net.held))
     free = placed(1 - held.astype(np.uint8))
@@ -77,7 +80,10 @@ def find_form(
         return form_as_given(comm, net, distribution, settings, x, free, load)
     given_elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
     owned_load = None if carried is None else carried[: halo.n_owned]
-    largest = lambda N: largest_force(comm, N, given_elements.ends, free, owned_load)
+
+    def largest(N: np.ndarray) -> float:
+        return largest_force(comm, N, given_elements.ends, free, owned_load)
+
     if settings.method == "force_density" or settings.start == "force_density":
         x = particles(on_root(comm, lambda: force_density_form(net, load)))
         elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)

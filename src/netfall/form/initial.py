@@ -81,7 +81,10 @@ def _loaded(
     find(resume, load, start) : finds the form under a load; checkpoint : of a paused iteration
     """
     comm, start, total = distribution.comm, None, 0
-    load_in = lambda x, N: on_root(comm, lambda: permanent_load(job, layout, x, N))
+
+    def load_in(x: np.ndarray | None, N: np.ndarray | None) -> np.ndarray | None:
+        return on_root(comm, lambda: permanent_load(job, layout, x, N))
+
     load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
     if resume is None:
         load = load_in(layout and layout.net.x, layout and layout.net.prestress)

@@ -155,9 +155,11 @@ def _check_states(net: Net, equations: Equations, fit, has_prestress: np.ndarray
 def _not_in_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> str:
     """Return the message that no state of self-stress contains the prestress, with the groups that do."""
     states = _states(equations, fit.null)
-    named = lambda rows: ", ".join(
-        net.group_names[g] or "(without a name)" for g in np.unique(net.group[rows])
-    )
+
+    def named(rows: np.ndarray) -> str:
+        names = [net.group_names[g] for g in np.unique(net.group[rows])]
+        return ", ".join(name or "(without a name)" for name in names)
+
     takes_part = (np.abs(states) > NOTHING).any(0)
     return (
         f'[form_finding] method = "keep": prestress of group {named(asked)}: no state of self-stress of the '

@@ -40,9 +40,10 @@ def form_by_tensions(
     Newton's method is used if the net is large or if nodes coincide in a relaxation, otherwise relaxation.
     target_residual : [N]; see `find_form` for the others
     """
-    by_newton = lambda: newton_form(
-        comm, distribution, halo, moving, elements, settings, target_residual, stop
-    )
+
+    def by_newton() -> tuple | None:
+        return newton_form(comm, distribution, halo, moving, elements, settings, target_residual, stop)
+
     start = moving.x.copy(order="K")
     is_large = distribution.n >= MANY
     if resume is None or resume.iteration == 0:
