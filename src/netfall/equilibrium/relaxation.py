@@ -199,8 +199,9 @@ def relax(
 def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load=None) -> float:
     """Return the largest force [N] on anything that can move, the reference of tolerances. Collective.
 
-    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone. Loads directly
-        on supports and backstays between them are left out, because they act on no free axis.
+    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone
+
+    Loads directly on supports and backstays between them are left out, because they act on no free axis.
     """
     local_maximum = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
     if load is not None:

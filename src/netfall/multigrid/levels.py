@@ -93,10 +93,12 @@ def levels_of(
 ) -> Iterator[Level]:
     """Yield the levels of a tangent stiffness. Collective.
 
+    top : bound of the eigenvalues of the first level; coarsest : rows at which coarsening ends
+    coarsenings : transfers of the net's levels, the last one None; empty before the first call, which fills
+        it
+
     All axes of the matrix can move: rows and columns of held ones are zero except for the diagonal. Each rank
     computes small levels by itself.
-    top : bound of the eigenvalues of the first level; coarsest : rows at which coarsening ends
-    kept : transfers of the net's levels, the last one None; empty before the first call, which fills it
     """
     for k in range(MOST_LEVELS):
         level = Level(matrix, inverse_diagonal(matrix))
