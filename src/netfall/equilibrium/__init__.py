@@ -1,1 +1,1 @@
-"""Equilibria of a net by Newton's method and by relaxation. Knows no job."""
+"""Static equilibria of a net by Newton's method, an interior point method and relaxation. Knows no job."""

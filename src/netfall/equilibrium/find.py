@@ -1,10 +1,12 @@
-"""One equilibrium of a net: by Newton's method, by the interior point method, by relaxation.
+"""Search for one static equilibrium of a net with three methods in turn.
 
-Newton's method finds it where the net is near. Where that does not converge, the interior point method with
-tensions as unknowns does (`mixed`), from any start, in nets of cables; dynamic relaxation serves last
-(`goals`). The estimated error decides when it is found: what one more correction would move, as a share of
-the largest displacement, and what it would change of tensions, as a share of the largest. So `tolerance`
-means the same for any net and any refinement.
+Newton's method is tried first: it converges if the net is close to the equilibrium. If it fails, the
+primal-dual interior point method with tensions as unknowns (`mixed`) follows. It converges from any start, in
+nets of cables. Dynamic relaxation (`goals`) is the last method.
+
+The search ends when the estimated error is within the tolerance. The error has two parts: the displacement of
+one more correction over the largest displacement, and its change of tension over the largest tension. So
+`tolerance` means the same for any net and any refinement.
 """
 
 from collections.abc import Callable
@@ -27,21 +29,22 @@ from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.elements import add_tensions, axial_forces
 from netfall.mechanics.state import State
 from netfall.multigrid.cycle import Structure
-from netfall.multigrid.lines import lines_of
+from netfall.multigrid.lines import Lines, lines_of
 from netfall.multigrid.tangent import Tangent, tangent_of
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
-EXACT = 1e-10  # of the forces out of balance [-]: what a response leaves, whose differences are used
+# share of the residual force that may remain in a response [-]: small, since differences are used
+EXACT = 1e-10
 
 
 @dataclass
 class Finder:
-    """Finds equilibria of one state.
+    """Search for equilibria of one state.
 
-    slips : cables that slip over nodes, None: none do
-    report(words) : of what is being done
+    slips : cables that slide over nodes, None: there are none
+    report(words) : receives a line of text about the progress
     """
 
     comm: MPI.Comm
@@ -53,7 +56,7 @@ class Finder:
     _structure: Structure | None = field(default=None, init=False)
 
     def forget(self) -> None:
-        """Of a net whose elements are others from now on."""
+        """Discard the cached multigrid structure after the elements of the net have changed."""
         self._structure = None
 
     def find(
@@ -62,7 +65,7 @@ class Finder:
         tolerance: float,
         reference: float,
         max_iterations: int,
-        what: str,
+        name: str,
         stop: StopRequest = NEVER,
         resume: Relaxation | None = None,
         relaxes: bool = True,
@@ -71,17 +74,17 @@ class Finder:
         """Bring the state to equilibrium under a load (n, 3) [N] of owned and halo particles. Collective.
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
-        the relaxation; stop, resume : as in `relax`; relaxes : whether relaxation serves last;
-        watch : as of `Mixed`
+            the relaxation; stop, resume : see `relax`; relaxes : whether relaxation is tried last;
+        watch : see `Mixed`
 
-        Raises DivergedError if none is found, RunsAway if there is none, Paused if asked to stop.
+        Raises DivergedError if no equilibrium is found, RunsAway if there is none, Paused if asked to stop.
         """
         newton, x = self.newton(load), self.state.x
         if resume is None or not resume.is_begun:
             start, resume = x.copy(order="K"), None
-            for way in (self._by_newton, self._by_tensions):
+            for method in (self._by_newton, self._by_tensions):
                 try:
-                    return way(newton, tolerance, stop, watch)
+                    return method(newton, tolerance, stop, watch)
                 except Stopped:
                     x[:] = start
                     raise Paused(not_begun(start)) from None
@@ -90,70 +93,78 @@ class Finder:
         else:
             start = resume.start
         if not relaxes:
-            raise DivergedError(f"{what}: no equilibrium was found at once")
-        words = what, stop, start, resume
-        return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, *words)
+            raise DivergedError(f"{name}: no equilibrium was found at once")
+        return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, name, stop, start, resume)
 
     def _has_tensions(self) -> bool:
-        """Whether tensions may be unknowns: those of cables alone have one equilibrium. Collective."""
+        """Return whether the interior point method applies, which takes tensions as unknowns. Collective.
+
+        It applies to nets of cables alone: their energy is convex, so there is one equilibrium.
+        """
         return self.slips is None and not is_compressible(self.comm, self.state)
 
     def has_limit_load(self) -> bool:
-        """Whether `limit_load` serves the net: cables that yield, whose energy is convex. Collective."""
+        """Return whether `limit_load` applies: to nets of cables alone that yield. Collective."""
         return self._has_tensions() and self.state.features.plastic
 
     def _by_newton(self, newton: Newton, tolerance: float, stop: StopRequest, watch) -> Solution:
-        """By Newton's method, from where the net is. Raises NoConvergence, Stopped. Collective."""
+        """Find the equilibrium by Newton's method. Raises NoConvergence, Stopped. Collective."""
         return self.corrected(newton, tolerance, stop, quick=self._has_tensions())
 
     def _by_tensions(self, newton: Newton, tolerance: float, stop: StopRequest, watch) -> Solution:
-        """By the interior point method, then by Newton's method. Collective.
+        """Find the equilibrium by the interior point method, then by Newton's method. Collective.
 
-        Raises NoConvergence, Stopped, RunsAway, what watch() raises.
+        Raises NoConvergence, Stopped, RunsAway, and any exception that watch() raises.
         """
         if not self._has_tensions():
             raise NoConvergence("there are bars, or cables slip")
-        mixed, x, found = Mixed(newton, self.state, stop, watch=watch), self.state.x, None
+        mixed, x, solution = Mixed(newton, self.state, stop, watch=watch), self.state.x, None
         for size in NARROWED:
-            near = mixed.narrow(size, tolerance)
+            start_point = mixed.narrow(size, tolerance)
             if max(mixed.missing) <= tolerance:
                 break
-            before = x.copy(order="K")
+            positions = x.copy(order="K")
             try:
-                found = self.corrected(newton, tolerance, stop, near)
+                solution = self.corrected(newton, tolerance, stop, start_point)
                 break
             except NoConvergence:
-                x[:] = before
-        found = found or self._narrowed(newton, mixed.gradients, mixed.missing)
-        if found.unstable_at >= 0:
+                x[:] = positions
+        solution = solution or self._narrowed(newton, mixed.gradients, mixed.missing)
+        if solution.unstable_at >= 0:
             raise NoConvergence("it is not stable: relaxation leads to one that is, if there is one")
-        return found
+        return solution
 
-    def _narrowed(self, newton: Newton, gradients: int, missing: tuple[float, float]) -> Solution:
-        """Return what the interior point method has found. Collective."""
+    def _narrowed(self, newton: Newton, gradients: int, errors: tuple[float, float]) -> Solution:
+        """Return the present state of the interior point method as a `Solution`. Collective."""
         (residual,) = newton.largest(newton.residual())
-        return Solution(gradients, residual, *missing, unstable_at=unstable_at(newton))
+        return Solution(gradients, residual, *errors, unstable_at=unstable_at(newton))
 
     def corrected(
         self,
         newton: Newton,
         tolerance: float,
         stop: StopRequest,
-        near: StartPoint | None = None,
+        start_point: StartPoint | None = None,
         quick: bool = False,
     ) -> Solution:
-        """By Newton's method, as of `Newton.find`. Raises NoConvergence, Stopped. Collective."""
-        found = newton.find(tolerance, self.state.x_start, stop, near, quick)
-        return found._replace(unstable_at=unstable_at(newton))
+        """Find the equilibrium by Newton's method, see `Newton.find`. Raises NoConvergence, Stopped.
+
+        Collective.
+        """
+        solution = newton.find(tolerance, self.state.x_start, stop, start_point, quick)
+        return solution._replace(unstable_at=unstable_at(newton))
 
     def residual(self, load: np.ndarray) -> np.ndarray:
-        """Residual forces (n, 3) [N] on the free axes under a load, 0 at halo particles."""
+        """Compute the residual forces (n, 3) [N] on the free axes under a load, 0 at halo particles."""
         r = np.zeros_like(self.state.x)
         r[: self.state.n_owned] = self.newton(load).residual()
         return r
 
     def foresees(self, load: np.ndarray) -> bool:
-        """Whether the tangent tells nearly what a load (n, 3) [N] does, so that rest is near. Collective."""
+        """Return whether Newton's method converges quickly under a load (n, 3) [N]. Collective.
+
+        The positions are restored.
+        """
         x = self.state.x.copy(order="K")
         try:
             self.newton(load).find(np.inf, self.state.x_start, quick=True)
@@ -166,26 +177,32 @@ class Finder:
     def limit_load(
         self,
         load: np.ndarray,
-        more: np.ndarray,
+        scaled_load: np.ndarray,
         strained: Callable[[], Strained],
         tolerances: tuple[float, float],
         stop: StopRequest,
         report: Callable[[float, float], None],
     ) -> tuple[LimitLoad, Solution]:
-        """Bring the state to the largest part of `more` that it bears beside a load (n, 3) [N]. Collective.
+        """Bring the state to the limit load factor of one of two loads. Collective.
 
-        The rest as of `limit.limit_load`.
+        load : (n, 3) [N], acts in full; scaled_load : (n, 3) [N], acts times the factor
+
+        The other arguments are those of `limit.limit_load`.
         """
-        own = more[: self.state.n_owned]
-        limit = limit_load(self.newton(load), self.state, own, strained, tolerances, stop, report)
-        newton = self.newton(load + limit.factor * more)
+        owned_load = scaled_load[: self.state.n_owned]
+        limit = limit_load(self.newton(load), self.state, owned_load, strained, tolerances, stop, report)
+        newton = self.newton(load + limit.factor * scaled_load)
         return limit, self._narrowed(newton, limit.gradients, limit.missing)
 
     def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
-        """What a change (m,) [m] of unstressed lengths does where the net is, by a call.
+        """Return a function that computes the response to a change (m,) [m] of unstressed lengths.
 
-        load : (n, 3) [N] that acts. Collective, and so are the calls: they give (n, 3) [m] of nodes and
-        (m,) [N], and raise NoConvergence where the tangent is singular.
+        Collective.
+
+        load : (n, 3) [N] that acts
+
+        Calls are collective too. They return displacements (n, 3) [m] and changes of axial force (m,) [N],
+        and raise NoConvergence if the tangent is singular.
         """
         newton, state = self.newton(load), self.state
         newton.begin()
@@ -208,20 +225,27 @@ class Finder:
         return respond
 
     def at_fixed_nodes(self, change: np.ndarray) -> np.ndarray:
-        """Changes of axial forces (m,) [N] with unstressed lengths, changed by (m,) [m], at fixed nodes."""
+        """Compute the changes of axial forces (m,) [N] at fixed nodes.
+
+        change : (m,) [m] of unstressed lengths
+        """
         state, K = self.state, self._tangent()
         if K.slip is not None:
             change = K.slip.of_strands(change)
         return -K.axial * (state.elements_now().L / state.L0) * change
 
     def newton(self, load: np.ndarray) -> Newton:
-        """Newton's method for the net under a load (n, 3) [N]."""
-        net, state = net_of(self.state, load, self.slips), self.state
-        if self._structure is None:  # lines of the net at the start, also in a run that is taken up
-            of_state = lambda: lines_of(self.distribution, state.ends, state.x_start, state.free)
-            self._structure = Structure(cache(of_state))
+        """Set up Newton's method for the net under a load (n, 3) [N]."""
+        net = net_of(self.state, load, self.slips)
+        if self._structure is None:
+            self._structure = Structure(cache(self._lines))
         return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._structure)
 
+    def _lines(self) -> Lines:
+        state = self.state  # initial positions, so that a resumed run has the same lines
+        return lines_of(self.distribution, state.ends, state.x_start, state.free)
+
     def _tangent(self) -> Tangent:
-        slip = None if self.slips is None else self.slips.tangent()  # first: lengths follow the positions
+        # first: unstressed lengths follow the positions
+        slip = None if self.slips is None else self.slips.tangent()
         return tangent_of(self.state)._replace(slip=slip)

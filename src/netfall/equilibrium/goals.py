@@ -1,8 +1,8 @@
-"""Dynamic relaxation to one residual after another, with Newton's method tried from each of them.
+"""Dynamic relaxation to decreasing residuals, with Newton's method tried after each of them.
 
-A relaxation has reached its residual when the estimated errors are within the tolerance. If the tangent gives
-no estimate (compressed bars buckle, a mechanism hangs), the net is relaxed to a tenth of the residual, and
-again, until that changes no more.
+The search ends when the estimated errors are within the tolerance. The tangent may give no estimate, because
+compressed bars buckle or part of the net is a mechanism. Then the net is relaxed to a tenth of the residual,
+repeatedly, until the state no longer changes.
 """
 
 from dataclasses import replace
@@ -16,9 +16,10 @@ from netfall.ground.errors import DivergedError
 from netfall.ground.stop import NEVER, StopRequest
 from netfall.mechanics.state import State
 
-NEARER = (1e-2, 1e-3, 1e-4, 1e-5)  # residuals over the largest force, after which Newton's method is tried
-MOST_AGAIN = 6  # residuals below, each a tenth of the one before, where no tangent tells an error
-AGAIN = 1000  # iterations that each of these may take, beside as many as were taken before
+# residuals over the largest force [-], after which Newton's method is tried
+NEARER = (1e-2, 1e-3, 1e-4, 1e-5)
+MOST_AGAIN = 6  # further residuals, each a tenth of the one before, if no tangent estimates the error
+AGAIN = 1000  # iterations allowed for each of these, in addition to the number taken before
 
 
 def relaxed_in_turn(
@@ -26,77 +27,88 @@ def relaxed_in_turn(
     newton: Newton,
     tolerance: float,
     reference: float,
-    most: int,
-    what: str,
+    max_iterations: int,
+    name: str,
     stop: StopRequest,
     start: np.ndarray,
     resume: Relaxation | None,
 ) -> Solution:
-    """Relax the state of a `find.Finder` to equilibrium; the `Solution`. Collective.
+    """Relax the state of a `find.Finder` to equilibrium and return the `Solution`. Collective.
 
-    start : positions (n, 3) [m] from which the equilibrium is sought; the others as of `Finder.find`
+    start : positions (n, 3) [m] from which the equilibrium is sought; see `Finder.find` for the others
 
     Raises DivergedError if the iterations run out, RunsAway, Paused.
     """
-    state, asked = finder.state, tolerance * reference
+    state, final_residual = finder.state, tolerance * reference
     residuals = [share * reference for share in NEARER if share > tolerance]
-    residuals += [asked / 10.0**k for k in range(MOST_AGAIN)]
+    residuals += [final_residual / 10.0**k for k in range(MOST_AGAIN)]
     first, total = (resume.stage, resume.total) if resume else (0, 0)
-    before, found, last, enough = start, None, None, None
+    positions, solution, previous, resume_point = start, None, None, None
     for stage in range(first, len(residuals)):
         goal = residuals[stage]
-        report = lambda i, r, g=goal: finder.report(f"{what}: relaxing, residual {r:.2g} N of {g:.2g} N")
-        few = min(most, AGAIN + total) if found else most
+
+        def report(_: int, residual: float, goal: float = goal) -> None:
+            finder.report(f"{name}: relaxing, residual {residual:.2g} N of {goal:.2g} N")
+
+        allowed = min(max_iterations, AGAIN + total) if solution else max_iterations
         try:
             net = newton.net
-            iterations, residual = relax(finder.comm, finder.halo, net, goal, few, what, report, stop, resume)
+            iterations, residual = relax(
+                finder.comm, finder.halo, net, goal, allowed, name, report, stop, resume
+            )
         except Paused as pause:
             pause.at.stage, pause.at.total = stage, total
-            pause.at = enough or pause.at  # from where the same follows
+            pause.at = resume_point or pause.at  # the run resumed here takes the same path
             pause.at.start = start
             raise
         except DivergedError:
-            if found is None:
+            if solution is None:
                 raise
-            state.x[:] = before
+            state.x[:] = positions
             break
-        if found and not iterations:  # nothing has changed
+        if solution and not iterations:  # the state has not changed
             continue
-        total, resume, before = total + iterations, None, state.x.copy(order="K")
+        total, resume, positions = total + iterations, None, state.x.copy(order="K")
         try:
             return finder.corrected(newton, tolerance, NEVER, StartPoint(total))
         except NoConvergence:
-            state.x[:] = before
-        if goal <= asked:
-            found = Solution(total, residual, *_errors(newton, state, last), True, unstable_at(newton))
-            last = before, state.elements_now().N
-            if found.error <= tolerance:
+            state.x[:] = positions
+        if goal <= final_residual:
+            solution = Solution(total, residual, *_errors(newton, state, previous), True, unstable_at(newton))
+            previous = positions, state.elements_now().N
+            if solution.error <= tolerance:
                 break
-            enough = enough or replace(not_begun(before), stage=stage, total=total)
-    _check_error(newton, found, tolerance, residuals[-1], what)
-    return found
+            resume_point = resume_point or replace(not_begun(positions), stage=stage, total=total)
+    _check_error(newton, solution, tolerance, residuals[-1], name)
+    return solution
 
 
-def _errors(newton: Newton, state: State, last: tuple | None) -> tuple[float, float]:
-    """Estimated errors of what relaxation has reached. Collective.
+def _errors(newton: Newton, state: State, previous: tuple | None) -> tuple[float, float]:
+    """Estimate the errors of the relaxed state. Collective.
 
-    last : positions (n, 3) [m] and axial forces (m,) [N] of ten times the residual, None: not known
+    previous : positions (n, 3) [m] and axial forces (m,) [N] at ten times the residual, None: not known
     """
     try:
         return newton.errors(state.x_start)
     except NoConvergence:
-        return newton.changes(*last, state) if last else (np.nan, np.nan)
+        return newton.changes(*previous, state) if previous else (np.nan, np.nan)
 
 
-def _check_error(newton: Newton, found: Solution, tolerance: float, least: float, what: str) -> None:
-    """Raise DivergedError where the error of what was found is too large, or not known. Collective.
+def _check_error(
+    newton: Newton, solution: Solution, tolerance: float, sufficient_residual: float, name: str
+) -> None:
+    """Raise DivergedError if the error of a solution is too large or not known. Collective.
 
-    least : residual [N] that is enough: of a net that hardly moves the relative error says nothing
+    sufficient_residual : [N] that suffices: if a net hardly moves, its relative error is meaningless
     """
     allowed = NEARLY * max(tolerance, newton.rounding(newton.tangent()))
-    if not (found.error <= allowed or found.residual <= least):
-        known = f"an estimated error of {found.error:.1g}" if found.error == found.error else "no known error"
+    if not (solution.error <= allowed or solution.residual <= sufficient_residual):
+        error_text = (
+            f"an estimated error of {solution.error:.1g}"
+            if solution.error == solution.error
+            else "no known error"
+        )
         raise DivergedError(
-            f"{what}: {found.iterations} iterations of relaxation led to a residual of "
-            f"{found.residual:.3g} N with {known}, tolerance {tolerance:.3g}"
+            f"{name}: {solution.iterations} iterations of relaxation led to a residual of "
+            f"{solution.residual:.3g} N with {error_text}, tolerance {tolerance:.3g}"
         )

@@ -1,10 +1,10 @@
-"""The largest part of a load that a net of cables bears, by work control.
+"""Limit load factor of a net of cables by work control.
 
-Near the largest load that a net bears a little more of it moves the net far, and under more there is no
-equilibrium at all. Under a given work of the load, force times displacement of all particles, there is one
-for any: the energy of cables is convex in the positions. So each trial prescribes the work, and the factor of
-the load is an unknown beside the positions. How near the net then is to giving way grows nearly in proportion
-to the work, so few trials do; the load hardly changes between the last of them.
+Close to the limit load a small increment of load moves the net far, and above it there is no equilibrium. So
+each trial prescribes the work of the load instead: force times displacement, over all particles. An
+equilibrium exists for any work, because the energy of cables is convex in the positions. The load factor is
+one more unknown. The utilisation of the net grows nearly in proportion to the work, so few trials suffice.
+The load hardly changes between the last of them.
 """
 
 from collections.abc import Callable
@@ -21,9 +21,10 @@ from netfall.multigrid.tangent import Tangent
 
 
 class Work:
-    """Work control of a load (n_owned, 3) [N] that acts besides that of the net, from where the net is.
+    """Work control of a load (n_owned, 3) [N] that acts in addition to the load of the net.
 
-    factor : of that load; target : of its work [J], `factor` aside
+    The displacements count from the positions at construction.
+    factor : load factor; target : prescribed work [J] of the load with factor 1
     """
 
     def __init__(self, newton: Newton, load: np.ndarray):
@@ -32,41 +33,47 @@ class Work:
         self.factor = self.target = 0.0
 
     def done(self) -> float:
-        """The work of the load where the net is [J], `factor` aside. Collective."""
+        """Compute the work [J] of the load with factor 1 at the present positions. Collective."""
         (work,) = self.newton.dots((self.load, self.newton.net.x[self.newton.owned] - self.start))
         return work
 
-    def solve(self, K: Tangent, cycle, r: np.ndarray, left: float) -> tuple[np.ndarray, float, int]:
-        """Correction (n_owned, 3) [m] of a residual r without the load, of `factor`, iterations. Collective.
+    def solve(self, K: Tangent, cycle, r: np.ndarray, residual_share: float) -> tuple[np.ndarray, float, int]:
+        """Return the correction (n_owned, 3) [m], the change of `factor`, and the iterations. Collective.
 
-        left : of the residual, at most. By conjugate gradients among displacements in which the load does no
-        work (Gould, Hribar, Nocedal 2001), after one that brings it to `target`. Raises as `Newton.solve`.
+        r : residual without the load; residual_share : largest share of the residual that may remain
+
+        A first correction brings the work to `target`. Conjugate gradients then search among displacements in
+        which the load does no work (Gould, Hribar, Nocedal 2001). Raises as `Newton.solve`.
         """
-        newton, load, more = self.newton, self.load, 0.0
-        answer = newton.not_held(cycle(load))
-        (compliance,) = newton.dots((load, answer))
+        newton, load, factor_change = self.newton, self.load, 0.0
+        response = newton.not_held(cycle(load))
+        (compliance,) = newton.dots((load, response))
 
-        def idle(rows: np.ndarray) -> np.ndarray:
-            """As the cycle has it, without work; rows lose the part of the load that this leaves to it."""
-            nonlocal more
+        def without_work(rows: np.ndarray) -> np.ndarray:
+            """Apply the cycle and remove the work of the load from the result.
+
+            Subtracts the same multiple of the load from `rows`, in place.
+            """
+            nonlocal factor_change
             z = newton.not_held(cycle(rows))
             (work,) = newton.dots((load, z))
-            less = work / compliance
-            rows -= less * load
-            z -= less * answer
-            more -= less
+            excess = work / compliance
+            rows -= excess * load
+            z -= excess * response
+            factor_change -= excess
             return z
 
-        first = (self.target - self.done()) / compliance * answer
-        r = r + self.factor * load - newton.stiffness_times(K, first)
-        s, count = newton.solve(K, idle, r, left)
-        return first + s, more, count
+        to_target = (self.target - self.done()) / compliance * response
+        r = r + self.factor * load - newton.stiffness_times(K, to_target)
+        s, count = newton.solve(K, without_work, r, residual_share)
+        return to_target + s, factor_change, count
 
 
 class LimitLoad(NamedTuple):
-    """How much of a load is borne.
+    """Limit load factor and the state at the limit.
 
-    factor : of it; beyond : what gives way under hardly more, `UNSTRAINED`: nothing, as all of it is borne
+    factor : limit load factor, 1: the whole load is carried
+    beyond : utilisation slightly above it, `UNSTRAINED` if the whole load is carried
     gradients : iterations; missing : estimated errors, shares of the largest displacement and tension
     """
 
@@ -85,15 +92,16 @@ def limit_load(
     stop: StopRequest,
     report: Callable[[float, float], None],
 ) -> LimitLoad:
-    """Bring the net to the largest part of a load (n_owned, 3) [N] that it bears, to `SHARP`. Collective.
+    """Bring the net to the limit load factor of a load (n_owned, 3) [N], to within `SHARP`. Collective.
 
-    newton : of what acts besides the load; strained() : how near the net is to giving way; tolerances : of
-    the errors, on the way and at last; report(low, high) : factors between which the search is
+    newton : of the loads that act in addition; strained() : returns the utilisation of the net;
+    tolerances : of the errors, during the search and at its end; report(low, high) : receives the factors
+        that bracket the limit
 
     Raises NoConvergence, Stopped.
     """
     newton.begin()
-    work, best = Work(newton, load), state.x.copy(order="K")
+    work, best_positions = Work(newton, load), state.x.copy(order="K")
     _begin(newton, state, work, strained)
     first = work.done()
     mixed = Mixed(newton, state, stop, work)
@@ -103,54 +111,57 @@ def limit_load(
             mixed.begin_again()
         work.target = target
         mixed.narrow(NARROWED[0], tolerances[0])
-        now = Trial(target, work.factor, strained())
-        if not now.there.reason:
-            best[:] = state.x
-        return now
+        result = Trial(target, work.factor, strained())
+        if not result.there.reason:
+            best_positions[:] = state.x
+        return result
 
     low, high = _ends(trial, first)
     if high is not None:
         low, high = search_limit(trial, low, high, OF_WORK, report)
     beyond = UNSTRAINED if high is None or low.factor >= 1.0 else high.there
-    state.x[:], work.target, work.factor = best, low.at, low.factor
+    state.x[:], work.target, work.factor = best_positions, low.at, low.factor
     if beyond is UNSTRAINED:
         return LimitLoad(low.factor, beyond, mixed.gradients, mixed.missing)
     mixed.begin_again()
     try:
         mixed.narrow(0.0, tolerances[1])
-    except NoConvergence:  # what is missing tells
+    except NoConvergence:  # the estimated errors decide
         if max(mixed.missing) > tolerances[0]:
             raise
     return LimitLoad(work.factor, beyond, mixed.gradients, mixed.missing)
 
 
 def _ends(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:
-    """Trials below and above the limit; None above: all of the load is borne. first : work [J]"""
-    low, at = NOTHING, first
+    """Find trials below and above the limit; None above if the whole load is carried. first : work [J]"""
+    low, work = NOTHING, first
     for _ in range(MOST_STEPS):
-        now = trial(at)
-        if now.there.reason:
-            return low, now
-        low, at = now, 2.0 * at
+        result = trial(work)
+        if result.there.reason:
+            return low, result
+        low, work = result, 2.0 * work
         if low.factor >= 1.0:
             return low, None
     raise NoConvergence("nothing gives way under any work")
 
 
 def _begin(newton: Newton, state: State, work: Work, strained: Callable[[], Strained]) -> None:
-    """Move the net in the shape of its first answer to the load, nearly so far that something gives way."""
+    """Move the net along its linear response to the load, to within a factor of 2 of its limit.
+
+    Raises NoConvergence if no displacement of that shape brackets the limit.
+    """
     K, x = newton.tangent(), state.x.copy(order="K")
     shape, _ = newton.solve(K, newton.cycle(K), work.load)
     newton.spread_out(shape)
-    (most,) = newton.largest(newton.spread)
-    if most == 0.0:
+    (largest,) = newton.largest(newton.spread)
+    if largest == 0.0:
         raise NoConvergence("the load moves nothing")
-    shape, times = newton.extent / most * newton.spread, 1.0
+    shape, scale = newton.extent / largest * newton.spread, 1.0
     state.x[:] = x + shape
     factor = 0.5 if strained().reason else 2.0
     for _ in range(MOST_STEPS):
-        times *= factor
-        state.x[:] = x + times * shape
+        scale *= factor
+        state.x[:] = x + scale * shape
         if bool(strained().reason) == (factor > 1.0):
             return
     raise NoConvergence("no displacements are about those with which something gives way")

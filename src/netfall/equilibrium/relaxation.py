@@ -1,9 +1,10 @@
-"""Dynamic relaxation: the particles move under their residual forces until these vanish.
+"""Dynamic relaxation: particles move under their residual forces until the forces vanish.
 
-Kinetic damping (Barnes 1999): whenever the kinetic energy has passed a peak, the particles are put back to
-where it peaked, at rest. (Without going back, rests can fall into step with a mode that is then never
-damped.) The virtual mass M = dt^2/2 sum(k) of the attached elements' stiffness lets every particle take its
-largest stable step dt = 1. Serves form finding and statics alike; only the forces differ.
+Kinetic damping (Barnes 1999): when the kinetic energy has passed a peak, the particles return to their
+positions at the peak, with zero velocity. Without the return, the stops can synchronise with a mode that is
+then never damped. The virtual mass is M = dt^2/2 sum(k), with the stiffness of the attached elements. So dt =
+1 is the largest stable step of every particle. Form finding and statics use the same code with different
+forces.
 """
 
 from collections.abc import Callable
@@ -26,17 +27,18 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import ALL, LIMBS, add_exactly, rounded
 
-MARGIN = 1.2  # on the virtual mass [-]: the stiffness grows a little between two peaks
-OF_JOINTS = 1.5  # virtual mass of a joint over its stiffness [-]: three particles, an element has two
-LOOK_EVERY = 10  # iterations between looks at the residual, which take a reduction
+MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
+OF_JOINTS = 1.5  # virtual mass of a joint over its stiffness [-]: a joint has three particles, an element two
+LOOK_EVERY = 10  # iterations between checks of the residual, which need a reduction
 
 
 @dataclass
 class Relaxation:
-    """Where a relaxation stands before an iteration: arrays (n, 3) of owned and halo particles.
+    """State of a relaxation before an iteration: arrays (n, 3) of owned and halo particles.
 
-    stage : of an equilibrium that is relaxed to several residuals in turn; total : iterations before it
-    start : positions from which the equilibrium is looked for, None: x
+    stage : index of the residual, if an equilibrium is relaxed to several in turn
+    total : iterations before this stage
+    start : positions from which the equilibrium is sought, None: x
     """
 
     iteration: int
@@ -51,38 +53,38 @@ class Relaxation:
 
     @property
     def is_begun(self) -> bool:
-        """Whether anything has been relaxed yet."""
+        """Return whether any iteration has been done."""
         return self.iteration > 0 or self.stage > 0 or self.total > 0
 
 
 class RunsAway(DivergedError):
-    """What yields stretches without end."""
+    """Unbounded displacements of yielding elements."""
 
 
 class Paused(Exception):
-    """A relaxation was asked to stop, at the same iteration on every rank."""
+    """Pause of a relaxation on request, at the same iteration on every rank."""
 
     def __init__(self, at: Relaxation):
         self.at = at
 
 
 def not_begun(x: np.ndarray) -> Relaxation:
-    """Where a relaxation is taken up from its start."""
+    """Return the state of a relaxation before its first iteration."""
     return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
 
 
 @kernel
 def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
-    """One step of all particles (n, 3); `kinetic` (n_owned,) gets their energy.
+    """Move all particles (n, 3) by one step; `kinetic` (n_owned,) receives their energy.
 
-    `first`: the step after a rest, half a kick.
+    `first` : whether the velocity is zero, so that this step takes half a velocity update
     """
-    share = 0.5 if first else 1.0
+    factor = 0.5 if first else 1.0
     for p in range(mass.shape[0]):
         energy = 0.0
         for k in range(3):
             if free[p, k]:
-                v[p, k] += share * f[p, k] / mass[p, k]
+                v[p, k] += factor * f[p, k] / mass[p, k]
                 x[p, k] += v[p, k]
                 energy += v[p, k] * v[p, k]
         if p < n_owned:
@@ -91,9 +93,9 @@ def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
 
 @kernel
 def return_to_peak(x, v, f, mass, free):
-    """Put the particles, at rest, where the kinetic energy peaked: half a step before the last but one.
+    """Return the particles, with zero velocity, to the peak of the kinetic energy.
 
-    x* = x - 3/2 v + 1/2 f / M, dt = 1 (Barnes 1999)
+    The peak lies half a step before the last but one (Barnes 1999): x* = x - 3/2 v + 1/2 f / M, dt = 1.
     """
     for p in range(mass.shape[0]):
         for k in range(3):
@@ -103,16 +105,16 @@ def return_to_peak(x, v, f, mass, free):
 
 
 class Net(NamedTuple):
-    """What is relaxed: positions x (n, 3) [m], owned and halo, and what acts on them.
+    """Problem that `relax` solves: positions x (n, 3) [m], owned and halo, and the forces on them.
 
-    free : (n, 3), 1 where the axis can move; ends : (m, 2)
+    free : (n, 3), 1 if the axis can move; ends : (m, 2)
     forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
-    stiffness(x) : upper bound (m,) [N/m] of the elements' stiffness at x
+    stiffness(x) : returns an upper bound (m,) [N/m] of the elements' stiffness at x
     support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
-    bound(x, out) : adds to out (n,) what joints that bend add to that of elements, None: there are none
-    lost(comm, u, residual) : as `overload.is_lost`, for displacements u (n, 3); None: nothing yields
-    turned : (n, 3) of supports in axes of their own, None: there are none; `forces` has nothing along lines
-        on which they hold
+    bound(x, out) : adds to out (n,) the stiffness of bending joints, None: there are none
+    lost(comm, u, residual) : see `overload.is_lost`, for displacements u (n, 3); None: nothing yields
+    turned : (n, 3) of supports with axes of their own, None: there are none; `forces` leaves no component
+        along the lines that they hold
     """
 
     x: np.ndarray
@@ -132,23 +134,22 @@ def relax(
     net: Net,
     tolerance: float,
     max_iterations: int,
-    what: str,
+    name: str,
     report: Callable[[int, float], None] = lambda iteration, residual: None,
     stop: StopRequest = NEVER,
     resume: Relaxation | None = None,
 ) -> tuple[int, float]:
-    """Move net.x to equilibrium; the iterations and the largest residual [N]. Collective.
+    """Move net.x to equilibrium; return the iterations and the largest residual [N]. Collective.
 
-    tolerance : [N] of the largest residual; stop : a wish to pause; resume : where an earlier relaxation
-        was paused
+    tolerance : [N] of the largest residual; stop : stop flag; resume : where an earlier relaxation was paused
 
-    Raises DivergedError when the iterations run out or the residual is no number, RunsAway, Paused if asked
-    to stop.
+    Raises DivergedError if the iterations run out or the residual is not finite, RunsAway, Paused if asked to
+    stop.
     """
     x, free, n_owned = net.x, net.free, halo.n_owned
     f, v = np.zeros_like(x), np.zeros_like(x)
     kinetic, limbs = np.zeros(n_owned), np.zeros(LIMBS, np.int64)
-    mass = np.ones_like(x)  # a column for each axis, all equal, to travel like a force
+    mass = np.ones_like(x)  # three equal columns, so that the halo exchange is that of a force
     previous, rested, first = 0.0, True, 0
     if resume:
         previous, rested, first = resume.previous, resume.rested, resume.iteration
@@ -156,21 +157,21 @@ def relax(
     for iteration in range(first, max_iterations + 1):
         net.forces(x, f)
         if iteration % LOOK_EVERY == 0 or rested:
-            mine = np.array([largest_residual(f, free, n_owned), stop.wanted])
-            comm.Allreduce(MPI.IN_PLACE, mine, MPI.MAX)
-            residual, stopping = mine.tolist()
+            checked = np.array([largest_residual(f, free, n_owned), stop.wanted])
+            comm.Allreduce(MPI.IN_PLACE, checked, MPI.MAX)
+            residual, stopping = checked.tolist()
             if residual <= tolerance:
                 return iteration, residual
             if not np.isfinite(residual):
                 raise DivergedError(
-                    f"{what}: the residual is no number after {iteration} iterations; "
+                    f"{name}: the residual is no number after {iteration} iterations; "
                     "check the net's geometry and sections"
                 )
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
         if net.lost is not None and iteration % (10 * LOOK_EVERY) == 0 and net.lost(comm, v, residual):
-            raise RunsAway(f"{what}: what yields stretches without end")
+            raise RunsAway(f"{name}: what yields stretches without end")
         halo.update(f)
         if rested:
             total = np.zeros(len(x)) if net.support is None else net.support.copy()
@@ -190,29 +191,30 @@ def relax(
             return_to_peak(x, v, f, mass, free)
             previous = 0.0
     raise DivergedError(
-        f"{what}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
+        f"{name}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
         f"tolerance {tolerance:.3g} N"
     )
 
 
 def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load=None) -> float:
-    """Largest force [N] that acts on what can move, which tolerances refer to. Collective.
+    """Return the largest force [N] on anything that can move, the reference of tolerances. Collective.
 
-    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone. What supports
-    take directly, a load on them or a backstay between them, is far from any free axis and does not count.
+    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone
+
+    Loads directly on supports and backstays between them are left out, because they act on no free axis.
     """
-    mine = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
+    local_maximum = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
     if load is not None:
-        mine = max(mine, np.abs(load[free[: len(load)] != 0]).max(initial=0.0))
-    return float(comm.allreduce(mine, MPI.MAX))
+        local_maximum = max(local_maximum, np.abs(load[free[: len(load)] != 0]).max(initial=0.0))
+    return float(comm.allreduce(local_maximum, MPI.MAX))
 
 
 def net_of(state: State, load: np.ndarray, slips=None) -> Net:
-    """The net of a state under a load (n, 3) [N] of owned and halo particles, plastic state unchanged.
+    """Build the `Net` of a state under a load (n, 3) [N] of owned and halo particles, plastic strain fixed.
 
-    slips : `slip.Slips`, None: nothing slips
+    slips : `slip.Slips`, None: no cable slides
     """
-    load = np.asfortranarray(load)  # as positions and forces are
+    load = np.asfortranarray(load)  # the layout of positions and forces
     turned = np.zeros((0, 3)) if state.turned is None else state.turned
 
     def forces(x, f):
@@ -229,8 +231,8 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
             keep_on_guides(state.turned, f)
 
     def stiffness(x):
-        now = state.elements_now()
-        return largest_stiffness(state.EA, state.L0) + geometric_stiffness(now.N, now.L)
+        elements = state.elements_now()
+        return largest_stiffness(state.EA, state.L0) + geometric_stiffness(elements.N, elements.L)
 
     support = largest_springs(state.spring, state.turned) if state.features.springs else None
     bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)
@@ -241,29 +243,46 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
             bound(state.x, stiffness)
         return is_lost(comm, state, load, stiffness > 0.0, (u, state.x - state.x_start), residual)
 
-    more = support, bound, lost if state.features.plastic else None, state.turned
-    return Net(state.x, state.free, state.ends, forces, stiffness, *more)
+    return Net(
+        state.x,
+        state.free,
+        state.ends,
+        forces,
+        stiffness,
+        support,
+        bound,
+        lost if state.features.plastic else None,
+        state.turned,
+    )
 
 
 def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:
-    """Largest residual force [N] on a free axis at the present positions under a load (n, 3). Collective."""
+    """Return the largest residual force [N] on a free axis at the present positions. Collective.
+
+    load : (n, 3) [N]
+    """
     f = np.zeros_like(state.x)
     net_of(state, load).forces(state.x, f)
     return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
 
 
-RELAXATION = "relaxation"  # in checkpoints
-RELAXED = ("x", "v", "mass", "start")  # arrays of a relaxation
+RELAXATION = "relaxation"  # key in checkpoints
+RELAXED = ("x", "v", "mass", "start")  # arrays of a relaxation in checkpoints
 
 
 def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
-    """A relaxation as small values and, on rank 0, global arrays, for `restored_relaxation`. Collective."""
-    there = {name: getattr(at, name) for name in RELAXED} | {"start": at.x if at.start is None else at.start}
-    arrays = {name: distribution.gather_particles(rows) for name, rows in there.items()}
+    """Convert a relaxation to small values and, on rank 0, global arrays, for `restored_relaxation`.
+
+    Collective.
+    """
+    local_arrays = {name: getattr(at, name) for name in RELAXED} | {
+        "start": at.x if at.start is None else at.start
+    }
+    arrays = {name: distribution.gather_particles(rows) for name, rows in local_arrays.items()}
     small = {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested), "stage": at.stage}
     return small | {"total": at.total}, arrays if distribution.comm.rank == 0 else {}
 
 
 def restored_relaxation(distribution: Distribution, small: dict, arrays: dict | None) -> Relaxation:
-    """The relaxation of a record; arrays : on rank 0. Collective."""
+    """Restore the relaxation of a record; arrays : on rank 0. Collective."""
     return Relaxation(**small, **{name: distribution.particles(arrays and arrays[name]) for name in RELAXED})

@@ -1,11 +1,12 @@
-"""Limit points between two equilibria of one load path: where a net snaps through, and under how much load.
+"""Limit points between two equilibria on one load path: the load factors at which a net snaps through.
 
-From an equilibrium A the part of the load that is missing comes on, from 0 to 1. If the displacements up to
-the equilibrium B are those that the tangent stiffness at A foresees, and that at B too, the path between them
-is plain. Otherwise the interval is halved, the equilibrium between is found from its lower end, and both
-halves are judged. A path that only bends becomes plain in short intervals. At a limit point the net jumps
-however short the interval is, and if the equilibrium between is not stable, the tangent has lost its positive
-definiteness below it. The energy of cables is convex in the positions: a net without bars has no limit point.
+From an equilibrium A the missing part of the load is applied, with a factor from 0 to 1. The path to the
+equilibrium B is plain if the tangents at A and at B both predict the displacements between A and B. Otherwise
+the interval is halved: the equilibrium at its middle is found from its lower end, and both halves are
+examined. A path that only curves becomes plain in short intervals. At a limit point the net jumps however
+short the interval is. If the equilibrium at the middle is not stable, the tangent loses its positive
+definiteness below it. The energy of cables is convex in the positions, so a net without bars has no limit
+point.
 """
 
 from collections.abc import Callable
@@ -19,18 +20,21 @@ from netfall.ground.errors import DivergedError
 from netfall.numerics.functions import lengths
 from netfall.parallel.mpi import MPI
 
-OFF = 0.5  # of the motion of an element's ends against each other: what a tangent may miss of it
-LEAST = 1e-3  # of an element's length: a smaller motion of its ends against each other is no jump
-NARROW = 2.0**-9  # of the load: in so short an interval a path that only bends is plain
-NARROWEST = 2.0**-16  # the same where the tangent foresees more than there is, as where cables become taut
-MOST_TRIALS = 60  # equilibria between
+# error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
+OFF = 0.5
+LEAST = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
+NARROW = 2.0**-9  # load factor [-]: in an interval so short a path that only curves is plain
+# the same if the tangent predicts more motion than there is, for example as cables become taut
+NARROWEST = 2.0**-16
+MOST_TRIALS = 60  # equilibria inside the interval
 
 
 class LimitPoint(NamedTuple):
-    """Where a load path snaps through, or loses its stability.
+    """Load factor at which a path snaps through or loses its stability.
 
-    share : of the load, to `NARROW`; particle : global number of the one that jumps most, -1: none jumps
-    jump : its displacement beyond what the tangent foresees [m]
+    share : load factor, to within `NARROW`
+    particle : global number of the one that jumps most, -1: none jumps
+    jump : its displacement beyond the prediction of the tangent [m]
     """
 
     share: float
@@ -39,9 +43,10 @@ class LimitPoint(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """What happens in an interval; plain : whether both tangents foresee it; jumps : whether one misses.
+    """Motion over an interval compared with the predictions of the tangents at its ends.
 
-    particle, size : global number of the particle that moves most beyond that, and by how much [m]
+    plain : whether both tangents predict it; jumps : whether the one at the lower end misses motion
+    particle, size : global number of the particle that moves most beyond the prediction, and by how much [m]
     """
 
     plain: bool
@@ -51,28 +56,29 @@ class _Motion(NamedTuple):
 
 
 class _Untold(Exception):
-    """The path goes through states of which it cannot be told whether they follow steadily."""
+    """Failure to decide whether the states of the path follow each other continuously."""
 
 
 UNKNOWN = _Motion(False, False, -1, 0.0)
 
 
 class LoadPath:
-    """The path from an equilibrium to another under more load.
+    """Path from one equilibrium to another under more load.
 
-    newton(share) : Newton's method under a share of the load that comes on, with its lengths and held nodes
-    find(share) : brings the state from where it is to the equilibrium under it; raises DivergedError
+    newton(share) : Newton's method at a load factor, with the lengths and held nodes that belong to it
+    find(share) : brings the state to the equilibrium at that factor; raises DivergedError
     """
 
     def __init__(self, state, newton: Callable, find: Callable[[float], object], hangs: bool):
-        """hangs : whether the net may be a mechanism on the way, stable only when it is taut."""
+        """hangs : whether the net may be a mechanism on the way, which is stable only when it is taut."""
         self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
 
     def limit_point(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
-        """The first limit point, None: there is none, or it cannot be told; positions at the end. Collective.
+        """Find the first limit point, None if there is none or it cannot be decided. Collective.
 
-        x : (n, 3) [m] in the equilibrium without that load; end : with it, None: it is not stable
-        The end may be another than was given: that to which the path leads.
+        x : (n, 3) [m] in equilibrium without the load; end : with the load, None: unstable
+
+        Also returns the positions at the end of the path, which may differ from the given ones.
         """
         try:
             return self._search(x, end)
@@ -80,35 +86,35 @@ class LoadPath:
             return None, end
 
     def _search(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
-        low, above, sought = 0.0, [(1.0, end)], end is None
+        low, stack, is_sought = 0.0, [(1.0, end)], end is None
         for _ in range(MOST_TRIALS):
-            high, there = above[-1]
-            motion = UNKNOWN if there is None else self._motion(x, there, low, high)
+            high, upper = stack[-1]
+            motion = UNKNOWN if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
                 return None, end
             motion = motion or UNKNOWN
             if motion.plain:
-                low, x = above.pop()
-                if not above:
+                low, x = stack.pop()
+                if not stack:
                     return None, x
                 continue
-            narrow = high - low <= NARROW
-            if narrow and not sought and high == 1.0:
-                sought, above[-1] = True, (high, self._between(x, high))
+            is_narrow = high - low <= NARROW
+            if is_narrow and not is_sought and high == 1.0:
+                is_sought, stack[-1] = True, (high, self._between(x, high))
                 continue
-            if narrow and (there is None or motion.jumps):
+            if is_narrow and (upper is None or motion.jumps):
                 return LimitPoint(low, motion.particle, motion.size), end
             if high - low <= NARROWEST:
-                low, x = above.pop()
-                if not above:
+                low, x = stack.pop()
+                if not stack:
                     return None, x
                 continue
             middle = 0.5 * (low + high)
-            above.append((middle, self._between(x, middle)))
+            stack.append((middle, self._between(x, middle)))
         return None, end
 
     def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
-        """Positions in the stable equilibrium under a share of the load, from x; None: none was found."""
+        """Find the stable equilibrium at a load factor from positions x; None: none was found."""
         self.state.x[:] = x
         try:
             self.find(share)
@@ -119,42 +125,43 @@ class LoadPath:
             raise _Untold
         return self.state.x.copy(order="K") if stable else None
 
-    def _motion(self, x, there, low: float, high: float) -> _Motion | None:
-        """What happens from x to there (n, 3) [m]; None: a tangent is singular, so it cannot be judged."""
-        state, moved, foreseen = self.state, there - x, []
-        for begin, share, to, sign in ((x, low, high, 1.0), (there, high, low, -1.0)):
+    def _motion(self, x, upper, low: float, high: float) -> _Motion | None:
+        """Compare the motion from x to `upper` (n, 3) [m] with predictions; None if a tangent is singular."""
+        state, motion, foreseen = self.state, upper - x, []
+        for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
             state.x[:] = begin
-            step = self._answer(share, to)
-            if step is None:
+            predicted = self._answer(factor, target)
+            if predicted is None:
                 return None
-            foreseen.append(np.where(state.free[: len(step)] != 0, sign * step, moved))
+            foreseen.append(np.where(state.free[: len(predicted)] != 0, sign * predicted, motion))
         a, b = state.ends.T
-        apart = moved[b] - moved[a]
-        size = lengths(apart)
+        relative = motion[b] - motion[a]
+        size = lengths(relative)
         counts = size > LEAST * state.elements_now().L
-        missed = [apart - (step[b] - step[a]) for step in foreseen]
-        off = [bool((counts & (lengths(each) > OFF * size)).any()) for each in missed]
-        short = [counts & ((each * apart).sum(1) > OFF * size**2) for each in missed]
-        own = slice(state.n_owned)
-        beyond = lengths((moved - foreseen[0])[own])
+        missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
+        exceeds = [bool((counts & (lengths(error) > OFF * size)).any()) for error in missed]
+        falls_short = [counts & ((error * relative).sum(1) > OFF * size**2) for error in missed]
+        owned = slice(state.n_owned)
+        beyond = lengths((motion - foreseen[0])[owned])
         newton = self.newton(low)
-        gid = newton.distribution.subdomain.particle_gid[own]
+        gid = newton.distribution.subdomain.particle_gid[owned]
         p = int(np.argmax(beyond)) if len(beyond) else -1
-        here = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
-        most, particle = max(newton.comm.allgather(here))
-        found = np.array([any(off), short[0].any()], np.int64)
-        newton.comm.Allreduce(MPI.IN_PLACE, found, MPI.MAX)
-        return _Motion(not found[0], bool(found[1]), -particle, most)
+        candidate = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
+        largest, particle = max(newton.comm.allgather(candidate))
+        flags = np.array([any(exceeds), falls_short[0].any()], np.int64)
+        newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
+        return _Motion(not flags[0], bool(flags[1]), -particle, largest)
 
-    def _answer(self, share: float, to: float) -> np.ndarray | None:
-        """Displacements (n, 3) [m] that the tangent under one share foresees under another.
+    def _answer(self, factor: float, target: float) -> np.ndarray | None:
+        """Predict displacements (n, 3) [m] from the equilibrium at one load factor to another one.
 
-        The net is in equilibrium under the first. None: the tangent is singular.
+        Uses the tangent at the first factor, with the net in equilibrium there; target : the other factor.
+        Returns None if the tangent is singular.
         """
-        newton = self.newton(share)
+        newton = self.newton(factor)
         newton.begin()
         K = newton.tangent()
-        cycle, newton = newton.cycle(K), self.newton(to)
+        cycle, newton = newton.cycle(K), self.newton(target)
         try:
             s, _ = newton.solve(K, cycle, newton.residual())
         except NoConvergence:
@@ -164,12 +171,14 @@ class LoadPath:
 
 
 def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: float) -> Callable:
-    """What acts at a share of the way from the state before a load to that under it: load(share) (n, 3) [N].
+    """Return a function load(share) (n, 3) [N] of the load on the way from one state to another.
 
-    finder : `find.Finder`; before, start : arrays of the state, by name, in equilibrium before the load, and
-    with the unstressed lengths and held nodes that come with it; carried : share of all at the end of the way
+    finder : `find.Finder`
+    before, start : arrays of the state, by name: in equilibrium before the load, and with the unstressed
+        lengths and held nodes that come with the load
+    carried : load factor at the end of the way
 
-    The call also sets lengths and held nodes, which change in proportion. Collective.
+    The function also sets lengths and held nodes, which change in proportion. Collective.
     """
     state = finder.state
     held, lengths = state.free == 0, [name for name in ("L0", "strand") if name in start]
@@ -181,15 +190,15 @@ def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: f
 
     state.x[:] = before["x"]
     set_lengths(0.0)
-    left = finder.residual(load)
+    residual = finder.residual(load)
 
-    def part(share: float) -> np.ndarray:
+    def load_at(share: float) -> np.ndarray:
         set_lengths(share * carried)
-        return load - (1.0 - share * carried) * left
+        return load - (1.0 - share * carried) * residual
 
-    return part
+    return load_at
 
 
 def is_compressible(comm: MPI.Comm, state) -> bool:
-    """Whether anything carries compression or bends; else the energy is convex. Collective."""
+    """Return whether anything carries compression or bends; otherwise the energy is convex. Collective."""
     return comm.allreduce(state.joints is not None or bool((state.bar != 0).any()), MPI.LOR)

@@ -1,4 +1,4 @@
-"""The slips of cables over nodes at given positions: the convex problem that `slip` solves for each trial."""
+"""Slips of cables over nodes at given positions, a convex problem that `slip` solves for each trial."""
 
 import math
 
@@ -10,23 +10,25 @@ from netfall.mechanics.slip.law import LEAST, angle_between, slip_force, slip_li
 from netfall.numerics.arithmetic import exponential, logarithm
 
 MOST_STEPS = 200  # of Newton's method on the slips at given positions
-NEAR_ZERO = 1e-12  # of the largest force on them: what is left of it
-ROUNDING = 4e-3  # of EA: what counts as such a force, whose rounding is that of lengths
-FLOOR = 1e-6  # of EA / L0: what a slack strand counts as, so that its slip is defined
+NEAR_ZERO = 1e-12  # residual of the driving forces over the largest force [-]
+ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
+FLOOR = 1e-6  # lowest stiffness over EA / L0 [-], so that the slip of a slack segment is defined
 HALVINGS = 40
-SHORTEST = 0.02  # of a strand: what slips in trials never leave less of
-STOP = 100.0  # times the stiffness of a strand: that of the end on a cable, which stops where LEAST is left
+SHORTEST = 0.02  # shortest free segment over its length without slip [-] in trials
+# stiffness of the stop on a cable over that of the segment [-]; it acts below the share LEAST of the length
+STOP = 100.0
 
 
 class CableChains(Record):
     """Slip points along each cable and the free segments between them; the same on every rank.
 
-    node, column : (k,) global particle, and which of its cables
-    before, after : (k,) rows of the elements beside a slip point; segment_before, segment_after : (k,)
-    friction : (k,); resistance : (k,) [N]; start : (c + 1,) where the chains begin
+    node, column : (k,) global particle, and the index of the cable among its cables
+    before, after : (k,) rows of the elements next to a slip point; segment_before, segment_after : (k,)
+    friction : (k,); resistance : (k,) [N]; start : (c + 1,) first slip point of each chain
     into, out : (g,) slip point at the begin and the end of a segment along the cable, -1: none
-    element : (q,) global numbers of the elements of all segments; segment : (q,); share : (q,) of its length
-    along : (q,) 1, -1; weight : (q,) [N/m] of their own
+    element : (q,) global numbers of the elements of all segments
+    segment : (q,); share : (q,) of the segment's length
+    along : (q,) 1, -1; weight : (q,) [N/m] of the elements
     """
 
     node: i8
@@ -46,11 +48,12 @@ class CableChains(Record):
     along: i8
     weight: f8
 
-    def __reduce__(self):  # rank 0 sends it to the others: there the arrays have other addresses
+    # pickled for the broadcast from rank 0, because addresses of arrays differ between ranks
+    def __reduce__(self):
         return type(self), tuple(getattr(self, name) for name in self.kind.fields)
 
     def passed(self, s: np.ndarray) -> np.ndarray:
-        """Return what slips s (k,) [m] add to the unstressed lengths of the elements (q,) [m]."""
+        """Return the changes (q,) [m] of the elements' unstressed lengths due to slips s (k,) [m]."""
         s = np.append(s, 0.0)
         return self.share * (s[self.into] - s[self.out])[self.segment]
 
@@ -60,26 +63,39 @@ class CableChains(Record):
 
 
 def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
-    """The chains of `net.slides.Slides`. weight : (m,) [N/m] of each element"""
+    """Build the chains of `net.slides.Slides`. weight : (m,) [N/m] of each element"""
     element = np.flatnonzero(slides.segment >= 0)
     rows = np.searchsorted(element, [slides.before, slides.after])
     segment = slides.segment[element]
     before, after = segment[rows]
     into, out = np.full((2, segment.max() + 1), -1)
     into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
-    start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # else it goes on from the one before
+    start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # otherwise the chain continues
     return CableChains(
-        *(slides.node, slides.column, *rows, before, after, slides.friction, slides.resistance, start),
-        *(into, out, element, segment, slides.share[element]),
-        *(slides.along[element].astype(np.int64), weight[element]),
+        slides.node,
+        slides.column,
+        rows[0],
+        rows[1],
+        before,
+        after,
+        slides.friction,
+        slides.resistance,
+        start,
+        into,
+        out,
+        element,
+        segment,
+        slides.share[element],
+        slides.along[element].astype(np.int64),
+        weight[element],
     )
 
 
 class Strands(Record):
-    """The elements of `CableChains` at some positions (q,), [N] and [m].
+    """Elements of `CableChains` at given positions (q,), [N] and [m].
 
-    EA : 0 where it carries nothing; strand : [m] unstressed length without slip; L : [m] length
-    stop : [N/m] stiffness of the end on it; height : [m] of its middle
+    EA : 0 if the element carries nothing; strand : [m] unstressed length without slip; L : [m] length
+    stop : [N/m] stiffness of the stop; height : [m] of the element's middle
     direction : (q, 3) from begin to end along the cable
     """
 
@@ -93,7 +109,7 @@ class Strands(Record):
 
 @part_of_kernel
 def _force_of(e, L0, strands, law):
-    """Tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
+    """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
         return 0.0, 0.0, 0.0, FLOOR * EA / L0
@@ -106,25 +122,26 @@ def _force_of(e, L0, strands, law):
 
 @part_of_kernel
 def _short(e, L0, strands):
-    """By how much element e is shorter than where its end stops it [m], at unstressed lengths L0 (q,) [m]."""
+    """Compute how much [m] element e is shorter than its stop allows, at unstressed lengths L0 (q,) [m]."""
     return LEAST * strands.strand[e] - L0[e]
 
 
 @kernel
 def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness, drive, hold):
-    """Find the forces of the elements at slips s (k,) [m]: of `_force_of`, the weight's in q. All (q,), out.
+    """Compute the forces of the elements at slips s (k,) [m]; all arrays (q,) are filled.
 
-    drive, hold : (g,), out, of the segments: sums of q and of the stiffness that resists slip
+    T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
+    drive, hold : (g,), filled with the sums over each segment of q and of the stiffness against slip
     """
     drive[:] = 0.0
     hold[:] = 0.0
     for e in range(L0.shape[0]):
-        g, passed = chains.segment[e], 0.0
+        g, slipped = chains.segment[e], 0.0
         if chains.into[g] >= 0:
-            passed += s[chains.into[g]]
+            slipped += s[chains.into[g]]
         if chains.out[g] >= 0:
-            passed -= s[chains.out[g]]
-        L0[e] = strands.strand[e] + chains.share[e] * passed
+            slipped -= s[chains.out[g]]
+        L0[e] = strands.strand[e] + chains.share[e] * slipped
         T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
         q[e] -= weights * chains.weight[e] * strands.height[e]
         if strands.EA[e] == 0.0:
@@ -139,7 +156,7 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
 
 @inner_kernel
 def potential(s, old, limit, chains, strands, weights, law, L0):
-    """W [J] at slips s (k,) [m], with unstressed lengths L0 (q,) [m] there; inf where too little is left."""
+    """Compute W [J] at slips s (k,) [m] and unstressed lengths L0 (q,) [m]; inf if a segment is too short."""
     W = 0.0
     for e in range(L0.shape[0]):
         EA, L, short = strands.EA[e], strands.L[e], _short(e, L0, strands)
@@ -162,7 +179,7 @@ def potential(s, old, limit, chains, strands, weights, law, L0):
 
 @kernel
 def limits_of(chains, strands, T, law, limit):
-    """R (k,) [N] of the places at tensions T (q,) [N]."""
+    """Fill limit (k,) with the slip resistances R [N] at tensions T (q,) [N]."""
     for i in range(limit.shape[0]):
         b, a = chains.before[i], chains.after[i]
         turn, d = 1.0, strands.direction
@@ -180,32 +197,36 @@ def limits_of(chains, strands, T, law, limit):
 
 
 @inner_kernel
-def residuals(s, old, limit, chains, drive, r, way):
-    """What drives each place (k,) [N], 0 where it sticks, and its way: 1, -1, 0 sticks; the largest."""
+def residuals(s, old, limit, chains, drive, r, direction):
+    """Fill r (k,) [N] with the residual driving forces; return the largest.
+
+    direction : (k,), filled with 1, -1, 0: the point sticks, and r is 0
+    """
     worst = 0.0
     for i in range(s.shape[0]):
         Q = drive[chains.segment_after[i]] - drive[chains.segment_before[i]]
-        moved = s[i] - old[i]
-        way[i] = (
-            1 if moved > 0.0 else -1 if moved < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
+        slip = s[i] - old[i]
+        direction[i] = (
+            1 if slip > 0.0 else -1 if slip < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
         )
-        r[i] = Q - way[i] * limit[i] if way[i] != 0 else 0.0
+        r[i] = Q - direction[i] * limit[i] if direction[i] != 0 else 0.0
         worst = max(worst, abs(r[i]))
     return worst
 
 
 @kernel
-def solve_chains(chains, way, hold, b, pivot, beside, border, out):
-    """Slips (k,) [m] that answer forces b (k,) [N] of the places that slip: K_ss^-1 b, chain by chain.
+def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
+    """Solve K_ss out = b, slips (k,) [m] and forces (k,) [N] of the points that slip, chain by chain.
 
-    hold : (g,) of `strand_forces`. The last place of a chain is a border, for chains that are closed.
-    pivot, beside, border : (k,), scratch
+    hold : (g,) of `strand_forces`. The last slip point of a chain is a border of the matrix, for closed
+        chains.
+    pivot, off_diagonal, border : (k,), scratch
     """
     for c in range(chains.start.shape[0]):
         first = chains.start[c]
         last = (chains.start[c + 1] if c + 1 < chains.start.shape[0] else way.shape[0]) - 1
         for i in range(first, last + 1):
-            pivot[i], beside[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
+            pivot[i], off_diagonal[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
             if way[i] != 0:
                 pivot[i] = hold[chains.segment_before[i]] + hold[chains.segment_after[i]]
                 out[i] = b[i]
@@ -216,38 +237,38 @@ def solve_chains(chains, way, hold, b, pivot, beside, border, out):
                 if j == last or i == last:
                     border[min(i, j)] -= hold[g]
                 else:
-                    beside[i] -= hold[g]
-        whole = pivot[last]
+                    off_diagonal[i] -= hold[g]
+        corner = pivot[last]
         for i in range(first, last):
             pivot[i] = max(pivot[i], FLOOR)
-            share = border[i] / pivot[i]
+            multiplier = border[i] / pivot[i]
             if i + 1 < last:
-                along = beside[i] / pivot[i]
-                pivot[i + 1] -= along * beside[i]
-                border[i + 1] -= along * border[i]
-                out[i + 1] -= along * out[i]
-            pivot[last] -= share * border[i]
-            out[last] -= share * out[i]
-        pivot[last] = max(pivot[last], FLOOR * whole, FLOOR * FLOOR)
+                ratio = off_diagonal[i] / pivot[i]
+                pivot[i + 1] -= ratio * off_diagonal[i]
+                border[i + 1] -= ratio * border[i]
+                out[i + 1] -= ratio * out[i]
+            pivot[last] -= multiplier * border[i]
+            out[last] -= multiplier * out[i]
+        pivot[last] = max(pivot[last], FLOOR * corner, FLOOR * FLOOR)
         out[last] /= pivot[last]
         for i in range(last - 1, first - 1, -1):
             out[i] -= border[i] * out[last]
             if i + 1 < last:
-                out[i] -= beside[i] * out[i + 1]
+                out[i] -= off_diagonal[i] * out[i + 1]
             out[i] /= pivot[i]
 
 
 @kernel
 def slips_at(old, limit, chains, strands, weights, law, work, s):
-    """The slips s (k,) [m] at given positions, from those of `old` (k,); what is left of forces, relative.
+    """Compute the slips s (k,) [m] at given positions from `old` (k,); return the relative residual force.
 
-    work : `Work`; its strands are then those at s
+    work : `Work`; its forces are then those at s
     """
     for i in range(s.shape[0]):
         s[i] = old[i]
     w, worst, scale = work, 0.0, 0.0
     strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold)
-    before = potential(s, old, limit, chains, strands, weights, law, w.L0)
+    old_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
     for _ in range(MOST_STEPS):
         worst = residuals(s, old, limit, chains, w.drive, w.r, w.way)
         for e in range(w.q.shape[0]):
@@ -259,34 +280,36 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
         solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
         for i in range(s.shape[0]):
             w.start[i], w.way_before[i] = s[i], w.way[i]
-        share, after = 1.0, 0.0
+        step_share, new_potential = 1.0, 0.0
         for _ in range(HALVINGS):
             for i in range(s.shape[0]):
-                s[i] = w.start[i] + share * w.step[i]
+                s[i] = w.start[i] + step_share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
                     s[i] = old[i]
             strand_forces(
                 s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
             )
-            after = potential(s, old, limit, chains, strands, weights, law, w.L0)
-            if after <= before + NEAR_ZERO * abs(before):
+            new_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
+            if new_potential <= old_potential + NEAR_ZERO * abs(old_potential):
                 break
-            share *= 0.5
-        if not after <= before + NEAR_ZERO * abs(before):  # rounding, or positions that are no numbers
+            step_share *= 0.5
+        if not new_potential <= old_potential + NEAR_ZERO * abs(
+            old_potential
+        ):  # due to rounding, or positions that are not finite
             for i in range(s.shape[0]):
                 s[i] = w.start[i]
             strand_forces(
                 s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
             )
             return worst / scale
-        before = after
+        old_potential = new_potential
     return worst / scale
 
 
 class Work(Record):
-    """What `slips_at` fills: of the elements (q,) L0 to stiffness; of the segments (g,) drive and hold.
+    """Scratch arrays of `slips_at`.
 
-    Of the slip points (k,) the rest.
+    Elements (q,) have L0 to stiffness, segments (g,) drive and hold, slip points (k,) the others.
     """
 
     L0: f8
@@ -307,5 +330,5 @@ class Work(Record):
 
 
 def make_work(q: int, g: int, k: int) -> Work:
-    """Return room for q elements, g segments and k slip points."""
+    """Allocate the arrays for q elements, g segments and k slip points."""
     return Work(*np.zeros((5, q)), *np.zeros((2, g)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))

@@ -1,1 +1,1 @@
-"""The way to a prestress: targets reached by lengths, stages of erection. What a job names, as arrays."""
+"""Construction of a prestressed state: targets reached by lengths, and stages of erection."""

@@ -1,7 +1,8 @@
-"""Cables that are cut with errors: what each error does to all tensions, and the net with drawn ones.
+"""Errors of cable lengths: the effect of each error on all tensions, and the net with random errors.
 
-To first order the tension N_e has the standard deviation sqrt(sum over pieces k of (dN_e/da_k s_k)^2), a_k
-the unstressed length of the piece and s_k its deviation: independent errors, influence from the tangent.
+To first order the tension N_e has the standard deviation sqrt(sum over cables k of (dN_e/da_k s_k)^2). Here
+a_k is the unstressed length of cable k and s_k its standard deviation. Errors are independent, and the
+influence follows from the tangent.
 """
 
 from typing import NamedTuple
@@ -17,16 +18,16 @@ from netfall.stages.scene import Scene
 from netfall.stages.settle import reference_force, settle
 from netfall.stages.static_outcome import EQUILIBRIUM, NONE, UNDECIDED, undecided
 
-NAMED = 3  # pieces that matter most
+NAMED = 3  # most important cables in a message
 
 
 class Deviated(NamedTuple):
-    """A net whose pieces of cable have drawn errors, on rank 0: x (n, 3) [m], L0 (m,) [m].
+    """Net whose cables have random errors of length, on rank 0: x (n, 3) [m], L0 (m,) [m].
 
-    tension : (m,) [N] standard deviation by linear influence; effect : (k,) [N] of each piece of cable, the
-        largest change of a tension by one standard deviation of its length; lines : to say
-    failed : why there is no equilibrium with them, "": there is; x is then how far it came
-    state : of the equilibrium, as of `StaticOutcome`
+    tension : (m,) [N] standard deviation by linear influence; effect : (k,) [N] of each cable, the largest
+        change of a tension by one standard deviation of its length; lines : to print
+    failed : why there is no equilibrium with them, "": there is; x is then the last position
+    state : of the equilibrium, as in `StaticOutcome`
     """
 
     x: np.ndarray
@@ -38,38 +39,40 @@ class Deviated(NamedTuple):
     state: str = EQUILIBRIUM
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The arrays, by name."""
+        """Return the arrays, by name."""
         return {name: getattr(self, name) for name in ("x", "L0", "tension", "effect")}
 
 
 def shares(net: Net, L0: np.ndarray) -> np.ndarray:
-    """What each element (m,) has of its piece of cable, at unstressed lengths L0 (m,) [m]."""
+    """Compute the share of each element (m,) in its cable, at unstressed lengths L0 (m,) [m]."""
     return L0 / np.bincount(net.cable, L0)[net.cable]
 
 
 def deviate(scene: Scene) -> Deviated | None:
-    """Draw the errors of length and go to the equilibrium with them. Collective.
+    """Draw random errors of length and find the equilibrium with them. Collective.
 
-    Without a form, what is given is no equilibrium without load, and nodes stay where they are. On rank 0
-    what came of it, None elsewhere.
+    Without form finding the given geometry is not in equilibrium without load, so nodes are not moved.
+    Returns the result on rank 0, None elsewhere.
     """
-    model, spread, failed, state = scene.model, scene.distribution, "", EQUILIBRIUM
-    each = of_form(scene, "deviation", "errors of length")
-    tension, effect = _influence(scene, each.load)
+    model, distribution, failed, state = scene.model, scene.distribution, "", EQUILIBRIUM
+    load_case = of_form(scene, "deviation", "errors of length")
+    tension, effect = _influence(scene, load_case.load)
     L0 = model and model.cut_length + model.net.length_error * shares(model.net, model.cut_length)
-    set_strands(scene.state, spread.elements(L0))
+    set_strands(scene.state, distribution.elements(L0))
     if scene.form is not None:
-        outcome = elastic(scene, settle(scene, each, reference_force(scene, each), NEVER))
+        outcome = elastic(scene, settle(scene, load_case, reference_force(scene, load_case), NEVER))
         state = outcome.state
         if state == UNDECIDED:
-            failed = undecided(each.words, outcome)
+            failed = undecided(load_case.words, outcome)
         elif state == NONE:
-            failed = f"{each.words}: there is no equilibrium with them: {outcome.reason}"
-    x = spread.gather_particles(scene.state.x)
+            failed = f"{load_case.words}: there is no equilibrium with them: {outcome.reason}"
+    x = distribution.gather_particles(scene.state.x)
     if model is None:
         return None
-    most = np.argsort(-effect, kind="stable")[:NAMED]
-    names = ", ".join(f"{shown(model.net.cable_names[k])} {effect[k]:.4g} N" for k in most if effect[k] > 0.0)
+    largest = np.argsort(-effect, kind="stable")[:NAMED]
+    names = ", ".join(
+        f"{shown(model.net.cable_names[k])} {effect[k]:.4g} N" for k in largest if effect[k] > 0.0
+    )
     lines = [
         f"errors of length: tensions scatter by up to {tension.max():.4g} N (standard deviation, linear); "
         f"the pieces that matter most, by one deviation of each: {names}"
@@ -78,7 +81,10 @@ def deviate(scene: Scene) -> Deviated | None:
 
 
 def _influence(scene: Scene, load: np.ndarray) -> tuple:
-    """Standard deviations (m,) [N] of tensions, effects (k,) [N] of the pieces, on rank 0. Collective."""
+    """Compute standard deviations (m,) [N] of tensions and effects (k,) [N] of cables, on rank 0.
+
+    Collective.
+    """
     net = scene.model and scene.model.net
     deviation = scene.comm.bcast(net and _of_pieces(net))
     square, effect = np.zeros(scene.distribution.m), np.zeros(len(deviation))
@@ -94,7 +100,7 @@ def _influence(scene: Scene, load: np.ndarray) -> tuple:
 
 
 def _of_pieces(net: Net) -> np.ndarray:
-    """Deviation (k,) [m] of the length of each piece of cable."""
+    """Return the standard deviation (k,) [m] of the length of each cable."""
     deviation = np.zeros(len(net.cable_names))
     np.maximum.at(deviation, net.cable, net.length_deviation)
     return deviation

@@ -1,4 +1,6 @@
-"""What [[target]] and [[stage]] set: lengths, supports, places, what is there, loads. Rank 0, global order.
+"""Data of [[target]] and [[stage]]: lengths, supports, positions, active elements, loads.
+
+Rank 0, global order.
 
 A change by a [m] makes each cable longer by a, each of its elements in proportion to its unstressed length.
 """
@@ -22,12 +24,12 @@ from netfall.net.parts import part_has, parts_of
 from netfall.net.turned import held_along, settles_along
 from netfall.numerics.least_squares import least_squares
 
-WEAK = 1e-9  # of the largest influence of a target: less is none
-SLIGHTEST = 1e-6  # of EA: the force with which a slack cable becomes taut
+WEAK = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
+SLIGHTEST = 1e-6  # force over EA [-] at which a slack cable becomes taut
 
 
 class Jack(NamedTuple):
-    """An amount [m] by which unstressed lengths are changed.
+    """Group of cables whose unstressed lengths change by one common amount [m].
 
     name : of the group or cable; rows : (r,) elements; cable : (r,) number of the cable of each, from 0
     """
@@ -37,20 +39,21 @@ class Jack(NamedTuple):
     cable: np.ndarray
 
     def shares(self, L0: np.ndarray) -> np.ndarray:
-        """What each of its elements (r,) has of the amount, at unstressed lengths L0 (m,) [m]."""
+        """Return the share of each of its elements (r,) in the amount, at unstressed lengths L0 (m,) [m]."""
         return L0[self.rows] / np.bincount(self.cable, L0[self.rows])[self.cable]
 
     def changed(self, L0: np.ndarray, amount: float) -> np.ndarray:
-        """Unstressed lengths (m,) [m] after a change by an amount [m]."""
+        """Return unstressed lengths (m,) [m] after a change by an amount [m]."""
         L0 = L0.copy()
         L0[self.rows] += amount * self.shares(L0)
         return L0
 
 
 class Wanted(NamedTuple):
-    """A quantity that is wanted: the mean force [N] of elements `rows`, or the height [m] of a node.
+    """Target: the mean force [N] of elements `rows`, or the height [m] of a node.
 
-    words : for messages; node : its row, -1: a force; own : number of the jack at which it is measured, -1
+    words : for messages; node : its row, -1: a force; own : number of the jack at which it is measured, -1:
+        none
     """
 
     words: str
@@ -60,72 +63,75 @@ class Wanted(NamedTuple):
     own: int = -1
 
     def now(self, x: np.ndarray, N: np.ndarray) -> float:
-        """Its value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
+        """Return its value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
         if self.node >= 0:
             return float(x[self.node, 2])
         return float(np.bincount(np.zeros(len(self.rows), int), N[self.rows])[0] / len(self.rows))
 
 
 def rows_named(net: Net, name: str) -> np.ndarray:
-    """The elements of a group, or of a piece of cable; none where nothing is called so."""
+    """Return the elements of a group or of a cable, none if the name is unknown."""
     rows, wrong = elements_of_group(net, name)
     return elements_of_cables(net, [name])[0] if wrong else rows
 
 
 def jack_of(net: Net, name: str) -> Jack:
-    """All cables of what is called so, by one amount each."""
+    """Return one jack for all cables with a name, with one amount for each."""
     rows = rows_named(net, name)
     return Jack(name, rows, np.unique(net.cable[rows], return_inverse=True)[1])
 
 
 def jacks_of(net: Net, name: str) -> list[Jack]:
-    """Each cable of what is called so, by an amount of its own."""
+    """Return a jack for each cable with a name, with an amount of its own."""
     rows = rows_named(net, name)
     cables = [rows[net.cable[rows] == cable] for cable in dict.fromkeys(net.cable[rows].tolist())]
-    return [Jack(net.cable_names[net.cable[own[0]]], own, np.zeros(len(own), int)) for own in cables]
+    return [
+        Jack(net.cable_names[net.cable[cable_rows[0]]], cable_rows, np.zeros(len(cable_rows), int))
+        for cable_rows in cables
+    ]
 
 
 def unknown_name(net: Net, name: str) -> str:
-    """What is wrong with the name of a group or a cable, in words; "": nothing."""
+    """Return the error in the name of a group or a cable as text; "": none."""
     if len(rows_named(net, name)):
         return ""
-    known = [*(group for group in net.group_names if group), *net.cable_names]
-    return f"{shown(name)}: neither a group nor a cable; {nearest(name, known)}"
+    names = [*(group for group in net.group_names if group), *net.cable_names]
+    return f"{shown(name)}: neither a group nor a cable; {nearest(name, names)}"
 
 
 def amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Amounts (k,) [m] by Newton's method that take away what is missing (t,), the smallest that do.
+    """Compute amounts (k,) [m] that remove the misses (t,) by a Newton step, the smallest that do.
 
-    influence : (t, k) of the amounts on what is wanted; scale : (t,) sizes of these
+    influence : (t, k) of the amounts on the targets; scale : (t,) sizes of the targets
     """
     return least_squares(influence / scale[:, None], -misses / scale, WEAK).x
 
 
 def until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force: float) -> float:
-    """The amount [m] after which a slack cable would carry a force [N] where its nodes are now.
+    """Compute the amount [m] after which a slack cable would carry a force [N] at its present nodes.
 
     L, L0 : (m,) [m] lengths, unstressed lengths; EA : (m,) [N]
     """
     rows = jack.rows
-    least = max(force, SLIGHTEST * float(EA[rows].min()))
-    return float((L[rows] / (1.0 + least / EA[rows]) - L0[rows]).sum()) / (1 + int(jack.cable.max()))
+    force_to_reach = max(force, SLIGHTEST * float(EA[rows].min()))
+    return float((L[rows] / (1.0 + force_to_reach / EA[rows]) - L0[rows]).sum()) / (1 + int(jack.cable.max()))
 
 
-def missed(wanted: list[Wanted], values: np.ndarray) -> list[str]:
-    """What is wanted and what it came to, in words."""
-    unit = lambda each: "m" if each.node >= 0 else "N"
+def missed(targets: list[Wanted], values: np.ndarray) -> list[str]:
+    """Return the targets and their values as text."""
+    units = ["m" if target.node >= 0 else "N" for target in targets]
     return [
-        f"{each.words} = {each.value:.6g} {unit(each)}: came to {value:.6g} {unit(each)}"
-        for each, value in zip(wanted, values)
+        f"{target.words} = {target.value:.6g} {unit}: came to {value:.6g} {unit}"
+        for target, value, unit in zip(targets, values, units)
     ]
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What holds in a stage: everything that earlier ones set and it did not change.
+    """Setting of a stage, with everything that earlier stages set and it did not change.
 
     L0 : (m,) [m], cold; fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
-    load : what [load] is in it; pulls : forces that are wanted, each at a jack of its own in `jacks`
+    load : values of [load]; pulls : target forces, each at a jack of its own in `jacks`
     clamps : "open" or "closed"
     """
 
@@ -139,18 +145,18 @@ class Setting:
     clamps: str = "closed"
 
     def held(self, net: Net) -> np.ndarray:
-        """(n, 3) bool, axes that do not move: those of nodes where nothing is there as well."""
+        """Return the held axes (n, 3) bool, with those of nodes without elements."""
         return self.fixed | ~self.there(net)[:, None]
 
     def there(self, net: Net) -> np.ndarray:
-        """(n,) bool, nodes at which an element is there."""
+        """Return the nodes with elements, (n,) bool."""
         return np.bincount(net.elements[self.active].ravel(), minlength=net.n) > 0
 
     def forces(self, model: Model) -> np.ndarray:
-        """The loads (n, 3) [N]: self weight of the elements that are there, all else at their nodes."""
+        """Compute the loads (n, 3) [N]: self weight of active elements, everything else at their nodes."""
         net, roof = model.net, model.roof
-        whole = live_load(self.load, roof, net.load) + dead_load(self.load, roof)
-        load = np.where(self.there(net)[:, None], whole, 0.0)
+        full_load = live_load(self.load, roof, net.load) + dead_load(self.load, roof)
+        load = np.where(self.there(net)[:, None], full_load, 0.0)
         if self.load.self_weight:
             half = np.where(self.active, 0.5 * net.own_weight * self.L0, 0.0)
             for end in range(2):
@@ -159,41 +165,42 @@ class Setting:
 
 
 def first_setting(job: Job, model: Model) -> Setting:
-    """Before any stage: the net as it is, all of it there, under [load]."""
+    """Return the setting before any stage: the complete net under [load]."""
     net = model.net
-    everything, still = np.ones(net.m, bool), np.zeros_like(net.x)
-    return Setting(model.cut_length, net.fixed, everything, still, settings_of(job))
+    all_elements, no_motion = np.ones(net.m, bool), np.zeros_like(net.x)
+    return Setting(model.cut_length, net.fixed, all_elements, no_motion, settings_of(job))
 
 
-def after(before: Setting, stage: SimpleNamespace, net: Net) -> Setting:
-    """What holds in a stage that follows."""
+def after(previous: Setting, stage: SimpleNamespace, net: Net) -> Setting:
+    """Return the setting of the stage that follows."""
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
-    active = before.active if groups is None else np.isin(net.group, groups)
-    fixed, moved = before.fixed.copy(), np.zeros_like(net.x)
+    active = previous.active if groups is None else np.isin(net.group, groups)
+    fixed, motion = previous.fixed.copy(), np.zeros_like(net.x)
     released = np.isin(net.node_id, stage.release or [])
     fixed[released] = False
-    fixed[released[ends_of_inner(net)].any(1) & net.fixed.all(1)] = False  # with an end, what it held between
+    # inner nodes fixed between two fixed ends are released with an end
+    fixed[released[ends_of_inner(net)].any(1) & net.fixed.all(1)] = False
     fixed[_rows(net, stage.hold)] = True
-    for name, by in (stage.move or {}).items():
-        moved[_rows(net, [int(name)])] = by
-    L0, pulls, jacks = before.L0, [], []
-    for name, what in (stage.lengths or {}).items():
-        own = jacks_of(net, name)
-        if "change" in what:
-            L0 = jack_of(net, name).changed(L0, what["change"])
-        elif "length" in what:
-            for jack in own:
-                L0 = jack.changed(L0, what["length"] - float(L0[jack.rows].sum()))
+    for name, displacement in (stage.move or {}).items():
+        motion[_rows(net, [int(name)])] = displacement
+    L0, pulls, jacks = previous.L0, [], []
+    for name, change in (stage.lengths or {}).items():
+        own_jacks = jacks_of(net, name)
+        if "change" in change:
+            L0 = jack_of(net, name).changed(L0, change["change"])
+        elif "length" in change:
+            for jack in own_jacks:
+                L0 = jack.changed(L0, change["length"] - float(L0[jack.rows].sum()))
         else:
             first = len(jacks)
             pulls += [
-                Wanted(f"force of {jack.name}", what["force"], jack.rows, own=first + k)
-                for k, jack in enumerate(own)
+                Wanted(f"force of {jack.name}", change["force"], jack.rows, own=first + k)
+                for k, jack in enumerate(own_jacks)
             ]
-            jacks += own
-    load, clamps = with_set(before.load, "load", stage), stage.clamps or before.clamps
-    moved = with_inner(net, moved, fixed)
-    return Setting(L0, fixed, active, moved, load, tuple(pulls), tuple(jacks), clamps)
+            jacks += own_jacks
+    load, clamps = with_set(previous.load, "load", stage), stage.clamps or previous.clamps
+    motion = with_inner(net, motion, fixed)
+    return Setting(L0, fixed, active, motion, load, tuple(pulls), tuple(jacks), clamps)
 
 
 def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
@@ -201,7 +208,7 @@ def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
 
 
 def check_stages(job: Job, model: Model) -> None:
-    """Raises InputError for what is wrong in the stages of a job: names, ids, supports, lengths."""
+    """Raise InputError for errors in the stages of a job: names, ids, supports, lengths."""
     net, errors, setting = model.net, [], first_setting(job, model)
     for stage in job.stages:
         wrong = [*_wrong_names(stage, net)]
@@ -210,32 +217,32 @@ def check_stages(job: Job, model: Model) -> None:
             wrong = _wrong_state(stage, setting, net)
         errors += [f"[[stage]] {stage.name}: {line}" for line in wrong]
         if errors:
-            break  # what follows stands on it
+            break  # later stages depend on this one
     warm = setting.load.temperature
-    for each in job.combinations:
-        if warm and (prestress := factor_of(each, "prestress")) != 1.0:
+    for entry in job.combinations:
+        if warm and (prestress := factor_of(entry, "prestress")) != 1.0:
             errors.append(
-                f"[[combination]] {each.name}: prestress {prestress:g} is of forces at the temperature of "
+                f"[[combination]] {entry.name}: prestress {prestress:g} is of forces at the temperature of "
                 f'form finding, and the last [[stage]] ends at {warm:g} K; expected "load.temperature" = 0.0 '
                 "in its set, or a factor of 1"
             )
-    free, given = ~settles_along(net, setting.fixed), ends_of_inner(net)[:, 0] == np.arange(net.n)
+    free, is_given = ~settles_along(net, setting.fixed), ends_of_inner(net)[:, 0] == np.arange(net.n)
     for name, inputs in model.layout.cases.items():
         settles = np.zeros((net.n, 3)) if inputs.settlement is None else inputs.settlement
-        loose = net.node_id[((settles != 0.0) & free).any(1) & given]
-        if len(loose):
+        released = net.node_id[((settles != 0.0) & free).any(1) & is_given]
+        if len(released):
             why = "released in a [[stage]], and so free"
-            errors.append(f"[[case]] {name}: settlement: {counted('node', loose)}: {why}")
+            errors.append(f"[[case]] {name}: settlement: {counted('node', released)}: {why}")
     refuse(f"{job.path}: {line}" for line in errors)
 
 
 def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
-    """Names and ids that the net does not have."""
+    """Yield errors for names and ids that the net does not have."""
     yield from (f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name)))
-    known = [name for name in net.group_names if name]
+    names = [name for name in net.group_names if name]
     for name in stage.active or []:
         if name not in net.group_names:
-            yield f"active: no group {shown(name)}; {nearest(name, known) if known else 'none'}"
+            yield f"active: no group {shown(name)}; {nearest(name, names) if names else 'none'}"
     ids = {"hold": stage.hold, "release": stage.release, "move": map(int, stage.move or {})}
     for key, named in ids.items():
         if unknown := sorted(set(named or []) - set(net.node_id.tolist())):
@@ -243,17 +250,17 @@ def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
 
 
 def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> Iterator[str]:
-    """Moves of nodes that are free, cables without length, parts that hang on nothing."""
+    """Yield errors for moves of free nodes, cables without length, unsupported parts."""
     free = ((setting.moved != 0.0) & ~held_along(net, setting.fixed)).any(1)
     if free.any():
         yield f"move: {counted('node', net.node_id[free])}: an axis that moves must be held"
-    short = ~(setting.L0 > 0.0)
-    if short.any():
-        yield f"lengths: {counted('element', net.element_id[short])}: no length is left"
+    is_short = ~(setting.L0 > 0.0)
+    if is_short.any():
+        yield f"lengths: {counted('element', net.element_id[is_short])}: no length is left"
     for name in stage.lengths or {}:
         if not setting.active[rows_named(net, name)].all():
             yield f"lengths: {shown(name)}: not there in this stage; active says what is"
     held = part_has(parts_of(net.elements[setting.active], net.n), (setting.fixed | (net.spring > 0)).any(1))
-    loose = setting.there(net) & ~held
-    if loose.any():
-        yield f"{counted('node', net.node_id[loose])}: no support holds the part that they are in"
+    is_loose = setting.there(net) & ~held
+    if is_loose.any():
+        yield f"{counted('node', net.node_id[is_loose])}: no support holds the part that they are in"

@@ -1,1 +1,1 @@
-"""The form of a net: by tensions, by force densities, or the geometry that is given with its self-stress."""
+"""Form finding of a net: by tensions, by force densities, or the given geometry with its self-stress."""

@@ -1,4 +1,4 @@
-"""The form by force densities: one sparse linear solve (Schek 1974)."""
+"""Form finding by force densities: one sparse linear solve (Schek 1974)."""
 
 import numpy as np
 
@@ -9,12 +9,13 @@ from netfall.numerics.sparse import Singular, solve_sparse
 
 
 def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
-    """Equilibrium positions (n, 3) [m] for given force densities, or prestress / length where none are given.
+    """Compute equilibrium positions (n, 3) [m] for given force densities. Only on rank 0.
 
-    sum_e q_e (x_other - x_p) + load_p = 0 on each free axis: a sparse system, in factors. Only on rank 0.
+    Elements without a given density have prestress / length. The equation on each free axis is sum_e q_e
+    (x_other - x_p) + load_p = 0, a sparse system that is solved by factorisation.
     load : (n, 3) [N], None: none
 
-    Raises InputError where the system is singular: the densities then define no shape.
+    Raises InputError if the system is singular: the densities then define no shape.
     """
     q = np.where(np.isfinite(net.force_density), net.force_density, net.prestress / net.lengths())
     total, size = np.zeros((2, net.n))
@@ -27,17 +28,20 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
         held = net.held[:, axes[0]]
         free, place = np.flatnonzero(~held), np.cumsum(~held) - 1
         for end in range(2):
-            there = net.elements[:, 1 - end]
-            np.add.at(pull, net.elements[:, end], np.where(held[there], q, 0.0)[:, None] * net.x[there])
+            neighbour = net.elements[:, 1 - end]
+            np.add.at(
+                pull, net.elements[:, end], np.where(held[neighbour], q, 0.0)[:, None] * net.x[neighbour]
+            )
         within = ~held[net.elements].any(1)
         try:
             if load is not None:
                 pull += load
-            sides = total[free], pull[free][:, axes], size[free]
-            found = solve_sparse(place[net.elements[within]], -q[within], *sides)
+            solution = solve_sparse(
+                place[net.elements[within]], -q[within], total[free], pull[free][:, axes], size[free]
+            )
         except Singular as error:
             raise _not_held(net, free[error.rows], axes) from None
-        x[np.ix_(free, axes)] = found
+        x[np.ix_(free, axes)] = solution
         pull[:] = 0.0
     if not np.isfinite(x).all():
         p = int(np.flatnonzero(~np.isfinite(x).all(1))[0])
@@ -49,7 +53,10 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
 
 
 def _not_held(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
-    """That the nodes in these rows have no place along these axes: a singular matrix of force densities."""
+    """Return the error that the nodes in these rows have no position along these axes.
+
+    The matrix of force densities is singular.
+    """
     ids = net.node_id[rows]
     one, along = len(ids) == 1, " and ".join("xyz"[axis] for axis in axes)
     return InputError(
@@ -61,7 +68,7 @@ def _not_held(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
 
 
 def _held_alike(net: Net) -> list[list[int]]:
-    """The axes on which something is free, those together on which the same nodes are."""
+    """Group the axes with free nodes so that all axes of a group have the same free nodes."""
     groups: dict[bytes, list[int]] = {}
     for axis in range(3):
         if not net.held[:, axis].all():

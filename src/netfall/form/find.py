@@ -1,7 +1,7 @@
-"""The form of a net by the job's method (paper 2.5, steps 1 and 2).
+"""Form finding of a net by the method of the job (paper 2.5, steps 1 and 2).
 
-The shape in which it is in equilibrium under its prestress; the unstressed lengths of the real material
-follow in closed form.
+The form is the geometry in which the net is in equilibrium under its prestress. The unstressed lengths of the
+real material follow in closed form.
 """
 
 from dataclasses import dataclass
@@ -32,9 +32,9 @@ from netfall.parallel.subdomain import Distribution
 class Form:
     """Result of form finding.
 
-    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] over the free axes
-    reference : largest prestress [N] of what can move, which the tolerance refers to
-    self_stress : (k, m) states of self-stress of a geometry that is kept, on rank 0; None: not looked for
+    x : (n, 3) [m], owned and halo; N : (m,) [N]; residual : largest residual force [N] on the free axes
+    reference : largest prestress [N] of what can move, the reference of the tolerance
+    self_stress : (k, m) states of self-stress of a given geometry, on rank 0; None: not computed
     """
 
     x: np.ndarray
@@ -57,17 +57,20 @@ def find_form(
     load: np.ndarray | None = None,
     start: np.ndarray | None = None,
 ) -> Form:
-    """The form of the net by the job's method.
+    """Find the form of the net by the method of the job. Collective.
 
-    Collective. net : on rank 0, None elsewhere; stop, resume : as in `relax`
+    net : on rank 0, None elsewhere; stop, resume : see `relax`
     load : (n, 3) [N], all particles, on rank 0, that the form carries, None: none; start : positions (n, 3)
-        [m] of this rank from which to relax, None: those that are given
+        [m] of this rank from which to relax, None: the given ones
     """
     if net is not None and load is not None:
         load = load[: net.n]
     carried = distribution.particles(load) if comm.bcast(load is not None) else None
-    # columns stand apart, as in a state: what is compiled for the form then serves for equilibria too
-    particles = lambda rows: placed(distribution.particles(rows))
+
+    def particles(rows: np.ndarray | None) -> np.ndarray:
+        # strided columns as in a state, so that compiled kernels serve form finding and equilibria
+        return placed(distribution.particles(rows))
+
     x = particles(None if net is None else net.x)
     held = distribution.particles(None if net is None else held_along(net, net.held))
     free = placed(1 - held.astype(np.uint8))
@@ -75,33 +78,38 @@ def find_form(
     turned = particles(net and turned_column(net, net.held)) if guided else None
     if settings.method == "keep":
         return form_as_given(comm, net, distribution, settings, x, free, load)
-    given = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
-    mine = None if carried is None else carried[: halo.n_owned]
-    largest = lambda N: largest_force(comm, N, given.ends, free, mine)
+    given_elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
+    owned_load = None if carried is None else carried[: halo.n_owned]
+
+    def largest(N: np.ndarray) -> float:
+        return largest_force(comm, N, given_elements.ends, free, owned_load)
+
     if settings.method == "force_density" or settings.start == "force_density":
         x = particles(on_root(comm, lambda: force_density_form(net, load)))
         elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
     else:
-        elements = given
+        elements = given_elements
     if settings.method == "force_density":
         return _of_densities(
-            comm, given.densities(), elements, x, free, halo.n_owned, settings.tolerance, largest
+            comm, given_elements.densities(), elements, x, free, halo.n_owned, settings.tolerance, largest
         )
     if start is not None:
         x[:] = start
     moving = RelaxedNet(x, free, elements.ends, elements.forces, elements.bound, turned=turned)
     reference = largest(elements.T0)
-    asked = settings.tolerance * reference
-    found = form_by_tensions(
-        comm, net, distribution, halo, moving, elements, settings, asked, report, stop, resume
+    target_residual = settings.tolerance * reference
+    result = form_by_tensions(
+        comm, net, distribution, halo, moving, elements, settings, target_residual, report, stop, resume
     )
-    return Form(x, elements.N, *found, reference)
+    return Form(x, elements.N, *result, reference)
 
 
 def _of_densities(comm: MPI.Comm, q, elements: Elements, x, free, n_owned, tolerance, largest) -> Form:
-    """The form at x (n, 3) [m] by force densities q (m,) [N/m], which have to hold it. Collective.
+    """Build the form at x (n, 3) [m] from force densities q (m,) [N/m] and check its residual. Collective.
 
-    largest(N) : the largest of forces, as of `find_form`
+    largest(N) : returns the largest of forces, see `find_form`
+
+    Raises DivergedError if the residual is too large.
     """
     N = q * elements.L_start
     f = np.zeros_like(x) + elements.load
@@ -118,9 +126,12 @@ def _of_densities(comm: MPI.Comm, q, elements: Elements, x, free, n_owned, toler
 def form_as_given(
     comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, x, free, load
 ) -> Form:
-    """The geometry as given, x (n, 3) [m], and its self-stress; load : as in `find_form`. Collective."""
-    found = on_root(comm, lambda: self_stress(net, load, settings.tolerance))
-    N = distribution.elements(found and found.N)
-    residual = comm.bcast(found and float(lengths(found.residual).max()))
+    """Build the form of the given geometry, x (n, 3) [m], with its self-stress. Collective.
+
+    load : see `find_form`
+    """
+    stress = on_root(comm, lambda: self_stress(net, load, settings.tolerance))
+    N = distribution.elements(stress and stress.N)
+    residual = comm.bcast(stress and float(lengths(stress.residual).max()))
     reference = largest_force(comm, N, distribution.subdomain.ends, free)
-    return Form(x, N, 1, residual, reference, found and found.states)
+    return Form(x, N, 1, residual, reference, stress and stress.states)

@@ -1,4 +1,4 @@
-"""The form of a job: found, paused, taken up; under the permanent load, where it carries that."""
+"""Form of a job: form finding with pause, restart, and the permanent load that depends on the form."""
 
 from pathlib import Path
 
@@ -19,23 +19,26 @@ from netfall.parallel.subdomain import Distribution, cut_net
 from netfall.write.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
 
 FORM, INITIAL, FORM_LOAD = "form finding", "initial", "form load"  # names in checkpoints
-SETTLED = 0.1  # of the tolerance of the form: a permanent load that changes by less is that of the form
-MOST_TURNS = 30  # in which it gets there; each leaves some hundredth of the change before
+# share of the tolerance of the form [-]: a smaller change of the permanent load ends the iteration
+SETTLED = 0.1
+MOST_TURNS = 30  # iterations of form and load; each leaves about 1 % of the change before
 
 
 def form_of(
     job, layout: Layout | None, distribution, halo, report, result, digest, restart, checkpoint, stop
 ):
-    """Find the form; and, on rank 0, positions (n, 3) [m] and tensions (m,) [N] of the net in it. Collective.
+    """Find the form and return it with positions (n, 3) [m] and tensions (m,) [N] of the net on rank 0.
 
-    Where nothing loads an element between its ends while the form is found, it is straight and has one
-    tension: a net that was subdivided has the form of the net as given, its new particles evenly spaced.
+    Collective.
+
+    If nothing loads an element between its ends, it is straight and has one tension. So the form of a
+    subdivided net is that of the net as given, with the new particles evenly spaced.
     """
-    comm, net, loaded = distribution.comm, layout and layout.net, carries_permanent(job)
-    as_given, own_halo = layout and (net if loaded else joined(net)), None
+    comm, net, is_loaded = distribution.comm, layout and layout.net, carries_permanent(job)
+    as_given, own_halo = layout and (net if is_loaded else joined(net)), None
     if comm.bcast(layout and as_given.n < net.n):
-        part = layout and layout.part[: as_given.n]
-        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, part, comm.size))
+        ranks = layout and layout.part[: as_given.n]
+        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, ranks, comm.size))
         distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
 
@@ -44,26 +47,26 @@ def form_of(
         try:
             return find_form(comm, as_given, distribution, settings, halo, report, stop, resume, load, start)
         except Paused as pause:
-            parts = {RELAXATION: relaxation_record(distribution, pause.at)}
-            if loaded:
-                parts[FORM_LOAD] = {}, {} if load is None else {"load": load}
+            records = {RELAXATION: relaxation_record(distribution, pause.at)}
+            if is_loaded:
+                records[FORM_LOAD] = {}, {} if load is None else {"load": load}
             step = pause.at.iteration
-            path = write_before_stages(comm, job, result, digest, step, parts, restart)
+            path = write_before_stages(comm, job, result, digest, step, records, restart)
             raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
 
     try:
-        kept = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
+        record = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
         arrays = checkpoint and checkpoint.part(RELAXATION)[1]
-        resume = restored_relaxation(distribution, kept, arrays) if kept else None
-        if loaded:
-            form = _loaded(job, layout, distribution, find, resume, kept and checkpoint)
+        resume = restored_relaxation(distribution, record, arrays) if record else None
+        if is_loaded:
+            form = _loaded(job, layout, distribution, find, resume, record and checkpoint)
         else:
             form = find(resume)
     finally:
         if own_halo:
             own_halo.free()
     x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
-    if loaded or layout is None:
+    if is_loaded or layout is None:
         return form, x, N
     if form.self_stress is not None:
         form.self_stress = np.repeat(form.self_stress, net.parts, axis=1)
@@ -73,24 +76,27 @@ def form_of(
 def _loaded(
     job: Job, layout: Layout | None, distribution, find, resume, checkpoint: Checkpoint | None
 ) -> Form:
-    """The form that carries its own permanent load, which depends on it: found in turns. Collective.
+    """Find the form that carries its own permanent load, by iteration of form and load. Collective.
 
-    find(resume, load, start) : the form under a load; checkpoint : of a turn that was paused
+    find(resume, load, start) : finds the form under a load; checkpoint : of a paused iteration
     """
     comm, start, total = distribution.comm, None, 0
-    at = lambda x, N: on_root(comm, lambda: permanent_load(job, layout, x, N))
+
+    def load_in(x: np.ndarray | None, N: np.ndarray | None) -> np.ndarray | None:
+        return on_root(comm, lambda: permanent_load(job, layout, x, N))
+
     load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
     if resume is None:
-        load = at(layout and layout.net.x, layout and layout.net.prestress)
+        load = load_in(layout and layout.net.x, layout and layout.net.prestress)
     for _ in range(MOST_TURNS):
         form = find(resume, load, start)
         total += form.iterations
-        after = at(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
-        change = comm.bcast(layout and float(np.abs(after - load).max()))
+        new_load = load_in(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
+        change = comm.bcast(layout and float(np.abs(new_load - load).max()))
         if change <= SETTLED * job.form_finding.tolerance * form.reference:
             form.iterations = total
             return form
-        resume, load, start = None, after, form.x
+        resume, load, start = None, new_load, form.x
     raise DivergedError(
         f'form finding, loads = "permanent": the load of the form still changes by {change:.3g} N after '
         f"{MOST_TURNS} forms, asked {SETTLED * job.form_finding.tolerance * form.reference:.3g} N; give more "
@@ -101,9 +107,11 @@ def _loaded(
 def write_before_stages(
     comm: MPI.Comm, job: Job, result: Path, digest: str, step: int, parts: dict, given: Path | None
 ) -> Path:
-    """Write a checkpoint of a run that has no stage behind it, in place of older ones; its path. Collective.
+    """Write a checkpoint of a run before its first stage, in place of older ones; return its path.
 
-    step : by which checkpoints are told apart; the others as of `form_of`
+    Collective.
+
+    step : number in the name of the checkpoint; see `form_of` for the others
     """
     path = checkpoint_path(result, 1, step)
     record = {"job": digest, "name": job.title or job.name, "stage": FORM}
@@ -114,7 +122,7 @@ def write_before_stages(
 
 
 def initial_record(form: Form | None, model: Model | None) -> tuple[dict, dict[str, np.ndarray]]:
-    """What is kept of the state in a form and of how that was found; model : of the net in it, on rank 0."""
+    """Return the record of the initial state and of form finding; model : of the net in it, on rank 0."""
     names = ("iterations", "residual", "reference")
     small = {"form": {name: getattr(form, name) for name in names} if form else None}
     if model is None:
@@ -124,7 +132,7 @@ def initial_record(form: Form | None, model: Model | None) -> tuple[dict, dict[s
 
 
 def kept_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
-    """As of `form_of`, from the checkpoint of the run that is taken up. Collective."""
+    """Return what `form_of` does, from the checkpoint of the run that is resumed. Collective."""
     small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
     form = comm.bcast(small)["form"]
     x, states = arrays and arrays["x"], arrays and arrays.get("self_stress")

@@ -1,4 +1,4 @@
-"""The form by tensions, by Newton's method from the equilibrium of force densities."""
+"""Form finding by tensions, by Newton's method from the equilibrium of force densities."""
 
 from functools import cache
 
@@ -12,38 +12,40 @@ from netfall.multigrid.cycle import Structure
 from netfall.multigrid.lines import lines_of
 from netfall.parallel.mpi import MPI
 
-NEAR = 1e-2  # of the residual forces, what the start leaves
-SOFTER = (0.1, 0.01, 1e-3, 1e-4)  # of force densities: stiffness along elements of constant tension, in turn
-TIGHTER = 0.1  # times: the tolerance where the residual asks for more
+NEAR = 1e-2  # share of the residual force that the start may leave [-]
+# artificial stiffness along elements of constant tension, over their force density [-], in turn
+SOFTER = (0.1, 0.01, 1e-3, 1e-4)
+TIGHTER = 0.1  # factor on the tolerance [-] if the residual is still too large
 MOST_AGAIN = 4
 
 
-def newton_form(comm, distribution, halo, net, elements, settings, asked: float, stop) -> tuple | None:
-    """Move net.x to the form; iterations of conjugate gradients and the largest residual [N]. Collective.
+def newton_form(
+    comm, distribution, halo, net, elements, settings, target_residual: float, stop
+) -> tuple | None:
+    """Move net.x to the form; return conjugate gradient iterations and the largest residual [N]. Collective.
 
-    net : `relaxation.Net`; elements : `elements.Elements`; asked : [N], of the residual
-    stop : a wish to pause
+    net : `relaxation.Net`; elements : `elements.Elements`; target_residual : [N]; stop : stop flag
 
-    None where Newton's method is not tried or does not find it; net.x is then as before. Raises Paused.
+    Returns None and restores net.x if Newton's method does not apply or does not converge. Raises Paused.
     """
     if net.turned is not None:
         return None
     if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None
     before = placed(net.x)
-    kept = Structure(cache(lambda: lines_of(distribution, elements.ends, before, net.free)))
-    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), kept)
+    structure = Structure(cache(lambda: lines_of(distribution, elements.ends, before, net.free)))
+    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), structure)
     try:
         total = _towards_force_density(newton, elements)
         if elements.constant:
             total += _nearer(newton, elements)
         for k in range(MOST_AGAIN):
-            found = newton.find(settings.tolerance * TIGHTER**k, before, stop)
-            total += found.iterations
-            if found.residual > asked:
+            solution = newton.find(settings.tolerance * TIGHTER**k, before, stop)
+            total += solution.iterations
+            if solution.residual > target_residual:
                 continue
             if unstable_shape(newton) is None:
-                return total, found.residual
+                return total, solution.residual
             break
     except Stopped:
         net.x[:] = before
@@ -55,9 +57,11 @@ def newton_form(comm, distribution, halo, net, elements, settings, asked: float,
 
 
 def _towards_force_density(newton: Newton, elements) -> int:
-    """Move to where the elements, of the force densities they begin with, nearly hold each other. Collective.
+    """Move the net close to the equilibrium of its initial force densities; return the iterations.
 
-    The iterations. Raises NoConvergence where the densities hold no shape.
+    Collective.
+
+    Raises NoConvergence if the densities define no shape.
     """
     x = newton.net.x
     elements.measure(x)
@@ -74,10 +78,11 @@ def _towards_force_density(newton: Newton, elements) -> int:
 
 
 def _nearer(newton: Newton, elements) -> int:
-    """Move nearer to the form at constant tension; the iterations. Collective. Raises NoConvergence.
+    """Move the net closer to the form at constant tension; return the iterations. Collective.
 
-    The tangent has no stiffness along elements, and far away its corrections let nodes of a cable run
-    together. So it has some, less at each correction.
+    The tangent has no stiffness along elements. Far from the form its corrections would let the nodes of a
+    cable coincide. So an artificial stiffness is added that decreases with each correction. Raises
+    NoConvergence.
     """
     newton.begin()
     total = 0

@@ -1,12 +1,14 @@
-"""States of self-stress of a geometry that is given, with one axial force in each group of elements.
+"""States of self-stress of a given geometry, with one axial force per group of elements.
 
-Each group is an unknown t; with the unit vector d_e from start to end of element e, equilibrium of node p is
+Each group has one unknown t. With the unit vector d_e from start to end of element e, equilibrium of node p
+is
 
-    sum over groups  t_g  sum over e of g at p  (+-) d_e  +  load_p  =  0        on each free axis
+sum over groups  t_g  sum over e of g at p  (+-) d_e  +  load_p  =  0        on each free axis
 
 (Pellegrino and Calladine 1986, with groups as unknowns: Yuan and Dong 2003). The states without load are the
-null space of this matrix. Axial forces are the state nearest to the prestress that is asked for: the least
-sum of squares over the elements that ask for any; what these leave open has the least sum of squares.
+null space of this matrix. The axial forces are the state closest to the required prestress: least sum of
+squares over the elements that have a prestress. If that leaves freedom, the sum of squares of all forces is
+least.
 """
 
 from typing import NamedTuple
@@ -21,9 +23,9 @@ from netfall.numerics.least_squares import least_squares, times
 from netfall.numerics.rotation import from_own, to_own
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
-SHOWN = 5  # nodes out of equilibrium
-NOTHING = 1e-9  # of the prestress that is asked for: a nearest state with less has none of it
-ROUNDING = 1e-12  # of the largest pivot: what the prestress does not determine
+SHOWN = 5  # nodes out of equilibrium that a message names
+NOTHING = 1e-9  # share of the required prestress [-]: a closest state below it contains none of the prestress
+ROUNDING = 1e-12  # pivot over the largest one [-], below which the prestress does not determine an unknown
 
 
 class SelfStress(NamedTuple):
@@ -38,10 +40,11 @@ class SelfStress(NamedTuple):
 
 
 class Equations(NamedTuple):
-    """Equilibrium with one force for each group.
+    """Equilibrium equations with one force per group.
 
-    matrix : (r, c) a row for each free axis, scaled: unknowns are t sqrt(count), so their squares add up as
-        those of the elements do; of : (m,) column of each element, -1: its ends are held, it has none
+    matrix : (r, c) a row for each free axis. Unknowns are t sqrt(count), so that their sum of squares is that
+        of the elements.
+    of : (m,) column of each element, -1: none, as its ends are held
     count : (c,) elements of each column
     """
 
@@ -51,32 +54,34 @@ class Equations(NamedTuple):
 
 
 def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStress:
-    """The prestress nearest to what `net` asks for, in equilibrium with a load (n, 3) [N].
+    """Compute the prestress closest to that of `net`, in equilibrium with a load (n, 3) [N].
 
-    load : None: none; tolerance : largest residual, as a share of the largest force, up to which a set of
-    forces is a state
+    load : None: none; tolerance : largest residual over the largest force at which a set of forces is a state
 
-    Raises InputError where there is no state of self-stress, DivergedError where the load is not carried.
+    Raises InputError if there is no state of self-stress, DivergedError if the load is not carried.
     """
     equations = equations_of(net)
     free = ~net.held
-    side = np.zeros(free.sum()) if load is None else -to_own(load, net.angle)[free]
-    fit = least_squares(equations.matrix, side, tolerance)
-    asked = (equations.of >= 0) & (net.prestress != 0.0)
+    right_side = np.zeros(free.sum()) if load is None else -to_own(load, net.angle)[free]
+    fit = least_squares(equations.matrix, right_side, tolerance)
+    has_prestress = (equations.of >= 0) & (net.prestress != 0.0)
     if load is None:
-        _check_states(net, equations, fit, asked)
-    u = fit.x + times(fit.null, _nearest(net.prestress, equations, fit, asked))
+        _check_states(net, equations, fit, has_prestress)
+    u = fit.x + times(fit.null, _nearest(net.prestress, equations, fit, has_prestress))
     N = np.where(equations.of >= 0, (u / np.sqrt(equations.count))[equations.of], net.prestress)
-    if load is None and np.abs(N[asked]).max() <= NOTHING * np.abs(net.prestress[asked]).max():
-        raise InputError(_not_in_states(net, equations, fit, asked))
+    if (
+        load is None
+        and np.abs(N[has_prestress]).max() <= NOTHING * np.abs(net.prestress[has_prestress]).max()
+    ):
+        raise InputError(_not_in_states(net, equations, fit, has_prestress))
     residual = _residual(net, N, load)
-    found = SelfStress(N, residual, _states(equations, fit.null))
-    _check_residual(net, found, tolerance)
-    return found
+    result = SelfStress(N, residual, _states(equations, fit.null))
+    _check_residual(net, result, tolerance)
+    return result
 
 
 def equations_of(net: Net) -> Equations:
-    """The equations of a net, from its geometry as given. Raises InputError where they are too many."""
+    """Build the equations of a net from its geometry as given. Raises InputError if they are too many."""
     movable = (~net.held[net.elements]).any((1, 2))
     pairs = net.group * (int(net.tier.max(initial=0)) + 1) + net.tier
     _, column = np.unique(pairs[movable], return_inverse=True)
@@ -98,25 +103,29 @@ def equations_of(net: Net) -> Equations:
 
 
 def _directions(net: Net) -> np.ndarray:
-    """Unit vectors (m, 3) from start to end."""
+    """Compute unit vectors (m, 3) from start to end."""
     along = net.x[net.elements[:, 1]] - net.x[net.elements[:, 0]]
     return along / lengths(along)[:, None]
 
 
-def _nearest(prestress: np.ndarray, equations: Equations, fit, asked: np.ndarray) -> np.ndarray:
-    """Shares (k,) of the states with which the forces are nearest to the prestress of those `asked`."""
+def _nearest(prestress: np.ndarray, equations: Equations, fit, has_prestress: np.ndarray) -> np.ndarray:
+    """Compute the shares (k,) of the states whose forces are closest to the prestress.
+
+    has_prestress : (m,) bool, elements whose prestress counts
+    """
     columns = len(equations.count)
-    times_asked = np.bincount(equations.of[asked], minlength=columns)
-    total = np.bincount(equations.of[asked], prestress[asked], columns)
-    there = times_asked > 0
-    weight = np.sqrt(times_asked[there] / equations.count[there])  # of u, by which t sqrt(times_asked) comes
-    wanted = total[there] / np.sqrt(times_asked[there])
-    rows = weight[:, None] * fit.null[there]
-    return least_squares(rows, wanted - weight * fit.x[there], ROUNDING).x
+    times_asked = np.bincount(equations.of[has_prestress], minlength=columns)
+    total = np.bincount(equations.of[has_prestress], prestress[has_prestress], columns)
+    is_required = times_asked > 0
+    # the misfit of t is scaled by sqrt(times_asked), and u is t sqrt(count)
+    weight = np.sqrt(times_asked[is_required] / equations.count[is_required])
+    target = total[is_required] / np.sqrt(times_asked[is_required])
+    rows = weight[:, None] * fit.null[is_required]
+    return least_squares(rows, target - weight * fit.x[is_required], ROUNDING).x
 
 
 def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
-    """Forces (n, 3) [N] that are left on the free axes."""
+    """Compute the residual forces (n, 3) [N] on the free axes."""
     force = np.zeros((net.n, 3)) if load is None else load.copy()
     pull = N[:, None] * _directions(net)
     np.add.at(force, net.elements[:, 0], pull)
@@ -125,18 +134,18 @@ def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
 
 
 def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
-    """The states as forces of elements (k, m), the largest of each 1."""
+    """Compute the states as forces of elements (k, m), the largest of each 1."""
     forces = (null / np.sqrt(equations.count)[:, None]).T
     largest = np.abs(forces).argmax(1) if forces.size else np.zeros(0, int)
     forces = forces / forces[np.arange(len(forces)), largest][:, None]
     return np.where(equations.of >= 0, forces[:, equations.of], 0.0)
 
 
-def _check_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> None:
-    """Raises InputError where there is no state, or nothing says how large one is."""
+def _check_states(net: Net, equations: Equations, fit, has_prestress: np.ndarray) -> None:
+    """Raise InputError if there is no state, or if no prestress determines its size."""
     if not fit.null.shape[1]:
         raise InputError(_no_state(net, equations, fit.least))
-    if not asked.any():
+    if not has_prestress.any():
         raise InputError(
             '[form_finding] method = "keep": no element that can move has a prestress, to which the '
             "self-stress could be the nearest; give [cable] prestress, or that of one group"
@@ -144,48 +153,50 @@ def _check_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> Non
 
 
 def _not_in_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> str:
-    """That no state of self-stress has the prestress that is asked for; which groups have forces in them."""
+    """Return the message that no state of self-stress contains the prestress, with the groups that do."""
     states = _states(equations, fit.null)
-    named = lambda rows: ", ".join(
-        net.group_names[g] or "(without a name)" for g in np.unique(net.group[rows])
-    )
-    taking = (np.abs(states) > NOTHING).any(0)
+
+    def named(rows: np.ndarray) -> str:
+        names = [net.group_names[g] for g in np.unique(net.group[rows])]
+        return ", ".join(name or "(without a name)" for name in names)
+
+    takes_part = (np.abs(states) > NOTHING).any(0)
     return (
         f'[form_finding] method = "keep": prestress of group {named(asked)}: no state of self-stress of the '
-        f"geometry has it ({len(states)} known, with forces in {named(taking)}; the nearest one to the "
+        f"geometry has it ({len(states)} known, with forces in {named(takes_part)}; the nearest one to the "
         "prestress is zero). Give a prestress to groups that take part, or correct the geometry or the groups"
     )
 
 
 def _no_state(net: Net, equations: Equations, least: float) -> str:
-    """That there is no state of self-stress, and at which node the best set of forces fails."""
+    """Return the message that there is no state of self-stress, with the node where the best forces fail."""
     best = least_squares(equations.matrix, np.zeros(len(equations.matrix)), least * (1.0 + 1e-9)).null[:, 0]
     t = best / np.sqrt(equations.count)
     N = np.where(equations.of >= 0, t[equations.of], 0.0)
-    left = lengths(_residual(net, N, None)) / np.abs(N).max()
-    p = int(np.argmax(left))
+    misfit = lengths(_residual(net, N, None)) / np.abs(N).max()
+    p = int(np.argmax(misfit))
     return (
         '[form_finding] method = "keep": the geometry has no state of self-stress with one axial force in '
-        f"each of its {len(equations.count)} groups; the forces nearest to one leave {left[p]:.3g} of the "
+        f"each of its {len(equations.count)} groups; the forces nearest to one leave {misfit[p]:.3g} of the "
         f"largest at node {net.node_id[p]}; divide groups whose forces differ, correct the geometry, or "
         "raise tolerance if coordinates are rounded"
     )
 
 
-def _check_residual(net: Net, found: SelfStress, tolerance: float) -> None:
-    """Raises DivergedError where nodes are not in equilibrium, the farthest off first."""
-    left = lengths(found.residual)
-    asked = tolerance * np.abs(found.N).max(initial=0.0)
-    off = np.flatnonzero(~(left <= asked))
-    if not len(off):
+def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
+    """Raise DivergedError if nodes are not in equilibrium; it names the worst ones."""
+    residual = lengths(result.residual)
+    allowed = tolerance * np.abs(result.N).max(initial=0.0)
+    over = np.flatnonzero(~(residual <= allowed))
+    if not len(over):
         return
-    worst = off[np.argsort(-left[off], kind="stable")]
+    worst = over[np.argsort(-residual[over], kind="stable")]
     first = ", ".join(
-        f"node {net.node_id[p]} by [{', '.join(f'{value:.4g}' for value in found.residual[p])}] N"
+        f"node {net.node_id[p]} by [{', '.join(f'{value:.4g}' for value in result.residual[p])}] N"
         for p in worst[:SHOWN]
     )
     raise DivergedError(
-        f'[form_finding] method = "keep": {counted("node", net.node_id[off])} '
-        f"{'is' if len(off) == 1 else 'are'} not in equilibrium to {asked:.3g} N with one axial force in "
+        f'[form_finding] method = "keep": {counted("node", net.node_id[over])} '
+        f"{'is' if len(over) == 1 else 'are'} not in equilibrium to {allowed:.3g} N with one axial force in "
         f"each group: {first}; divide groups, change the geometry, or raise tolerance"
     )

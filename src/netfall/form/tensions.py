@@ -1,4 +1,4 @@
-"""The form by tensions: by dynamic relaxation, and by Newton's method where the net is large."""
+"""Form finding by tensions: by dynamic relaxation, and by Newton's method for large nets."""
 
 import numpy as np
 
@@ -12,10 +12,10 @@ from netfall.numerics.functions import lengths
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
-TOGETHER = 1e-6  # of the length at the start: an element so short is as good as gone
-LOOKS = 10  # in turn, at which one is: a node may pass close to another on its way
-MANY = 10_000  # particles: below that relaxation takes no longer than Newton's method (jobs/bench)
-WORST = 5  # nodes that a failed form names
+TOGETHER = 1e-6  # length over the initial one [-], below which the nodes of an element coincide
+LOOKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
+MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
+WORST = 5  # nodes that the message on a failure names
 ADVICE = (
     "for struts and rings set [form_finding] modulus_factor = 1, or begin with a state of self-stress, "
     'method = "keep"; give prestresses or force densities that balance at these nodes'
@@ -23,59 +23,76 @@ ADVICE = (
 
 
 def form_by_tensions(
-    comm, net, distribution, halo, moving: RelaxedNet, elements, settings, asked, report, stop, resume
+    comm,
+    net,
+    distribution,
+    halo,
+    moving: RelaxedNet,
+    elements,
+    settings,
+    target_residual,
+    report,
+    stop,
+    resume,
 ) -> tuple:
-    """Move moving.x to the form by tensions; iterations and the largest residual [N]. Collective.
+    """Move moving.x to the form by tensions; return iterations and the largest residual [N]. Collective.
 
-    By Newton's method where the net is large, or where nodes ran together in a relaxation, else by that;
-    asked : [N], of the residual; the others as of `find_form`
+    Newton's method is used if the net is large or if nodes coincide in a relaxation, otherwise relaxation.
+    target_residual : [N]; see `find_form` for the others
     """
-    by_newton = lambda: newton_form(comm, distribution, halo, moving, elements, settings, asked, stop)
-    begun = moving.x.copy(order="K")
-    large = distribution.n >= MANY
+
+    def by_newton() -> tuple | None:
+        return newton_form(comm, distribution, halo, moving, elements, settings, target_residual, stop)
+
+    start = moving.x.copy(order="K")
+    is_large = distribution.n >= MANY
     if resume is None or resume.iteration == 0:
         resume = None
-        if large and (found := by_newton()) is not None:
-            return found
+        if is_large and (result := by_newton()) is not None:
+            return result
     if elements.constant:
         report = Watch(comm, distribution, net, elements, report)
     try:
-        most = settings.max_iterations
-        return relax(comm, halo, moving, asked, most, "form finding", report, stop, resume)
+        max_iterations = settings.max_iterations
+        return relax(
+            comm, halo, moving, target_residual, max_iterations, "form finding", report, stop, resume
+        )
     except DivergedError as error:
-        worst, moving.x[:] = worst_nodes(comm, net, distribution, moving), begun
-        found = by_newton() if isinstance(error, RunTogether) and not large else None
-        if found is None:
-            more = "raise max_iterations or tolerance"
-            raise DivergedError(f"{error}; {more}; {worst}; {ADVICE}") from None
-        return found
+        worst, moving.x[:] = worst_nodes(comm, net, distribution, moving), start
+        result = by_newton() if isinstance(error, RunTogether) and not is_large else None
+        if result is None:
+            remedy = "raise max_iterations or tolerance"
+            raise DivergedError(f"{error}; {remedy}; {worst}; {ADVICE}") from None
+        return result
 
 
 class RunTogether(DivergedError):
-    """Nodes have, in a relaxation at constant tension."""
+    """Coincidence of nodes in a relaxation at constant tension."""
 
 
 class Watch:
-    """Looks, where a relaxation at constant tension is reported, whether nodes have run together.
+    """Check for nodes that coincide in a relaxation at constant tension, made whenever it reports.
 
-    Tensions that stay the same however short an element gets have their least work there: along an edge
-    cable, say, that what pulls at it does not hold apart.
+    The work of a constant tension is least when its element has zero length. So nodes of an edge cable, for
+    example, coincide if the pull of the net does not hold them apart.
     """
 
     def __init__(
         self, comm: MPI.Comm, distribution: Distribution, net: Net | None, elements: Elements, report
     ):
-        """net : on rank 0, None elsewhere; report : what is called besides"""
+        """net : on rank 0, None elsewhere; report : called in addition"""
         self.comm, self.net, self.elements, self.report = comm, net, elements, report
         self.gid, self.looks = distribution.subdomain.element_gid, 0
 
     def __call__(self, iteration: int, residual: float) -> None:
-        """Collective. Raises RunTogether where an element is as good as gone in LOOKS looks in turn."""
+        """Raise RunTogether if the nodes of an element coincide in LOOKS consecutive checks. Collective."""
         self.report(iteration, residual)
-        share = self.elements.L / self.elements.L_start
-        e = int(np.argmin(share)) if len(share) else -1
-        least, gid = min(self.comm.allgather((float(share[e]), int(self.gid[e])) if e >= 0 else (np.inf, -1)))
-        self.looks = self.looks + 1 if least < TOGETHER else 0
+        ratio = self.elements.L / self.elements.L_start
+        e = int(np.argmin(ratio)) if len(ratio) else -1
+        smallest, gid = min(
+            self.comm.allgather((float(ratio[e]), int(self.gid[e])) if e >= 0 else (np.inf, -1))
+        )
+        self.looks = self.looks + 1 if smallest < TOGETHER else 0
         if self.looks < LOOKS:
             return
         net = self.net
@@ -89,13 +106,20 @@ class Watch:
 
 
 def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, moving: RelaxedNet) -> str:
-    """The nodes with the largest residuals, at most `WORST`, in words, the same on every rank. Collective."""
+    """Return text on the nodes with the largest residuals, at most `WORST`, the same on every rank.
+
+    Collective.
+    """
     f, n = np.zeros_like(moving.x), distribution.subdomain.n_owned
     moving.forces(moving.x, f)
     size = lengths(np.where(moving.free[:n] != 0, f[:n], 0.0))
     order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:WORST]
     gid = distribution.subdomain.particle_gid[:n][order]
-    every = [pair for mine in comm.allgather(list(zip(size[order].tolist(), gid.tolist()))) for pair in mine]
-    every.sort(key=lambda pair: (-np.nan_to_num(pair[0], nan=np.inf), pair[1]))
-    told = net and ", ".join(f"node {net.node_id[p]}: {N:.3g} N" for N, p in every[:WORST])
-    return f"largest residuals: {comm.bcast(told)}"
+    pairs = [
+        pair
+        for local_pairs in comm.allgather(list(zip(size[order].tolist(), gid.tolist())))
+        for pair in local_pairs
+    ]
+    pairs.sort(key=lambda pair: (-np.nan_to_num(pair[0], nan=np.inf), pair[1]))
+    text = net and ", ".join(f"node {net.node_id[p]}: {N:.3g} N" for N, p in pairs[:WORST])
+    return f"largest residuals: {comm.bcast(text)}"

@@ -1,1 +1,1 @@
-"""The tangent stiffness and its approximate inverse, distributed over the ranks. Knows no Newton."""
+"""Tangent stiffness and its approximate inverse, distributed over the ranks. Knows no Newton."""

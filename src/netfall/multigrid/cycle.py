@@ -1,13 +1,15 @@
-"""An approximate inverse of a net's tangent stiffness, at a cost in proportion to the net.
+"""Multigrid V-cycle: an approximate inverse of a net's tangent stiffness, at a cost proportional to the net.
 
-Smoothed aggregation (Vanek, Mandel, Brezina 1996): particles are joined to aggregates of neighbours, these
-again, until few are left; each level moves its aggregates as wholes, smoothed by one step of Jacobi's
-iteration.
-Between the net and the first of them lines of elements, solved whole, take out what varies from line to line
-(`lines`); between the others, and in a net with chains that bend, Chebyshev's polynomial in the stiffness,
-scaled by each particle's 3 x 3 block, what varies from particle to particle. A cycle through the levels is
-symmetric, so that conjugate gradients may use it. All ranks make the levels, in double precision; a cycle is
-in single precision. Small levels each rank has whole.
+Smoothed aggregation (Vanek, Mandel, Brezina 1996) joins particles to aggregates of neighbours, and these to
+larger aggregates, until few are left. A correction on a coarse level moves each aggregate as a whole,
+smoothed by one Jacobi step.
+
+A line smoother works on the fine grid: it solves lines of elements exactly and damps errors that vary from
+line to line (`lines`). On coarser grids, and in a net with bending chains, a Chebyshev polynomial in the
+stiffness damps errors that vary from particle to particle. It is scaled by each particle's 3 x 3 block.
+
+A V-cycle is symmetric, so conjugate gradients may use it. All ranks set up the levels together, in double
+precision. A cycle is in single precision. Each rank holds small levels in full.
 """
 
 from collections.abc import Callable
@@ -16,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from netfall.multigrid.distributed import DistributedMatrix, first_step
-from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, levels_of
+from netfall.multigrid.levels import COARSEST, TOP_OF_JOINTS, TOP_OF_NET, levels_of
 from netfall.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.multigrid.rows import Pattern
 from netfall.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
@@ -25,16 +27,18 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 
 DEGREE = 4  # of the polynomial before and after each coarser level
-RANGE = 20.0  # the polynomial damps eigenvalues from the largest down to this part of it
-DENSE = 4 * COARSEST  # particles of the last level up to which it is solved
+RANGE = 20.0  # largest eigenvalue over the smallest one that the polynomial damps [-]
+DENSE = 4 * COARSEST  # particles of the coarsest grid up to which a direct solver is used
 
 
 @dataclass
 class Structure:
-    """What the cycles of one net have in common, its elements, axes and joints: found with the first one.
+    """Data that the cycles of one net share while its elements, axes and joints stay the same.
 
-    lines() : of the net, asked for where they serve. Collective
-    at : the elements at each particle; pattern : of the tangent; coarsenings : as of `levels_of`
+    The first cycle fills it.
+
+    lines() : returns the lines of the net, called if the line smoother applies. Collective
+    at : the elements at each particle; pattern : of the tangent; coarsenings : see `levels_of`
     """
 
     lines: Callable[[], Lines]
@@ -44,44 +48,45 @@ class Structure:
 
 
 class Cycle:
-    """The approximate inverse, for rows (n_owned, 3) on each rank."""
+    """Approximate inverse for rows (n_owned, 3) on each rank."""
 
-    def __init__(self, distribution: Distribution, net, K: Tangent, inertia: float, kept: Structure):
-        """Of a net's tangent, without what compression takes from it. Collective.
+    def __init__(self, distribution: Distribution, net, K: Tangent, inertia: float, structure: Structure):
+        """Set up the levels for a net's tangent, without the effect of compression. Collective.
 
-        net : `relaxation.Net`; inertia : share of the nodes' stiffness that is added; kept : of the net
+        net : `relaxation.Net`; inertia : share of the nodal stiffness that is added; structure : data shared
+            by the cycles of the net
         """
         comm, d = distribution.comm, distribution.subdomain
         self.comm = comm
-        if kept.at is None:
-            kept.at = incidence_of(net.ends, d.particle_gid, d.n_owned)
+        if structure.at is None:
+            structure.at = incidence_of(net.ends, d.particle_gid, d.n_owned)
         self.levels, self.factor = [], None
-        self.whole = 0  # the first level of which each rank has all rows; `rows` are those of its own ones
-        rows = tangent_rows(distribution, net, K, kept.at, inertia, kept.pattern)
-        kept.pattern, bends = rows.pattern, K.joints is not None
-        of_joints = (TOP_OF_JOINTS, DENSE) if bends else ()
-        for level in levels_of(rows, kept.coarsenings, *of_joints):
-            spread = level.matrix.comm is comm
-            if spread:
+        self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
+        rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
+        structure.pattern, has_joints = rows.pattern, K.joints is not None
+        top, coarsest = (TOP_OF_JOINTS, DENSE) if has_joints else (TOP_OF_NET, COARSEST)
+        for level in levels_of(rows, structure.coarsenings, top, coarsest):
+            is_distributed = level.matrix.comm is comm
+            if is_distributed:
                 self.rows = level.up.columns if level.up else level.matrix.rows
             if level.up is None and level.matrix.rows.n <= DENSE:
                 self.factor = level.matrix.dense()
                 factorised(self.factor)
                 break
-            self.whole += spread
-            beside = (DistributedMatrix(level.down), DistributedMatrix(level.up)) if level.up else ()
-            found = kept.lines() if not bends and not self.levels else None
-            if found and 0 < found.touching <= MOST_TOUCHING:
-                self.levels.append(
-                    _LineLevel(LineSmoother(found, level.matrix, net, K), level.product, *beside)
-                )
+            self.whole += is_distributed
+            down = DistributedMatrix(level.down) if level.up else None
+            up = DistributedMatrix(level.up) if level.up else None
+            lines = structure.lines() if not has_joints and not self.levels else None
+            if lines and 0 < lines.touching <= MOST_TOUCHING:
+                smoother = LineSmoother(lines, level.matrix, net, K)
+                self.levels.append(_LineLevel(smoother, level.product, down, up))
             else:
-                self.levels.append(_PointLevel(level.single, level.top, level.product, *beside))
-            del level  # its memory serves the next one
+                self.levels.append(_PointLevel(level.single, level.top, level.product, down, up))
+            del level  # frees memory for the next one
 
     def __call__(self, b: np.ndarray) -> np.ndarray:
-        """Nearly the displacements (n_owned, 3) that the forces b (n_owned, 3) make. Collective."""
-        with np.errstate(over="ignore"):  # of what diverges, which the caller sees
+        """Return approximate displacements (n_owned, 3) due to the forces b (n_owned, 3). Collective."""
+        with np.errstate(over="ignore"):  # the caller notices divergence
             single = b.astype(np.float32)
         return self._cycle(0, single).astype(float)
 
@@ -103,15 +108,15 @@ class Cycle:
         return x
 
     def _gathered(self, b: np.ndarray) -> np.ndarray:
-        whole = np.zeros((self.rows.n, 3), np.float32)
-        whole[self.rows.mine] = b
-        self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
-        return whole
+        all_rows = np.zeros((self.rows.n, 3), np.float32)
+        all_rows[self.rows.mine] = b
+        self.comm.Allreduce(MPI.IN_PLACE, all_rows, MPI.SUM)  # only one term is not zero, so no rounding
+        return all_rows
 
     def _solved(self, b: np.ndarray) -> np.ndarray:
         flat = b.astype(float).ravel()
         solve_factorised(self.factor, flat)
-        with np.errstate(over="ignore"):  # of a singular tangent, which conjugate gradients find out
+        with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
             return flat.reshape(-1, 3).astype(np.float32)
 
 
@@ -123,7 +128,10 @@ class _LineLevel:
     up: DistributedMatrix | None = None
 
     def smooth(self, b: np.ndarray, zero: bool) -> None:
-        """One step of the lines towards matrix x = b, on the x in `matrix.own`; as `_PointLevel.smooth`."""
+        """Take one step of the line smoother towards matrix x = b, on the x in `matrix.own`.
+
+        zero : whether to start from x = 0
+        """
         x = self.matrix.own
         if zero:
             x[:] = 0.0
@@ -142,9 +150,9 @@ class _PointLevel:
     up: DistributedMatrix | None = None
 
     def smooth(self, b: np.ndarray, zero: bool) -> None:
-        """Chebyshev's iteration of `DEGREE` terms towards matrix x = b, on the x in `matrix.own`.
+        """Take `DEGREE` terms of Chebyshev iteration towards matrix x = b, on the x in `matrix.own`.
 
-        zero : begin with x = 0
+        zero : whether to start from x = 0
         """
         middle, half = 0.5 * (self.top + self.top / RANGE), 0.5 * (self.top - self.top / RANGE)
         ratio = middle / half
@@ -157,5 +165,5 @@ class _PointLevel:
                 self.matrix.share()
             else:
                 self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
-            after = 1.0 / (2.0 * ratio - factor)
-            keep, scale, factor = after * factor, 2.0 * after / half, after
+            new_factor = 1.0 / (2.0 * ratio - factor)
+            keep, scale, factor = new_factor * factor, 2.0 * new_factor / half, new_factor

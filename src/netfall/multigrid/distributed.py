@@ -1,7 +1,7 @@
-"""Sparse matrices of 3 x 3 blocks in single precision, their rows spread over the ranks, for preconditioners.
+"""Sparse matrices of 3 x 3 blocks in single precision, with rows distributed over the ranks.
 
-A row sums its blocks in ascending global number of the column, so a product has the same bits on any number
-of ranks.
+They serve preconditioners. A row sums its blocks in ascending global number of the column, so a product has
+the same bits on any number of ranks.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ TAG = 31
 
 @kernel
 def multiply_rows(start, column, block, x, y):
-    """y (rows, 3) = blocks times x (columns, 3)."""
+    """Compute y (rows, 3) = blocks times x (columns, 3)."""
     for i in range(np.uint64(start.shape[0] - 1)):
         a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -30,9 +30,9 @@ def multiply_rows(start, column, block, x, y):
 
 @part_of_kernel
 def add_step(i, inverse, r, s, t, scale, keep, step):
-    """Row i of step = keep step + scale inverse (r, s, t).
+    """Compute row i of step = keep step + scale inverse (r, s, t).
 
-    inverse : (n, 6), of symmetric blocks the entries 00, 01, 02, 11, 12, 22
+    inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
     """
     a, b, c = inverse[i, 0], inverse[i, 1], inverse[i, 2]
     d, e, f = inverse[i, 3], inverse[i, 4], inverse[i, 5]
@@ -43,7 +43,7 @@ def add_step(i, inverse, r, s, t, scale, keep, step):
 
 @kernel
 def first_step(inverse, b, scale, step):
-    """step = scale inverse b: the step from zero. All (rows, 3); inverse : as in `add_step`"""
+    """Compute step = scale inverse b, the step from zero. All (rows, 3); inverse : as in `add_step`"""
     for i in range(step.shape[0]):
         step[i, 0] = step[i, 1] = step[i, 2] = 0.0
         add_step(i, inverse, b[i, 0], b[i, 1], b[i, 2], scale, scale, step)
@@ -51,7 +51,7 @@ def first_step(inverse, b, scale, step):
 
 @kernel
 def step_rows(start, column, block, inverse, b, x, scale, keep, step):
-    """step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
+    """Compute step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
     for i in range(np.uint64(step.shape[0])):
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -65,31 +65,31 @@ def step_rows(start, column, block, inverse, b, x, scale, keep, step):
 
 @kernel
 def dot_rows(a, b, out):
-    """Products (n,) of the rows of two arrays (n, 3)."""
+    """Fill out (n,) with the inner products of the rows of two arrays (n, 3)."""
     for p in range(out.shape[0]):
         out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
 
 
 @kernel
-def advance(step, p, q, s, left, before):
-    """s += step p; before = left; left -= step q. All (n, 3), step a number."""
+def advance(step, p, q, s, remainder, previous):
+    """Compute s += step p, previous = remainder, remainder -= step q. All (n, 3), step a number."""
     for i in range(s.shape[0]):
         for k in range(3):
             s[i, k] += step * p[i, k]
-            before[i, k] = left[i, k]
-            left[i, k] -= step * q[i, k]
+            previous[i, k] = remainder[i, k]
+            remainder[i, k] -= step * q[i, k]
 
 
 @kernel
 def turn(share, z, p):
-    """p = z + share p. Both (n, 3), share a number."""
+    """Compute p = z + share p. Both (n, 3), share a number."""
     for i in range(p.shape[0]):
         for k in range(3):
             p[i, k] = z[i, k] + share * p[i, k]
 
 
 class Shared:
-    """Rows float32 (n, 3) of this rank, `own`, and what it needs of others': `rows`, own ones first."""
+    """Rows float32 (n, 3) of this rank, `own`, with the needed rows of others: `rows`, own ones first."""
 
     def __init__(self, comm: MPI.Comm, n: int, ghosts: Ghosts):
         self.comm, self.rows = comm, np.zeros((n + len(ghosts.number), 3), np.float32)
@@ -107,7 +107,7 @@ class Shared:
         ]
 
     def share(self) -> None:
-        """Let the other ranks know `own`. Collective."""
+        """Send `own` to the ranks that need it and receive their rows. Collective."""
         requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
         for rank, places, out in self.sends:
             np.take(self.rows, places, axis=0, out=out)
@@ -116,7 +116,7 @@ class Shared:
 
 
 class DistributedMatrix:
-    """The product of a matrix with a vector, rows float32 (rows, 3) of both on each rank."""
+    """Product of a matrix with a vector, with rows float32 (rows, 3) of both on each rank."""
 
     def __init__(self, rows: BlockRows):
         """Collective."""
@@ -128,9 +128,9 @@ class DistributedMatrix:
         self.y = np.zeros((len(self.start) - 1, 3), np.float32)
 
     def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
-        """The rows of the product, in an array that the next call overwrites. Collective.
+        """Return the rows of the product, in an array that the next call overwrites. Collective.
 
-        x : (n_columns, 3); None: what is in `own`, as shared
+        x : (n_columns, 3); None: the shared content of `own`
         """
         if x is not None:
             self.own[:] = x
@@ -139,8 +139,10 @@ class DistributedMatrix:
         return self.y
 
     def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
-        """step = keep step + scale inverse (b - product with `own`), added to `own`, shared. Collective."""
-        of_step = self.start, self.column, self.block, inverse, b, self.x, scale, keep
-        step_rows(*of_step, step)
+        """Compute step = keep step + scale inverse (b - product with `own`), add it to `own`, and share.
+
+        Collective.
+        """
+        step_rows(self.start, self.column, self.block, inverse, b, self.x, scale, keep, step)
         self.own += step
         self.share()

@@ -1,11 +1,11 @@
-"""Lines of elements that run on over the particles, each solved whole: what is stiff along cables.
+"""Line smoother: lines of elements that continue over particles, each solved exactly.
 
-Along a cable a net is a thousand times as stiff as across. What varies little along cables and much from one
-to the next, no particle by itself puts right, and no coarser level has it. So the particles of a line move
-together: its part of the stiffness, a chain of 3 x 3 blocks, is solved from one end to the other and back, by
-one rank, in double precision: where cables yield, stiffness along a line differs by so much that in single
-precision its inverse is not positive. What the lines at a particle answer is added up, in ascending order of
-the lines.
+A net is about a thousand times as stiff along a cable as across. Some errors vary little along cables and
+strongly from one cable to the next. No point smoother damps them, and coarser grids do not contain them. So
+the particles of a line are solved together: the stiffness of the line is a chain of 3 x 3 blocks. One rank
+solves it, forward and back, in double precision. In single precision the inverse is not positive definite if
+cables yield, because the stiffness along a line then varies strongly. The answers of all lines at a particle
+are added in ascending order of the lines.
 """
 
 from typing import NamedTuple
@@ -21,20 +21,21 @@ from netfall.numerics.arithmetic import fused
 from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
 
-STRAIGHT = -0.8  # cosine of two elements at a particle, at most: a line turns by no more than 37 degrees
-MOST_ELEMENTS = 16  # at a particle: of more no two are one line
-MOST_TOUCHING = 7  # lines that touch one element: of more the answers, added up, go too far
+STRAIGHT = -0.8  # largest cosine of two elements at a particle: a line turns by at most 37 degrees
+MOST_ELEMENTS = 16  # at a particle: with more no two form a line
+# largest number of lines that touch one element: with more the sum of the answers overshoots
+MOST_TOUCHING = 7
 
 
 class Lines(NamedTuple):
-    """The lines that a rank solves. A place is a particle in one of them.
+    """Lines that a rank solves. A place is a particle in one of them.
 
-    start : (lines + 1,) where the places of each begin
+    start : (lines + 1,) first place of each
     node, element : (places,) the particle of each, and the element from there to the next place, -1: none
-    particles, elements : what of others this rank needs for that; own rows come first, then these
+    particles, elements : ghosts that this rank needs for that; own rows come first, then these
     element_rows : own elements, of this rank's
-    begin, place : the places of each own particle, from begin (n_owned + 1,) on; places : those of others
-    touching : at most so many places stand at one element, the two of a line as one
+    begin, place : the places of each own particle, from begin (n_owned + 1,) on; places : ghosts of these
+    touching : largest number of places at one element, with the two of a line counted as one
     """
 
     start: np.ndarray
@@ -51,22 +52,22 @@ class Lines(NamedTuple):
 
 @kernel
 def pair_elements(at, ends, x, free, other):
-    """At which element a line goes on behind each element's ends: other (m, 2), -1: it ends there.
+    """Fill other (m, 2) with the element in which the line continues beyond each end, -1: the line ends.
 
-    at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3)
-    Of the elements at a particle the two that are straightest are one line, then the two of the others.
+    at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3) The straightest pair of
+        elements at a particle forms one line, then the straightest pair of the others.
     """
     for p in range(x.shape[0]):
-        first, last = at.start[p], at.start[p + 1]
-        if last - first > MOST_ELEMENTS or not (free[p, 0] or free[p, 1] or free[p, 2]):
+        first, end = at.start[p], at.start[p + 1]
+        if end - first > MOST_ELEMENTS or not (free[p, 0] or free[p, 1] or free[p, 2]):
             continue
-        for _ in range((last - first) // 2):
-            best, one, two = STRAIGHT, -1, -1
-            for a in range(first, last):
+        for _ in range((end - first) // 2):
+            best, first_best, second_best = STRAIGHT, -1, -1
+            for a in range(first, end):
                 e, q = at.element[a], at.far[a]
                 if other[e, 0 if ends[e, 0] == p else 1] >= 0:
                     continue
-                for b in range(a + 1, last):
+                for b in range(a + 1, end):
                     f, r = at.element[b], at.far[b]
                     if other[f, 0 if ends[f, 0] == p else 1] >= 0:
                         continue
@@ -77,19 +78,19 @@ def pair_elements(at, ends, x, free, other):
                         square_q += to_q * to_q
                         square_r += to_r * to_r
                     if product < best * np.sqrt(square_q * square_r):
-                        best, one, two = product / np.sqrt(square_q * square_r), e, f
-            if one < 0:
+                        best, first_best, second_best = product / np.sqrt(square_q * square_r), e, f
+            if first_best < 0:
                 break
-            other[one, 0 if ends[one, 0] == p else 1] = two
-            other[two, 0 if ends[two, 0] == p else 1] = one
+            other[first_best, 0 if ends[first_best, 0] == p else 1] = second_best
+            other[second_best, 0 if ends[second_best, 0] == p else 1] = first_best
 
 
 @kernel
 def walk_lines(ends, other, seen, start, node, element):
-    """Fill the lines, all of them: start (m + 1,), node, element (2 m,); how many there are.
+    """Fill start (m + 1,), node, element (2 m,) with all lines and return their number.
 
-    other : of `pair_elements`; seen : (m,) of zeros, overwritten
-    A line that closes ends at the particle where it begins, which so has two places in it.
+    other : of `pair_elements`; seen : (m,) of zeros, overwritten A closed line ends at the particle where it
+        starts, which so has two places in it.
     """
     count = k = 0
     for first in range(ends.shape[0]):
@@ -104,10 +105,10 @@ def walk_lines(ends, other, seen, start, node, element):
             seen[e] = 1
             node[k], element[k] = ends[e, end], e
             k += 1
-            p, after = ends[e, 1 - end], other[e, 1 - end]
-            if after < 0 or seen[after]:
+            p, following = ends[e, 1 - end], other[e, 1 - end]
+            if following < 0 or seen[following]:
                 break
-            e, end = after, 0 if ends[after, 0] == p else 1
+            e, end = following, 0 if ends[following, 0] == p else 1
         node[k], element[k] = p, -1
         k, count = k + 1, count + 1
     start[count] = k
@@ -115,7 +116,7 @@ def walk_lines(ends, other, seen, start, node, element):
 
 
 def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
-    """start, node, element of all lines of a net, and `touching`. ends : (m, 2); x, free : (n, 3)"""
+    """Return start, node, element of all lines of a net, and `touching`. ends : (m, 2); x, free : (n, 3)"""
     n, m = len(x), len(ends)
     other, seen = np.full((m, 2), -1, np.int32), np.zeros(m, np.uint8)
     start, (node, element) = np.zeros(m + 1, np.int64), np.empty((2, 2 * m), np.int32)
@@ -123,13 +124,13 @@ def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
     count = walk_lines(ends, other, seen, start, node, element)
     node, element = node[: start[count]], element[: start[count]]
     moves = free.any(1)
-    at = np.bincount(node, minlength=n) * moves
-    touching = at[ends].sum(1) - moves[ends].all(1)
+    count_at = np.bincount(node, minlength=n) * moves
+    touching = count_at[ends].sum(1) - moves[ends].all(1)
     return start[: count + 1], node, element, int(touching.max(initial=0))
 
 
 def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> Lines:
-    """The lines of a net on these ranks: a line goes to the owner of its middle. Collective.
+    """Distribute the lines of a net: a line goes to the owner of its middle. Collective.
 
     ends : (m, 2) of this rank's elements; x, free : (n, 3) of its particles
     """
@@ -140,24 +141,26 @@ def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: 
     particles = Owners(comm, d.particle_gid[: d.n_owned])
     elements = Owners(comm, d.element_gid[d.element_owned])
     counts = np.diff(start)
-    mine = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
-    counts, own = entries_of(counts, mine)
-    places = Owners(comm, own)
+    own_lines = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
+    counts, own_places = entries_of(counts, own_lines)
+    places = Owners(comm, own_places)
     order = np.argsort(node, kind="stable")
     number = np.bincount(node, minlength=distribution.n)
-    at, place = entries_of(number, particles.mine)
-    of_node, node = _placed(comm, node[own], particles)
-    element = element[own]
-    goes_on = element >= 0
-    of_element, element[goes_on] = _placed(comm, element[goes_on], elements)
-    of_place, place = _placed(comm, order[place], places)
-    begin = np.concatenate([[0], np.cumsum(at)])
+    counts_at, place = entries_of(number, particles.mine)
+    node_ghosts, node = _placed(comm, node[own_places], particles)
+    element = element[own_places]
+    continues = element >= 0
+    element_ghosts, element[continues] = _placed(comm, element[continues], elements)
+    place_ghosts, place = _placed(comm, order[place], places)
+    begin = np.concatenate([[0], np.cumsum(counts_at)])
     start, own_elements = np.concatenate([[0], np.cumsum(counts)]), np.flatnonzero(d.element_owned)
-    return Lines(start, node, element, of_node, of_element, own_elements, begin, place, of_place, touching)
+    return Lines(
+        start, node, element, node_ghosts, element_ghosts, own_elements, begin, place, place_ghosts, touching
+    )
 
 
 def _placed(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
-    """The ghosts among wanted rows, and where each of these stands: own rows, then ghosts. Collective."""
+    """Return the ghosts among wanted rows, and the local place of each: own rows, then ghosts. Collective."""
     ghosts = ghosts_of(comm, wanted, owners)
     place = owners.place.copy()
     place[ghosts.number] = len(owners.mine) + np.arange(len(ghosts.number), dtype=np.int32)
@@ -166,20 +169,20 @@ def _placed(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarra
 
 @part_of_kernel
 def _coupling(e, axial, across, direction, i, j):
-    """An entry of the stiffness [N/m] of one end of element e against the other."""
+    """Compute an entry of the stiffness [N/m] of one end of element e against the other."""
     along = (axial[e] - across[e]) * direction[e, i]
     return -along * direction[e, j] - (across[e] if i == j else 0.0)
 
 
 @kernel
 def factorise_lines(start, node, element, diagonal, free, direction, axial, across, work, lower, inverse):
-    """The factors of each line, L D L^T by blocks: lower (places, 9), inverse (places, 6) of D.
+    """Factorise each line, L D L^T by blocks: lower (places, 9), inverse (places, 6) of D.
 
-    start, node, element : of `Lines`; diagonal (n, 3, 3), free (n, 3) : of particles
-    direction (m, 3), axial, across (m,) : of elements; inverse : entries as of `levels.invert`
+    start, node, element : of `Lines`; diagonal (n, 3, 3), free (n, 3) : of particles direction (m, 3), axial,
+        across (m,) : of elements; inverse : entries as in `levels.invert`
     work : (4, 3, 3), overwritten
     """
-    D, C, L, last = work[0], work[1], work[2], work[3]
+    D, C, L, last_inverse = work[0], work[1], work[2], work[3]
     for line in range(start.shape[0] - 1):
         for k in range(start[line], start[line + 1]):
             p, trace = node[k], 0.0
@@ -188,21 +191,25 @@ def factorise_lines(start, node, element, diagonal, free, direction, axial, acro
                 for j in range(3):
                     D[i, j], L[i, j] = diagonal[p, i, j], 0.0
             if k > start[line]:
-                q, way = node[k - 1], element[k - 1]
+                q, link = node[k - 1], element[k - 1]
                 for i in range(3):
                     for j in range(3):
                         moves = free[p, i] and free[q, j]
-                        C[i, j] = _coupling(way, axial, across, direction, i, j) if moves else 0.0
+                        C[i, j] = _coupling(link, axial, across, direction, i, j) if moves else 0.0
                 for i in range(3):
                     for j in range(3):
-                        L[i, j] = C[i, 0] * last[0, j] + C[i, 1] * last[1, j] + C[i, 2] * last[2, j]
+                        L[i, j] = (
+                            C[i, 0] * last_inverse[0, j]
+                            + C[i, 1] * last_inverse[1, j]
+                            + C[i, 2] * last_inverse[2, j]
+                        )
                 for i in range(3):
                     for j in range(3):
                         D[i, j] -= L[i, 0] * C[j, 0] + L[i, 1] * C[j, 1] + L[i, 2] * C[j, 2]
             a, b, c, d, e, f = invert(D[0, 0], D[0, 1], D[0, 2], D[1, 1], D[1, 2], D[2, 2], trace)
-            last[0, 0], last[0, 1], last[0, 2] = a, b, c
-            last[1, 0], last[1, 1], last[1, 2] = b, d, e
-            last[2, 0], last[2, 1], last[2, 2] = c, e, f
+            last_inverse[0, 0], last_inverse[0, 1], last_inverse[0, 2] = a, b, c
+            last_inverse[1, 0], last_inverse[1, 1], last_inverse[1, 2] = b, d, e
+            last_inverse[2, 0], last_inverse[2, 1], last_inverse[2, 2] = c, e, f
             for i in range(3):
                 lower[k, 3 * i], lower[k, 3 * i + 1], lower[k, 3 * i + 2] = L[i, 0], L[i, 1], L[i, 2]
             inverse[k, 0], inverse[k, 1], inverse[k, 2] = a, b, c
@@ -211,9 +218,9 @@ def factorise_lines(start, node, element, diagonal, free, direction, axial, acro
 
 @kernel
 def solve_lines(start, node, lower, inverse, x, work, y):
-    """y (places, 3) of each line, of the rows of x (n, 3) at its places; work : (places, 3), overwritten.
+    """Solve each line for y (places, 3), with the rows of x (n, 3) at its places as right-hand side.
 
-    start, node, lower, inverse : as of `factorise_lines`
+    start, node, lower, inverse : see `factorise_lines`; work : (places, 3), overwritten
     """
     for line in range(np.uint64(start.shape[0] - 1)):
         first, end = np.uint64(start[line]), np.uint64(start[line + 1])
@@ -249,7 +256,10 @@ def solve_lines(start, node, lower, inverse, x, work, y):
 
 @kernel
 def add_places(begin, place, y, scale, x):
-    """Add scale times the places of each particle to x (n_owned, 3). begin, place : of `Lines`; y : (k, 3)"""
+    """Add scale times the sum over the places of each particle to x (n_owned, 3).
+
+    begin, place : of `Lines`; y : (k, 3)
+    """
     for i in range(np.uint64(x.shape[0])):
         a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
         for k in range(np.uint64(begin[i]), np.uint64(begin[i + 1])):
@@ -260,29 +270,41 @@ def add_places(begin, place, y, scale, x):
 
 
 class LineSmoother:
-    """One step towards matrix x = b by the lines."""
+    """Damped smoother for matrix x = b that adds up the exact solutions of all lines."""
 
     def __init__(self, lines: Lines, matrix: BlockRows, net, K: Tangent):
-        """Of a tangent as `matrix` has it. Collective. net : `relaxation.Net`"""
-        comm, n, K, mine = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
-        of_elements = (
-            each if len(mine) == len(each) else each[mine] for each in (K.direction, K.axial, K.across)
+        """Factorise the lines of the tangent in `matrix`. Collective. net : `relaxation.Net`"""
+        comm, n, K, own_rows = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
+        element_arrays = (
+            rows if len(own_rows) == len(rows) else rows[own_rows]
+            for rows in (K.direction, K.axial, K.across)
         )
-        direction, axial, across = (lines.elements.joined(comm, each) for each in of_elements)
+        direction, axial, across = (lines.elements.joined(comm, rows) for rows in element_arrays)
         diagonal = lines.particles.joined(comm, matrix.diagonal())
         free = lines.particles.joined(comm, np.ascontiguousarray(net.free[:n] != 0))
         self.lines, places = lines, len(lines.node)
         self.work = np.empty((places, 3))
         self.lower, self.inverse = np.empty((places, 9)), np.empty((places, 6))
-        of_lines, factors = (lines.start, lines.node, lines.element), (self.lower, self.inverse)
-        work = np.empty((4, 3, 3))
-        factorise_lines(*of_lines, diagonal, free, direction, axial, across, work, *factors)
-        most = lines.touching  # bounds the eigenvalues; damped from there down to a third of it
-        self.scale = np.float32(2.0 / (most + max(1.0, most / 3.0)))
+        factorise_lines(
+            lines.start,
+            lines.node,
+            lines.element,
+            diagonal,
+            free,
+            direction,
+            axial,
+            across,
+            np.empty((4, 3, 3)),
+            self.lower,
+            self.inverse,
+        )
+        # bounds the eigenvalues; damped from there down to a third of it
+        bound = lines.touching
+        self.scale = np.float32(2.0 / (bound + max(1.0, bound / 3.0)))
         self.x, self.y = Shared(comm, n, lines.particles), Shared(comm, places, lines.places)
 
     def add_step(self, r: np.ndarray, x: np.ndarray) -> None:
-        """Add the step to x that answers what is left, r. Both (n_owned, 3). Collective."""
+        """Add to x the step that answers the residual r. Both (n_owned, 3). Collective."""
         lines = self.lines
         self.x.own[:] = r
         self.x.share()

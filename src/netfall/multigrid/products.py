@@ -1,8 +1,8 @@
-"""Products of matrices of `rows`, which make a coarser one, and transposed matrices.
+"""Products and transposes of distributed block matrices.
 
-Where blocks come to stand depends on the places of the others alone. So it is found once for all tangents of
-a net; blocks are then multiplied and added up in ascending global number of the rows of the second matrix, so
-that each block has the same bits on any number of ranks.
+The pattern of a result depends on the patterns of the factors alone, so it is computed once for all tangents
+of a net. Blocks are multiplied and added in ascending global number of the rows of the second matrix. So each
+block has the same bits on any number of ranks.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ NO_BLOCKS = np.zeros((0, 9))
 
 
 class FlatRows(Record):
-    """Compressed rows of blocks: `rows.Rows` for kernels. block : (k, 9), absent where places alone count"""
+    """Compressed rows of blocks: `rows.Rows` for kernels. block : (k, 9), empty if only the pattern counts"""
 
     start: i8
     column: i4
@@ -24,9 +24,9 @@ class FlatRows(Record):
 
 
 class Product:
-    """Makes the product of two matrices. `pattern` is its.
+    """Product of two matrices with given patterns; `pattern` is that of the product.
 
-    ghosts : rows of the second one that others own
+    ghosts : rows of the second one that other ranks own
     """
 
     def __init__(self, first: Pattern, second: Pattern):
@@ -42,7 +42,7 @@ class Product:
         self.pattern = Pattern(first.comm, *sorted_rows, first.rows, second.columns)
 
     def of(self, first: BlockRows, second: BlockRows) -> BlockRows:
-        """Collective."""
+        """Compute the product of two matrices. Collective."""
         ghosts, pattern = self.ghosts.of(second), self.pattern
         block, slot = np.zeros((len(pattern.column), 9)), np.empty(pattern.columns.n, np.int64)
         rows = (
@@ -58,7 +58,7 @@ class Product:
 def product_columns(first, second, ghosts, slot, start, column):
     """Fill start (rows + 1,) and, if it is not empty, column (k,) of a product, in no order.
 
-    first, second, ghosts : `FlatRows`, the last ones the second's rows of others; slot : (n,) scratch
+    first, second, ghosts : `FlatRows`, the last ones the second's rows of other ranks; slot : (n,) scratch
     """
     n, end = second.start.shape[0] - 1, 0
     for c in range(slot.shape[0]):
@@ -76,7 +76,7 @@ def product_columns(first, second, ghosts, slot, start, column):
 
 @part_of_kernel
 def _note_columns(i, rows, j, slot, column, end):
-    """Add the columns of row j to those of row i, which are marked by its number; the new end."""
+    """Add the columns of row j to those of row i, marked by i in `slot`; return the new end."""
     for k in range(rows.start[j], rows.start[j + 1]):
         c = rows.column[k]
         if slot[c] != i:
@@ -89,7 +89,7 @@ def _note_columns(i, rows, j, slot, column, end):
 
 @part_of_kernel
 def _add_product(a, i, b, j, c, k):
-    """c[k] += a[i] b[j], of blocks (9,)."""
+    """Compute c[k] += a[i] b[j] for blocks (9,)."""
     for row in range(3):
         u, v, w = a[i, 3 * row], a[i, 3 * row + 1], a[i, 3 * row + 2]
         for s in range(3):
@@ -100,9 +100,9 @@ def _add_product(a, i, b, j, c, k):
 
 @kernel
 def add_products(first, second, ghosts, start, column, slot, out):
-    """Add the products of the rows to zeros, out (k, 9), whose places are start (rows + 1,), column (k,).
+    """Add the products of the rows to out (k, 9), zeros, with rows start (rows + 1,), column (k,).
 
-    first, second, ghosts : as of `product_columns`; slot : (n,) scratch
+    first, second, ghosts : see `product_columns`; slot : (n,) scratch
     """
     n = second.start.shape[0] - 1
     for i in range(np.uint64(start.shape[0] - 1)):
@@ -118,53 +118,61 @@ def add_products(first, second, ghosts, start, column, slot, out):
 
 @part_of_kernel
 def _add_row(block, entry, rows, j, slot, out):
-    """Add a block times row j to the row of a product whose columns stand at slot."""
+    """Add a block times row j to the row of a product whose columns are at `slot`."""
     for k in range(np.uint64(rows.start[j]), np.uint64(rows.start[j + 1])):
         _add_product(block, entry, rows.block, k, out, np.uint64(slot[rows.column[k]]))
 
 
 class Transposed:
-    """Makes the transposed of a matrix. `pattern` is its.
+    """Transpose of a matrix with a given pattern; `pattern` is that of the transpose.
 
-    entries : of each rank the blocks that it needs; source : which block, own ones first, each one is
+    entries : blocks that each rank needs; source : index of each block, own ones first
     """
 
     def __init__(self, matrix: Pattern):
         """Collective."""
-        self.comm, mine = matrix.comm, matrix.rows.mine
+        self.comm, own_rows = matrix.comm, matrix.rows.mine
         rank = matrix.columns.rank[matrix.column]
         self.entries = [
-            np.flatnonzero(rank == to) if to != self.comm.rank else np.zeros(0, int)
-            for to in range(self.comm.size)
+            np.flatnonzero(rank == target) if target != self.comm.rank else np.zeros(0, int)
+            for target in range(self.comm.size)
         ]
-        parts = [(matrix.row[entries], matrix.column[entries]) for entries in self.entries]
-        row, column = (np.concatenate(each) for each in zip(*self.comm.alltoall(parts)))
-        number = np.concatenate([mine, row]).astype(np.int32)
-        place = place_here(self.comm, matrix.columns)
-        here = place[np.concatenate([matrix.column, column])]
-        start = starts_of(np.bincount(here[here >= 0], minlength=len(matrix.columns.mine)))
+        sent = [(matrix.row[entries], matrix.column[entries]) for entries in self.entries]
+        row, column = (np.concatenate(arrays) for arrays in zip(*self.comm.alltoall(sent)))
+        number = np.concatenate([own_rows, row]).astype(np.int32)
+        local_index = place_here(self.comm, matrix.columns)
+        local_row = local_index[np.concatenate([matrix.column, column])]
+        start = starts_of(np.bincount(local_row[local_row >= 0], minlength=len(matrix.columns.mine)))
         row, self.source = np.empty((2, start[-1]), np.int32)
         order = np.argsort(number, kind="stable")
         transpose_rows(
-            order, number, matrix.start, matrix.column, column, place, start[:-1].copy(), row, self.source
+            order,
+            number,
+            matrix.start,
+            matrix.column,
+            column,
+            local_index,
+            start[:-1].copy(),
+            row,
+            self.source,
         )
         self.pattern = Pattern(self.comm, start, row, matrix.columns, matrix.rows)
 
     def of(self, matrix: BlockRows) -> BlockRows:
-        """Collective."""
-        more = np.concatenate(self.comm.alltoall([matrix.block[entries] for entries in self.entries]))
+        """Compute the transpose of a matrix. Collective."""
+        received = np.concatenate(self.comm.alltoall([matrix.block[entries] for entries in self.entries]))
         block = np.empty((len(self.source), 3, 3))
-        transpose_blocks(self.source, matrix.block, more, block)
+        transpose_blocks(self.source, matrix.block, received, block)
         return BlockRows(self.pattern, block)
 
 
 @kernel
 def transpose_rows(order, number, begin, column, more_column, place, free_place, row, source):
-    """Fill row (k,) and source (k,) of a transposed matrix.
+    """Fill row (k,) and source (k,) of a transpose.
 
-    order : rows by their number, ascending; those after the own ones have one entry each, of `more`
-    number : of the rows; begin, column : of own ones; place : of each column here, or -1
-    free_place : where the entries of each column begin, overwritten
+    order : rows by ascending number; rows after the own ones have one entry each, in `more_column`
+    number : of the rows; begin, column : of own ones; place : of each column on this rank, or -1
+    free_place : first place of the entries of each column, overwritten
     """
     n = begin.shape[0] - 1
     for r in order:
@@ -178,7 +186,7 @@ def transpose_rows(order, number, begin, column, more_column, place, free_place,
 
 @kernel
 def transpose_blocks(source, own, more, out):
-    """Fill out (k, 3, 3) with transposed blocks, of own ones and, counted on, more."""
+    """Fill out (k, 3, 3) with transposed blocks of `own` and, with indices that continue, `more`."""
     for k in range(source.shape[0]):
         e = source[k]
         for i in range(3):

@@ -1,4 +1,4 @@
-"""Sparse matrices of 3 x 3 blocks in double precision, their rows spread over the ranks.
+"""Sparse matrices of 3 x 3 blocks in double precision, with rows distributed over the ranks.
 
 A row keeps its blocks in ascending global number of the column, and a product sums in that order. So it has
 the same bits on any number of ranks.
@@ -13,10 +13,10 @@ from netfall.parallel.mpi import MPI
 
 
 class Owners:
-    """Which rank owns which rows of a matrix, or of a vector; all ranks know it.
+    """Distribution of the rows of a matrix or vector over the ranks, known to all ranks.
 
-    mine : global numbers of this rank's rows, in its order; rank, place : (n,) the owner of each row, and
-        where the row stands there
+    mine : global numbers of this rank's rows, in its order; rank, place : (n,) the owner of each row, and its
+        index on that rank
     """
 
     def __init__(self, comm: MPI.Comm, mine: np.ndarray):
@@ -24,15 +24,15 @@ class Owners:
         everyone = comm.allgather(mine)
         self.mine, self.n = mine, sum(map(len, everyone))
         self.rank, self.place = np.empty((2, self.n), np.int32)
-        for rank, own in enumerate(everyone):
-            self.rank[own], self.place[own] = rank, np.arange(len(own))
+        for rank, rows in enumerate(everyone):
+            self.rank[rows], self.place[rows] = rank, np.arange(len(rows))
 
 
 class Ghosts(NamedTuple):
-    """What a rank needs of others' rows, and they of its own.
+    """Rows of other ranks that a rank needs, and rows of its own that others need.
 
-    number : global numbers, owner by owner, each owner's ascending; counts : (ranks,) of each owner
-    asked : of each rank the places of this rank's rows that it needs
+    number : global numbers, ordered by owner, ascending for each owner; counts : (ranks,) of each owner
+    asked : for each rank the places of this rank's rows that it needs
     """
 
     number: np.ndarray
@@ -40,40 +40,43 @@ class Ghosts(NamedTuple):
     asked: list[np.ndarray]
 
     def joined(self, comm: MPI.Comm, own: np.ndarray) -> np.ndarray:
-        """This rank's rows (n, ...), then those that it needs of others. Collective."""
+        """Return this rank's rows (n, ...), followed by its ghosts. Collective."""
         if comm.size == 1:
             return own
         return np.concatenate([own, *comm.alltoall([own[places] for places in self.asked])])
 
 
 def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
-    """The ghosts among rows that a rank needs, by global numbers in any order and number. Collective."""
+    """Find the ghosts among rows that a rank needs, by global numbers in any order and number. Collective."""
     needs = np.zeros(owners.n, bool)
     needs[wanted] = True
     needs[owners.mine] = False
     number = np.flatnonzero(needs)
     number = number[np.argsort(owners.rank[number], kind="stable")]
     counts = np.bincount(owners.rank[number], minlength=comm.size)
-    asked = comm.alltoall(np.split(owners.place[number], np.cumsum(counts)[:-1]))
-    return Ghosts(number, counts, asked)
+    requested = comm.alltoall(np.split(owners.place[number], np.cumsum(counts)[:-1]))
+    return Ghosts(number, counts, requested)
 
 
 class Pattern:
-    """Where the rows of a rank have blocks, as all matrices have that are made of the same places."""
+    """Pattern of the blocks in the rows of a rank."""
 
     def __init__(self, comm: MPI.Comm, start: np.ndarray, column: np.ndarray, rows: Owners, columns: Owners):
-        """start : (rows + 1,) where those of each begin; column : (k,) global numbers, ascending in a row"""
+        """start : (rows + 1,) first block of each; column : (k,) global numbers, ascending in a row"""
         self.comm, self.rows, self.columns = comm, rows, columns
         self.start, self.column = start.astype(np.int64, copy=False), column.astype(np.int32, copy=False)
 
     @cached_property
     def ghosts(self) -> Ghosts:
-        """Columns that others own. Collective at first."""
+        """Return the columns that other ranks own. Collective at the first call."""
         return ghosts_of(self.comm, self.column, self.columns)
 
     @cached_property
     def local(self) -> np.ndarray:
-        """The columns (k,) as they stand on this rank, then ghosts. Collective at first."""
+        """Return the local indices (k,) of the columns: own ones, then ghosts.
+
+        Collective at the first call.
+        """
         place = self.columns.place.copy()
         first = len(self.columns.mine)
         place[self.ghosts.number] = first + np.arange(len(self.ghosts.number), dtype=np.int32)
@@ -81,17 +84,17 @@ class Pattern:
 
     @cached_property
     def row(self) -> np.ndarray:
-        """The global number (k,) of the row of each block."""
+        """Return the global number (k,) of the row of each block."""
         return np.repeat(self.rows.mine, np.diff(self.start))
 
     @cached_property
     def diagonal(self) -> np.ndarray:
-        """Which blocks (rows,) are those on the diagonal of a square matrix."""
+        """Return the indices (rows,) of the diagonal blocks of a square matrix."""
         return np.flatnonzero(self.column == self.row)
 
 
 class BlockRows:
-    """The rows of a matrix that this rank owns: blocks (k, 3, 3) at the places of a pattern."""
+    """Rows of a matrix that this rank owns: blocks (k, 3, 3) in a pattern."""
 
     def __init__(self, pattern: Pattern, block: np.ndarray):
         self.pattern, self.block = pattern, block
@@ -99,61 +102,61 @@ class BlockRows:
 
     @property
     def local(self) -> "Rows":
-        """Columns as they stand on this rank, then ghosts. Collective at first."""
+        """Return the rows with local column indices: own ones, then ghosts. Collective at the first call."""
         return Rows(self.pattern.start, self.pattern.local, self.block)
 
     def diagonal(self) -> np.ndarray:
-        """The blocks (rows, 3, 3) on the diagonal of a square matrix."""
+        """Return the diagonal blocks (rows, 3, 3) of a square matrix."""
         return self.block[self.pattern.diagonal]
 
     def dense(self) -> np.ndarray:
-        """The whole matrix (3 rows, 3 columns of all) on every rank. Collective."""
-        whole = np.zeros((self.rows.n, 3, self.columns.n, 3))
-        whole[self.pattern.row, :, self.pattern.column] = self.block
-        self.comm.Allreduce(MPI.IN_PLACE, whole, MPI.SUM)  # one term that is not zero: no rounding
-        return whole.reshape(3 * self.rows.n, -1)
+        """Return the whole matrix (3 rows, 3 columns of all) on every rank. Collective."""
+        dense = np.zeros((self.rows.n, 3, self.columns.n, 3))
+        dense[self.pattern.row, :, self.pattern.column] = self.block
+        self.comm.Allreduce(MPI.IN_PLACE, dense, MPI.SUM)  # only one term is not zero, so no rounding
+        return dense.reshape(3 * self.rows.n, -1)
 
 
 class Everywhere:
-    """A square matrix, all of whose rows each rank has."""
+    """Square matrix of which each rank has all rows."""
 
     def __init__(self, pattern: Pattern):
         """Collective."""
         self.comm = pattern.comm
-        parts = self.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
-        row, counts, column = (np.concatenate(each) for each in zip(*parts))
+        gathered = self.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
+        row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
         counts, self.entries = entries_of(counts, np.argsort(row))
         owners = Owners(MPI.COMM_SELF, np.arange(pattern.rows.n))
         self.pattern = Pattern(MPI.COMM_SELF, starts_of(counts), column[self.entries], owners, owners)
 
     def of(self, matrix: BlockRows) -> BlockRows:
-        """Collective."""
+        """Collect the rows of a matrix from all ranks. Collective."""
         return BlockRows(self.pattern, np.concatenate(self.comm.allgather(matrix.block))[self.entries])
 
 
 class Borrowed:
-    """Rows that a rank needs of others."""
+    """Rows of a matrix that a rank receives from others."""
 
     def __init__(self, pattern: Pattern, asked: list[np.ndarray]):
-        """asked : of each rank the rows that it asks this one for. Collective."""
-        self.comm, self.entries, out = pattern.comm, [], []
+        """asked : for each rank the rows that it needs of this one. Collective."""
+        self.comm, self.entries, sent = pattern.comm, [], []
         for places in asked:
             counts, entries = entries_of(np.diff(pattern.start), places)
             self.entries.append(entries)
-            out.append((counts, pattern.column[entries]))
-        counts, self.column = (np.concatenate(each) for each in zip(*self.comm.alltoall(out)))
+            sent.append((counts, pattern.column[entries]))
+        counts, self.column = (np.concatenate(arrays) for arrays in zip(*self.comm.alltoall(sent)))
         self.start = starts_of(counts)
 
     def of(self, matrix: BlockRows) -> "Rows":
-        """Those of a matrix. Collective."""
-        parts = self.comm.alltoall([matrix.block[entries] for entries in self.entries])
-        return Rows(self.start, self.column, np.concatenate(parts))
+        """Receive the rows of a matrix. Collective."""
+        received = self.comm.alltoall([matrix.block[entries] for entries in self.entries])
+        return Rows(self.start, self.column, np.concatenate(received))
 
 
 class Rows(NamedTuple):
     """Compressed rows of blocks.
 
-    start : (rows + 1,) where those of each begin; column : (k,); block : (k, 3, 3)
+    start : (rows + 1,) first block of each; column : (k,); block : (k, 3, 3)
     """
 
     start: np.ndarray
@@ -162,21 +165,21 @@ class Rows(NamedTuple):
 
 
 def place_here(comm: MPI.Comm, owners: Owners) -> np.ndarray:
-    """Where each row (n,) stands on this rank, -1: on another."""
+    """Return the index of each row (n,) on this rank, -1: on another."""
     return np.where(owners.rank == comm.rank, owners.place, np.int32(-1))
 
 
 def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int):
-    """A scipy BSR array of blocks (k, 3, 3) in rows of blocks from start (rows + 1,)."""
+    """Build a scipy BSR array of blocks (k, 3, 3) with rows of blocks from start (rows + 1,)."""
     from scipy.sparse import bsr_array
 
-    # Of unlike integers scipy would copy the columns, to the wider ones.
+    # with different integer types scipy would copy the columns to the wider one
     start = start.astype(column.dtype, copy=False)
     return bsr_array((block, column, start), shape=(3 * (len(start) - 1), 3 * n_columns))
 
 
 def ascending(start: np.ndarray, column: np.ndarray, n_columns: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same compressed rows, the columns of each in ascending order."""
+    """Return the same compressed rows with the columns of each in ascending order."""
     from scipy.sparse import csr_array
 
     shape = len(start) - 1, n_columns
@@ -186,11 +189,14 @@ def ascending(start: np.ndarray, column: np.ndarray, n_columns: int) -> tuple[np
 
 
 def starts_of(counts: np.ndarray) -> np.ndarray:
-    """Where rows of so many entries begin (rows + 1,)."""
+    """Return the first entry of rows with these counts (rows + 1,)."""
     return np.concatenate([[0], np.cumsum(counts)])
 
 
 def entries_of(counts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of compressed rows with so many entries: how many some of them have, and where these stand."""
+    """Select rows of a compressed matrix: return their numbers of entries, and the indices of the entries.
+
+    counts : entries of each row of the matrix; rows : the selected ones
+    """
     start, counts = (np.cumsum(counts) - counts)[rows], counts[rows]
     return counts, np.repeat(start - (np.cumsum(counts) - counts), counts) + np.arange(counts.sum())

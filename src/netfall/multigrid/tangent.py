@@ -1,4 +1,4 @@
-"""The tangent stiffness of a net at its positions, for Newton's method."""
+"""Tangent stiffness of a net at its positions, for Newton's method."""
 
 from typing import NamedTuple
 
@@ -15,17 +15,19 @@ from netfall.multigrid.joints import joint_tangent, with_joints
 from netfall.multigrid.rows import BlockRows, Owners, Pattern, blocks_of
 from netfall.parallel.subdomain import Distribution
 
-STIFF = 1e4  # times a node's stiffness: of a line on which it is held; single precision bears that
+# stiffness over a node's stiffness [-] along a line on which it is held; single precision tolerates it
+STIFF = 1e4
 
 
 class Tangent(NamedTuple):
     """Stiffness of a net at its positions.
 
-    N : (m,) [N]; direction : (m, 3) along the elements; axial, across : (m,) [N/m], of compression negative
-    support : (n, 3) [N/m] or None; between : (n,) [N/m] of it, between x and y, or None
+    N : (m,) [N]; direction : (m, 3) along the elements; axial, across : (m,) [N/m], negative under
+        compression
+    support : (n, 3) [N/m] or None; between : (n,) [N/m] of it, coupling x and y, or None
     nodal : (n,) [N/m], the elements' and supports' largest stiffness at each particle
-    joints : of chains that bend, None: there are none
-    slip : what cables that slip take from all this (`equilibrium.slip.SlipTangent`), None: none does
+    joints : of bending chains, None: there are none
+    slip : reduction by sliding cables (`equilibrium.slip.SlipTangent`), None: none slides
     """
 
     N: np.ndarray
@@ -40,19 +42,20 @@ class Tangent(NamedTuple):
 
     @property
     def softened(self) -> bool:
-        """Whether this rank has anything that takes from the stiffness: compression, moments."""
+        """Return whether this rank has anything that reduces the stiffness: compression, moments."""
         return self.joints is not None or bool(self.across.min(initial=0.0) < 0.0)
 
 
 def tangent_of(state: State) -> Tangent:
-    """The tangent stiffness of a state's elements and supports at its positions."""
+    """Compute the tangent stiffness of a state's elements and supports at its positions."""
     N, axial, across = np.empty((3, state.m))
     direction = np.empty((state.m, 3))
     element_tangents(state.x, *state.of_a_moment, N, direction, axial, across)
     springs = state.features.springs
     nodal = largest_springs(state.spring, state.turned).astype(float) if springs else np.zeros(state.n_local)
     nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
-    support = np.array(state.spring, float, order="C") if springs else None  # its own: guides add to it
+    # a copy, because guides add to it
+    support = np.array(state.spring, float, order="C") if springs else None
     between = None
     if state.turned is not None:
         support, between = _with_guides(support, state.turned[: len(nodal)], nodal)
@@ -61,9 +64,10 @@ def tangent_of(state: State) -> Tangent:
 
 
 def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarray) -> tuple:
-    """`support` and `between` of a tangent with stiff springs along lines on which supports hold.
+    """Return `support` and `between` of a tangent with stiff springs along the lines held by supports.
 
-    Nothing moves along these lines: the springs keep matrices positive, and approximate inverses near.
+    Nothing moves along these lines. The springs keep matrices positive definite and approximate inverses
+    accurate.
     """
     stiff, n = STIFF * nodal, turned[:, :2]
     support = np.zeros((len(turned), 3)) if support is None else support
@@ -72,13 +76,13 @@ def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarr
 
 
 def without_compression(K: Tangent) -> Tangent:
-    """The tangent without what compression, and moments, take from it."""
+    """Return the tangent without the negative contributions of compression and moments."""
     joints = K.joints and K.joints._replace(stiffness=K.joints.positive)
     return K._replace(across=np.maximum(K.across, 0.0), joints=joints)
 
 
 def scattered(number: np.ndarray) -> np.ndarray:
-    """Numbers from -0.5 to 0.5, as if by chance, that depend on the given integers alone (SplitMix64)."""
+    """Compute pseudo-random numbers from -0.5 to 0.5 that depend on the given integers alone (SplitMix64)."""
     bits = number.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
     bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -86,9 +90,9 @@ def scattered(number: np.ndarray) -> np.ndarray:
 
 
 class Incidence(NamedTuple):
-    """The elements at each of the first particles, in ascending number of the far end.
+    """Elements at each of the first particles, in ascending number of the far end.
 
-    start : (rows + 1,) where those of each begin; element, far : (k,) row of the element, and of its far end
+    start : (rows + 1,) first entry of each; element, far : (k,) row of the element, and of its far end
     """
 
     start: np.ndarray
@@ -97,17 +101,17 @@ class Incidence(NamedTuple):
 
 
 def incidence_of(ends: np.ndarray, number: np.ndarray, rows: int) -> Incidence:
-    """The elements at the first `rows` particles. ends : (m, 2); number : (n,) of the particles."""
+    """Find the elements at the first `rows` particles. ends : (m, 2); number : (n,) of the particles."""
     start, ends = np.zeros(rows + 1, np.int64), ends.astype(np.uint32, copy=False)
     count_elements(ends, start)
-    at = Incidence(start, *np.empty((2, start[-1]), np.int32))
-    list_elements(ends, number, start[:-1].copy(), *at)
-    return at
+    incidence = Incidence(start, *np.empty((2, start[-1]), np.int32))
+    list_elements(ends, number, start[:-1].copy(), *incidence)
+    return incidence
 
 
 @kernel
 def count_elements(ends, start):
-    """Add up how many elements each row has, and those before it, in start (rows + 1,) of zeros."""
+    """Fill start (rows + 1,), zeros, with the cumulative number of elements of the rows."""
     rows = start.shape[0] - 1
     for e in range(ends.shape[0]):
         for end in range(2):
@@ -136,7 +140,7 @@ def list_elements(ends, number, free_place, start, element, far):
 
 @part_of_kernel
 def _block_of(e, direction, axial, across, i, j):
-    """An entry of the stiffness [N/m] of one end of an element against the other."""
+    """Compute an entry of the stiffness [N/m] of one end of an element against itself."""
     along = (axial[e] - across[e]) * direction[e, i]
     return along * direction[e, j] + (across[e] if i == j else 0.0)
 
@@ -153,9 +157,9 @@ def add_diagonal(ends, direction, axial, across, out):
 
 @kernel
 def hold_diagonal(free, support, inertia, between, out):
-    """Add supports to diagonal blocks (rows, 3, 3), then leave 1 on held axes. Others : of `block_matrix`
+    """Add supports to diagonal blocks (rows, 3, 3), then set held axes to 1. Others : of `block_matrix`
 
-    support, between : without elements where nothing has that
+    support, between : empty if there is none
     """
     for p in range(out.shape[0]):
         for i in range(3):
@@ -171,7 +175,7 @@ def hold_diagonal(free, support, inertia, between, out):
 
 @kernel
 def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block):
-    """Fill the rows of a matrix: start (rows + 1,), column (k,), block (k, 3, 3) of zeros; k at most.
+    """Fill the rows of a matrix: start (rows + 1,), column (k,), block (k, 3, 3) of zeros; k is a bound.
 
     at : `Incidence`; the others are of `block_matrix`; diagonal : (n, 3, 3)
     """
@@ -179,16 +183,16 @@ def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, star
     for p in range(start.shape[0] - 1):
         start[p] = k
         moves = free[p, 0] or free[p, 1] or free[p, 2]
-        before = True  # the diagonal is still to come
+        needs_diagonal = True  # the diagonal block is still to be added
         for entry in range(at.start[p], at.start[p + 1] + 1):
-            last = entry == at.start[p + 1]
-            if before and (last or number[at.far[entry]] > number[p]):
+            is_end = entry == at.start[p + 1]
+            if needs_diagonal and (is_end or number[at.far[entry]] > number[p]):
                 column[k] = number[p]
                 for i in range(3):
                     for j in range(3):
                         block[k, i, j] = diagonal[p, i, j]
-                k, before = k + 1, False
-            if last:
+                k, needs_diagonal = k + 1, False
+            if is_end:
                 break
             e, q = at.element[entry], at.far[entry]
             if not (moves and (free[q, 0] or free[q, 1] or free[q, 2])):
@@ -208,11 +212,11 @@ def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, star
 def block_matrix(
     ends, direction, axial, across, free, support, inertia, number, at: Incidence, columns: int, between=None
 ):
-    """The tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
+    """Build the tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
 
     ends : (m, 2); direction : (m, 3); axial, across : (m,) [N/m]; free : (n, 3) bool; support : (n, 3) or
-    None; inertia : (n,) [N/m]; number : (n,) of a particle's column; columns : how many
-    between : (n,) or None, of supports between x and y; at : the rows that are made, of the first particles
+        None; inertia : (n,) [N/m]; number : (n,) of a particle's column; columns : their number
+    between : (n,) or None, of supports between x and y; at : the rows to build, of the first particles
     """
     rows, ends = len(at.start) - 1, ends.astype(np.uint32, copy=False)
     diagonal, free = np.zeros((len(free), 3, 3)), np.ascontiguousarray(free)
@@ -221,8 +225,8 @@ def block_matrix(
     support = np.zeros((0, 3)) if support is None else np.ascontiguousarray(support)
     between = np.zeros(0) if between is None else np.ascontiguousarray(between)
     hold_diagonal(free, support, inertia, between, diagonal)
-    start, most = np.empty(rows + 1, np.int64), rows + len(at.far)
-    column, block = np.empty(most, np.int32), np.zeros((most, 3, 3))
+    start, capacity = np.empty(rows + 1, np.int64), rows + len(at.far)
+    column, block = np.empty(capacity, np.int32), np.zeros((capacity, 3, 3))
     fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)
     return blocks_of(block[: start[-1]], column[: start[-1]], start, columns)
 
@@ -230,18 +234,28 @@ def block_matrix(
 def tangent_rows(
     distribution: Distribution, net, K: Tangent, at: Incidence, inertia: float, pattern: Pattern | None = None
 ) -> BlockRows:
-    """The tangent as a matrix, compression left out. Collective.
+    """Build the tangent as a distributed matrix, without compression. Collective.
 
-    net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodes' stiffness
-    that is added; pattern : of an earlier one of the same net
+    net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodal stiffness
+        that is added; pattern : of an earlier one of the same net
     """
     d, K = distribution.subdomain, without_compression(K)
-    elements = K.direction, K.axial, K.across
-    supports = net.free != 0, K.support, inertia * K.nodal
-    own = block_matrix(net.ends, *elements, *supports, d.particle_gid, at, distribution.n, K.between)
+    matrix = block_matrix(
+        net.ends,
+        K.direction,
+        K.axial,
+        K.across,
+        net.free != 0,
+        K.support,
+        inertia * K.nodal,
+        d.particle_gid,
+        at,
+        distribution.n,
+        K.between,
+    )
     if K.joints is not None:
-        own = with_joints(own, K.joints, net.free != 0, d.particle_gid)
+        matrix = with_joints(matrix, K.joints, net.free != 0, d.particle_gid)
     if pattern is None:
         owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
-        pattern = Pattern(distribution.comm, own.indptr, own.indices, owners, owners)
-    return BlockRows(pattern, own.data)
+        pattern = Pattern(distribution.comm, matrix.indptr, matrix.indices, owners, owners)
+    return BlockRows(pattern, matrix.data)

@@ -1,9 +1,9 @@
-"""Parts of the net that are cut free in motion: which they are, and how fast their centres of mass move.
+"""Parts of the net that are detached in motion: which they are, and the velocity of their centres of mass.
 
-A part is detached once no path of unbroken elements leads from it to a support. The connectivity is evaluated
-at fixed simulated times, `EVERY` seconds apart, if something has broken or was lost since. So it does not
-depend on ranks, rows, frames or restarts. With [wind] after_fracture = "detached" the wind's pressure on such
-a part ends then, and the relative wind pulls at it (`mechanics.air`).
+A part is detached if no path of unbroken elements leads from it to a support. The connectivity is evaluated
+at fixed simulated times, `EVERY` seconds apart, if an element has broken or was removed since. So the result
+does not depend on ranks, rows, snapshots or restarts. With [wind] after_fracture = "detached" the wind
+pressure on such a part ends then, and the drag of the relative wind acts on it (`mechanics.air`).
 """
 
 import numpy as np
@@ -17,15 +17,15 @@ from netfall.stages.scene import Scene
 from netfall.wind.field import particle_speeds
 
 EVERY = 0.01  # s between evaluations
-LARGE = 0.01  # of the mass that can move: parts of more are followed
-ATTACHED = -1  # in place of a part; 0: a detached part that is not followed; k: the k-th one that is
+LARGE = 0.01  # share of the mass that can move [-]: parts above it are followed
+ATTACHED = -1  # value in place of a part; 0: a detached part that is not followed; k: the k-th one that is
 
 
 class Detaching:
-    """The detached parts of a run; what is followed of them is the same on all ranks.
+    """Detached parts of a run; the data of followed parts are the same on all ranks.
 
-    part : (owned and halo,) of each particle, as above
-    evaluated : step of the last evaluation; broken : elements broken or lost by then, -1: not known
+    part : (owned and halo,) of each particle, see `ATTACHED`
+    evaluated : step of the last evaluation; broken : elements broken or removed by then, -1: not known
     """
 
     def __init__(self, scene: Scene):
@@ -48,71 +48,72 @@ class Detaching:
         return self.step_at(k * EVERY)
 
     def has_news(self, state: State) -> bool:
-        """Whether something has broken or was lost since the last evaluation. Collective."""
-        here = int(np.count_nonzero((state.broken == 1) & (state.owned == 1)))
-        before, self.broken = self.broken, self.comm.allreduce(here)
+        """Return whether an element has broken or was removed since the last evaluation. Collective."""
+        local_count = int(np.count_nonzero((state.broken == 1) & (state.owned == 1)))
+        before, self.broken = self.broken, self.comm.allreduce(local_count)
         return self.broken != before
 
     def evaluate(self, state: State) -> bool:
-        """Find the detached parts and end the wind on new ones; whether some are here. Collective."""
-        found = self._parts(state)
-        self.part = self.distribution.particles(found and found[0])
-        self.large = self.comm.bcast(found and found[1])
-        first, loose = state.first_split, (self.part != ATTACHED).astype(np.uint8)
-        new = np.flatnonzero(loose & (state.detached[:first] == 0))
-        state.detached[:first] = loose
+        """Find the detached parts and end the wind on new ones; return whether there are new ones.
+
+        Collective.
+        """
+        parts = self._parts(state)
+        self.part = self.distribution.particles(parts and parts[0])
+        self.large = self.comm.bcast(parts and parts[1])
+        first, is_detached = state.first_split, (self.part != ATTACHED).astype(np.uint8)
+        new = np.flatnonzero(is_detached & (state.detached[:first] == 0))
+        state.detached[:first] = is_detached
         state.detached[first : state.n_local] = self._part_of_splits(state) != ATTACHED
         if self.ends_wind and len(new):
             end_wind(state, new)
         return self.ends_wind and len(new) > 0
 
     def _parts(self, state: State) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the part of each particle (n,), and the lowest particle of those that are followed.
+        """Return the part of each particle (n,) and the lowest particle of each followed part.
 
         On rank 0. Collective.
         """
-        spread = self.distribution
-        broken = spread.gather_elements(state.broken, state.owned.astype(bool))
-        held = spread.gather_particles(state.is_held())
+        distribution = self.distribution
+        broken = distribution.gather_elements(state.broken, state.owned.astype(bool))
+        held = distribution.gather_particles(state.is_held())
         mass = state.mass if state.air_mass is None else state.mass - state.air_mass
-        mass = spread.gather_particles(mass)
+        mass = distribution.gather_particles(mass)
         if self.model is None:
             return None
         net = self.model.net
         label = parts_of(net.elements[broken == 0], net.n)
         supported = part_has(label, held)
-        of_part = np.bincount(label, mass, net.n)
-        large = np.flatnonzero(~supported & (of_part > self.least))
+        part_mass = np.bincount(label, mass, net.n)
+        large = np.flatnonzero(~supported & (part_mass > self.least))
         number = np.zeros(net.n, np.int64)
         number[large] = 1 + np.arange(len(large))
         return np.where(supported, ATTACHED, number[label]), large
 
     def _part_of_splits(self, state: State) -> np.ndarray:
-        """Return the part of each particle that has split off: that of its element's far end."""
-        far = state.other[0, state.first_split : state.n_local].astype(np.int64)
-        in_net = far < state.first_split  # else the element has broken at both ends
-        return np.where(in_net, self.part[np.where(in_net, far, 0)], 0)
+        """Return the part of each split-off particle, which is the part of its element's far end."""
+        far_end = state.other[0, state.first_split : state.n_local].astype(np.int64)
+        in_net = far_end < state.first_split  # otherwise the element has broken at both ends
+        return np.where(in_net, self.part[np.where(in_net, far_end, 0)], 0)
 
     def follow(self, state: State, step: int) -> None:
-        """Keep mass and velocity of the parts that are followed, at a step. Collective."""
+        """Record mass and velocity of the followed parts at a step. Collective."""
         if not len(self.large):
             return
         rows = state.owned_rows()
         part = np.concatenate([self.part[: state.n_owned], self._part_of_splits(state)])
         for k, lowest in enumerate(self.large.tolist(), 1):
-            mine = rows[part == k]
-            mass = state.mass[mine]
-            total, *momentum = exact_sums(self.comm, mass, *(mass * state.v[mine].T))
-            self.rows.append((step * self.dt, lowest, total, *(each / total for each in momentum)))
-
-    # --- records and results
+            part_rows = rows[part == k]
+            mass = state.mass[part_rows]
+            total, *momentum = exact_sums(self.comm, mass, *(mass * state.v[part_rows].T))
+            self.rows.append((step * self.dt, lowest, total, *(component / total for component in momentum)))
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
-        """What a continuation needs, for `restore`."""
+        """Return the record that `restore` needs."""
         return {"evaluated": self.evaluated, "broken": self.broken}, {"rows": np.reshape(self.rows, (-1, 6))}
 
     def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
-        """Take up the record of an earlier run; the parts themselves are found anew when they are due."""
+        """Restore the record of an earlier run; the parts are found again when they are due."""
         self.evaluated = small["evaluated"]
         self.broken = -1 if small["broken"] else 0
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]

@@ -1,14 +1,14 @@
-"""The lowest periods and modes of the net about a rest, and what its damping means for them.
+"""Lowest natural periods and modes of a net about an equilibrium, and its damping ratios.
 
-Small vibrations about the rest: K u = omega^2 M u, K the tangent stiffness of all elements,
+Small vibrations about the equilibrium satisfy K u = omega^2 M u with the tangent stiffness K of all elements:
 
-    k = dN/dL of the elastic law along an element, N / L across it, the springs of supports,
+    k = dN/dL of the elastic law along an element, N / L across it, and the springs of supports.
 
-none of a slack cable or of what a stage of erection took out, nor along a bar that has buckled at Euler's
-load; what has yielded answers elastically. Cables run over pulleys, and stick where there is friction or a
-clamp. Shift-invert Lanczos (ARPACK) about a shift just below zero, on rank 0, from a start vector that is
-always the same. Mass-proportional damping, v' = -zeta v, has the share of the critical zeta / (2 omega) =
-zeta T / (4 pi).
+Slack cables and elements that a stage of erection took out have no stiffness. Bars buckled at Euler's load
+have none along their axis. Elements that have yielded respond elastically. Cables run over frictionless
+pulleys and stick at friction and clamps. Shift-invert Lanczos (ARPACK) runs on rank 0 about a shift just
+below zero, from a fixed start vector. Mass-proportional damping, v' = -zeta v, has the damping ratio zeta /
+(2 omega) = zeta T / (4 pi).
 """
 
 from dataclasses import dataclass
@@ -34,28 +34,29 @@ from netfall.stages.scene import Desk, Outcome, Scene
 from netfall.stages.settle import committed, put_back, reference_force, settle
 from netfall.stages.wanted import equilibria, loaded
 
-STILL = 1e-12  # of the largest diagonal of M^-1 K: an omega^2 below that is rounding, a mechanism
-SHIFT = 1e-11  # of the same: how far below zero the shift lies, so that mechanisms can be found too
-DENSE = 300  # free axes up to which all modes are found at once
-SPARE = 4  # modes looked for beyond those asked: equal periods come in pairs, of which none must be missed
-LOOSE = 1e-9  # of the stiffness of a strand: so much holds a closed cable that could run round
+# of the largest diagonal of M^-1 K [-]: an omega^2 below it is rounding, the mode is a mechanism
+STILL = 1e-12
+SHIFT = 1e-11  # distance of the shift below zero, over the same [-], so that mechanisms can be found too
+DENSE = 300  # free axes up to which a dense solver finds all modes
+SPARE = 4  # modes computed in addition: equal periods come in pairs, none of which may be missed
+LOOSE = 1e-9  # stiffness over that of a segment [-] that holds a closed cable, which could run round freely
 GOLDEN = 0.6180339887498949
 MODES = 6  # that `check` prints
-LARGEST = 50_000  # elements up to which it does
-MOVING = 0.5  # of the largest displacement: nodes that a mode without stiffness is named by
+LARGEST = 50_000  # elements up to which `check` prints modes
+MOVING = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
 REST = {"step": "the static loads", "at once": "the constant loads", "rest": "the mean wind"}
 
 
 @dataclass(frozen=True)
 class Modes:
-    """The modes of lowest omega^2, ascending.
+    """Modes of lowest omega^2, ascending.
 
-    period : (k,) [s]; inf: no stiffness, a mechanism; nan: omega^2 < 0, the rest is not stable
+    period : (k,) [s]; inf: no stiffness, a mechanism; nan: omega^2 < 0, the equilibrium is unstable
     shape : (k, n, 3), the largest displacement of a node is 1, its largest component positive
     effective_mass : (k, 3) share of the mass that moves along each axis: (u.M e)^2 / (u.M u) / (e.M e), u the
         shape, e the unit motion along the axis (Chopra, Dynamics of Structures, 13.2)
-    stretch : (k,) share of its stiffness that is that of elements along themselves, not of their prestress
-    unstable : how many omega^2 of the net are below zero
+    stretch : (k,) axial stiffness of the elements over the whole stiffness in the mode; the rest is prestress
+    unstable : number of negative omega^2 of the net
     """
 
     period: np.ndarray
@@ -65,8 +66,8 @@ class Modes:
     unstable: int
 
     def damping_ratio(self, zeta: float) -> np.ndarray:
-        """Share (k,) of the critical damping that mass-proportional damping zeta [1/s] has in each."""
-        if zeta == 0.0:  # of a mechanism too, whose period is infinite
+        """Compute the damping ratio (k,) of mass-proportional damping zeta [1/s] in each mode."""
+        if zeta == 0.0:  # also for a mechanism, whose period is infinite
             return np.where(np.isnan(self.period), np.nan, 0.0)
         return zeta * self.period / (4.0 * np.pi)
 
@@ -83,66 +84,76 @@ def modes_at(
     slip: SlipTangent | None = None,
     carries=True,
 ) -> Modes:
-    """The lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
+    """Compute the lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
 
-    L0 : (m,) [m]; count : how many, at most; strain : its measure; joints : `Joints` of chains that bend
-    slip : `SlipTangent` of cables that slip over nodes; carries : (m,) bool, what is there, not buckled
+    L0 : (m,) [m]; count : largest number of modes; strain : its measure; joints : `Joints` of bending chains
+    slip : `SlipTangent` of sliding cables; carries : (m,) bool, elements in the net and not buckled
     """
-    from scipy.sparse import diags_array  # here: it takes 0.2 s to load
+    from scipy.sparse import diags_array  # imported here: it takes 0.2 s to load
 
     moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
     if not len(moves):
         return Modes(np.zeros(0), np.zeros((0, net.n, 3)), np.zeros((0, 3)), np.zeros(0), 0)
-    along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
-    L = np.linalg.norm(along, axis=1)
+    vectors_along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
+    L = np.linalg.norm(vectors_along, axis=1)
     stiffness = elastic_stiffness(net.EA, L0, L, strain)
     axial = np.where(((N > 0.0) | net.bar) & carries, stiffness, 0.0)
     free = np.ones((net.n, 3), bool)  # held axes are left out below
     number = np.arange(net.n)
     K = block_matrix(
-        *(net.elements, along / L[:, None], axial, N / L, free, springs_along(net), np.zeros(net.n)),
-        *(number, incidence_of(net.elements, number, net.n), net.n),
+        net.elements,
+        vectors_along / L[:, None],
+        axial,
+        N / L,
+        free,
+        springs_along(net),
+        np.zeros(net.n),
+        number,
+        incidence_of(net.elements, number, net.n),
+        net.n,
         between=None if net.angle is None else turned_column(net, net.fixed)[:, 2],
     )
     if joints is not None:
         K = with_joints(K, joint_tangent(x, joints, np.zeros(net.n)), free, number)
     if slip is not None:
         K = _with_slips(K, slip, net.elements)
-    unit, K = _in_own_axes(net, K)
+    unit_motions, K = _in_own_axes(net, K)
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
-    still = STILL * scaled.diagonal().max()
+    threshold = STILL * scaled.diagonal().max()
     with np.errstate(divide="ignore", invalid="ignore"):
-        periods = 2.0 * np.pi / np.sqrt(np.where(np.abs(values) <= still, 0.0, values))
-    unit_motion = (1.0 / root)[:, None] * unit[moves]  # vectors are M^1/2 u, of length 1
+        periods = 2.0 * np.pi / np.sqrt(np.where(np.abs(values) <= threshold, 0.0, values))
+    unit_motion = (1.0 / root)[:, None] * unit_motions[moves]  # vectors are M^1/2 u, of length 1
     share = (vectors.T @ unit_motion) ** 2 / np.maximum((unit_motion**2).sum(0), np.finfo(float).tiny)
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T
-    shape = _scaled(np.array([from_own(each, net.angle) for each in shape.reshape(-1, net.n, 3)]))
-    step = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
-    longer = np.sum(step * (along / L[:, None]), axis=2)
-    stiff = np.maximum(values, still) * (np.sum(shape**2, axis=2) @ mass)
-    stretch = np.divide(longer**2 @ axial, stiff, out=np.zeros(len(values)), where=stiff > 0.0)
+    shape = _scaled(np.array([from_own(mode, net.angle) for mode in shape.reshape(-1, net.n, 3)]))
+    difference = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
+    elongation = np.sum(difference * (vectors_along / L[:, None]), axis=2)
+    modal_stiffness = np.maximum(values, threshold) * (np.sum(shape**2, axis=2) @ mass)
+    stretch = np.divide(
+        elongation**2 @ axial, modal_stiffness, out=np.zeros(len(values)), where=modal_stiffness > 0.0
+    )
     return Modes(periods, shape, share, stretch, unstable)
 
 
 def _in_own_axes(net: Net, K):
-    """The unit motions (3 n, 3) along x, y and z, and the stiffness K, in the axes of the supports."""
+    """Return unit motions (3 n, 3) along x, y and z, and the stiffness K, in the axes of the supports."""
     along = [to_own(np.tile(unit, (net.n, 1)), net.angle) for unit in np.eye(3)]
-    turn = np.stack(along, axis=-1)  # (n, 3, 3), of each node
+    rotations = np.stack(along, axis=-1)  # (n, 3, 3), of each node
     if net.angle is not None:
-        from scipy.sparse import bsr_array  # here: it takes 0.2 s to load
+        from scipy.sparse import bsr_array  # imported here: it takes 0.2 s to load
 
-        whole = bsr_array((turn, np.arange(net.n), np.arange(net.n + 1)))
-        K = whole @ K @ whole.T
-    return turn.reshape(-1, 3), K
+        rotation = bsr_array((rotations, np.arange(net.n), np.arange(net.n + 1)))
+        K = rotation @ K @ rotation.T
+    return rotations.reshape(-1, 3), K
 
 
 def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
-    """The stiffness K (3 n, 3 n) of a net whose cables stick, less what slips; elements : (m, 2).
+    """Subtract the effect of slip from the stiffness K (3 n, 3 n) of a net whose cables stick.
 
-    See `equilibrium.slip`. Weights do not follow, as in the dynamic stage.
+    elements : (m, 2). See `equilibrium.slip`. Weights do not follow slips, as in the dynamic stage.
     """
     from scipy.sparse import coo_array, diags_array, eye_array
     from scipy.sparse.linalg import spsolve
@@ -150,28 +161,28 @@ def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
     chains, q, k = slip.slips.chains, len(slip.coupling), len(slip.way)
     sides = np.concatenate([chains.into[chains.segment], chains.out[chains.segment]])
     e = np.tile(np.arange(q), 2)
-    there = (sides >= 0) & (slip.way[sides] != 0)
-    # by what passes at the begin of the element's segment, and at its end
-    longer = np.concatenate([chains.share, -chains.share])
-    passed = coo_array((longer[there], (e[there], sides[there])), (q, k)).tocsr()
+    slips = (sides >= 0) & (slip.way[sides] != 0)
+    # derivative of the unstressed length by the slips at both ends of the element's segment
+    derivative = np.concatenate([chains.share, -chains.share])
+    length_by_slip = coo_array((derivative[slips], (e[slips], sides[slips])), (q, k)).tocsr()
     ends = np.where(chains.along[:, None] > 0, elements[chains.element], elements[chains.element, ::-1])
     pull = slip.coupling[:, None] * slip.direction
     axes = (3 * ends[:, :, None] + np.arange(3)).ravel()
     pulls = (np.stack([-pull, pull], axis=1).ravel(), (axes, np.repeat(np.arange(q), 6)))
-    at = coo_array(pulls, (K.shape[0], q)).tocsr() @ passed
-    moved = np.flatnonzero(np.diff(at.indptr))
-    if not len(moved):
+    force_by_slip = coo_array(pulls, (K.shape[0], q)).tocsr() @ length_by_slip
+    rows = np.flatnonzero(np.diff(force_by_slip.indptr))
+    if not len(rows):
         return K
-    own = passed.T @ diags_array(slip.stiffness) @ passed
-    own = own + LOOSE * own.diagonal().max() * eye_array(k)
-    less = (at[moved] @ spsolve(own.tocsc(), at[moved].T.tocsc())).tocoo()
-    return K - coo_array((less.data, (moved[less.row], moved[less.col])), K.shape)
+    slip_stiffness = length_by_slip.T @ diags_array(slip.stiffness) @ length_by_slip
+    slip_stiffness = slip_stiffness + LOOSE * slip_stiffness.diagonal().max() * eye_array(k)
+    reduction = (force_by_slip[rows] @ spsolve(slip_stiffness.tocsc(), force_by_slip[rows].T.tocsc())).tocoo()
+    return K - coo_array((reduction.data, (rows[reduction.row], rows[reduction.col])), K.shape)
 
 
 def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
-    """The `count` lowest values and vectors of a symmetric matrix, and how many values are below zero.
+    """Return the `count` lowest values and vectors of a symmetric matrix, and the number of negative values.
 
-    With values far below zero those nearest to it come.
+    If values are far below zero, the result has those closest to zero.
     """
     size, top = matrix.shape[0], float(np.abs(matrix.diagonal()).max())
     if size <= max(DENSE, 4 * (count + SPARE)) or top == 0.0:
@@ -200,7 +211,7 @@ def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _scaled(shape: np.ndarray) -> np.ndarray:
-    """Shapes (k, n, 3) with the largest displacement 1, and their largest component positive."""
+    """Scale shapes (k, n, 3) so that the largest displacement is 1 and their largest component positive."""
     flat = shape.reshape(len(shape), -1)
     largest = np.take_along_axis(flat, np.abs(flat).argmax(1)[:, None], 1)
     size = np.linalg.norm(shape, axis=2).max(1) * np.sign(largest[:, 0])
@@ -211,34 +222,35 @@ NAME = "modes"
 
 
 def required(job: Job) -> bool:
-    """Whether the job asks for modes."""
+    """Return whether the job asks for modes."""
     return bool(job.output.modes)
 
 
-def run(scene: Scene, desk: Desk, outcomes: dict) -> Outcome:
-    """The modes about where the statics ended, /modes. Collective."""
-    if not desk.saver.is_past(NAME):
-        with desk.phases.phase(NAME):
+def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+    """Compute the modes about the last equilibrium of the statics and write /modes. Collective."""
+    if not context.saver.is_past(NAME):
+        with context.phases.phase(NAME):
             modes = modes_now(scene, scene.job.output.modes)
-            desk.result.write_whole(NAME, modes and modes_section(scene.job, scene.model, modes))
+            context.result.write_whole(NAME, modes and modes_section(scene.job, scene.model, modes))
     return Outcome()
 
 
 def modes_now(scene: Scene, count: int) -> Modes | None:
-    """The lowest modes of the net as it stands, on rank 0, None elsewhere. Collective."""
+    """Compute the lowest modes of the net in its present state, on rank 0, None elsewhere. Collective."""
     gather, state, model = scene.distribution.gather_elements, scene.state, scene.model
     x = scene.distribution.gather_particles(state.x)
     N, L0, EA = gather(state.elements_now().N), gather(state.L0), gather(state.EA)
     slip = scene.finder.slips and scene.finder.slips.tangent_at_rest()
     if model is None:
         return None
-    carries = (EA > 0.0) & (-N < REACHED * model.euler)  # else taken out in a stage of erection, or buckled
-    of_net = x, model.net, N, L0, model.mass
-    return modes_at(*of_net, count, state.features.strain, model.joints, slip, carries)
+    # otherwise taken out in a stage of erection, or buckled
+    carries = (EA > 0.0) & (-N < REACHED * model.euler)
+    strain = state.features.strain
+    return modes_at(x, model.net, N, L0, model.mass, count, strain, model.joints, slip, carries)
 
 
 def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
-    """The datasets of /modes."""
+    """Return the datasets of /modes."""
     section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
     if job.dynamics:
         section["damping_ratio"] = mass_damping(job, model, modes)
@@ -250,26 +262,28 @@ def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]
 
 
 def mode_lines(job: Job, scene: Scene) -> list[str]:
-    """The lines of `check` on modes and damping. Changes the state. One rank."""
+    """Return the text of `check` on modes and damping. Changes the state. One rank."""
     if scene.model.net.m > LARGEST:
         return [f"modes: left out, for the net has more than {LARGEST} elements"]
-    where = go_to_rest(job, scene)
+    place = go_to_rest(job, scene)
     modes = modes_now(scene, MODES)
     if not len(modes.period):
         return []
-    lines = [f"modes {where}: periods {_row(modes.period)} s"] + _notes(scene.model, modes)
+    lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(scene.model, modes)
     return lines + (_damping_lines(job, scene.model, modes) if job.dynamics else [])
 
 
 def go_to_rest(job: Job, scene: Scene) -> str:
-    """Bring the state to where the run's last equilibrium is, if it has any; where that is, in words.
+    """Bring the state to the last equilibrium of the run, if it has one; return its name. One rank.
 
-    At once, where a run takes its steps. One rank.
+    The full load is applied at once, in contrast to the steps of a run.
     """
-    wanted = [want for want in equilibria(scene) if want.each.kind in REST] if has_statics(job) else []
-    if not wanted:
+    requests = (
+        [request for request in equilibria(scene) if request.each.kind in REST] if has_statics(job) else []
+    )
+    if not requests:
         return "in the initial state, without loads"
-    last = loaded(scene, wanted[-1])
+    last = loaded(scene, requests[-1])
     start, loads = committed(scene.state), "all loads" if rests_at_loss(job) else REST[last.kind]
     if not settle(scene, last, reference_force(scene, last), NEVER).carries:
         put_back(scene.state, start)
@@ -278,20 +292,20 @@ def go_to_rest(job: Job, scene: Scene) -> str:
 
 
 def _notes(model: Model, modes: Modes) -> list[str]:
-    """What has no stiffness, or less than none."""
+    """Return notes on modes without stiffness and with negative stiffness."""
     notes = []
-    of_net = f"are not stable ({modes.unstable} of the net)"
-    kinds = (np.isinf(modes.period), "have no stiffness (mechanisms)"), (np.isnan(modes.period), of_net)
-    for which, words in kinds:
-        if which.any():
-            moved = (np.linalg.norm(modes.shape[which], axis=2) > MOVING).any(0)
-            nodes = listed(model.net.node_id[moved])
-            notes.append(f"modes: {int(which.sum())} of these {words}: nodes {nodes} move most")
+    unstable = f"are not stable ({modes.unstable} of the net)"
+    kinds = (np.isinf(modes.period), "have no stiffness (mechanisms)"), (np.isnan(modes.period), unstable)
+    for selected, words in kinds:
+        if selected.any():
+            moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
+            nodes = listed(model.net.node_id[moves_most])
+            notes.append(f"modes: {int(selected.sum())} of these {words}: nodes {nodes} move most")
     return notes
 
 
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
-    """What each damping amounts to in the modes, and what that of the mass means for what falls."""
+    """Return the text on the damping ratio of each kind of damping, and on free fall with mass damping."""
     zeta, air = job.dynamics.damping, ", without the air that moves along" * air_moves(job)
     lines = [
         f"damping: damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the critical in "
@@ -322,7 +336,7 @@ def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
 
 
 def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
-    """Share (k,) of the critical damping that `damping` has, which does not act on air that moves along."""
+    """Compute the damping ratio (k,) of `damping`, which does not act on the added mass of the air."""
     ratio = modes.damping_ratio(job.dynamics.damping)
     if model.air_mass is None:
         return ratio
@@ -331,32 +345,32 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
 
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
-    """Share (k,) of the critical damping that `damping_ratio` has: of the stretch of elements alone."""
+    """Compute the damping ratio (k,) of `damping_ratio`, which acts on the axial stiffness alone."""
     alpha, tau = np.reshape(band_branches(job.dynamics.damping_ratio, *job.dynamics.damping_band), (2, -1))
     phase = 2.0 * np.pi / modes.period[:, None] * tau
     return 0.5 * modes.stretch * np.sum(alpha * phase / (1.0 + phase * phase), axis=1)
 
 
 def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:
-    """Share (k,) of the critical damping that the air has at the mean wind.
+    """Compute the aerodynamic damping ratio (k,) at the mean wind.
 
-    sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `mechanics.air`; kappa : of all the roof, None: its own
+    sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `mechanics.air`; kappa : for the whole roof, None: as set
     """
-    speed = np.ones(model.net.n)  # of pressures: it is in c
+    speed = np.ones(model.net.n)  # for pressures at taps the speed is contained in c
     if not job.wind.pressures:
         field, gust = model.wind_field, model.history.mean_gust
         speed = np.abs(field.mean + np.sum(field.weight * gust[field.corner], axis=1))
     c = model.air if kappa is None else rooted(kappa * job.wind.air_density * model.roof.vector)
-    taken = np.sum(modes.shape * c, axis=2) ** 2 @ speed
-    modal = np.sum(modes.shape**2, axis=2) @ model.mass
-    return taken / modal * modes.period / (4.0 * np.pi)
+    modal_damping = np.sum(modes.shape * c, axis=2) ** 2 @ speed
+    modal_mass = np.sum(modes.shape**2, axis=2) @ model.mass
+    return modal_damping / modal_mass * modes.period / (4.0 * np.pi)
 
 
 def _row(values: np.ndarray) -> str:
-    """Numbers of a line."""
+    """Format numbers for one line of text."""
     return ", ".join(f"{value:.4g}" for value in values)
 
 
 def _percent(shares: np.ndarray) -> str:
-    """Shares as numbers of a line in per cent."""
+    """Format shares as per cent for one line of text."""
     return f"{_row(100.0 * shares)} %"

@@ -1,4 +1,4 @@
-"""What every stage of a run is given: the scene that it computes with, and the desk that it reports to."""
+"""Arguments of every stage of a run, problem definition and run context, and the outcome of a stage."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -30,12 +30,14 @@ from netfall.write.saver import Saver
 
 @dataclass(frozen=True)
 class BuildUp:
-    """How the initial state came from the form: by targets, by stages of erection. Arrays on rank 0.
+    """Record of how the initial state follows from the form-found geometry.
 
-    base : the model in the form that was found; form : in which the erection began, None: there was none
+    Arrays on rank 0.
+
+    base : the model in the form-found geometry; form : in which the erection began, None: no erection
     form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
-    lines : to say; records : what checkpoints keep, by name; failure : why it ends there, None: it does not
-    left : largest residual and tension [N] under [load] where the last stage of erection ended
+    lines : to print; records : of checkpoints, by name; failure : error that ends the build-up, None: none
+    left : largest residual and tension [N] under [load] at the end of the last stage of erection
     """
 
     base: Model | None
@@ -51,12 +53,12 @@ class BuildUp:
 
 @dataclass(frozen=True)
 class Scene:
-    """A job made ready to step, on one rank.
+    """Problem definition of a run on one rank: the job with all that is needed to step.
 
     model : on rank 0, None elsewhere; finder : of equilibria of the state; digest : of job and net
     residual : [N], of the prestressed net with the real material
     reference : [N], largest tension of what can move, in the initial state
-    build_up : how it came from the form, None: it is the form
+    build_up : how it follows from the form, None: it is the form
     limits : of the step, by name; schedule : of the dynamic stage, None: the job has none
     """
 
@@ -77,12 +79,12 @@ class Scene:
 
     @property
     def failure(self) -> DivergedError | None:
-        """Why the run cannot go on from its initial state, None: it can."""
+        """Return the error for which the run cannot continue from its initial state, None: it can."""
         return self.build_up and self.build_up.failure
 
 
 def let_slip(scene: Scene) -> None:
-    """Let cables slip over nodes in equilibria of the scene, if any do. Collective."""
+    """Set up sliding cables for the equilibria of the scene, if there are any. Collective."""
     if scene.state.features.slip:
         layout = scene.model and scene.model.layout
         chains = scene.comm.bcast(layout and cable_chains_of(layout.slides, layout.net.own_weight))
@@ -91,10 +93,10 @@ def let_slip(scene: Scene) -> None:
 
 @dataclass(frozen=True)
 class Desk:
-    """Where a stage reports to and what it leaves its results with, on one rank.
+    """Run context of a stage on one rank: output, progress, checkpoints.
 
-    stop : a wish to stop early; memory : of runs before in this process
-    watch : takes in each equilibrium, its state and snapshot
+    stop : stop flag; memory : cache of results that runs in this process share
+    watch : is called with the state and snapshot of each equilibrium
     """
 
     log: EventLog
@@ -108,11 +110,11 @@ class Desk:
 
 
 class Outcome(NamedTuple):
-    """What a stage leaves.
+    """Outcome of a stage.
 
-    result : for stages after it, and for a study; lines : said at its end
+    result : for stages after it, and for a study; lines : printed at its end
     sections : its small datasets by group of the file, on rank 0; attributes : of /provenance, likewise
-    labels : attributes of groups of the file, likewise; failure : why the run cannot go on, None: it can
+    labels : attributes of groups of the file, likewise; failure : error that ends the run, None: it continues
     """
 
     result: Any = None

@@ -1,4 +1,4 @@
-"""One equilibrium of a scene: how it is found, taken from the state and put back, interrupted."""
+"""Search for one equilibrium of a scene, for its limit load factor, and interruption of the search."""
 
 from functools import partial
 from typing import NamedTuple
@@ -56,18 +56,20 @@ from netfall.write.saver import Record, Saver
 
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 BORNE = 1.0, UNSTRAINED, None
-ROUGH = 1e-3  # estimated error [-] of trials in the search for what is borne
-FEW = 20_000  # iterations of a relaxation in the search for what is borne
-SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")  # how much of them is borne
+ROUGH = 1e-3  # estimated error [-] of trials in the search for the limit load factor
+FEW = 20_000  # iterations of a relaxation in the search for the limit load factor
+# kinds whose limit load factor is sought
+SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")
 FOLLOWED = (*SEARCHED, "stage")  # kinds whose path is searched for limit points
-APART = ("case", "combination")  # kinds that are beside the run: what follows starts as without them
+# kinds outside the sequence of the run: what follows them starts as if they were absent
+APART = ("case", "combination")
 
 
 class Effort(NamedTuple):
-    """How hard an equilibrium is sought.
+    """Limits of the effort in the search for an equilibrium.
 
-    iterations : of a relaxation, at most; tolerance : of the estimated errors; relaxes : as of `Finder.find`;
-    gives_up : whether it ends as soon as it is clear that something breaks
+    iterations : of a relaxation, at most; tolerance : of the estimated errors; relaxes : see `Finder.find`
+    gives_up : whether the search ends as soon as it is clear that an element breaks
     """
 
     iterations: float
@@ -76,196 +78,220 @@ class Effort(NamedTuple):
     gives_up: bool = False
 
 
-def _full(scene: Scene, most: int | None = None) -> Effort:
-    """Seek as hard as the job allows. most : iterations, None: as many as it says"""
+def _full(scene: Scene, max_iterations: int | None = None) -> Effort:
+    """Return the full effort that the job allows. max_iterations : None: as the job sets them"""
     settings = settings_of(scene.job)
-    return Effort(min(most or np.inf, settings.max_iterations), settings.tolerance)
+    return Effort(min(max_iterations or np.inf, settings.max_iterations), settings.tolerance)
 
 
 def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
-    """The relaxation that an earlier run was interrupted in, None: in none. Collective."""
-    kept = saver.taken_up(RELAXATION)
-    return kept and restored_relaxation(distribution, *kept)
+    """Restore the relaxation in which an earlier run was interrupted, None: in none. Collective."""
+    record = saver.taken_up(RELAXATION)
+    return record and restored_relaxation(distribution, *record)
 
 
 def paused(
     scene: Scene,
-    desk: Desk,
+    context: Desk,
     stage: str,
     words: str,
     before: int,
     pause: Paused,
-    kept: dict[str, Record] | None = None,
+    stage_records: dict[str, Record] | None = None,
 ) -> Interrupted:
-    """The end of a run that was asked to stop in an equilibrium, with its checkpoint. Collective.
+    """Save a checkpoint and return the error of a run that was stopped in an equilibrium. Collective.
 
-    before : iterations of the equilibria before it; kept : records of the stage, by name
+    before : iterations of the equilibria before it; stage_records : records of the stage, by name
     """
     step = before + pause.at.total + pause.at.iteration
-    more = {RELAXATION: relaxation_record(scene.distribution, pause.at)} | (kept or {})
-    return interrupted(f"in statics, {words}", desk.saver.save(stage, step, scene.state, more))
+    records = {RELAXATION: relaxation_record(scene.distribution, pause.at)} | (stage_records or {})
+    return interrupted(f"in statics, {words}", context.saver.save(stage, step, scene.state, records))
 
 
 def reference_force(scene: Scene, last: StaticLoad) -> float:
-    """Largest of tensions and nodal loads [N] of what can move, which the tolerance refers to. Collective."""
+    """Return the largest tension and nodal load [N] of what can move, the reference of the tolerance.
+
+    Collective.
+    """
     state = scene.state
     N, load = state.elements_now().N, last.load[: state.n_owned]
     return largest_force(scene.comm, N, state.ends, state.free, load)
 
 
 def settle(
-    scene: Scene, each: StaticLoad, reference: float, stop: StopRequest, resume=None, most=None
+    scene: Scene, load_case: StaticLoad, reference: float, stop: StopRequest, resume=None, max_iterations=None
 ) -> StaticOutcome:
-    """Bring the state to one equilibrium, what yields on the way included. Collective.
+    """Bring the state to one equilibrium, and update plastic strains. Collective.
 
-    reference : [N], which the tolerance refers to; stop, resume : as in `relax`; most : iterations
+    reference : [N], of the tolerance; stop, resume : see `relax`
 
-    Where there is none the state comes to that of the largest share of the load that is borne, of `SEARCHED`
-    and of what breaks, else to where it began. An equilibrium has no fractures, but after a loss it is
-    reported with what breaks in it. Raises Paused if asked to stop.
+    If there is no equilibrium, the state depends on the load. If the load is one of `SEARCHED` or if an
+    element breaks, the state is the equilibrium under the limit load factor. Otherwise it is the initial
+    state. An equilibrium has no fractures, except after member removal: there the elements beyond their
+    strength are reported. Raises Paused if asked to stop.
     """
     start = committed(scene.state)
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
-    limited = each.kind in SEARCHED and scene.finder.has_limit_load()
-    effort = _full(scene, most)._replace(relaxes=not limited, gives_up=each.kind in SEARCHED)
-    whole, found = _tried(scene, each, reference, stop, effort, resume)
-    if not whole.reason:
-        return _on_its_path(scene, each, reference, start, found, stop)
-    if each.kind in SEARCHED or whole.reason == BREAKS:
-        return _largest_share(scene, each, reference, start, whole, limited, stop)
+    has_limit_load = load_case.kind in SEARCHED and scene.finder.has_limit_load()
+    effort = _full(scene, max_iterations)._replace(
+        relaxes=not has_limit_load, gives_up=load_case.kind in SEARCHED
+    )
+    full_load, equilibrium = _tried(scene, load_case, reference, stop, effort, resume)
+    if not full_load.reason:
+        return _on_its_path(scene, load_case, reference, start, equilibrium, stop)
+    if load_case.kind in SEARCHED or full_load.reason == BREAKS:
+        return _largest_share(scene, load_case, reference, start, full_load, has_limit_load, stop)
     put_back(scene.state, start)
-    reason, elements = _named(scene, whole), whole.elements[:MOST_NAMED]
-    return StaticOutcome(_failed(whole), each.reached(0.0), reason, elements, as_it_began(scene))
+    reason, elements = _named(scene, full_load), full_load.elements[:MOST_NAMED]
+    return StaticOutcome(_failed(full_load), load_case.reached(0.0), reason, elements, as_it_began(scene))
 
 
 def _failed(*tried: Strained) -> str:
-    """The state of a load without an equilibrium, by what came of it and of parts of it."""
-    return NONE if any(each.is_decided for each in tried) else UNDECIDED
+    """Return the state of a load without an equilibrium from the results for all and parts of it."""
+    return NONE if any(result.is_decided for result in tried) else UNDECIDED
 
 
 def _tried(
-    scene: Scene, each: StaticLoad, reference, stop, effort: Effort, resume=None
+    scene: Scene, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
 ) -> tuple[Strained, Equilibrium | None]:
-    """How near the net is to giving way under a load, and its equilibrium, None: none was found. Collective.
+    """Return the utilisation under a load and its equilibrium, None if none was found. Collective.
 
-    The state is then where that led. Raises Paused.
+    The state is then the last one of the search. Raises Paused.
     """
     try:
-        found = _found(scene, each, reference, stop, effort, resume)
-    except GivesWay as way:
-        return way.there, None
+        equilibrium = _found(scene, load_case, reference, stop, effort, resume)
+    except GivesWay as reached:
+        return reached.there, None
     except DivergedError as error:
-        return _where(scene, each, error), None
-    return (UNSTRAINED if each.kind == "loss" else _strained(scene, each)), found
+        return _where(scene, load_case, error), None
+    return (UNSTRAINED if load_case.kind == "loss" else _strained(scene, load_case)), equilibrium
 
 
-def _borne_whole(scene: Scene, each: StaticLoad, found: Equilibrium) -> StaticOutcome:
-    """An equilibrium under the whole load. Collective."""
-    _commit(scene.state, found.snapshot)
+def _borne_whole(scene: Scene, load_case: StaticLoad, equilibrium: Equilibrium) -> StaticOutcome:
+    """Return the outcome of an equilibrium under the whole load; update plastic strains. Collective."""
+    _commit(scene.state, equilibrium.snapshot)
     state, elements = EQUILIBRIUM, ()
-    if found.solution.unstable_at >= 0:
-        state, elements = UNSTABLE, _compressed_at(scene, found.solution.unstable_at)
-    return StaticOutcome(state, each.factor, NOT_STABLE if elements else "", elements, found)
+    if equilibrium.solution.unstable_at >= 0:
+        state, elements = UNSTABLE, _compressed_at(scene, equilibrium.solution.unstable_at)
+    return StaticOutcome(state, load_case.factor, NOT_STABLE if elements else "", elements, equilibrium)
 
 
 def _on_its_path(
-    scene: Scene, each: StaticLoad, reference: float, start: dict, found: Equilibrium, stop: StopRequest
+    scene: Scene,
+    load_case: StaticLoad,
+    reference: float,
+    start: dict,
+    equilibrium: Equilibrium,
+    stop: StopRequest,
 ) -> StaticOutcome:
-    """An equilibrium under the whole load, with the limit point on the path to it. Collective.
+    """Return the outcome of an equilibrium under the whole load, with the limit point before it. Collective.
 
     start : the state without the load, as of `committed`. Raises Paused.
     """
-    limit, found = _limit_point(scene, each, reference, start, found, stop)
-    return _borne_whole(scene, each, found)._replace(limit=limit)
+    limit, equilibrium = _limit_point(scene, load_case, reference, start, equilibrium, stop)
+    return _borne_whole(scene, load_case, equilibrium)._replace(limit=limit)
 
 
 def _limit_point(
     scene: Scene,
-    each: StaticLoad,
+    load_case: StaticLoad,
     reference: float,
     start: dict,
-    found: Equilibrium,
+    equilibrium: Equilibrium,
     stop: StopRequest,
     carried: float = 1.0,
 ) -> tuple[LimitPoint | None, Equilibrium]:
-    """The limit point on the path to an equilibrium under a share of a load, its share as load factor.
+    """Find the limit point on the path to an equilibrium under a share of a load. Collective.
 
-    Collective. carried : that share; the others as of `_on_its_path`. If the path leads to another
-    equilibrium without a limit point, the state comes to that, which is returned. Raises Paused.
+    carried : that share; see `_on_its_path` for the other arguments
+
+    The share of the limit point is converted to a load factor. If the path leads to another equilibrium
+    without a limit point, the state and the result are that equilibrium. Raises Paused.
     """
     if (
-        each.kind not in FOLLOWED
+        load_case.kind not in FOLLOWED
         or scene.finder.slips is not None
         or not is_compressible(scene.comm, scene.state)
     ):
-        return None, found
-    unstable = found.solution.unstable_at >= 0
-    if unstable and each.kind == "stage":
-        return None, found
+        return None, equilibrium
+    is_unstable = equilibrium.solution.unstable_at >= 0
+    if is_unstable and load_case.kind == "stage":
+        return None, equilibrium
     state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
     put_back(state, start)
-    part = load_on_path(scene.finder, each.load, each.before or start, start, carried)
-    find = lambda share: scene.finder.find(part(share), tolerance, reference, FEW, each.words, stop)
-    path = LoadPath(state, lambda share: scene.finder.newton(part(share)), find, each.kind == "stage")
+    load_at = load_on_path(scene.finder, load_case.load, load_case.before or start, start, carried)
+
+    def find(factor: float) -> Solution:
+        return scene.finder.find(load_at(factor), tolerance, reference, FEW, load_case.words, stop)
+
+    path = LoadPath(
+        state, lambda factor: scene.finder.newton(load_at(factor)), find, load_case.kind == "stage"
+    )
     try:
-        limit, x = path.limit_point((each.before or start)["x"], None if unstable else end["x"])
+        limit, x = path.limit_point((load_case.before or start)["x"], None if is_unstable else end["x"])
         put_back(state, end)
-        if limit is None and not unstable and x is not end["x"]:
+        if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
-            found = _found(scene, each._replace(load=part(1.0)), reference, stop, _full(scene))
+            equilibrium = _found(scene, load_case._replace(load=load_at(1.0)), reference, stop, _full(scene))
     except Paused:
         put_back(state, start)
         raise Paused(not_begun(start["x"])) from None
     if limit is None:
-        return None, found
+        return None, equilibrium
     share = limit.share * carried
-    return limit._replace(share=share if each.kind == "permanent" else each.reached(share)), found
+    return limit._replace(
+        share=share if load_case.kind == "permanent" else load_case.reached(share)
+    ), equilibrium
 
 
-def _strained(scene: Scene, each: StaticLoad) -> Strained:
-    """How near the state is to giving way under a load. Collective."""
-    return strained(scene.comm, scene.distribution, scene.state, tears(scene.job, each.kind, each.factor))
+def _strained(scene: Scene, load_case: StaticLoad) -> Strained:
+    """Return the utilisation of the state under a load. Collective."""
+    return strained(
+        scene.comm, scene.distribution, scene.state, tears(scene.job, load_case.kind, load_case.factor)
+    )
 
 
-def _give_up(scene: Scene, each: StaticLoad) -> None:
-    """Raise GivesWay where an element will surely break. Collective."""
-    there = _strained(scene, each)
-    if there.reason == BREAKS and there.most > SURELY:
-        raise GivesWay(there)
+def _give_up(scene: Scene, load_case: StaticLoad) -> None:
+    """Raise GivesWay if an element will surely break. Collective."""
+    utilisation = _strained(scene, load_case)
+    if utilisation.reason == BREAKS and utilisation.most > SURELY:
+        raise GivesWay(utilisation)
 
 
-def _where(scene: Scene, each: StaticLoad, error: DivergedError) -> Strained:
-    """Where a net that came to no equilibrium gives way; of what does not run away that is not known."""
+def _where(scene: Scene, load_case: StaticLoad, error: DivergedError) -> Strained:
+    """Return the utilisation of a net without an equilibrium; known only if displacements are unbounded."""
     if isinstance(error, RunsAway):
         return strained(scene.comm, scene.distribution, scene.state, False)._replace(most=np.inf)
-    return Strained(np.inf, (), str(error).removeprefix(f"{each.words}: "))
+    return Strained(np.inf, (), str(error).removeprefix(f"{load_case.words}: "))
 
 
-def _named(scene: Scene, there: Strained) -> str:
-    """Why there is no equilibrium, elements by their names. Collective."""
-    if not there.elements:
-        return there.reason
-    name = scene.comm.bcast(scene.model and scene.model.id_of(there.elements[0]))
-    return f"element {name} {there.reason}"
+def _named(scene: Scene, utilisation: Strained) -> str:
+    """Return the reason why there is no equilibrium, with elements by their ids. Collective."""
+    if not utilisation.elements:
+        return utilisation.reason
+    name = scene.comm.bcast(scene.model and scene.model.id_of(utilisation.elements[0]))
+    return f"element {name} {utilisation.reason}"
 
 
-def _found(scene: Scene, each: StaticLoad, reference, stop, effort: Effort, resume=None) -> Equilibrium:
-    """The equilibrium, its plastic strains not kept yet. Collective. Raises DivergedError, Paused."""
+def _found(scene: Scene, load_case: StaticLoad, reference, stop, effort: Effort, resume=None) -> Equilibrium:
+    """Find the equilibrium, without an update of plastic strains.
+
+    Collective. Raises DivergedError, Paused.
+    """
     iterations, tolerance, relaxes, gives_up = effort
-    watch = partial(_give_up, scene, each) if gives_up else None
-    arguments = each.load, tolerance, reference, iterations, each.words, stop, resume, relaxes, watch
-    slips = scene.finder.slips
-    if slips is None:
-        solution = scene.finder.find(*arguments)
-    else:
-        slips.weights = each.weights
-        solution = find_slipping(scene.finder, *arguments)
-    return _equilibrium(scene, solution, each.load)
+    watch = partial(_give_up, scene, load_case) if gives_up else None
+    find, slips = scene.finder.find, scene.finder.slips
+    if slips is not None:
+        slips.weights = load_case.weights
+        find = partial(find_slipping, scene.finder)
+    name = load_case.words
+    solution = find(load_case.load, tolerance, reference, iterations, name, stop, resume, relaxes, watch)
+    return _equilibrium(scene, solution, load_case.load)
 
 
 def _equilibrium(scene: Scene, solution: Solution, load: np.ndarray) -> Equilibrium:
-    """Build the record of the equilibrium under a load (n, 3) [N] in which the state is. Collective."""
+    """Build the record of the present equilibrium under a load (n, 3) [N]. Collective."""
     slips = scene.finder.slips
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     balance = _balance(scene, snapshot, solution, load)
@@ -278,13 +304,13 @@ def _equilibrium(scene: Scene, solution: Solution, load: np.ndarray) -> Equilibr
 
 def balanced_under(scene: Scene, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
     """Return the outcome with reactions under a load (n, 3) [N] that hardly differs. Collective."""
-    found = outcome.equilibrium
-    balance = _balance(scene, found.snapshot, found.solution, load)
-    return outcome._replace(equilibrium=found._replace(balance=balance))
+    equilibrium = outcome.equilibrium
+    balance = _balance(scene, equilibrium.snapshot, equilibrium.solution, load)
+    return outcome._replace(equilibrium=equilibrium._replace(balance=balance))
 
 
 def _slips(scene: Scene) -> list[float] | None:
-    """Slips of all places, None: nothing slips."""
+    """Return the slips of all slip points, None if no cable slides."""
     return scene.finder.slips and scene.finder.slips.s.tolist()
 
 
@@ -296,8 +322,8 @@ def as_it_began(scene: Scene) -> Equilibrium:
 
 
 def _balance(scene: Scene, snapshot: Snapshot, solution: Solution, load: np.ndarray) -> Balance:
-    asked, slips = settings_of(scene.job).tolerance, scene.finder.slips
-    return balance_of(scene.comm, scene.state, snapshot, load, solution.residual, asked, slips)
+    tolerance, slips = settings_of(scene.job).tolerance, scene.finder.slips
+    return balance_of(scene.comm, scene.state, snapshot, load, solution.residual, tolerance, slips)
 
 
 def _commit(state: State, snapshot: Snapshot) -> None:
@@ -307,117 +333,145 @@ def _commit(state: State, snapshot: Snapshot) -> None:
 
 
 def _largest_share(
-    scene: Scene, each: StaticLoad, reference: float, start: dict, whole: Strained, limited: bool, stop
+    scene: Scene,
+    load_case: StaticLoad,
+    reference: float,
+    start: dict,
+    full_load: Strained,
+    has_limit_load: bool,
+    stop,
 ) -> StaticOutcome:
-    """The outcome of a load that is not borne whole: how much of it is, and the state there. Collective.
+    """Return the outcome of a load that is not carried in full: its limit load factor and the state there.
 
-    start : the state without the load, as of `committed`; whole : what came of all of it; limited : whether
-    work control serves. Raises Paused.
+    start : the state without the load, as of `committed`; full_load : utilisation under the full load
+    has_limit_load : whether work control applies. Collective. Raises Paused.
     """
     put_back(scene.state, start)
-    left = scene.finder.residual(each.load)
-    words = f"{each.words}: not borne whole, searching"
-    say = lambda low, high: scene.finder.report(f"{words} {low:.3g} to {high:.3g} of it")
+    missing_load = scene.finder.residual(load_case.load)
+
+    def say(low: float, high: float) -> None:
+        scene.finder.report(f"{load_case.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
+
     try:
-        limit = _limit(scene, each, left, stop, say) if limited else None
-        if limit is BORNE or (limited and limit is None and not whole.is_decided):
+        limit = _limit(scene, load_case, missing_load, stop, say) if has_limit_load else None
+        if limit is BORNE or (has_limit_load and limit is None and not full_load.is_decided):
             put_back(scene.state, start)
-            whole, found = _tried(scene, each, reference, stop, _full(scene))
-            if not whole.reason:
-                return _on_its_path(scene, each, reference, start, found, stop)
+            full_load, equilibrium = _tried(scene, load_case, reference, stop, _full(scene))
+            if not full_load.reason:
+                return _on_its_path(scene, load_case, reference, start, equilibrium, stop)
             limit = None
-        limit = limit or _by_trials(scene, each, left, reference, start, whole, stop, say)
+        limit = limit or _by_trials(scene, load_case, missing_load, reference, start, full_load, stop, say)
     except Paused:
         put_back(scene.state, start)
         raise Paused(not_begun(start["x"])) from None
-    share, there, found = limit
+    share, beyond, equilibrium = limit
     if share == 1.0:
-        return _on_its_path(scene, each, reference, start, found, stop)
-    passed = None
+        return _on_its_path(scene, load_case, reference, start, equilibrium, stop)
+    limit_point = None
     if share > 0.0:
-        passed, found = _limit_point(scene, each, reference, start, found, stop, share)
-    _commit(scene.state, found.snapshot)
-    state = _failed(there, whole)
-    there = there if there.is_decided else whole
-    reason = _named(scene, there) + f" at {share:.4g} of them" * (each.kind == "permanent" and state == NONE)
-    return StaticOutcome(state, each.reached(share), reason, there.elements[:MOST_NAMED], found, passed)
+        limit_point, equilibrium = _limit_point(scene, load_case, reference, start, equilibrium, stop, share)
+    _commit(scene.state, equilibrium.snapshot)
+    state = _failed(beyond, full_load)
+    beyond = beyond if beyond.is_decided else full_load
+    reason = _named(scene, beyond) + f" at {share:.4g} of them" * (
+        load_case.kind == "permanent" and state == NONE
+    )
+    return StaticOutcome(
+        state, load_case.reached(share), reason, beyond.elements[:MOST_NAMED], equilibrium, limit_point
+    )
 
 
-def _limit(scene: Scene, each: StaticLoad, left: np.ndarray, stop, say) -> tuple | None:
-    """Share that is borne, `Strained` beyond it, `Equilibrium`, by work control; None: not found. Collective.
+def _limit(scene: Scene, load_case: StaticLoad, missing_load: np.ndarray, stop, say) -> tuple | None:
+    """Find the limit load factor by work control. Collective. Raises Paused.
 
-    left : (n, 3) [N], the load that is missing; say(low, high) : of shares. `BORNE`: all of it is. Raises
-    Paused.
+    missing_load : (n, 3) [N], not yet applied; say(low, high) : receives the bracket of the factor
+
+    Returns the factor, `Strained` beyond it, and `Equilibrium`; None: not found; `BORNE`: the whole load is
+    carried.
     """
     tolerance = settings_of(scene.job).tolerance
-    tolerances, strained_now = (max(tolerance, ROUGH), tolerance), lambda: _strained(scene, each)
+    tolerances, strained_now = (max(tolerance, ROUGH), tolerance), lambda: _strained(scene, load_case)
     try:
-        limit, solution = scene.finder.limit_load(each.load - left, left, strained_now, tolerances, stop, say)
+        limit, solution = scene.finder.limit_load(
+            load_case.load - missing_load, missing_load, strained_now, tolerances, stop, say
+        )
     except NoConvergence:
         return None
     except Stopped:
         raise Paused(not_begun(scene.state.x)) from None
-    borne = each.load - (1.0 - limit.factor) * left
+    carried_load = load_case.load - (1.0 - limit.factor) * missing_load
     return (
-        (limit.factor, limit.beyond, _equilibrium(scene, solution, borne)) if limit.beyond.reason else BORNE
+        (limit.factor, limit.beyond, _equilibrium(scene, solution, carried_load))
+        if limit.beyond.reason
+        else BORNE
     )
 
 
 def _by_trials(
-    scene: Scene, each: StaticLoad, left: np.ndarray, reference, start: dict, whole: Strained, stop, say
+    scene: Scene,
+    load_case: StaticLoad,
+    missing_load: np.ndarray,
+    reference,
+    start: dict,
+    full_load: Strained,
+    stop,
+    say,
 ) -> tuple[float, Strained, Equilibrium]:
-    """As `_limit`, by trials of shares, to a rough tolerance, from the nearer end. Collective. Raises Paused.
+    """Find the limit load factor by trials of factors, to a rough tolerance. Collective. Raises Paused.
 
-    Cables have one equilibrium under a load, wherever a trial begins. Where bars carry compression, or cables
-    slip with friction, it depends on the path, so the load only grows.
+    Returns what `_limit` does. Cables have one equilibrium under a load, so a trial may start from the closer
+    end of the bracket. If bars carry compression or cables slip with friction, the equilibrium depends on the
+    path, so the load only grows.
     """
     state, full = scene.state, _full(scene)
     from_above = scene.finder.slips is None and not is_compressible(scene.comm, state)
     effort = Effort(min(FEW, full.iterations), max(ROUGH, full.tolerance))
-    best, above, found = (0.0, start), None, as_it_began(scene)
-    under = lambda share: each._replace(load=each.load - (1.0 - share) * left)
+    best, above, equilibrium = (0.0, start), None, as_it_began(scene)
+
+    def under(share: float) -> StaticLoad:
+        return load_case._replace(load=load_case.load - (1.0 - share) * missing_load)
 
     def trial(share: float) -> Trial:
-        nonlocal best, above, found
+        nonlocal best, above, equilibrium
         is_nearer = above is not None and above[0] - share < share - best[0]
         put_back(state, above[1] if is_nearer else best[1])
-        now, there = _tried(scene, under(share), reference, stop, effort)
-        if not now.reason:
-            best, found = (share, committed(state)), there
-        elif from_above and now.reason == BREAKS:
+        utilisation, trial_equilibrium = _tried(scene, under(share), reference, stop, effort)
+        if not utilisation.reason:
+            best, equilibrium = (share, committed(state)), trial_equilibrium
+        elif from_above and utilisation.reason == BREAKS:
             above = share, committed(state)
-        return Trial(share, share, now)
+        return Trial(share, share, utilisation)
 
-    low, high = search_limit(trial, NOTHING, Trial(1.0, 1.0, whole), OF_LOAD, say)
+    low, high = search_limit(trial, NOTHING, Trial(1.0, 1.0, full_load), OF_LOAD, say)
     put_back(state, best[1])
     if low.factor > 0.0:
         try:
-            found = _found(scene, under(low.factor), reference, stop, full)
-        except DivergedError:  # its error tells
+            equilibrium = _found(scene, under(low.factor), reference, stop, full)
+        except DivergedError:  # the estimated error of the trial stays in the result
             put_back(state, best[1])
-    return low.factor, high.there, found
+    return low.factor, high.there, equilibrium
 
 
 def _compressed_at(scene: Scene, particle: int) -> tuple[int, ...]:
-    """Compressed elements, global numbers, at the particle that moves most as they buckle. Collective."""
+    """List global numbers of compressed elements at the particle that moves most in buckling. Collective."""
     d, state = scene.distribution.subdomain, scene.state
-    there = (d.particle_gid[state.ends] == particle).any(1) & (state.elements_now().N < 0.0)
-    return all_of(scene.comm, d.element_gid[there].tolist())[:MOST_NAMED]
+    is_compressed = (d.particle_gid[state.ends] == particle).any(1) & (state.elements_now().N < 0.0)
+    return all_of(scene.comm, d.element_gid[is_compressed].tolist())[:MOST_NAMED]
 
 
 def yielded(scene: Scene) -> tuple[int, ...]:
-    """Elements, global numbers, that have yielded so far. Collective."""
+    """List global numbers of the elements that have yielded so far. Collective."""
     if not scene.state.features.plastic:
         return ()
     return all_of(scene.comm, scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0].tolist())
 
 
-def set_net(state: State, each: StaticLoad) -> None:
-    """Give the net the unstressed lengths, springs and supports that a load has of its own."""
-    if each.L0 is not None:
-        set_strands(state, each.L0)
-    if each.spring_rest is not None:
-        state.spring_rest[:] = each.spring_rest
-    if each.settlement is not None:
+def set_net(state: State, load_case: StaticLoad) -> None:
+    """Give the net the unstressed lengths, springs and support positions of a load."""
+    if load_case.L0 is not None:
+        set_strands(state, load_case.L0)
+    if load_case.spring_rest is not None:
+        state.spring_rest[:] = load_case.spring_rest
+    if load_case.settlement is not None:
         held = state.free == 0
-        state.x[held] = (state.x_start + each.settlement)[held]
+        state.x[held] = (state.x_start + load_case.settlement)[held]

@@ -1,4 +1,4 @@
-"""What came of the search for an equilibrium under one load: in numbers, attributes and words."""
+"""Outcome of the search for an equilibrium under one load, as numbers, attributes and text."""
 
 from typing import NamedTuple
 
@@ -14,17 +14,17 @@ from netfall.record.energy import Snapshot
 from netfall.results.notes import AT_LIMIT, MOST_MARKED, limit_point_warning
 
 EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
-UNDECIDED = "undecided"  # the search ended: there may be an equilibrium
-MOST_NAMED = 100  # elements where a net gives way
+UNDECIDED = "undecided"  # the search ended without a decision: an equilibrium may exist
+MOST_NAMED = 100  # elements listed at a limit
 
 
 class Equilibrium(NamedTuple):
-    """An equilibrium, and the state in it; slack : cables of the net.
+    """Equilibrium and the state in it; slack : number of slack cables.
 
     balance : its reactions, and how they balance the loads
-    at_limit : elements, global numbers, of each of `AT_LIMIT` that there is: beyond a fracture strain, ...
-    slip : (k,) [m] of each place where a cable slips, None: none does
-    stopped : elements of such cables that their end stops, global numbers
+    at_limit : global numbers of elements at each limit of `AT_LIMIT` that is reached
+    slip : (k,) [m] of each slip point, None: there is none
+    stopped : global numbers of elements of sliding cables whose stop is reached
     """
 
     snapshot: Snapshot
@@ -36,19 +36,19 @@ class Equilibrium(NamedTuple):
     stopped: tuple[int, ...] = ()
 
     def numbers(self) -> dict:
-        """What is kept of it besides the state."""
+        """Return the numbers that are kept in addition to the state."""
         slip = {} if self.slip is None else {"slip": self.slip}
         return {"slack": self.slack, **self.solution._asdict(), **self.balance.numbers(), **slip}
 
 
 class StaticOutcome(NamedTuple):
-    """What came of the search for an equilibrium under one load. The state stands in `equilibrium`.
+    """Outcome of the search for an equilibrium under one load. The state is in `equilibrium`.
 
     state : "equilibrium"; "unstable": one in which compressed bars buckle; "no_equilibrium"; or "undecided"
     load_factor : reached, see `StaticLoad.factor`; nan: not known
-    reason : in words, ""; elements : global numbers, where it gives way, at most `MOST_NAMED`
-    equilibrium : that under `load_factor`; where none was found, the state from which it began
-    limit : the first limit point on the way, None: there is none; its share counts from where the load began
+    reason : text, ""; elements : global numbers at the limit, at most `MOST_NAMED`
+    equilibrium : that under `load_factor`; if none was found, the state before the search
+    limit : the first limit point on the way, None: there is none; its share counts from the start of the load
     """
 
     state: str
@@ -60,42 +60,45 @@ class StaticOutcome(NamedTuple):
 
     @property
     def carries(self) -> bool:
-        """Whether an equilibrium was found under the whole load."""
+        """Return whether an equilibrium was found under the whole load."""
         return self.state not in (NONE, UNDECIDED)
 
     def labels(self) -> dict:
-        """Attributes of its group of the file, elements by their global numbers."""
+        """Return the attributes of its group of the file, elements by their global numbers."""
         names = ("state", "load_factor", "reason", "elements")
         at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
         limit = {} if self.limit is None else {"limit_load_factor": self.limit.share}
         return {name: getattr(self, name) for name in names} | at_limit | limit
 
 
-def limit_warning(each: StaticLoad, limit: LimitPoint, node: int | None) -> str:
-    """A warning of a limit point on the path to an equilibrium; node : the id of that which jumps."""
-    at = {"permanent": f"{limit.share:.4g} of them", "stage": f"{limit.share:.4g} of its changes"}
-    at = at.get(each.kind, f"load factor {limit.share:.4g}")
-    return limit_point_warning(each.words, at, node if limit.particle >= 0 else None, limit.jump)
+def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
+    """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
+    place = {"permanent": f"{limit.share:.4g} of them", "stage": f"{limit.share:.4g} of its changes"}
+    place = place.get(load_case.kind, f"load factor {limit.share:.4g}")
+    return limit_point_warning(load_case.words, place, node if limit.particle >= 0 else None, limit.jump)
 
 
 def by_ids(labels: dict, element_id: np.ndarray) -> dict:
-    """Attributes of a group of the file, as of `StaticOutcome.labels`, with elements by their ids (m,)."""
+    """Replace global numbers of elements by their ids (m,) in attributes of `StaticOutcome.labels`."""
     names = [name for name in ("elements", *AT_LIMIT) if name in labels]
     return labels | {name: element_id[list(labels[name])] for name in names}
 
 
-def no_equilibrium(job: Job, each: StaticLoad, outcome: StaticOutcome) -> str:
-    """That a load has no equilibrium, or that none was found, how far it was carried, what to do."""
+def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> str:
+    """Return the message that a load has no equilibrium, with the load factor reached and a remedy."""
     if outcome.state == UNDECIDED:
-        return undecided(each.words, outcome)
+        return undecided(load_case.words, outcome)
     factor = outcome.load_factor
     reached = f" (load factor reached {factor:.4g})" if factor == factor else ""
-    what = f"under {each.words} " if outcome.elements else f"{each.words}: "
-    return f"{what}{outcome.reason}{reached}{_advice(job, each)}"
+    place = f"under {load_case.words} " if outcome.elements else f"{load_case.words}: "
+    return f"{place}{outcome.reason}{reached}{_advice(job, load_case)}"
 
 
 def undecided(words: str, outcome: StaticOutcome) -> str:
-    """That the search for an equilibrium has ended without one, and what to do. words : what acts"""
+    """Return the message that the search for an equilibrium ended without a decision.
+
+    words : name of the load
+    """
     factor = outcome.load_factor
     up_to = f"; an equilibrium was found up to load factor {factor:.4g}" if factor > 0.0 else ""
     return f"{words}: undecided: {outcome.reason}{up_to}. {NOT_A_PROOF} {WHAT_TO_DO}"
@@ -107,9 +110,9 @@ WHAT_TO_DO = (
 )
 
 
-def _advice(job: Job, each: StaticLoad) -> str:
-    if each.kind == "case" or each.kind == "rest":
-        return f": there is no equilibrium under {'it' if each.words != ALL_LOADS else 'them'}"
+def _advice(job: Job, load_case: StaticLoad) -> str:
+    if load_case.kind == "case" or load_case.kind == "rest":
+        return f": there is no equilibrium under {'it' if load_case.words != ALL_LOADS else 'them'}"
     keys = ["[load] steps = 0"] * bool(load_steps(job))
     keys += ['[wind] onset = "sudden"'] * rests_in_wind(job)
     at_once = job.dynamics and not job.cases and not rests_at_loss(job)

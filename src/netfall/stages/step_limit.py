@@ -1,9 +1,9 @@
-"""The highest frequency of the assembled net: 2 / omega_max is the sharp limit of the step at the start.
+"""Highest frequency of the assembled net; 2 / omega_max is the sharp stability limit of the first step.
 
-Lanczos's iteration on M^-1/2 K M^-1/2, K with material and geometric stiffness, without held axes. What is
-slack counts as taut, for it may be so a moment later; compression, which makes the net softer across, does
-not count. The sums are exact and each particle's force is summed as in the time loop, so the limit has the
-same bits on any number of ranks.
+Lanczos iteration on M^-1/2 K M^-1/2, with material and geometric stiffness K and without held axes. Slack
+cables count as taut, because they may become so at any time. Compression, which reduces the stiffness across
+an element, is left out. The sums are exact and each particle's force is summed as in the time loop. So the
+limit has the same bits on any number of ranks.
 """
 
 from collections.abc import Callable
@@ -23,24 +23,25 @@ from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 
-# Of omega_max^2: bound of what is missing, which is then added, so that the limit is on the safe side.
+# relative error bound of omega_max^2 [-] at which the iteration ends; the bound is added, so the limit is
+# conservative
 CLOSE = 1e-4
-MOST = 300  # iterations; the bound is added whatever it is
-EACH = 5  # iterations between looks at the bound
+MOST = 300  # iterations; the bound is added whatever its value
+EACH = 5  # iterations between checks of the bound
 
 
 def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo: Halo) -> Limit:
-    """2 / omega_max of the net as it stands; its slack cables taut; held axes add nothing.
+    """Compute 2 / omega_max of the net in its present state, with slack cables taut and without held axes.
 
     element_gid : (m,); halo : of width 3. Collective.
     """
     s, owned = state, slice(state.n_owned)
-    now = s.elements_now()
-    N, L = now.N, now.L
+    elements = s.elements_now()
+    N, L = elements.N, elements.L
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
     axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
     joints = None if s.joints is None else joint_tangent(s.x, s.joints, np.zeros(len(s.x)))
-    mass = s.mass if s.air_mass is None else s.mass - s.air_mass  # the air may be lost
+    mass = s.mass if s.air_mass is None else s.mass - s.air_mass  # the added mass of the air may be lost
     moves = (s.free != 0) & (mass > 0.0)[:, None]
     root = np.where(moves, 1.0 / np.sqrt(np.where(mass > 0.0, mass, 1.0))[:, None], 0.0)
     shape, force = np.empty((s.n_local, 3)), np.empty((s.n_local, 3))
@@ -60,7 +61,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         return force[owned] * root[owned]
 
     number = 3 * s.gid[owned, None] + np.arange(3)
-    any_vector = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # that depends on the number alone
+    any_vector = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # depends on the number alone
     start = np.where(moves[owned], any_vector, 0.0)
     if s.turned is not None:
         keep_on_guides(s.turned, start)
@@ -76,48 +77,50 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
 
 
 def _highest(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float, np.ndarray]:
-    """The largest eigenvalue of a symmetric map of rows (n_owned, 3), never too small, and its vector.
+    """Return an upper bound of the largest eigenvalue of a symmetric map, and its vector. Collective.
 
-    0 where the map, or the vector to start from, is zero. Collective.
+    apply : the map of rows (n_owned, 3). The bound is 0 if the map or the start vector is zero.
     """
     (size,) = exact_sums(comm, start * start)
     if not size > 0.0:
         return 0.0, start
-    diagonal, beside = [], [np.sqrt(size)]
-    before, v = np.zeros_like(start), start / beside[0]
+    diagonal, off_diagonal = [], [np.sqrt(size)]
+    previous, v = np.zeros_like(start), start / off_diagonal[0]
     while True:
-        w = apply(v) - (beside[-1] if len(diagonal) else 0.0) * before
-        (a,) = exact_sums(comm, w * v)
-        w -= a * v
-        (b2,) = exact_sums(comm, w * w)
-        diagonal.append(a)
-        beside.append(np.sqrt(b2))
+        w = apply(v) - (off_diagonal[-1] if len(diagonal) else 0.0) * previous
+        (alpha,) = exact_sums(comm, w * v)
+        w -= alpha * v
+        (beta_squared,) = exact_sums(comm, w * w)
+        diagonal.append(alpha)
+        off_diagonal.append(np.sqrt(beta_squared))
         j = len(diagonal)
-        ended = beside[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span all that there is
+        ended = off_diagonal[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span an invariant subspace
         if j % EACH == 0 or ended or j == MOST:
             pivot, vector = np.empty((2, j))
-            top = top_of_tridiagonal(np.array(diagonal), np.array([*beside[1:j], 0.0]), pivot, vector)
-            missing = 0.0 if ended else beside[-1] * abs(vector[-1])
-            if ended or missing <= CLOSE * top or j == MOST:
+            largest = top_of_tridiagonal(
+                np.array(diagonal), np.array([*off_diagonal[1:j], 0.0]), pivot, vector
+            )
+            error_bound = 0.0 if ended else off_diagonal[-1] * abs(vector[-1])
+            if ended or error_bound <= CLOSE * largest or j == MOST:
                 break
-        before, v = v, w / beside[-1]
-    if not top > 0.0:
+        previous, v = v, w / off_diagonal[-1]
+    if not largest > 0.0:
         return 0.0, start
-    mode = np.zeros_like(start)  # the vectors come again, so that they need not be kept
-    before, v = np.zeros_like(start), start / beside[0]
+    mode = np.zeros_like(start)  # the vectors are recomputed, so they need not be stored
+    previous, v = np.zeros_like(start), start / off_diagonal[0]
     for k in range(j):
         mode += vector[k] * v
         if k < j - 1:
-            w = apply(v) - (beside[k] if k else 0.0) * before - diagonal[k] * v
-            before, v = v, w / beside[k + 1]
-    return top + missing, mode
+            w = apply(v) - (off_diagonal[k] if k else 0.0) * previous - diagonal[k] * v
+            previous, v = v, w / off_diagonal[k + 1]
+    return largest + error_bound, mode
 
 
 def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margin: float) -> bool:
-    """Whether the net as it is by now, with what has split off, can be stepped with dt [s]. Collective.
+    """Return whether the present net, with split-off particles, is stable with the step dt [s]. Collective.
 
-    As `stability.any_shape_limits` of the intact net: omega dt up to 1 at a cable that can go slack and taut
-    again, up to 2 at a bar; of both no more than the share `margin`.
+    The criterion is that of `stability.any_shape_limits` for the intact net. It limits omega dt to 1 at a
+    cable, which may change between slack and taut, and to 2 at a bar, both times `margin`.
     halo : of any width
     """
     s, k = state, np.where(state.EA > 0.0, largest_stiffness(state.EA, state.L0), 0.0)

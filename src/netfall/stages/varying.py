@@ -1,14 +1,15 @@
-"""The loads that vary in time, kept in the state of every rank as two samples around the present step.
+"""Loads that vary in time, kept in the state of every rank as two samples around the present step.
 
-A load that varies is anything with
-    before, after             [s] times of its own samples around the present step; after is inf where none
-    follows
-    advance(step, step_at)    moves on to those around a step, which are due later than it; collective
-    write(state, start, end)  puts its values at two times between these samples into the state
-    hand_over(handed, distribution)   gives what acts on particles that leave to others, as
-    `model.redistribution` says; collective
-A new one stands here, is made in `varying_loads`, and counts in `asks.varies`.
-Loads that are linear in time add to `load_before` and `load_after`; the wind has fields of its own.
+A varying load is any object with
+    before, after             [s] times of its own samples around the present step; after is inf if none
+                              follows
+    advance(step, step_at)    advances to the samples around a step; collective
+    write(state, start, end)  writes its values at two times between these samples to the state
+    hand_over(handed, distribution)   moves what acts on leaving particles to others, see
+                              `model.redistribution`; collective
+
+A new one is added to this module, is created in `varying_loads`, and counts in `asks.varies`. Loads that are
+linear in time add to `load_before` and `load_after`; the wind has fields of its own.
 """
 
 import math
@@ -32,7 +33,7 @@ CHUNK = 64  # samples of the history that rank 0 sends at once
 
 
 def varying_loads(scene: Scene) -> list:
-    """The loads that vary in time, but what fades after a loss. Collective."""
+    """Create the varying loads, except those that fade after a member removal. Collective."""
     loads, job, model, distribution = [], scene.job, scene.model, scene.distribution
     if job.wind:
         field = model.wind_field if model else None
@@ -45,27 +46,27 @@ def varying_loads(scene: Scene) -> list:
 
 
 def ground_of(comm: MPI.Comm, model, state: State) -> Ground | None:
-    """The ground below the particles of this rank; None: it stands still. Collective."""
+    """Return the moving ground below the particles of this rank; None: it does not move. Collective."""
     if not state.features.motion:
         return None
     names = list(Ground.kind.fields)
     names = names[: names.index("held")]
     shared = comm.bcast(model and [getattr(model.motion, name) for name in names])
     held = (state.free[: state.first_split] == 0).any(1) & (state.course[: state.first_split] >= 0)
-    room = np.zeros((5, len(shared[-1]), 3))
-    return Ground(*shared, np.flatnonzero(held), *room)
+    scratch = np.zeros((5, len(shared[-1]), 3))
+    return Ground(*shared, np.flatnonzero(held), *scratch)
 
 
 class VaryingLoads:
-    """All loads that vary, between two times that they have in common."""
+    """All varying loads, between two times that they have in common."""
 
     def __init__(self, state: State, loads: list, step_at: Callable[[float], int]):
-        """step_at(time) : number of the first step at or after a time [s]"""
+        """step_at(time) : returns the number of the first step at or after a time [s]"""
         self.loads, self.step_at = loads, step_at
         self.renew(state)
 
     def renew(self, state: State) -> None:
-        """The samples anew, as at the start and after one of the loads has changed."""
+        """Recompute both load samples, at the start and after one of the loads has changed."""
         self.time = max((load.before for load in self.loads), default=0.0)
         end = min((load.after for load in self.loads), default=math.inf)
         self.dt = end - self.time
@@ -77,24 +78,24 @@ class VaryingLoads:
             load.write(state, self.time, end)
 
     def due(self) -> int:
-        """Number of the step at which the next samples are due; beyond every step after the last."""
+        """Return the number of the step at which the next samples are due; after the last: a large number."""
         return self.step_at(self.time + self.dt) if self.dt < math.inf else sys.maxsize
 
     def advance(self, state: State, step: int) -> None:
-        """Move on to the samples around a step: `due` is later than it. Collective."""
+        """Advance to the samples around a step, so that `due` is later. Collective."""
         while self.due() <= step:
             for load in self.loads:
                 load.advance(step, self.step_at)
             self.renew(state)
 
     def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
-        """Give what acts on particles that leave to others; `renew` is due after it. Collective."""
+        """Move what acts on leaving particles to others; call `renew` afterwards. Collective."""
         for load in self.loads:
             load.hand_over(handed, distribution)
 
 
 class GrowingLoad:
-    """A force that grows from zero, in proportion to the time, over a ramp, and stays."""
+    """Force that grows linearly from zero over a ramp and then stays constant."""
 
     def __init__(self, force: np.ndarray, ramp: float):
         """force : (owned and halo, 3) [N] at the end of the ramp [s]"""
@@ -102,27 +103,27 @@ class GrowingLoad:
         self.before, self.after = 0.0, ramp
 
     def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
-        """Of particles that leave to others. Collective."""
+        """Move the force on leaving particles to others. Collective."""
         given = handed.given(distribution, self.force)
         handed.move(self.force, distribution.subdomain.particle_gid, given)
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
-        """Past the ramp, if the step is."""
+        """Advance beyond the ramp if the step is beyond it."""
         if step >= step_at(self.ramp):
             self.before, self.after = self.ramp, math.inf
 
     def write(self, state: State, start: float, end: float) -> None:
-        """Its values at two times."""
+        """Add its values at two times to the state."""
         rows = len(self.force)
         state.load_before[:rows] += min(1.0, start / self.ramp) * self.force
         state.load_after[:rows] += min(1.0, end / self.ramp) * self.force
 
 
 class FadingLoad:
-    """The tension of elements that were lost: along the lines that they had, it falls linearly to zero.
+    """Tension of removed elements that fades linearly to zero, along their lines at the removal.
 
-    What of it acts on particles inside a lost cable acts on those that take over what these carry. So the two
-    ends of what is lost are pulled against each other, and as strongly as before while nothing has faded.
+    The part on particles inside a removed cable acts on the particles that take over their loads. So the two
+    ends of the removed member are pulled together, as strongly as before while nothing has faded.
     """
 
     def __init__(self, particle_gid: np.ndarray, duration: float):
@@ -131,25 +132,25 @@ class FadingLoad:
         self.before, self.after, self.zero = 0.0, math.inf, math.inf
 
     def begin(self, time: float, ends: np.ndarray, force: np.ndarray, elements: np.ndarray) -> None:
-        """Elements are lost at a time [s].
+        """Start to fade at a time [s].
 
         ends : (k, 2) particles; force : (k, 3) [N] on the start of each, against its end
-        elements : (k,) local rows, -1: not here, for cables that slip beside them
+        elements : (k,) local rows, -1: not on this rank; serve the slip points next to them
         """
         self.elements, self.tension = elements[elements >= 0], lengths(force[elements >= 0])
         self.before = time
-        self.after = self.zero = time + self.duration  # when nothing is left
+        self.after = self.zero = time + self.duration  # the tension is zero from here on
         self.all_forces = force
         self._place(ends.T.ravel(), np.concatenate([force, -force]))
 
     def _place(self, particles: np.ndarray, force: np.ndarray) -> None:
-        """The forces (k, 3) [N] at their begin act on these particles (k,)."""
+        """Apply the forces (k, 3) [N] at the start of the fading to these particles (k,)."""
         self.particles, self.every = particles, force
         row = rows_of(self.particle_gid, particles)
         self.rows, self.force = row[row >= 0], force[row >= 0]
 
     def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
-        """Of particles that leave to others."""
+        """Move the forces on leaving particles to others."""
         if self.zero == math.inf:
             return
         given = np.zeros((len(handed.particles), 3))
@@ -162,12 +163,12 @@ class FadingLoad:
         )
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
-        """Past the end, if the step is."""
+        """Advance beyond the end if the step is beyond it."""
         if self.after < math.inf and step >= step_at(self.after):
             self.before, self.after = self.after, math.inf
 
     def write(self, state: State, start: float, end: float) -> None:
-        """Its values at two times."""
+        """Add its values at two times to the state."""
         if self.zero == math.inf:
             return
         for time, load in ((start, state.load_before), (end, state.load_after)):
@@ -178,42 +179,43 @@ class FadingLoad:
                 hold[self.elements] = self._left(time) * self.tension
 
     def _left(self, time: float) -> float:
-        """Share that is left at a time [s]."""
+        """Return the share that is left at a time [s]."""
         return min(1.0, max(0.0, (self.zero - time) / self.duration))
 
 
 class WindLoad:
-    """The wind: rank 0 generates its speed at control points, every rank interpolates to its particles."""
+    """Wind: rank 0 generates the speed at control points, every rank interpolates to its particles."""
 
     def __init__(self, comm: MPI.Comm, distribution: Distribution, field: WindField | None, history):
-        """Collective. field, history : on rank 0; history : `GrowingGusts`."""
+        """Collective. field, history : on rank 0; history : `GrowingGusts`"""
         self.comm = comm
         self.history = history
-        column = lambda name: distribution.particles(None if field is None else getattr(field, name))
-        self.mean, self.corner, self.weight = column("mean"), column("corner"), column("weight")
+        self.mean = distribution.particles(field and field.mean)
+        self.corner = distribution.particles(field and field.corner)
+        self.weight = distribution.particles(field and field.weight)
         self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
-        self.k = 0  # the present one
+        self.k = 0  # index of the present sample
         self._sample(1)
 
     @property
     def before(self) -> float:
-        """Time [s] of the present sample."""
+        """Return the time [s] of the present sample."""
         return self.samples[self.k][0]
 
     @property
     def after(self) -> float:
-        """Time [s] of the sample after it."""
+        """Return the time [s] of the sample after it."""
         time = self.samples[self.k + 1][0]
         return time if time > self.before else math.inf
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
-        """What a continuation needs, for `restore`; the history's state on rank 0."""
+        """Return the record that `restore` needs; the history's state on rank 0."""
         small, arrays = self.history.record() if self.history else ({}, {})
         time, gust = np.array([t for t, _ in self.samples]), np.array([g for _, g in self.samples])
         return {"k": self.k, "history": small}, arrays | {"time": time, "gust": gust}
 
     def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
-        """Take up the record of an earlier run; arrays : on every rank."""
+        """Restore the record of an earlier run; arrays : on every rank."""
         arrays = dict(arrays)
         self.k = int(small["k"])
         self.samples = [(float(t), g) for t, g in zip(arrays.pop("time"), arrays.pop("gust"))]
@@ -221,7 +223,7 @@ class WindLoad:
             self.history.restore(small["history"], arrays)
 
     def record_until(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times (t,) [s] and gusts (t, c) [m/s] of the samples up to the first at or after a time [s]."""
+        """Return times (t,) [s] and gusts (t, c) [m/s] of the samples to the first at or after a time [s]."""
         times = np.array([sample for sample, _ in self.samples])
         last = min(int(np.searchsorted(times, time)), len(times) - 1)
         return times[: last + 1], np.array([gust for _, gust in self.samples[: last + 1]])
@@ -235,21 +237,24 @@ class WindLoad:
         return self.samples[k]
 
     def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
-        """Nothing: what it acts on is in the state, and is handed over with that."""
+        """Do nothing: the exposed areas are in the state, which is redistributed separately."""
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
-        """On to the samples around a step."""
+        """Advance to the samples around a step."""
         while self.after < math.inf and step_at(self.before + (self.after - self.before)) <= step:
             self.k += 1
             self._sample(self.k + 1)
 
     def write(self, state: State, start: float, end: float) -> None:
-        """Speeds at the particles at two times."""
+        """Write the speeds at the particles at two times."""
         for time, speed in ((start, state.speed_before), (end, state.speed_after)):
             particle_speeds(self.mean, self.corner, self.weight, self._gust(time), speed[: len(self.mean)])
 
     def _gust(self, time: float) -> np.ndarray:
-        """Gusts (c,) [m/s] at a time, the samples' own where it is theirs."""
+        """Return the gusts (c,) [m/s] at a time, by linear interpolation between the samples.
+
+        At the time of a sample they are exactly its gusts.
+        """
         (begin, first), (end, last) = self.samples[self.k], self.samples[self.k + 1]
         if time == begin or self.after == math.inf:
             return first

@@ -1,4 +1,4 @@
-"""Which equilibria a job asks for, in order, and what acts in each."""
+"""Equilibria that a job needs, in order, with the loads that act in each."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -13,9 +13,9 @@ from netfall.stages.scene import Scene
 
 
 class Wanted(NamedTuple):
-    """An equilibrium that is looked for.
+    """Equilibrium to be computed.
 
-    each : the load, without what acts; acts(model) : what does, on rank 0
+    each : the load, without arrays; acts(model) : returns its arrays, on rank 0
     """
 
     each: StaticLoad
@@ -23,51 +23,60 @@ class Wanted(NamedTuple):
 
 
 def equilibria(scene: Scene) -> list[Wanted]:
-    """What the job asks for, in order: permanent loads, cases, combinations, load steps, rest."""
+    """List the equilibria that the job needs, in their order.
+
+    Permanent loads come first, then cases, combinations, load steps, and the final equilibrium.
+    """
     job = scene.job
-    steps, rests = load_steps(job), rests_in_wind(job)
+    steps, final_wind = load_steps(job), rests_in_wind(job)
     apart = [
         *((case, of_case_alone) for case in job.cases),
-        *((each, of_combination) for each in job.combinations),
+        *((static_load, of_combination) for static_load in job.combinations),
     ]
-    wanted = []
+    requests = []
 
     weights = own_weight(job)
 
-    def want(kind: str, words: str, acts: Callable[[Model], np.ndarray], **more) -> None:
-        load = StaticLoad(kind, words, None, weights=weights, **more)
-        wanted.append(Wanted(load, lambda model: Actions(acts(model))))
+    def want(kind: str, name: str, acts: Callable[[Model], np.ndarray], **options) -> None:
+        load = StaticLoad(kind, name, None, weights=weights, **options)
+        requests.append(Wanted(load, lambda model: Actions(acts(model))))
 
     if apart or steps:
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)
     for entry, acts in apart:
         what = "case" if acts is of_case_alone else "combination"
-        share = weights * factor_of(entry, "permanent") if acts is of_combination else weights
-        each = StaticLoad(what, f"{what} {entry.name}", None, 1.0, entry.name, True, weights=share)
-        wanted.append(Wanted(each, lambda model, entry=entry, acts=acts: acts(job, model, entry)))
-    again = bool(apart)
+        weight = weights * factor_of(entry, "permanent") if acts is of_combination else weights
+        static_load = StaticLoad(what, f"{what} {entry.name}", None, 1.0, entry.name, True, weights=weight)
+        requests.append(Wanted(static_load, lambda model, entry=entry, acts=acts: acts(job, model, entry)))
+    has_cases = bool(apart)
     for step in range(1, steps + 1):
-        part = lambda model, factor=step / steps: model.loading.permanent + factor * model.loading.live
-        first = again and step == 1
-        more = {"factor": step / steps, "from_permanent": first, "begins": (step - 1) / steps}
-        want("step", f"static load step {step} of {steps}", part, **more)
-    if rests and not steps:
-        want("at once", "the constant loads", lambda model: model.load, factor=1.0, from_permanent=again)
+        want(
+            "step",
+            f"static load step {step} of {steps}",
+            lambda model, factor=step / steps: model.loading.permanent + factor * model.loading.live,
+            factor=step / steps,
+            from_permanent=has_cases and step == 1,
+            begins=(step - 1) / steps,
+        )
+    if final_wind and not steps:
+        want("at once", "the constant loads", lambda model: model.load, factor=1.0, from_permanent=has_cases)
     if rests_at_loss(job):
-        want("rest", ALL_LOADS, lambda model: model.load, factor=1.0, from_permanent=again and not steps)
-    if rests:
+        want("rest", ALL_LOADS, lambda model: model.load, factor=1.0, from_permanent=has_cases and not steps)
+    if final_wind:
         want("rest", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
-    return wanted
+    return requests
 
 
-def loaded(scene: Scene, wanted: Wanted) -> StaticLoad:
-    """The load of an equilibrium, with what acts on this rank. Collective."""
+def loaded(scene: Scene, request: Wanted) -> StaticLoad:
+    """Return the load of an equilibrium with its arrays on this rank. Collective."""
     distribution = scene.distribution
-    acts = wanted.acts(scene.model) if scene.model else None
-    there = scene.comm.bcast(acts and {name for name, values in vars(acts).items() if values is not None})
+    actions = request.acts(scene.model) if scene.model else None
+    names = scene.comm.bcast(
+        actions and {name for name, values in vars(actions).items() if values is not None}
+    )
     parts = {}
     for name in Actions.__dataclass_fields__:
-        if name in there:
+        if name in names:
             scatter = distribution.elements if name == "L0" else distribution.particles
-            parts[name] = scatter(acts and getattr(acts, name))
-    return wanted.each._replace(**parts)
+            parts[name] = scatter(actions and getattr(actions, name))
+    return request.each._replace(**parts)
