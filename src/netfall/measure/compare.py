@@ -76,8 +76,10 @@ def cheapest(rows: list[Row], tolerance: float) -> Row | None:
 def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
     """Return the table as text, with * on the Pareto front, and the fastest setting within the tolerance."""
     ranked = sorted(rows, key=lambda row: row.outcome.seconds)
-    mark = lambda row: "\\* " if row.best else ""
-    lines = [_cells(mark(row) + row.setting, row.outcome, row.errors["overlap"], row.error) for row in ranked]
+    lines = [
+        _cells("\\* " * row.best + row.setting, row.outcome, row.errors["overlap"], row.error)
+        for row in ranked
+    ]
     return [
         *tables.as_text(HEAD, [_cells("**reference**", exact, 1.0, 0.0), *lines]),
         f"cheapest within an error of {tolerance:g}: {_advice(cheapest(rows, tolerance), exact)}"

@@ -87,8 +87,12 @@ def grown(job: Job, factor: float) -> list[str] | None:
         return [f"net.subdivide={round(job.net.subdivide * factor)}"] if factor == round(factor) else None
     keys = [key for key in GENERATOR_KEYS[job.net.generator] if key not in FIXED]
     longer = {key: getattr(job.net, key) * math.sqrt(factor) for key in keys}
-    whole = lambda key, value: WHOLE[key] * round(value / WHOLE[key])
-    return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
+    return [f"net.{key}={_rounded(key, value)!r}" for key, value in longer.items()]
+
+
+def _rounded(key: str, value: float) -> float | int:
+    """Return the value of a generator's key, for an integer key the nearest valid one."""
+    return WHOLE[key] * round(value / WHOLE[key]) if key in WHOLE else value
 
 
 def measure(kind: str, runs: Series, overrides: list[str]) -> dict:

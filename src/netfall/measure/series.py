@@ -57,7 +57,9 @@ class Series:
             if not again:
                 done({"state": "failed", "exit_code": 1, "reason": why}, None)
 
-        started = lambda outcomes: check_started(outcomes, self.ranks, program_digest(TELLING))
+        def started(answer):
+            check_started(answer, self.ranks, program_digest(TELLING))
+
         command = worker_command(self.launcher, self.ranks)
         Pool(command, 1, math.inf, take, answered, died, started).run(stop)
 

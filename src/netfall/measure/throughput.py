@@ -88,13 +88,12 @@ def throughput(
 
 def _row(workers: int, ranks: int, results: list, reference: list) -> dict:
     """Return the medians for one number of workers; the speed is relative to the first, repeat by repeat."""
-    median = lambda values: float(np.median(list(values)))
+    minutes, ratios = np.transpose(results)
+    reference_minutes, _ = np.transpose(reference)
     return {
         "workers": workers,
         "ranks": ranks,
-        "runs_a_minute": median(minute for minute, _ in results),
-        "times_the_first": median(
-            minute / first_minute for (minute, _), (first_minute, _) in zip(results, reference)
-        ),
-        "run_over_dynamic_stage": median(ratio for _, ratio in results),
+        "runs_a_minute": float(np.median(minutes)),
+        "times_the_first": float(np.median(minutes / reference_minutes)),
+        "run_over_dynamic_stage": float(np.median(ratios)),
     }

@@ -36,21 +36,20 @@ def built_up(scene: Scene, result: Path, restart: Path | None, checkpoint, stop:
 
     result, restart, checkpoint, stop : as in `prepare`. Raises InputError, DivergedError, Interrupted.
     """
-    kept = lambda name: checkpoint.part(name) if checkpoint else (None, None)
     parts = scene.comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
     build_up = BuildUp(base=scene.model)
     if scene.job.targets:
-        scene, build_up = _targeted(scene, build_up, kept(TARGETS) if TARGETS in parts else None)
+        scene, build_up = _targeted(scene, build_up, _record(checkpoint, parts, TARGETS))
     if build_up.failure:
         return replace(scene, build_up=build_up)
     if scene.comm.bcast(scene.model and bool(scene.model.net.length_error.any())):
-        scene, build_up = _deviated(scene, build_up, kept(DEVIATION) if DEVIATION in parts else None)
+        scene, build_up = _deviated(scene, build_up, _record(checkpoint, parts, DEVIATION))
     if build_up.failure or not scene.job.stages:
         return replace(scene, build_up=build_up)
     on_root(scene.comm, lambda: check_stages(scene.job, scene.model))
     erection = Erection()
-    if ERECTION in parts:
-        small, arrays = kept(ERECTION)
+    if record := _record(checkpoint, parts, ERECTION):
+        small, arrays = record
         erection = restored(scene, scene.comm.bcast(small), arrays)
     try:
         erect(scene, erection, stop)
@@ -59,6 +58,13 @@ def built_up(scene: Scene, result: Path, restart: Path | None, checkpoint, stop:
         words = f"in stage {scene.job.stages[erection.done].name}, from whose start it goes on"
         raise interrupted(words, path) from None
     return _erected(scene, build_up, erection)
+
+
+def _record(checkpoint, parts: set[str], name: str) -> tuple | None:
+    """Return a record of a checkpoint, None if `parts` lacks it; (None, None) on ranks other than 0."""
+    if name not in parts:
+        return None
+    return checkpoint.part(name) if checkpoint else (None, None)
 
 
 def _targeted(scene: Scene, build_up: BuildUp, record: tuple | None) -> tuple[Scene, BuildUp]:

@@ -23,7 +23,7 @@ from netfall.program.setup import prepare
 from netfall.roof.areas import GIVEN_AREAS, areas_are_given, largest_face, normals
 from netfall.stages.modes import mode_lines
 from netfall.stages.scene import Scene
-from netfall.stages.wanted import equilibria, loaded
+from netfall.stages.wanted import Wanted, equilibria, loaded
 from netfall.wind.sectors import bearing
 from netfall.write.h5 import CHUNK_BYTES
 from netfall.write.locks import writing
@@ -154,13 +154,17 @@ def equilibria_time(scene: Scene) -> tuple[float, str]:
         return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and scene.form is None:
         return NEAR_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
-    foreseen = lambda want: scene.finder.foresees(loaded(scene, want).load)
-    if foreseen(wanted[-1]):
+    if _is_predicted(scene, wanted[-1]):
         return NEAR_S * m * count, ""
-    predicted = sum(each.kind == "permanent" for each, _ in wanted) if foreseen(wanted[0]) else 0
+    predicted = sum(each.kind == "permanent" for each, _ in wanted) if _is_predicted(scene, wanted[0]) else 0
     limits = scene.state.features.plastic or scene.state.features.fracture
     remark = f"; where a load is not borne, up to {NOT_BORNE} times its equilibrium" if limits else ""
     return m * (NEAR_S * predicted + FAR_S * (count - predicted)), UNFORESEEN + remark
+
+
+def _is_predicted(scene: Scene, want: Wanted) -> bool:
+    """Return whether the tangent stiffness predicts an equilibrium well. Collective."""
+    return scene.finder.foresees(loaded(scene, want).load)
 
 
 def memory_line(scene: Scene) -> str:
@@ -183,7 +187,11 @@ def result_bytes(scene: Scene) -> tuple[float, float]:
     The increase assumes that elements break before every frame.
     """
     job, model, net = scene.job, scene.model, scene.model.net
-    size = lambda each: float(net.n * each[0] + net.m * each[1])
+
+    def size(entity_bytes: tuple[int, int]) -> float:
+        of_particle, of_element = entity_bytes
+        return float(net.n * of_particle + net.m * of_element)
+
     least = FILE_BYTES + size(ONCE_BYTES) + len(equilibria(scene)) * size(STATE_BYTES)
     least += CHUNK_BYTES if load_steps(job) else 0
     frames = job.output.frames if scene.schedule else 0

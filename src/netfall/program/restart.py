@@ -55,12 +55,18 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
 
 def register_result(comm: MPI.Comm, result: Result, saver: Saver) -> None:
     """Register the log of fractures and the segments of the result file, and restore them. Collective."""
-    restore_log = lambda _, events: result.log.restore(events)
+
+    def restore_log(_: dict, events: dict[str, np.ndarray]) -> None:
+        result.log.restore(events)
+
+    def restore_result(record: dict, _) -> None:
+        _restore(comm, result, saver, record)
+
     saver.register(LOG, lambda: ({}, result.log.columns()), restore_log, everywhere=True)
-    saver.register(RESULT, lambda: (result.record(), {}), lambda *kept: _restore(comm, result, saver, *kept))
+    saver.register(RESULT, lambda: (result.record(), {}), restore_result)
 
 
-def _restore(comm: MPI.Comm, result: Result, saver: Saver, small: dict, _: dict | None) -> None:
+def _restore(comm: MPI.Comm, result: Result, saver: Saver, record: dict) -> None:
     checkpoint = saver.checkpoint
     rows = comm.bcast(checkpoint and checkpoint.record["rows"])
 
@@ -68,6 +74,6 @@ def _restore(comm: MPI.Comm, result: Result, saver: Saver, small: dict, _: dict 
         folder = checkpoint.path.parent
         results = [folder / checkpoint.record["result"], result.path]
         target = result.path.with_name(f".{result.path.name}.segment-{result.token}-recovered")
-        return find_segments(folder, small["segments"], rows, results, saver.digest, target)
+        return find_segments(folder, record["segments"], rows, results, saver.digest, target)
 
-    result.restore(small, rows, comm.bcast(on_root(comm, segments)))
+    result.restore(record, rows, comm.bcast(on_root(comm, segments)))

@@ -65,8 +65,11 @@ def run_job(
         check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
         progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {how_it_writes()}")
-        tell = lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N")
-        scene, checkpoint = prepare(comm, job, phases, tell, path, restart, stop)
+
+        def report(iteration: int, residual: float) -> None:
+            progress.detail(f"form finding: iteration {iteration}, largest residual {residual:.3g} N")
+
+        scene, checkpoint = prepare(comm, job, phases, report, path, restart, stop)
         before_run(scene, progress)
         progress.say(*ranks_notes(scene))
         context = desk_for(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
@@ -210,11 +213,10 @@ def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -
         sections["slide"] = slide_section(model.net, model.layout.slides)
     if form:
         model = build_up.form or model
-        of_prestress = lambda force: np.float64(force / form.reference if form.reference else 0.0)
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
-            "residual": of_prestress(form.residual),
-            "residual_real_material": of_prestress(scene.residual),
+            "residual": _relative(form.residual, form.reference),
+            "residual_real_material": _relative(scene.residual, form.reference),
             "position": model.x,
             "tension": model.N,
             "unstressed_length": model.cut_length,
@@ -226,3 +228,8 @@ def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -
             sections["form_finding"]["self_stress"] = form.self_stress
         sections["form_finding"] |= build_up.form_sections
     return sections | build_up.sections
+
+
+def _relative(residual: float, reference: float) -> np.float64:
+    """Return a residual [N] relative to the prestress [N], 0 without prestress."""
+    return np.float64(residual / reference if reference else 0.0)

@@ -66,10 +66,14 @@ def prepare(
         if has_form:
             form, x, N = kept_form(comm, job, checkpoint)
         elif job.form_finding is not None:
-            of_run = result, digest, restart, checkpoint, stop
-            find = lambda: form_of(job, layout, distribution, halo, report, *of_run)
+
+            def find_form() -> tuple:
+                return form_of(
+                    job, layout, distribution, halo, report, result, digest, restart, checkpoint, stop
+                )
+
             key = comm.bcast(key_of(job, without=OF_SPEED) if layout else None)
-            form, x, N = memory.once("form", key, find)
+            form, x, N = memory.once("form", key, find_form)
         else:
             form, x, N = None, layout and net.x, None
         model = on_root(comm, lambda: make_model(job, layout, x, N, memory))

@@ -14,6 +14,7 @@ import json
 import os
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 
 from netfall.__main__ import abort  # its import also limits each rank to one thread
@@ -27,6 +28,14 @@ def next_task(comm) -> dict | None:
 
     line = comm.bcast(on_root(comm, sys.stdin.readline))
     return json.loads(line) if line.endswith("\n") else None
+
+
+def read_task(comm, task: dict):
+    """Read the job of a task. Raises InputError. Collective."""
+    from netfall.job.read import read_job
+    from netfall.parallel.agree import on_root
+
+    return comm.bcast(on_root(comm, lambda: read_job(task["job"], task["overrides"], task["removes"])))
 
 
 def packed(array) -> dict:
@@ -45,8 +54,6 @@ def serve() -> None:
     comm = world()
     from netfall.ground.sources import TELLING, program_digest
     from netfall.job.memory import Memory
-    from netfall.job.read import read_job
-    from netfall.parallel.agree import on_root
     from netfall.program.compile import compile_first
     from netfall.program.member import net_of, run_member
 
@@ -58,8 +65,7 @@ def serve() -> None:
         print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
     memory = Memory(REMEMBERED)
     while (task := next_task(comm)) is not None:
-        job_arguments = task["job"], task["overrides"], task["removes"]
-        read = lambda job_arguments=job_arguments: comm.bcast(on_root(comm, lambda: read_job(*job_arguments)))
+        read = partial(read_task, comm, task)
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
             net = net_of(comm, read, memory)

@@ -113,12 +113,12 @@ def make_room(state: State) -> Snapshot:
     """Allocate a snapshot for a state of this size, without values."""
     f, n, m = state.features, len(state.x), state.m
     N, eps, eps_p, L, stored, heat = (np.zeros(m) for _ in range(6))
-    particle_rows = lambda rows=3: np.zeros((rows, n + LANES))
+    vectors = (3, n + LANES)
     terms = np.zeros((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
     extra_sums = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
     room = Room(
-        f_int=particle_rows(),
-        velocity=particle_rows(),
+        f_int=np.zeros(vectors),
+        velocity=np.zeros(vectors),
         now=ElementState(N, eps, eps_p, L),
         heat=heat,
         terms=terms,
@@ -128,7 +128,7 @@ def make_room(state: State) -> Snapshot:
         attached_elements=np.zeros(m, np.uint8) if f.detaches else empty(u1),
         sums=np.zeros((len(terms) + 2 + extra_sums, LIMBS), np.int64),
         slack=np.zeros(1, np.int64),
-        f_band=particle_rows() if f.band else empty(f8_2),
+        f_band=np.zeros(vectors) if f.band else empty(f8_2),
         scratch=make_scratch(state),
     )
     return Snapshot(np.zeros(0, np.int64), room)

@@ -57,8 +57,8 @@ class Envelope:
     def restore(self, _: dict, arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         distribution, n_owned = self.distribution, self.displacement.shape[1]
-        rows = lambda name: arrays and arrays[name]
-        self.tension[:] = distribution.elements(rows("tension")).T
-        self.displacement[:] = distribution.particles(rows("displacement"))[:n_owned].T
+        tension, displacement = (arrays["tension"], arrays["displacement"]) if arrays else (None, None)
+        self.tension[:] = distribution.elements(tension).T
+        self.displacement[:] = distribution.particles(displacement)[:n_owned].T
         if self.moment is not None:
-            self.moment[:] = distribution.elements(rows(MOMENT))
+            self.moment[:] = distribution.elements(arrays[MOMENT] if arrays else None)

@@ -33,9 +33,9 @@ class Columns(Mapping):
         return len(self._names)
 
     def __repr__(self) -> str:
-        shape = lambda name: str(np.shape(self[name])).replace(",)", ")")
-        told = [f"  {name} {shape(name)} {self.units.get(name, '')}".rstrip() for name in self]
-        return "\n".join([f"{self._place}:", *told])
+        shapes = {name: str(np.shape(self[name])).replace(",)", ")") for name in self}
+        lines = [f"  {name} {shape} {self.units.get(name, '')}".rstrip() for name, shape in shapes.items()]
+        return "\n".join([f"{self._place}:", *lines])
 
 
 def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Columns:

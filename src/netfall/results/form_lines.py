@@ -100,10 +100,12 @@ def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -
     if not len(states):
         return ["self-stress: the geometry has no state; its forces follow from the load alone"]
     active = np.unique(group[(np.abs(states) > NO_PART).any(0)])
-    of = lambda rows: ", ".join(names[row] or "without a name" for row in rows)
     inactive = np.setdiff1d(np.unique(group), active)
+    named_active, named_inactive = (
+        ", ".join(names[row] or "without a name" for row in rows) for rows in (active, inactive)
+    )
     count = f"{len(states)} states" if len(states) > 1 else "1 state"
-    without = f"; no part in {'them' if len(states) > 1 else 'it'}: {of(inactive)}" if len(inactive) else ""
+    without = f"; no part in {'them' if len(states) > 1 else 'it'}: {named_inactive}" if len(inactive) else ""
     varies = [np.ptp(states[:, group == row], axis=1) > NO_PART for row in active]
     equal = "each ring of each group" if np.any(varies) else "each group"
-    return [f"self-stress: {count} with one force in {equal}, of {of(active)}{without}"]
+    return [f"self-stress: {count} with one force in {equal}, of {named_active}{without}"]

@@ -48,9 +48,12 @@ def loss_rows(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
 
 def largest_after(f) -> dict[str, np.ndarray]:
     """Return the largest tension ratio and significant dynamic factor (m,) after any removal, nan if none."""
-    unknown, entries = np.full(len(f["net/elements"]), np.nan), range(len(f["removal/time"]))
-    largest = lambda of: np.fmax.reduce([unknown, *(of(f["removal"], k) for k in entries)])
-    return {"tension_ratio": largest(tension_ratios), "dynamic_factor": largest(telling_factor)}
+    removal, entries = f["removal"], range(len(f["removal/time"]))
+    unknown = np.full(len(f["net/elements"]), np.nan)
+    return {
+        "tension_ratio": np.fmax.reduce([unknown, *(tension_ratios(removal, k) for k in entries)]),
+        "dynamic_factor": np.fmax.reduce([unknown, *(telling_factor(removal, k) for k in entries)]),
+    }
 
 
 def worst_after(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:

@@ -174,9 +174,9 @@ def stop_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.nda
 
     found : description of each equilibrium, and the rows of the shortened elements
     """
-    ids = lambda rows: counted("element", element_id[list(rows)])
     return [
-        f"note: {what}: cables slipped until a fifth of the free segments with {ids(rows)} was left, where "
+        f"note: {what}: cables slipped until a fifth of the free segments with "
+        f"{counted('element', element_id[list(rows)])} was left, where "
         "their ends stop them; "
         "clamps of more resistance or saddles of more friction hold them before"
         for what, rows in equilibria

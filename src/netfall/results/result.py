@@ -48,7 +48,10 @@ def _table(name: str) -> property:
         f"{dataset.name} ({dataset.shape}) [{dataset.unit or NONE}] {dataset.meaning}"
         for dataset in group.datasets
     ]
-    read = lambda result: of_group(f"{result.path}: {name}", result._group(name))
+
+    def read(result: "Result") -> Columns:
+        return of_group(f"{result.path}: {name}", result._group(name))
+
     return property(read, doc="\n".join([group.meaning, "", *shapes]))
 
 
@@ -89,15 +92,28 @@ class Result:
         """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), tributary_area [m2],
         plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
         """
-        dataset = lambda name: self.file[f"net/{name}"]
-        x = lambda k: lambda: dataset("particles")[:, k]
-        names = lambda: np.append(dataset("zone_names").asstr()[:], "")[dataset("zone")[:]].astype(str)
-        columns = {"id": lambda: dataset("node_id")[:], "x": x(0), "y": x(1), "z": x(2)}
-        columns["fixed"] = lambda: dataset("fixed")[:].astype(bool)
-        areas = ("tributary_area", "plan_area", "vector_area")
-        columns |= {name: lambda name=name: dataset(name)[:] for name in areas}
-        units = dict.fromkeys("xyz", "[m]") | dict.fromkeys(areas, "[m2]")
-        return of_arrays(f"{self.path}: nodes", columns | {"zone": names}, units)
+        columns = {
+            "id": lambda: self._net("node_id")[:],
+            "x": lambda: self._net("particles")[:, 0],
+            "y": lambda: self._net("particles")[:, 1],
+            "z": lambda: self._net("particles")[:, 2],
+            "fixed": lambda: self._net("fixed")[:].astype(bool),
+            "tributary_area": lambda: self._net("tributary_area")[:],
+            "plan_area": lambda: self._net("plan_area")[:],
+            "vector_area": lambda: self._net("vector_area")[:],
+            "zone": self._zone_of_node,
+        }
+        units = {"x": "[m]", "y": "[m]", "z": "[m]"}
+        units |= {"tributary_area": "[m2]", "plan_area": "[m2]", "vector_area": "[m2]"}
+        return of_arrays(f"{self.path}: nodes", columns, units)
+
+    def _net(self, name: str):
+        """Return a dataset of /net."""
+        return self.file[f"net/{name}"]
+
+    def _zone_of_node(self) -> np.ndarray:
+        names = np.append(self._net("zone_names").asstr()[:], "")  # zone -1: none
+        return names[self._net("zone")[:]].astype(str)
 
     @property
     def elements(self) -> Columns:
@@ -105,13 +121,16 @@ class Result:
         unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
         loads, bar (1: it carries compression).
         """
-        dataset = lambda name: self.file[f"net/{name}"]
-        ends = lambda k: lambda: dataset("node_id")[:][dataset("elements")[:, k]]
-        groups = lambda: dataset("group_names").asstr()[:][dataset("group")[:]].astype(str)
-        columns = {"id": lambda: dataset("element_id")[:], "start": ends(0), "end": ends(1), "group": groups}
-        for name in ("axial_stiffness", "unstressed_length", "bar"):
-            columns[name] = lambda name=name: dataset(name)[:]
-        columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
+        columns = {
+            "id": lambda: self._net("element_id")[:],
+            "start": lambda: self._net("node_id")[:][self._net("elements")[:, 0]],
+            "end": lambda: self._net("node_id")[:][self._net("elements")[:, 1]],
+            "group": lambda: self._net("group_names").asstr()[:][self._net("group")[:]].astype(str),
+            "axial_stiffness": lambda: self._net("axial_stiffness")[:],
+            "unstressed_length": lambda: self._net("unstressed_length")[:],
+            "bar": lambda: self._net("bar")[:],
+            "unstressed_length_warm": lambda: warm_lengths(self.file),
+        }
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
         return of_arrays(f"{self.path}: elements", columns, units)
 

@@ -40,8 +40,7 @@ class Table:
         if "done" in record:
             self._add_row(record["done"], record)
         if "net" in record:
-            array = lambda told: np.frombuffer(base64.b64decode(told["bytes"]), told["type"])
-            self.net = {name: array(told).reshape(told["shape"]) for name, told in record["net"].items()}
+            self.net = {name: _unpacked(packed) for name, packed in record["net"].items()}
 
     def _add_row(self, number: int, outcomes: dict) -> None:
         if self.there[number]:
@@ -128,11 +127,10 @@ class Table:
 
     def _write_events(self, f: h5py.File, rows: np.ndarray) -> None:
         broken_members = [(row, int(number)) for row, number in enumerate(rows) if int(number) in self.times]
-        join = lambda parts, dtype: np.concatenate([np.zeros(0, dtype), *parts])
         columns = {
-            "member": join([np.full(len(self.times[n]), row) for row, n in broken_members], np.int64),
-            "time": join([self.times[n] for _, n in broken_members], float),
-            "element": join([self.elements[n] for _, n in broken_members], np.int64),
+            "member": _joined([np.full(len(self.times[n]), row) for row, n in broken_members], np.int64),
+            "time": _joined([self.times[n] for _, n in broken_members], float),
+            "element": _joined([self.elements[n] for _, n in broken_members], np.int64),
         }
         write_columns(f, "events", columns)
 
@@ -144,6 +142,11 @@ class Table:
                 first[self.elements[number][0]] += 1
                 at_all[np.unique(self.elements[number])] += 1
         f["first_breaks"], f["breaks"] = first, at_all
+
+
+def _joined(parts: list[np.ndarray], dtype: type) -> np.ndarray:
+    """Concatenate arrays, of which there may be none."""
+    return np.concatenate([np.zeros(0, dtype), *parts])
 
 
 def check_digests(path: Path, found: dict, wanted: dict) -> None:
@@ -173,6 +176,11 @@ def text_of(path: Path) -> str:
         return f["provenance/study"].asstr()[()]
 
 
+def _unpacked(packed: dict) -> np.ndarray:
+    """Decode an array from `program.worker.packed`."""
+    return np.frombuffer(base64.b64decode(packed["bytes"]), packed["type"]).reshape(packed["shape"])
+
+
 def _column(values: list) -> np.ndarray:
     """Return values of a key of the job as a column: numbers if all are numbers, otherwise text."""
     if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
@@ -193,5 +201,8 @@ def write_columns(f: h5py.File, group: str, columns: dict) -> None:
 
 def read_columns(group: h5py.Group) -> dict[str, np.ndarray]:
     """Return all datasets of a group; text as str."""
-    read = lambda d: d.asstr()[()] if h5py.check_string_dtype(d.dtype) else d[()]
-    return {name: read(data) for name, data in group.items() if isinstance(data, h5py.Dataset)}
+    return {
+        name: data.asstr()[()] if h5py.check_string_dtype(data.dtype) else data[()]
+        for name, data in group.items()
+        if isinstance(data, h5py.Dataset)
+    }

@@ -143,9 +143,8 @@ class Checkpoint:
                     f"{path}: a checkpoint of another version of netfall; expected format {FORMAT}"
                 )
             self.record = json.loads(file["record"].asstr()[()])
-            read = lambda group: {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
-            self.particles, self.elements = read("particles"), read("elements")
-            self.arrays = {part: read(f"arrays/{part}") for part in file.get("arrays", ())}
+            self.particles, self.elements = _read_group(file, "particles"), _read_group(file, "elements")
+            self.arrays = {part: _read_group(file, f"arrays/{part}") for part in file.get("arrays", ())}
         self.path = path
         if self.record["job"] != job_digest:
             raise InputError(
@@ -156,6 +155,10 @@ class Checkpoint:
     def part(self, name: str) -> tuple[dict, dict[str, np.ndarray]]:
         """Return the record of a name: small values, and arrays."""
         return self.record["parts"][name], self.arrays.get(name, {})
+
+
+def _read_group(file: h5py.File, group: str) -> dict[str, np.ndarray]:
+    return {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
 
 
 def _offer(path: Path) -> str:

@@ -52,8 +52,9 @@ class VtkSeries:
 
     def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
         """points, cells : initial numbers per step, for the size of chunks; bends : with bending chains"""
-        there = lambda fields: [field for field in fields if bends or not field.bends]
-        self.fields = {group: there(fields) for group, fields in FIELDS.items()}
+        self.fields = {
+            group: [field for field in fields if bends or not field.bends] for group, fields in FIELDS.items()
+        }
         self.sizes = {"PointData": points, "CellData": cells}
         self.parts: list[tuple[int, int]] = []  # points and cells of each part
         self.steps: list[dict] = []
@@ -138,7 +139,10 @@ class VtkSeries:
             _growing(group, name, values)
         steps = group.create_group("Steps")
         steps.attrs["NSteps"] = np.int64(len(self.steps))
-        column = lambda key: np.array([s[key] for s in self.steps], np.int64)
+
+        def column(key: str) -> np.ndarray:
+            return np.array([step[key] for step in self.steps], np.int64)
+
         _growing(steps, "Values", np.array([s["time"] for s in self.steps], np.float64))
         _growing(steps, "PartOffsets", column("part"))
         _growing(steps, "NumberOfParts", np.ones(len(self.steps), np.int64))

@@ -12,7 +12,7 @@ from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_head, hazard_row
 from netfall.study.answers.measures import COUNTED, Failure, failures
 from netfall.study.answers.probit import Fits
-from netfall.study.answers.samples import RESAMPLES, SPEED, Curve, curves_of, weights
+from netfall.study.answers.samples import RESAMPLES, SPEED, Curve, codes_of, curves_of, weights
 
 LEVEL = 0.95  # confidence level of the intervals
 FEWEST = 8  # independent samples, below which the bootstrap is meaningless
@@ -86,8 +86,7 @@ def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: H
 
 def _only(curve: Curve, kept: np.ndarray) -> Curve:
     """Return a curve with some of its runs, kept (r,)."""
-    numbers = lambda codes: np.unique(codes[kept], return_inverse=True)[1]
-    renumbered = {name: numbers(codes) for name, codes in curve.sharing.items()}
+    renumbered = {name: codes_of(codes[kept]) for name, codes in curve.sharing.items()}
     strata = None if curve.strata is None else curve.strata[kept]
     return Curve(curve.name, curve.rows[kept], renumbered, strata)
 

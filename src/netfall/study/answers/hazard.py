@@ -80,7 +80,10 @@ def annual_bounds(exceedance, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
     separated = ~fitted & ~np.isin(fits.verdict, (probit.FALLING, probit.NOT_FOUND))
     above = np.where(np.isfinite(fits.above), fits.above, 1e300)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, above), (fits.share, 1.0)))
-    beyond = lambda speed: np.where(speed < FASTEST, exceedance(np.clip(speed, 1e-300, FASTEST)), 0.0)
+
+    def beyond(speed: np.ndarray) -> np.ndarray:
+        return np.where(speed < FASTEST, exceedance(np.clip(speed, 1e-300, FASTEST)), 0.0)
+
     lower = share * (beyond(mixed) - beyond(above)) + beyond(above)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, fits.below), (fits.share, 0.0)))
     upper = share * (beyond(fits.below) - beyond(mixed)) + beyond(mixed)

@@ -15,9 +15,10 @@ def binned(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple:
     """
     if len(speed) > MOST_SPEEDS:
         place = np.minimum(MOST_SPEEDS * (np.cumsum(runs) - runs) // max(runs.sum(), 1), MOST_SPEEDS - 1)
-        total = lambda values: np.bincount(place, values, MOST_SPEEDS)
-        counts = total(runs)
-        speed, runs, failed = total(runs * speed) / np.maximum(counts, 1), counts, total(failed)
+        counts, failed, weighted = (
+            np.bincount(place, values, MOST_SPEEDS) for values in (runs, failed, runs * speed)
+        )
+        speed, runs = weighted / np.maximum(counts, 1), counts
     used = runs > 0
     return speed[used], runs[used].astype(int), failed[used].astype(int)
 

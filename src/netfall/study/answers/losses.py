@@ -53,7 +53,9 @@ def losses_of(study: Study) -> Losses | None:
         members.get("rest_after_loss", np.full(len(place), "")),
     )
     lost_share = np.where(failed, 1.0, members["roof_lost"])
-    count = lambda which: np.bincount(place[which], minlength=len(names))
+
+    def count(which: np.ndarray) -> np.ndarray:
+        return np.bincount(place[which], minlength=len(names))
 
     def worst(values: np.ndarray, included: np.ndarray) -> np.ndarray:
         largest = np.full(len(names), -np.inf)

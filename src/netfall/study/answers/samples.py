@@ -51,8 +51,8 @@ def inputs_of(members: dict[str, np.ndarray]) -> list[str]:
 
 def values_of(members: dict[str, np.ndarray], row: int, names: list[str]) -> str:
     """Return the inputs of one sample as text, with their names."""
-    text = lambda v: v if isinstance(v, str) else f"{v:g}"
-    return ", ".join(f"{name} = {text(members[name][row])}" for name in names)
+    values = {name: members[name][row] for name in names}
+    return ", ".join(f"{name} = {v if isinstance(v, str) else f'{v:g}'}" for name, v in values.items())
 
 
 def is_seed(name: str) -> bool:
