@@ -127,8 +127,9 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
     Raises the error of the command, KeyboardInterrupt after a checkpoint.
     """
     launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
-    asked = launcher, ranks, place.job, place.output, settings, *options
-    command = run_command(*asked, module="netfall.program.attached")
+    command = run_command(
+        launcher, ranks, place.job, place.output, settings, *options, module="netfall.program.attached"
+    )
     text = {"encoding": "utf-8", "errors": "replace"}
     interrupt, pipe = None, subprocess.PIPE
     with tempfile.TemporaryFile("w+", **text) as complaints:

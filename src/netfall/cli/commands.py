@@ -213,8 +213,8 @@ def scale(arguments) -> None:
         from netfall.ground.launch import default_launcher
         from netfall.measure.scale import scale as run_scale
 
-        of_runs = a.job, a.overrides, a.ranks, a.launcher or default_launcher(), a.repeats
-        paths = run_scale(*of_runs, _folder(a.folder), _say())
+        launcher = a.launcher or default_launcher()
+        paths = run_scale(a.job, a.overrides, a.ranks, launcher, a.repeats, _folder(a.folder), _say())
     tell(*paths)
 
 
@@ -224,9 +224,21 @@ def trade(arguments) -> None:
     from netfall.ground.stop import StopRequest
     from netfall.measure.trade import trade as run_trade
 
-    a, launcher = arguments, arguments.launcher or default_launcher()
-    asked = a.job, a.overrides, a.vary, a.reference, a.ranks, launcher, a.repeats, a.tolerance
-    tell(*run_trade(*asked, _folder(a.folder), _say(), StopRequest()))
+    a = arguments
+    paths = run_trade(
+        path=a.job,
+        overrides=a.overrides,
+        vary=a.vary,
+        reference=a.reference,
+        ranks=a.ranks,
+        launcher=a.launcher or default_launcher(),
+        repeats=a.repeats,
+        tolerance=a.tolerance,
+        folder=_folder(a.folder),
+        say=_say(),
+        stop=StopRequest(),
+    )
+    tell(*paths)
 
 
 def _say():

@@ -70,7 +70,7 @@ def _record(checkpoint, parts: set[str], name: str) -> tuple | None:
 def _targeted(scene: Scene, build_up: BuildUp, record: tuple | None) -> tuple[Scene, BuildUp]:
     """Return the scene in the form that meets its targets, or comes nearest to them. Collective.
 
-    kept : record of an earlier run, None without one
+    record : of an earlier run, None without one
     """
     reason, comm = "", scene.comm
     if record is None:
@@ -131,7 +131,7 @@ def _residual(scene: Scene) -> float:
 
 
 def _deviated(scene: Scene, build_up: BuildUp, record: tuple | None) -> tuple[Scene, BuildUp]:
-    """Return the scene with length errors; kept : as in `_targeted`. Collective."""
+    """Return the scene with length errors; record : as in `_targeted`. Collective."""
     reason, deviated = "", None
     if record is None:
         deviated = deviate(scene)
@@ -171,7 +171,8 @@ def _erected(scene: Scene, build_up: BuildUp, erection: Erection) -> Scene:
         build_up,
         form=build_up.form or scene.model,
         sections=build_up.sections | erection.sections,
-        labels=scene.model and {group: by_ids(limits, ids) for group, limits in erection.labels.items()},
+        labels=scene.model
+        and {group: by_ids(attributes, ids) for group, attributes in erection.labels.items()},
         lines=[*build_up.lines, *erection.lines],
         records=build_up.records | {ERECTION: erection.record()},
         failure=_failure(erection.failed, erection.last_state) if erection.failed else None,

@@ -214,10 +214,21 @@ def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
     polygons = [zone.polygon for zone in job.zones if zone.polygon is not None]
     normal = normals(net, given.vector) if along_normals(job) else None
     lost = np.unique(np.concatenate([np.zeros(0, np.int64), *layout.lost]))
-    of_net = job.title or job.name, net, layout.roofing.faces, given.plan
-    of_zones = zones.names, zones.of_node, np.array(areas), polygons
-    probed = np.unique(probes.named), np.unique(probes.particles)
-    job_net = JobNet(*of_net, *of_zones, normal, lost, *probed, _wind_of(job))
+    job_net = JobNet(
+        title=job.title or job.name,
+        net=net,
+        faces=layout.roofing.faces,
+        area=given.plan,
+        zone_names=zones.names,
+        of_zone=zones.of_node,
+        zone_area=np.array(areas),
+        polygons=polygons,
+        normal=normal,
+        lost=lost,
+        followed=np.unique(probes.named),
+        probes=np.unique(probes.particles),
+        wind=_wind_of(job),
+    )
     path = folder / f"{job.path.stem}_net.png"
     with writing(path):
         folder.mkdir(parents=True, exist_ok=True)

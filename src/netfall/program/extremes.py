@@ -32,8 +32,13 @@ def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
 def gathered(distribution: Distribution, state: State, rows: Extremes) -> Extremes:
     """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,) and (n_owned,). Collective."""
     owned = state.owned.astype(bool)
-    of_elements = (distribution.gather_elements(values, owned) for values in rows[:3])
-    return Extremes(*of_elements, *(distribution.gather_particles(values[:, None]) for values in rows[3:]))
+    return Extremes(
+        tension=distribution.gather_elements(rows.tension, owned),
+        strain=distribution.gather_elements(rows.strain, owned),
+        compressed=distribution.gather_elements(rows.compressed, owned),
+        displacement=distribution.gather_particles(rows.displacement[:, None]),
+        sunk=distribution.gather_particles(rows.sunk[:, None]),
+    )
 
 
 def extremes_of_motion(scene: Scene, simulation) -> Extremes:
@@ -56,8 +61,12 @@ class Watched:
         self._distribution = distribution
         m, n = len(distribution.subdomain.element_gid), distribution.subdomain.n_owned
         self._rows = Extremes(
-            *np.full((2, m), np.nan), np.zeros(m), *np.zeros((2, n))
-        )  # nan: no equilibrium yet
+            tension=np.full(m, np.nan),  # nan: no equilibrium yet
+            strain=np.full(m, np.nan),
+            compressed=np.zeros(m),
+            displacement=np.zeros(n),
+            sunk=np.zeros(n),
+        )
 
     def take_in(self, state: State, snapshot) -> None:
         """Include an equilibrium."""

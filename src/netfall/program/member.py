@@ -123,11 +123,11 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
     """Return the outcomes that any run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
     strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
     has_strength = np.isfinite(strength) & (strength > 0.0)
-    utilisation = extremes.tension[has_strength] / strength[has_strength]
+    ratios = extremes.tension[has_strength] / strength[has_strength]
     outcomes = {
         "displacement_max": float(extremes.displacement.max()),
         "tension_max": float(extremes.tension.max()),
-        "utilisation_max": float(utilisation.max()) if len(utilisation) else np.nan,
+        "utilisation_max": float(ratios.max()) if len(ratios) else np.nan,
     }
     if depth is not None and area.sum() > 0.0:
         outcomes["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
@@ -140,7 +140,7 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
     removal = simulation.removal.columns() if simulation.removal else None
     failed = np.zeros(net.m, bool)
     failed[log.broken] = True
-    largest_utilisation = utilisation(model, extremes)
+    used = utilisation(model, extremes)
     outcomes = {
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
@@ -149,9 +149,8 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
         "balance_error_attached": simulation.history.largest("balance_error_attached"),
     }
     if len(log):
-        largest_utilisation = abs(
-            float(log.strain[0] / net.fracture_strain[log.element[0]])
-        )  # abs: bars break in compression
+        # abs: bars break in compression too
+        used = abs(float(log.strain[0] / net.fracture_strain[log.element[0]]))
         first = int(log.element[0])
         outcomes |= {"first_fracture": float(log.time[0]), "first_element": first}
         outcomes["first_element_id"] = int(net.element_id[first])
@@ -164,7 +163,7 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
             outcomes |= _largest(net, removal, "dynamic_factor", telling_factor)
         outcomes["rest_after_loss"] = worst_rest(states_of_rest(removal))
         outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
-    outcomes |= {"roof_lost": roof_lost(net, area, failed), "utilisation_before_break": largest_utilisation}
+    outcomes |= {"roof_lost": roof_lost(net, area, failed), "utilisation_before_break": used}
     return outcomes | _of_net(net, area, extremes, depth)
 
 

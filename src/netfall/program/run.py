@@ -171,9 +171,8 @@ def take_up(scene: Scene, context: Desk) -> None:
         context.progress.say(f"going on from {context.saver.given}")
     built = scene.build_up or BuildUp(scene.model)
     for name, record in {INITIAL: initial_record(scene.form, built.base), **built.records}.items():
-        context.saver.register(
-            name, lambda record=record: record, lambda *_: None
-        )  # `prepare` has restored it
+        # `prepare` has restored the record of a resumed run.
+        context.saver.register(name, lambda record=record: record, lambda *_: None)
     register_result(scene.comm, context.result, context.saver)
     if context.saver.stage not in (None, FORM):
         restore_state(scene.distribution, scene.state, context.saver.checkpoint)

@@ -25,9 +25,7 @@ from netfall.parallel.sums import exact_sums
 from netfall.record.energy import Snapshot
 
 ROUNDED = 1e-9  # rounding error of sums of reactions and residuals, relative to the scale of `Balance`
-ROUNDED_TENSION = (
-    1e-12  # rounding error of forces that cancel within the net, relative to the sum of tensions
-)
+ROUNDED_TENSION = 1e-12  # rounding error of forces that cancel in the net, relative to the sum of tensions
 
 
 class Balance(NamedTuple):
@@ -99,12 +97,14 @@ def balance_of(
         keep_on_guides(state.turned[rows], guided)
         reaction[:, :2] += np.where(free, total - guided, 0.0)[:, :2]
     if state.features.springs:
-        spring_state = (array[rows] for array in (state.x, state.x_start, state.spring, state.spring_rest))
         turned = None if state.turned is None else state.turned[rows]
-        reaction -= np.where(free, spring_forces(*spring_state, turned), 0.0)
+        force = spring_forces(
+            state.x[rows], state.x_start[rows], state.spring[rows], state.spring_rest[rows], turned
+        )
+        reaction -= np.where(free, force, 0.0)
     N = snapshot.N[state.owned != 0]
-    parts = state.x[rows], load[rows], reaction, total - reaction, free.any(1), N, hold
-    return summed(comm, Parts(*parts), residual, tolerance)
+    parts = Parts(state.x[rows], load[rows], reaction, total - reaction, free.any(1), N, hold)
+    return summed(comm, parts, residual, tolerance)
 
 
 def balance_in_form(model: Model, load: np.ndarray, residual: float, tolerance: float) -> Balance:

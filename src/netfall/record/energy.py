@@ -101,11 +101,11 @@ class Snapshot:
         self.subject = subject_of(state)
         return self.subject
 
-    def take(self, state: State, *step: float) -> "Snapshot":
-        """Compute the present step of the state; step : the arguments of `take_snapshot` after the state."""
+    def take(self, state: State, before_dt: float, dt: float, zeta: float, share: float) -> "Snapshot":
+        """Compute the present step of the state; arguments as in `take_snapshot`."""
         if len(self.rows) != state.n_local - state.n_halo:
             self.rows = state.owned_rows()
-        observe(*map(float, step), True, self.subject, self.room)
+        observe(float(before_dt), float(dt), float(zeta), float(share), True, self.subject, self.room)
         return self
 
 
@@ -142,7 +142,8 @@ def subject_of(state: State) -> Subject:
         state.rows,
         traits_of(state),
         state.particles,
-        *state.of_a_moment,
+        state.elements,
+        state.law,
         state.joints or Joints.absent(),
         state.places or Places.absent(),
         state.relative_wind() or RelativeWind.absent(),
@@ -173,8 +174,17 @@ def energies_of(state: State, sums: np.ndarray) -> Energies:
         others = [np.full_like(kinetic, np.nan)] * len(OTHER_WORKS)
     others = dict(zip(OTHER_WORKS, others))
     slip = slip if state.features.energy else np.nan * slip
-    leading = kinetic, stored, heat, damping, external, internal
-    return Energies(*leading, slip=slip, attached=attached, **others)
+    return Energies(
+        kinetic=kinetic,
+        strain=stored,
+        plastic=heat,
+        damping=damping,
+        external=external,
+        internal=internal,
+        slip=slip,
+        attached=attached,
+        **others,
+    )
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:

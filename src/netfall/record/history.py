@@ -87,9 +87,8 @@ def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid
         return NOT_STRAINED
     unbreakable = np.ones(len(eps), bool) if state.eps_u is None else ~np.isfinite(state.eps_u)
     unbreakable &= state.broken == 0
-    strain = np.where(
-        unbreakable & (N != 0.0), np.abs(eps), 0.0
-    )  # the strain of a slack cable is not physical
+    # The strain of a slack cable has no meaning.
+    strain = np.where(unbreakable & (N != 0.0), np.abs(eps), 0.0)
     e = int(np.argmax(strain))
     return (float(strain[e]), time, int(gid[e])) if strain[e] > MOST_STRAIN else NOT_STRAINED
 

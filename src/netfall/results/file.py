@@ -104,18 +104,18 @@ def carried_in(f: h5py.File) -> Carried:
     net, envelope, random_factor = f["net"], f["envelope"], f["net"].get("strength")
     EA, ends = net["axial_stiffness"][:], net["elements"][:]
     unlimited, factor = np.full(len(EA), np.inf), 1.0 if random_factor is None else random_factor[:]
-    limits = [
+    fracture_strain, yield_force = (
         factor * net[name][:] if name in net else unlimited for name in ("fracture_strain", "yield_force")
-    ]
+    )
     x = start_position(f)
     chord = x[ends[:, 1]] - x[ends[:, 0]]
     return Carried(
-        ends,
-        chord / lengths(chord)[:, None],
-        strength_of(EA, *limits),
-        envelope["tension_max"][:],
-        envelope["tension_max_time"][:],
-        broken_at(f),
+        ends=ends,
+        direction=chord / lengths(chord)[:, None],
+        strength=strength_of(EA, fracture_strain, yield_force),
+        most=envelope["tension_max"][:],
+        time=envelope["tension_max_time"][:],
+        broke=broken_at(f),
     )
 
 

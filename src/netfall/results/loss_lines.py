@@ -5,9 +5,7 @@ import numpy as np
 from netfall.job.values import counted
 
 MOST_NAMED = 4  # elements that a line names: those with the largest values
-STATIC_CHANGE = (
-    0.1  # of the net's largest tension: a smaller static change gives no meaningful dynamic factor
-)
+STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
 LITTLE = 0.02  # of the net's largest tension: smaller tensions are negligible
 SOMETHING_BREAKS = "something breaks there"
 # Outcomes of the equilibrium search after a member removal, the worst first, and their text.

@@ -68,7 +68,7 @@ def detached_notes_of(f) -> list[str]:
 def displacement_notes(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
     """Return a note if a node moved by more than FAR of the net's size in any equilibrium under static load.
 
-    found : description of each equilibrium, its largest displacement [m], the id of that node
+    equilibria : description of each equilibrium, its largest displacement [m], the id of that node
     x : (n, 3) [m], position from which displacements count
     """
     size = float(np.ptp(x, axis=0).max())
@@ -86,7 +86,7 @@ def displacement_notes(equilibria: list[tuple[str, float, int]], x: np.ndarray) 
 def force_balance_warnings(equilibria: list[tuple[str, float]]) -> list[str]:
     """Return a warning if reactions do not balance the loads in any equilibrium.
 
-    found : description of each equilibrium, and `unexplained` of its `record.balance.Balance`
+    equilibria : description of each equilibrium, and `unexplained` of its `record.balance.Balance`
     """
     unbalanced = [equilibrium for equilibrium in equilibria if equilibrium[1] > 0.0]
     if not unbalanced:
@@ -131,7 +131,7 @@ LIMIT = "limit_load_factor"  # attribute of the group of an equilibrium
 def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
     """Return a warning for the equilibrium with the largest torsion in a bending chain.
 
-    found : description of each equilibrium, and the result of `record.rest.largest_torsion`
+    equilibria : description of each equilibrium, and the result of `record.rest.largest_torsion`
     """
     above = [equilibrium for equilibrium in equilibria if equilibrium[1][0] > TORSION]
     if not above:
@@ -153,7 +153,7 @@ def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: n
 def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: float) -> list[str]:
     """Return a warning for the equilibrium with the largest error above the tolerance.
 
-    found : description of each equilibrium, its estimated error, the smallest error that rounding allows
+    equilibria : description of each equilibrium, its estimated error, the smallest error that rounding allows
     """
     if not equilibria:
         return []
@@ -172,7 +172,7 @@ def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: flo
 def stop_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
     """Return notes on equilibria in which cables slipped as far as the model allows.
 
-    found : description of each equilibrium, and the rows of the shortened elements
+    equilibria : description of each equilibrium, and the rows of the shortened elements
     """
     return [
         f"note: {what}: cables slipped until a fifth of the free segments with "

@@ -192,8 +192,8 @@ def caps_of(f) -> Caps:
     random_factor = net["strength"][:] if "strength" in net else 1.0
     yield_force = random_factor * net["yield_force"][:] if "yield_force" in net else np.full(m, np.inf)
     load = net["euler_load"][:] if "euler_load" in net else np.full(m, np.nan)
-    laws = (net[law][:] == 1 if law in net else None for law in ("buckling", "bending"))
-    return limits.caps_of(yield_force, load, *laws)
+    buckling, bending = (net[law][:] == 1 if law in net else None for law in ("buckling", "bending"))
+    return limits.caps_of(yield_force, load, buckling, bending)
 
 
 def yielded_in(f) -> np.ndarray:
@@ -254,10 +254,8 @@ def final(f) -> ShownState | None:
     number = f["final/particle_id"][:]
     order = np.argsort(number, kind="stable")
     ends, n = f["net/elements"][:].copy(), len(f["net/particles"])
-    new_particle = f["events/new_particle"][:]
-    ends[f["events/element"][:][new_particle >= 0], (new_particle[new_particle >= 0] - n) % 2] = new_particle[
-        new_particle >= 0
-    ]
+    new_gid = f["events/new_particle"][:]
+    ends[f["events/element"][:][new_gid >= 0], (new_gid[new_gid >= 0] - n) % 2] = new_gid[new_gid >= 0]
     rows = np.searchsorted(number[order], ends)
     name = f"final, t = {f['history/time'][-1]:.4g} s"
     return ShownState(name, lambda: f["final/tension"][:], lambda: f["final/position"][:][order], rows)
@@ -316,22 +314,25 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
     A removal comes before the dynamic stage that contains it, so that the removal governs if tensions are
     equal.
     """
-    removed, bar = absent(f), f["net/bar"][:].astype(bool)
-    unknown, slack_time = np.full(len(removed), np.nan), None
+    is_absent, bar = absent(f), f["net/bar"][:].astype(bool)
+    unknown, slack_time = np.full(len(is_absent), np.nan), None
     stages = []  # name, group, largest and least force, time of the largest, failed, without force
     for state in equilibria(f):
         N, forceless = state.tension(), absent(f, state.place)
         stages.append((state.name, state.place, N, N, unknown, forceless, forceless))
     stages += [
-        (name, "", high, low, unknown, failed | removed, removed) for name, high, low, failed in loss_rows(f)
+        (name, "", high, low, unknown, failed | is_absent, is_absent)
+        for name, high, low, failed in loss_rows(f)
     ]
     if "history" in f:
         high, low, when, slack_time = (
             f[f"envelope/{name}"][:]
             for name in ("tension_max", "tension_min", "tension_max_time", "slack_time")
         )
-        failed = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | removed
-        stages.append((MOTION, "", high, np.where(failed & (low == 0.0), np.nan, low), when, failed, removed))
+        failed = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | is_absent
+        stages.append(
+            (MOTION, "", high, np.where(failed & (low == 0.0), np.nan, low), when, failed, is_absent)
+        )
     names, places, *columns = map(list, zip(*stages))
     high, low, when, failed, forceless = map(np.array, columns)
     most, of_most = _largest(np.where(forceless, np.nan, high))
@@ -339,12 +340,24 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
         np.fmin.reduce(np.where(forceless, np.nan, low)),
         _largest(np.where(forceless, np.nan, -low)),
     )
-    time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(removed))])
+    time = np.where(np.isnan(most), np.nan, when[of_most, np.arange(len(is_absent))])
     most, least = np.nan_to_num(most), np.nan_to_num(least)  # nan: absent in all stages
     slack = (low <= 0.0) & ~bar & ~failed
-    utilisation = [_most_used(row / resistance) for row in high]
-    fields = most, least, of_most, of_least, time, slack, failed, slack_time, utilisation, high, low
-    return Envelope(names, *fields, places)
+    return Envelope(
+        names=names,
+        most=most,
+        least=least,
+        of_most=of_most,
+        of_least=of_least,
+        time_most=time,
+        slack=slack,
+        gone=failed,
+        slack_time=slack_time,
+        most_used=[_most_used(row / resistance) for row in high],
+        high=high,
+        low=low,
+        places=places,
+    )
 
 
 def _most_used(share: np.ndarray) -> tuple[float, int]:

@@ -52,8 +52,15 @@ class Runs:
         self.progress.start()
         try:
             self._make_room(set(missing))
-            callbacks = self.take, self.finish, self.died, self.started
-            Pool(worker_command(launcher, ranks), count, self.plan.time_limit, *callbacks).run(stop)
+            Pool(
+                command=worker_command(launcher, ranks),
+                count=count,
+                time_limit=self.plan.time_limit,
+                take=self.take,
+                done=self.finish,
+                died=self.died,
+                started=self.started,
+            ).run(stop)
             self.journal.sync()
         finally:
             self.journal.close()

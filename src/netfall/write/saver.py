@@ -56,7 +56,8 @@ class Saver:
         """
         self.parts[name] = record
         if name in self._restored:
-            restore(*self._part(name, everywhere))
+            small, arrays = self._part(name, everywhere)
+            restore(small, arrays)
 
     def taken_up(self, name: str) -> Record | None:
         """Return the record of a name in the resumed checkpoint, None without one. Collective.
@@ -72,7 +73,7 @@ class Saver:
     def save(self, stage: str, step: int, state: State, extra: dict[str, Record] | None = None) -> Path:
         """Write a checkpoint of a state and of all registered parts, and return its path. Collective.
 
-        more : records for this checkpoint alone, by name
+        extra : records for this checkpoint alone, by name
         """
         rows = self.result.cut()
         path = checkpoint_path(self.result.path, 1 + self.stages.index(stage), step)

@@ -35,8 +35,9 @@ def curve_sections(
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], GRID)
     curves, pooled = curves_of(members)
     measures = failures(members, own)
-    shared_data = counted, measures, speed, grid, hazard
-    rows = [row for curve in curves for row in _curve_rows(members, curve, *shared_data)]
+    rows = [
+        row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid, hazard)
+    ]
     yearly = [row.pop("of_year") for row in rows]
     shared = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
     sections = {"fragility": shared | _columns(rows) | {"pooled": np.array(pooled, str)}}

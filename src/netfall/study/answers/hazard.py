@@ -75,8 +75,8 @@ def annual_bounds(exceedance, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
     fitted = fits.verdict == probit.FITTED
     low, high = np.zeros(len(fitted)), np.ones(len(fitted))
     if fitted.any():
-        curves = fits.median[fitted], fits.dispersion[fitted]
-        low[fitted] = high[fitted] = annual_probability(exceedance, *curves)
+        probability = annual_probability(exceedance, fits.median[fitted], fits.dispersion[fitted])
+        low[fitted] = high[fitted] = probability
     separated = ~fitted & ~np.isin(fits.verdict, (probit.FALLING, probit.NOT_FOUND))
     above = np.where(np.isfinite(fits.above), fits.above, 1e300)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, above), (fits.share, 1.0)))

@@ -12,6 +12,7 @@ from netfall.results.outcomes import BY_NAME, OUTCOMES
 from netfall.study.table import MARK, read_columns
 
 ASKED = ("fragility", "hazard", "failures")
+COUNTS = ("first_breaks", "breaks")
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
 
@@ -84,8 +85,8 @@ def read_study(path: Path) -> Study:
             read_columns(file["members"]),
             read_columns(file["events"]),
             read_columns(file["net"]) if "net" in file else empty_net,
-            *(read_columns(file[name]) if name in file else {} for name in ASKED),
-            *(file[name][:] if name in file else np.zeros(0, int) for name in ("first_breaks", "breaks")),
+            **{name: read_columns(file[name]) if name in file else {} for name in ASKED},
+            **{name: file[name][:] if name in file else np.zeros(0, int) for name in COUNTS},
         )
 
 
