@@ -28,7 +28,7 @@ from netfall.wind.sectors import bearing
 from netfall.write.h5 import CHUNK_BYTES
 from netfall.write.locks import writing
 
-# Measured times [s] on one core (jobs/bench).
+# Times [s] on one core; those of large nets are from jobs/bench.
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
 CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # per checkpoint; per element in it
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
