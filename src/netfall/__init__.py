@@ -2,7 +2,7 @@
 method, on MPI ranks.
 
 `run` runs a job, `open` reads a result file, `Net` makes a net from arrays. The packages below are not part
-of this interface: the README.md beside this file describes them.
+of this interface; README.md in this folder describes them.
 """
 
 from importlib import import_module
@@ -14,16 +14,16 @@ __all__ = ["DivergedError", "InputError", "Interrupted", "Net", "OutputError", "
 
 
 def open(path):
-    """The `Result` in a file: result.history["kinetic_energy"], result.tension(element=17), ...
+    """Open a result file as a `Result`: result.history["kinetic_energy"], result.tension(element=17), ...
 
-    All of it in SI units: m, s, N, J, kg; a table that is printed names the unit of each column.
+    All values are in SI units: m, s, N, J, kg. A printed table shows the unit of each column.
     Raises InputError for a file that is no result of netfall.
     """
     return import_module("netfall.results.result").Result(path)
 
 
 def run(job, overrides=None, ranks=None, output=None, quiet=True):
-    """Run a job and give its `Result`.
+    """Run a job and return its `Result`.
 
     job : path of a job file; or a dict with its sections, {"net": {...}, "cable": {"modulus": 1.6e11, ...}}.
         There "net" may be a `Net`, or hold its arrays: {"nodes": (n, 3) [m], "elements": (m, 2) by ids,
@@ -31,12 +31,12 @@ def run(job, overrides=None, ranks=None, output=None, quiet=True):
     overrides : keys and values, {"wind.speed": 36.0} [m/s], as --set of the command, in the keys' SI units
     ranks : MPI ranks that are started for the run. None: one, or those of mpirun if a script runs on several;
         there the call is collective, and every rank gets the result.
-    output : path of the result file; None: a temporary one, gone when the result is
+    output : path of the result file; None: a temporary one, which is removed with the result
     quiet : False prints what the command prints
 
-    The run computes in a process of its own and leaves this one as it was, except on the ranks of mpirun.
-    KeyboardInterrupt stops it; if `output` is given, with a checkpoint, from which `netfall run --restart`
-    goes on.
+    The run computes in a separate process and leaves this one unchanged, except on the ranks of mpirun.
+    KeyboardInterrupt stops it. If `output` is given, it leaves a checkpoint, from which `netfall run
+    --restart` continues.
 
     Raises InputError if the job is wrong (every error a line), DivergedError if it has no solution,
     OutputError if the result cannot be written, Interrupted if a signal stops the run.
@@ -45,7 +45,7 @@ def run(job, overrides=None, ranks=None, output=None, quiet=True):
 
 
 def __getattr__(name: str):
-    """Net and Result, which load numpy and h5py, when they are asked for."""
+    """Import Net and Result at their first use, since they load numpy and h5py."""
     if name in ("Net", "Result"):
         return getattr(import_module("netfall.api.net" if name == "Net" else "netfall.results.result"), name)
     raise AttributeError(f"module 'netfall' has no attribute {name!r}")

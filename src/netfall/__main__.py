@@ -1,4 +1,4 @@
-"""The entry point of the command line, netfall VERB; the verbs stand in `parser`."""
+"""Entry point of the command line, netfall VERB; `parser` lists the verbs."""
 
 import os
 import signal
@@ -15,12 +15,12 @@ from netfall.ground.launch import launched_rank
 from netfall.ground.progress import tell, unread
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")  # before a command loads numpy and numba: a rank is one thread
+    os.environ.setdefault(_name, "1")  # one thread per rank; must be set before numpy and numba are loaded
 choose_folder()
 
 
 def check_verb(words: list[str]) -> None:
-    """Raise InputError for a first word that is no command: a forgotten one, mostly."""
+    """Raise InputError if the first word is no command."""
     if not words or words[0].startswith("-") or words[0] in VERBS:
         return
     verb = {".toml": "run", ".vtkhdf": "info"}.get(Path(words[0]).suffix)
@@ -29,7 +29,7 @@ def check_verb(words: list[str]) -> None:
 
 
 def _open_standard_files() -> None:
-    """Have output and errors go to nowhere where they are closed: the next file would be taken for them."""
+    """Open closed standard streams on the null device; otherwise the next opened file would replace them."""
     for number, name in ((0, "stdin"), (1, "stdout"), (2, "stderr")):
         try:
             os.fstat(number)
@@ -37,12 +37,12 @@ def _open_standard_files() -> None:
             os.dup2(os.open(os.devnull, os.O_RDWR), number)
             setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))
     for stream in (sys.stdout, sys.stderr):
-        if (stream.encoding or "utf-8").lower() != "utf-8":  # of a locale that lacks letters
+        if (stream.encoding or "utf-8").lower() != "utf-8":  # the locale may lack characters
             stream.reconfigure(errors="backslashreplace")
 
 
 def _tell(what) -> None:
-    """A line on standard error, if anybody reads it."""
+    """Print a line to standard error, if it is still open."""
     try:
         tell(what, stream=sys.stderr)
     except OSError:
@@ -50,7 +50,7 @@ def _tell(what) -> None:
 
 
 def main() -> None:
-    """Entry point: run a command; the exit code says how it ended (jobs/RUNNING.md)."""
+    """Run a command. The exit code states how it ended (jobs/RUNNING.md)."""
     _open_standard_files()
     top = parser()
     try:
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def _rank() -> int:
-    """Return this process's rank: of several, what MPI says; else what the launcher says."""
+    """Return this process's rank, from MPI if it has several ranks, or from the launcher."""
     if "mpi4py.MPI" in sys.modules:
         from mpi4py import MPI
 
@@ -85,7 +85,7 @@ def _rank() -> int:
 
 
 def abort(error: BaseException) -> None:
-    """An error on one rank ends all of them: the others would wait for it."""
+    """End all ranks after an error on one of them, since the others would wait for it."""
     if isinstance(error, SystemExit):
         raise error
     if os.environ.get("NETFALL_TRACEBACK"):
@@ -94,13 +94,13 @@ def abort(error: BaseException) -> None:
         traceback.print_exception(error)
     if isinstance(error, OutputError):
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        # What ranks meet at the same moment the lowest of them tells, and ends the others.
+        # If several ranks have the error at once, the lowest reports it and ends the others.
         time.sleep(min(5.0, 0.5 * _rank()))
     common = getattr(error, "on_every_rank", False)
     if not common or _rank() == 0:
         _tell(f"netfall: {_in_words(error)}")
     _end_other_ranks(common)
-    os._exit(1)  # HDF5 would try again, at exit, to write what it could not
+    os._exit(1)  # at a normal exit HDF5 would repeat the failed write
 
 
 def _in_words(error: BaseException) -> str:
@@ -115,7 +115,10 @@ def _in_words(error: BaseException) -> str:
 
 
 def _end_other_ranks(common: bool) -> None:
-    """common : whether every rank comes here; rank 0 has then told the error before the first one aborts"""
+    """Abort all ranks of MPI.
+
+    common : whether every rank calls this; rank 0 then reports the error before any rank aborts
+    """
     if "mpi4py.MPI" not in sys.modules:
         return
     from mpi4py import MPI

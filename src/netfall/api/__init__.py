@@ -1,1 +1,1 @@
-"""What Python gets: run, Net."""
+"""The Python interface: run, Net."""

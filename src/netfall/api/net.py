@@ -1,4 +1,4 @@
-"""A net made in Python from arrays, and its tables."""
+"""A net from arrays in Python, and its tables."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +10,7 @@ from netfall.job.table import write_table
 
 AXES = ("x", "y", "z")
 
-OF_NODES = {"id": "node_id"} | dict.fromkeys(AXES, "nodes")  # columns that arrays of a Net are for
+OF_NODES = {"id": "node_id"} | dict.fromkeys(AXES, "nodes")  # array of a Net by column of the table
 OF_NODES |= dict.fromkeys(("fixed", *(f"fixed_{k}" for k in AXES)), "fixed")
 OF_ELEMENTS = {"id": "element_id", "start": "elements", "end": "elements"}
 
@@ -21,7 +21,7 @@ class Net:
 
     nodes : (n, 3) [m]; elements : (m, 2) nodes at the ends, by their ids
     fixed : (n,) or (n, 3) bool, held in all directions or by axis; groups : (m,) names, or one for all
-    node_id : (n,), else 0 to n - 1; element_id : (m,), else 0 to m - 1
+    node_id : (n,), default 0 to n - 1; element_id : (m,), default 0 to m - 1
     node_columns, element_columns : further columns of the tables by name, (n,) or (m,), or one value for all:
         {"mass": ..., "load_z": ...} and {"prestress": ..., "force_density": ..., "unstressed_length": ...}
     """
@@ -36,7 +36,7 @@ class Net:
     element_columns: dict = field(default_factory=dict)
 
     def node_table(self) -> dict[str, np.ndarray]:
-        """The columns of nodes.csv. Raises InputError for arrays that do not fit each other."""
+        """Return the columns of nodes.csv. Raises InputError for arrays that do not fit each other."""
         x = _array("nodes", self.nodes, (None, 3), float)
         n = len(x)
         table = {"id": _ids("node_id", self.node_id, n), **{k: x[:, i] for i, k in enumerate(AXES)}}
@@ -47,11 +47,15 @@ class Net:
                 "a value for each node"
             )
         fixed = fixed.astype(int)
-        held = {"fixed": fixed} if fixed.ndim == 1 else {f"fixed_{k}": on for k, on in zip(AXES, fixed.T)}
-        return table | held | _columns("node_columns", self.node_columns, n, OF_NODES)
+        fixed_columns = (
+            {"fixed": fixed}
+            if fixed.ndim == 1
+            else {f"fixed_{k}": is_fixed for k, is_fixed in zip(AXES, fixed.T)}
+        )
+        return table | fixed_columns | _columns("node_columns", self.node_columns, n, OF_NODES)
 
     def element_table(self) -> dict[str, np.ndarray]:
-        """The columns of elements.csv. Raises InputError for arrays that do not fit each other."""
+        """Return the columns of elements.csv. Raises InputError for arrays that do not fit each other."""
         ends = _array("elements", self.elements, (None, 2), int)
         m = len(ends)
         table = {"id": _ids("element_id", self.element_id, m), "start": ends[:, 0], "end": ends[:, 1]}
@@ -61,7 +65,7 @@ class Net:
         return table | _columns("element_columns", self.element_columns, m, given)
 
     def write(self, folder: str | Path) -> dict[str, str]:
-        """Write nodes.csv and elements.csv into a folder; the [net] of a job in that folder."""
+        """Write nodes.csv and elements.csv into a folder, and return the [net] of a job in that folder."""
         folder = Path(folder)
         tables = {"nodes.csv": self.node_table(), "elements.csv": self.element_table()}
         folder.mkdir(parents=True, exist_ok=True)
@@ -71,11 +75,11 @@ class Net:
 
 
 def _array(name: str, values, shape: tuple, kind) -> np.ndarray:
-    """Values as an array of so many columns. Raises InputError."""
+    """Return values as an array of so many columns. Raises InputError."""
     array = np.asarray(values)
     expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
-    whole = kind is float or np.issubdtype(array.dtype, np.integer)
-    if array.ndim != 2 or array.shape[1] != shape[1] or array.dtype.kind not in "iuf" or not whole:
+    has_valid_type = kind is float or np.issubdtype(array.dtype, np.integer)
+    if array.ndim != 2 or array.shape[1] != shape[1] or array.dtype.kind not in "iuf" or not has_valid_type:
         raise InputError(f"Net: {name} has the shape {array.shape} of {array.dtype}: expected {expected}")
     return array.astype(kind)
 
@@ -92,24 +96,24 @@ def _ids(name: str, values, rows: int) -> np.ndarray:
 
 
 def _columns(name: str, given: dict, rows: int, arrays: dict | None = None) -> dict[str, np.ndarray]:
-    """Columns of so many rows; one value serves all. A nan is an empty cell.
+    """Return columns of so many rows; a single value applies to all rows, and nan is an empty cell.
 
-    arrays : the array of a Net by the names of columns that it stands for. Raises InputError for these.
+    arrays : names of arrays of a Net by the columns that they provide. Raises InputError for these columns.
     """
-    instead = {column: (arrays or {}).get(str(column).strip().lower()) for column in given}
-    wrong = [
+    provided = {column: (arrays or {}).get(str(column).strip().lower()) for column in given}
+    errors = [
         f"Net: {name} {column!r}: would replace what {array} says; give it as {array}"
-        for column, array in instead.items()
+        for column, array in provided.items()
         if array
     ]
-    if wrong:
-        raise InputError(wrong)
-    found = {}
+    if errors:
+        raise InputError(errors)
+    columns = {}
     for column, values in given.items():
         array = np.asarray(values)
         if array.shape not in ((), (rows,)):
             raise InputError(
                 f"Net: {name} {column!r} has the shape {array.shape}: expected ({rows},), or one value"
             )
-        found[column] = np.broadcast_to(array, rows)
-    return found
+        columns[column] = np.broadcast_to(array, rows)
+    return columns

@@ -1,6 +1,6 @@
-"""Running a job from Python: in processes of its own, or on the ranks of mpirun on which a script runs.
+"""Runs of a job from Python: in separate processes, or on the ranks of mpirun that execute a script.
 
-A run sets up the process that computes (compiler, memory, signals, MPI), so it takes no user's process.
+A run configures its process (compiler, memory, signals, MPI), so it does not use the user's process.
 """
 
 import os
@@ -19,11 +19,11 @@ from netfall.job.toml_text import toml_text, toml_value
 from netfall.results.result import Result
 
 ENDS = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
-STOP = 60.0  # s that a run is given to stop with a checkpoint
+STOP = 60.0  # s within which a run must stop with a checkpoint
 
 
 def run(job, overrides: dict | None, ranks: int | None, output, quiet: bool) -> Result:
-    """Do what `netfall.run` says."""
+    """Execute `netfall.run`; the arguments are described there."""
     settings = [f"{name}={toml_value(value)}" for name, value in (overrides or {}).items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(f"ranks = {ranks!r}: expected a whole number >= 1")
@@ -35,9 +35,9 @@ def run(job, overrides: dict | None, ranks: int | None, output, quiet: bool) -> 
 
 
 def under_mpirun() -> bool:
-    """Return whether this process is one of several ranks, by its launcher, or by MPI if that has started.
+    """Return whether this process is one of several ranks, by its launcher or by an initialised MPI.
 
-    A single rank is not: a notebook may have been started by srun.
+    A single rank does not count: srun may have started a notebook.
     """
     mpi, sizes = sys.modules.get("mpi4py.MPI"), launched(SIZES)
     if mpi and mpi.Is_initialized() and not mpi.Is_finalized() and mpi.COMM_WORLD.size > 1:
@@ -46,15 +46,13 @@ def under_mpirun() -> bool:
 
 
 class _Place:
-    """The files of a run: a folder that goes with its result, or at once if there is none.
+    """The files of a run. A temporary folder is removed with the result in it, or after the run.
 
     job : path of the job file; output : path of the result file
     """
 
     def __init__(self, job, output):
-        """job : a path, or a dict that becomes a file; output : None for a result that is kept no longer than
-        it is used
-        """
+        """job : a path, or a dict to write to a file; output : None for a temporary result"""
         self.keep, as_dict = output is not None, isinstance(job, dict)
         self.folder = _temporary_folder() if as_dict or not self.keep else None
         try:
@@ -73,24 +71,24 @@ class _Place:
             self.folder.cleanup()
 
     def result(self) -> Result:
-        """The result, which takes the folder along if the file stands in it."""
-        found = Result(self.output)
-        found._keeps = None if self.keep else self.folder
-        return found
+        """Return the result, which owns the folder if the file is in it."""
+        result = Result(self.output)
+        result._keeps = None if self.keep else self.folder
+        return result
 
     @property
     def prefix(self) -> str:
-        """What names of files in the folder begin with."""
+        """First part of the names of files in the folder."""
         return f"{self.folder.name}{os.sep}" if self.folder else ""
 
 
 def _without(prefix: str, lines: list[str]) -> list[str]:
-    """Messages without the name of a temporary folder."""
+    """Return messages without the name of a temporary folder."""
     return [line.replace(prefix, "") if prefix else line for line in lines]
 
 
 def _temporary_folder() -> tempfile.TemporaryDirectory:
-    """Here, where other nodes see it too and there is room; else where the system keeps such things."""
+    """Make a temporary folder here, where other nodes see it, or in the system's folder if that fails."""
     try:
         return tempfile.TemporaryDirectory(prefix=".netfall-", dir=os.getcwd(), ignore_cleanup_errors=True)
     except OSError:
@@ -98,7 +96,7 @@ def _temporary_folder() -> tempfile.TemporaryDirectory:
 
 
 def _job_file(job: dict, folder: Path) -> Path:
-    """Write a job, and the tables of its net; paths in it are relative to the working directory."""
+    """Write a job, and the tables of its net. Paths in it are relative to the working directory."""
     job = {name: _absolute(value) if name != "title" else value for name, value in job.items()}
     net, fields = job.get("net"), Net.__dataclass_fields__
     if isinstance(net, Net):
@@ -106,16 +104,16 @@ def _job_file(job: dict, folder: Path) -> Path:
     elif isinstance(net, dict) and not isinstance(net.get("nodes"), (str, type(None))):
         if "elements" not in net:
             raise InputError("net: nodes without elements: expected both, arrays or names of tables")
-        rest = {name: value for name, value in net.items() if name not in fields}
+        settings = {name: value for name, value in net.items() if name not in fields}
         arrays = Net(**{name: value for name, value in net.items() if name in fields})
-        job["net"] = rest | arrays.write(folder)
+        job["net"] = settings | arrays.write(folder)
     path = folder / "job.toml"
     path.write_text(toml_text(job), encoding="utf-8")
     return path
 
 
 def _absolute(value):
-    """Names of files that there are, as whole paths: the job file stands elsewhere."""
+    """Return names of existing files as absolute paths, since the job file is in another folder."""
     if isinstance(value, dict):
         return {name: _absolute(item) for name, item in value.items()}
     if isinstance(value, (str, os.PathLike)) and os.path.isfile(value):
@@ -124,13 +122,14 @@ def _absolute(value):
 
 
 def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: bool) -> None:
-    """Run a job in a process of its own, or on ranks of its own.
+    """Run a job in a separate process, or on separate ranks.
 
-    Raises what the command ends with, KeyboardInterrupt after a checkpoint.
+    Raises the error of the command, KeyboardInterrupt after a checkpoint.
     """
     launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
-    asked = launcher, ranks, place.job, place.output, settings, *options
-    command = run_command(*asked, module="netfall.program.attached")
+    command = run_command(
+        launcher, ranks, place.job, place.output, settings, *options, module="netfall.program.attached"
+    )
     text = {"encoding": "utf-8", "errors": "replace"}
     interrupt, pipe = None, subprocess.PIPE
     with tempfile.TemporaryFile("w+", **text) as complaints:
@@ -142,7 +141,7 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
                 process.wait()
             except BaseException as raised:
                 interrupt = raised
-                process.stdin.close()  # at which the run stops
+                process.stdin.close()  # the run stops when its input ends
                 _end(process)
         complaints.seek(0)
         lines = [line for line in complaints.read().splitlines() if line.strip()]
@@ -163,7 +162,7 @@ def _environment() -> dict[str, str]:
 
 
 def _output(quiet: bool) -> int | None:
-    """Return where a run prints to: here, line by line, where Python's output is not that of the process."""
+    """Return where a run prints: a pipe if Python's output differs from that of the process."""
     if quiet:
         return subprocess.DEVNULL
     if sys.stdout is not sys.__stdout__:
@@ -173,7 +172,7 @@ def _output(quiet: bool) -> int | None:
 
 
 def _end(process: subprocess.Popen) -> None:
-    """Wait for the end of a run that has been asked to stop; kill it after a while, or at an interrupt."""
+    """Wait for the end of a run that has been asked to stop; kill it after STOP, or at an interrupt."""
     try:
         process.wait(STOP)
     except (subprocess.TimeoutExpired, KeyboardInterrupt):
@@ -181,20 +180,20 @@ def _end(process: subprocess.Popen) -> None:
 
 
 def _error(code: int, lines: list[str], command: list[str]) -> Exception:
-    """Return the exception that stands for the end of a command, with what it wrote to standard error."""
+    """Return the exception for the exit code of a command, with its standard error."""
     if code == InputError.exit_code:
         return InputError(lines)
     if code in ENDS:
         return ENDS[code]("\n".join(lines))
-    told = [line.removeprefix("netfall: ") for line in lines if line.startswith("netfall: ")]
-    if code == OutputError.exit_code and told and not told[0].startswith("rank "):
-        return OutputError("\n".join(told))
+    messages = [line.removeprefix("netfall: ") for line in lines if line.startswith("netfall: ")]
+    if code == OutputError.exit_code and messages and not messages[0].startswith("rank "):
+        return OutputError("\n".join(messages))
     ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
     return RuntimeError("\n".join([f"{shlex.join(command)} {ended}", *lines]))
 
 
 def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, quiet: bool) -> Result:
-    """Run a job on the ranks of mpirun, each of which gets the result. Collective."""
+    """Run a job on the ranks of mpirun; each rank gets the result. Collective."""
     from netfall.parallel.alone import world
 
     comm = world()
@@ -209,14 +208,14 @@ def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, qui
             "leave ranks out"
         )
     place = on_root(comm, lambda: _Place(job, output))
-    path, told = comm.bcast(place and (place.output, place.prefix))
+    path, prefix = comm.bcast(place and (place.output, place.prefix))
     with place or nullcontext():
         try:
-            read = comm.bcast(on_root(comm, lambda: read_job(place.job, settings)))
-            run_job(comm, read, path, Progress(comm.rank == 0 and not quiet))
+            job_read = comm.bcast(on_root(comm, lambda: read_job(place.job, settings)))
+            run_job(comm, job_read, path, Progress(comm.rank == 0 and not quiet))
         except InputError as error:
-            raise InputError(_without(told, error.lines)) from None
-    comm.Barrier()  # the file has its name
+            raise InputError(_without(prefix, error.lines)) from None
+    comm.Barrier()  # rank 0 has renamed the result file
     result = on_root(comm, lambda: place.result())
-    # every rank has opened the file before rank 0 can close a temporary one, which removes it
+    # Every rank opens the file before rank 0 can close, and thereby remove, a temporary one.
     return on_all(comm, lambda: Result(path) if result is None else result)

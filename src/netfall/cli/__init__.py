@@ -1,1 +1,1 @@
-"""The command line: its words, options, help, and what each command does."""
+"""The command line: commands, options, help texts, and the function of each command."""

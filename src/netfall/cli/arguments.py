@@ -1,4 +1,4 @@
-"""What options take, from the text on the command line."""
+"""Conversion of option values from the text of the command line."""
 
 import argparse
 import os
@@ -6,43 +6,43 @@ import re
 from functools import partial
 from pathlib import Path
 
-TINY = 1e-300  # what is > 0
+TINY = 1e-300  # smallest value that counts as > 0
 DURATION = re.compile(r"(\d+):(\d+):(\d+)")
 SIZE, LEAST_PIXELS, MOST_PIXELS = re.compile(r"(\d+)x(\d+)"), 300, 8000
 SHARD = re.compile(r"(\d+)/(\d+)")
 
 
 def refusal(text: str, expected: str) -> argparse.ArgumentTypeError:
-    """The error for a text that is not what is expected."""
+    """Return the error for a text that does not match the expectation."""
     return argparse.ArgumentTypeError(f"{text}: expected {expected}")
 
 
 def file(text: str) -> Path:
-    """The path of a file to write."""
+    """Return the path of a file to write."""
     if text.endswith(os.sep) or not text:
         raise argparse.ArgumentTypeError(f"{text!r}: is a folder; expected the name of a file")
     return Path(text)
 
 
 def count(text: str, least: int = 1) -> int:
-    """A whole number >= least."""
+    """Return a whole number >= least."""
     if not text.isdigit() or int(text) < least:
         raise refusal(text, f"a whole number >= {least}")
     return int(text)
 
 
 def counts(text: str) -> list[int]:
-    """Different whole numbers >= 1, in ascending order."""
+    """Return different whole numbers >= 1, in ascending order."""
     return sorted({count(word.strip()) for word in text.split(",")})
 
 
 def words(text: str) -> list[str]:
-    """Names between commas."""
+    """Return names separated by commas."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def between(text: str, low: float, high: float, what: str) -> float:
-    """A number; what : it is, in words"""
+    """Return a number within limits; what : its description for messages"""
     try:
         value = float(text)
     except ValueError:
@@ -60,12 +60,12 @@ factor = partial(between, low=TINY, high=1e3, what="a number > 0")
 
 
 def time(text: str) -> float:
-    """Seconds; inf for "end"."""
+    """Return seconds; inf for "end"."""
     return between("inf" if text == "end" else text, 0.0, float("inf"), "a time >= 0 in s, or end")
 
 
 def view(text: str) -> tuple[float, float] | str:
-    """Elevation and azimuth [degrees], or a name."""
+    """Return elevation and azimuth [degrees], or the name of a view."""
     if text in ("space", "plan", "front", "side"):
         return text
     try:
@@ -77,24 +77,24 @@ def view(text: str) -> tuple[float, float] | str:
 
 
 def size(text: str) -> tuple[int, int]:
-    """Width and height [pixels], even."""
+    """Return width and height [pixels], even."""
     pixels = [int(part) for part in found.groups()] if (found := SIZE.fullmatch(text)) else []
-    if not pixels or not all(LEAST_PIXELS <= each <= MOST_PIXELS for each in pixels):
+    if not pixels or not all(LEAST_PIXELS <= length <= MOST_PIXELS for length in pixels):
         raise refusal(text, f"WIDTHxHEIGHT, {LEAST_PIXELS} to {MOST_PIXELS} pixels each: 1280x720")
     return pixels[0] // 2 * 2, pixels[1] // 2 * 2
 
 
 def duration(text: str) -> float:
-    """Seconds of HH:MM:SS."""
-    found = DURATION.fullmatch(text)
-    if not found:
+    """Return the seconds of HH:MM:SS."""
+    match = DURATION.fullmatch(text)
+    if not match:
         raise refusal(text, "HH:MM:SS")
-    hours, minutes, seconds = map(int, found.groups())
+    hours, minutes, seconds = map(int, match.groups())
     return 3600.0 * hours + 60.0 * minutes + seconds
 
 
 def shard(text: str) -> tuple[int, int]:
-    """I/N."""
+    """Return I and N of I/N."""
     part, parts = map(int, found.groups()) if (found := SHARD.fullmatch(text)) else (0, 0)
     if not 1 <= part <= parts:
         raise refusal(text, "I/N, the I-th of N parts, for example 2/8")
@@ -102,13 +102,13 @@ def shard(text: str) -> tuple[int, int]:
 
 
 def springs(text: str) -> tuple[str, tuple[float, ...]]:
-    """A layer and stiffnesses (3,) [N/m] of LAYER=K or LAYER=KX,KY,KZ."""
+    """Return a layer and stiffnesses (3,) [N/m] of LAYER=K or LAYER=KX,KY,KZ."""
     layer, _, values = text.rpartition("=")
     try:
         stiffness = tuple(float(value) for value in values.split(","))
     except ValueError:
         stiffness = ()
-    good = len(stiffness) in (1, 3) and all(0.0 <= k < 1e15 for k in stiffness) and any(stiffness)
-    if not layer or not good:
+    is_valid = len(stiffness) in (1, 3) and all(0.0 <= k < 1e15 for k in stiffness) and any(stiffness)
+    if not layer or not is_valid:
         raise refusal(text, "LAYER=K or LAYER=KX,KY,KZ, with a stiffness > 0 in N/m")
     return layer.strip(), stiffness * (3 // len(stiffness))

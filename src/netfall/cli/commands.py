@@ -1,7 +1,7 @@
-"""The commands: each takes the arguments that `parser` has read.
+"""Functions of the commands. Each takes the arguments that `parser` has read.
 
-What a command needs it imports itself: `info`, `plot` and `report` work where there is no MPI, and a wrong
-word on the command line is answered before anything is loaded.
+A command imports its own dependencies. `info`, `plot` and `report` therefore work without MPI, and netfall
+reports a wrong word on the command line before it loads anything else.
 """
 
 import os
@@ -11,11 +11,11 @@ import netfall
 from netfall.ground.errors import InputError
 from netfall.ground.progress import tell
 
-OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot`
+OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot` for animations
 
 
 def init(arguments) -> None:
-    """netfall init JOB"""
+    """Write a new job file: netfall init JOB"""
     from netfall.job.template import new_template
     from netfall.write.locks import whole
 
@@ -26,7 +26,7 @@ def init(arguments) -> None:
 
 
 def check(arguments) -> None:
-    """netfall check JOB"""
+    """Check a job: netfall check JOB"""
     from netfall.parallel.alone import start_alone
 
     start_alone()
@@ -38,7 +38,7 @@ def check(arguments) -> None:
 
 
 def partition(arguments) -> None:
-    """netfall partition JOB -n P"""
+    """Partition a net: netfall partition JOB -n P"""
     from netfall.job.read import read_job
     from netfall.net.build import build_net
     from netfall.parallel import partition as p
@@ -62,7 +62,7 @@ def partition(arguments) -> None:
 
 
 def run(arguments) -> None:
-    """mpirun -n P netfall run JOB"""
+    """Run a job: mpirun -n P netfall run JOB"""
     from netfall.parallel.alone import world
 
     comm = world()
@@ -86,15 +86,18 @@ def run(arguments) -> None:
 def _check_same_options(given: list[dict]) -> None:
     """Raise InputError if a rank was started with other options than rank 0.
 
-    given : by rank, what each has read
+    given : the options of each rank
     """
     names = {"job": "JOB", "output": "-o", "overrides": "--set"}
     as_typed = [
-        {name: " ".join(map(str, one)) if isinstance(one, list) else str(one) for name, one in own.items()}
-        for own in given
+        {
+            name: " ".join(map(str, item)) if isinstance(item, list) else str(item)
+            for name, item in options.items()
+        }
+        for options in given
     ]
-    for rank, own in enumerate(as_typed):
-        for name, value in own.items():
+    for rank, options in enumerate(as_typed):
+        for name, value in options.items():
             if value != as_typed[0][name]:
                 option, first = names.get(name, f"--{name}"), as_typed[0][name]
                 raise InputError(
@@ -104,7 +107,7 @@ def _check_same_options(given: list[dict]) -> None:
 
 
 def compile(arguments) -> None:
-    """netfall compile"""
+    """Compile the kernels: netfall compile"""
     from netfall.parallel.alone import start_alone
 
     start_alone()
@@ -117,7 +120,7 @@ def compile(arguments) -> None:
 
 
 def info(arguments) -> None:
-    """netfall info RESULT"""
+    """Print a summary: netfall info RESULT"""
     from netfall.report.info import print_info
     from netfall.study.answers.info import print_study
     from netfall.study.answers.read import is_study
@@ -126,7 +129,7 @@ def info(arguments) -> None:
 
 
 def plot(arguments) -> None:
-    """netfall plot RESULT"""
+    """Draw plots: netfall plot RESULT"""
     from netfall.study.answers.read import is_study
 
     a = arguments
@@ -146,7 +149,7 @@ def plot(arguments) -> None:
 
 
 def _animate(arguments) -> None:
-    """netfall plot RESULT --animate"""
+    """Draw animations: netfall plot RESULT --animate"""
     from netfall.plots.canvas import VIEWS
     from netfall.plots.film import Shot, animate
     from netfall.study.answers.read import is_study
@@ -157,16 +160,16 @@ def _animate(arguments) -> None:
         raise InputError(f"netfall plot: {names} are of the animation; add --animate")
     if is_study(a.result):
         raise InputError(f"{a.result}: a study file has no frames; animate the result file of one run")
-    asked = {name: getattr(a, name) for name in OF_FILMS[2:] if getattr(a, name) is not None}
+    settings = {name: getattr(a, name) for name in OF_FILMS[2:] if getattr(a, name) is not None}
     if isinstance(a.view, str):
-        asked["view"] = VIEWS[a.view]
+        settings["view"] = VIEWS[a.view]
     folder = _folder(a.folder or a.result.parent)
-    for path, words in animate(a.result, folder, a.format, a.fps, Shot(**asked)):
+    for path, words in animate(a.result, folder, a.format, a.fps, Shot(**settings)):
         tell(f"{path}: {words}")
 
 
 def view(arguments) -> None:
-    """netfall view RESULT"""
+    """Write a page for the browser: netfall view RESULT"""
     from netfall.study.answers.read import is_study
     from netfall.view.page import write_page
     from netfall.view.study import write_study_page
@@ -184,17 +187,17 @@ def view(arguments) -> None:
 
 
 def report(arguments) -> None:
-    """netfall report RESULT"""
+    """Write a report: netfall report RESULT"""
     from netfall.checks.cables import Cutting
     from netfall.report.report import Inputs, write_report
 
-    a, beside = arguments, arguments.result.with_name(f"{arguments.result.stem}-report")
+    a, default_folder = arguments, arguments.result.with_name(f"{arguments.result.stem}-report")
     inputs = Inputs(a.codes, Cutting(a.temperature, a.load), a.deductions)
-    tell(*write_report(a.result, _folder(a.folder or beside), inputs))
+    tell(*write_report(a.result, _folder(a.folder or default_folder), inputs))
 
 
 def scale(arguments) -> None:
-    """netfall scale JOB --ranks 1,2, netfall scale STUDY --workers 1,2"""
+    """Measure scaling: netfall scale JOB --ranks 1,2, netfall scale STUDY --workers 1,2"""
     a = arguments
     if (a.ranks is None) == (a.workers is None):
         raise InputError(
@@ -210,31 +213,43 @@ def scale(arguments) -> None:
         from netfall.ground.launch import default_launcher
         from netfall.measure.scale import scale as run_scale
 
-        of_runs = a.job, a.overrides, a.ranks, a.launcher or default_launcher(), a.repeats
-        paths = run_scale(*of_runs, _folder(a.folder), _say())
+        launcher = a.launcher or default_launcher()
+        paths = run_scale(a.job, a.overrides, a.ranks, launcher, a.repeats, _folder(a.folder), _say())
     tell(*paths)
 
 
 def trade(arguments) -> None:
-    """netfall trade JOB"""
+    """Run an accuracy study: netfall trade JOB"""
     from netfall.ground.launch import default_launcher
     from netfall.ground.stop import StopRequest
     from netfall.measure.trade import trade as run_trade
 
-    a, launcher = arguments, arguments.launcher or default_launcher()
-    asked = a.job, a.overrides, a.vary, a.reference, a.ranks, launcher, a.repeats, a.tolerance
-    tell(*run_trade(*asked, _folder(a.folder), _say(), StopRequest()))
+    a = arguments
+    paths = run_trade(
+        path=a.job,
+        overrides=a.overrides,
+        vary=a.vary,
+        reference=a.reference,
+        ranks=a.ranks,
+        launcher=a.launcher or default_launcher(),
+        repeats=a.repeats,
+        tolerance=a.tolerance,
+        folder=_folder(a.folder),
+        say=_say(),
+        stop=StopRequest(),
+    )
+    tell(*paths)
 
 
 def _say():
-    """What tells lines of a command that takes long, and goes on where nobody reads them any more."""
+    """Return a function that prints lines, and continues without output if the reader has ended."""
     from netfall.ground.progress import Progress
 
     return Progress(True).say
 
 
 def study(arguments) -> None:
-    """netfall study STUDY"""
+    """Run a study: netfall study STUDY"""
     from netfall.ground.launch import SIZES, launched
     from netfall.ground.progress import Progress
     from netfall.ground.stop import StopRequest
@@ -247,15 +262,15 @@ def study(arguments) -> None:
 
 
 def import_(arguments) -> None:
-    """netfall import FILE -o FOLDER"""
+    """Import a drawing or mesh: netfall import FILE -o FOLDER"""
     from netfall.exchange.drawings.importing import Options, import_file
 
-    asked = {name: getattr(arguments, name) for name in Options.__dataclass_fields__}
-    import_file(arguments.drawing, arguments.folder, Options(**asked), tell)
+    settings = {name: getattr(arguments, name) for name in Options.__dataclass_fields__}
+    import_file(arguments.drawing, arguments.folder, Options(**settings), tell)
 
 
 def export(arguments) -> None:
-    """netfall export RESULT -o FILE"""
+    """Export a result: netfall export RESULT -o FILE"""
     from netfall.exchange.export import Wanted
     from netfall.exchange.export import export as write
 
@@ -264,15 +279,15 @@ def export(arguments) -> None:
 
 
 def version() -> None:
-    """netfall --version"""
+    """Print versions: netfall --version"""
     from netfall.program.run import how_it_writes
 
     tell(f"netfall {netfall.__version__}, {how_it_writes()}")
 
 
 def _folder(path: Path) -> Path:
-    """A folder to write into, which may still have to be made. Raises InputError where it cannot be one."""
-    there = next((place for place in (path, *path.parents) if place.exists()), path)
-    if there.exists() and not there.is_dir():
-        raise InputError(f"-o {path}: {there} is a file; expected a folder")
+    """Return a folder for output, which need not exist yet. Raises InputError if a file is in its place."""
+    existing = next((place for place in (path, *path.parents) if place.exists()), path)
+    if existing.exists() and not existing.is_dir():
+        raise InputError(f"-o {path}: {existing} is a file; expected a folder")
     return path

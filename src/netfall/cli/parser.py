@@ -1,4 +1,4 @@
-"""The words of the command line: the commands, their options, and what each option takes."""
+"""The commands, their options, and the values of each option."""
 
 import argparse
 import functools
@@ -13,9 +13,9 @@ VERBS = (
     *("check", "partition", "run", "info", "plot", "view", "report", "scale", "trade", "study"),
     *("import", "export", "init", "compile"),
 )
-# A command, and what it takes before its options, JOB (with --set) or RESULT; what it does.
-# Below it its words and options: name, and the attribute where that has another; kind, or choices; value in
-# the help; default; help.
+# Line of a command: its name, its argument JOB (with --set) or RESULT; its help.
+# Lines of its options: name, and the attribute if it differs; kind, or choices; value in the help; default;
+# help.
 COMMANDS = f"""
 /init | write a job to start from, with every key in it
 job | file | JOB | job.toml | default: job.toml
@@ -130,7 +130,7 @@ netfall compile
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line."""
+    """A parser that reports an error in one line."""
 
     def error(self, message: str):
         raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
@@ -138,49 +138,52 @@ class Parser(argparse.ArgumentParser):
 
 @functools.cache
 def parser() -> Parser:
-    """The commands and their options."""
+    """Return the parser of all commands and their options."""
     about = "Form finding, load and collapse analysis of cable roofs on MPI ranks."
     top = Parser(prog="netfall", description=about)
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
     verbs = top.add_subparsers(dest="verb", metavar=" | ".join(VERBS))
     for name, *cells in rows_of(COMMANDS):
         if name.startswith("/"):
-            name, *of = name[1:].split()
+            name, *argument = name[1:].split()
             verb = verbs.add_parser(name, help=cells[0], description=cells[0])
             verb.epilog, verb.formatter_class = shown(name), argparse.RawDescriptionHelpFormatter
-            one = verb.add_mutually_exclusive_group() if name == "run" else None  # of "one flag" one at most
-            if of:
-                verb.add_argument(of[0].lower(), type=Path, metavar=of[0])
-            if of == ["JOB"]:
+            exclusive = verb.add_mutually_exclusive_group() if name == "run" else None  # for kind "one flag"
+            if argument:
+                verb.add_argument(argument[0].lower(), type=Path, metavar=argument[0])
+            if argument == ["JOB"]:
                 text = "override a key of the job file; may be repeated"
                 _add(verb, "--set overrides", "several", "SECTION.KEY=VALUE", "", text)
         else:
-            _add(one if cells[0] == "one flag" else verb, name, *cells)
+            _add(exclusive if cells[0] == "one flag" else verb, name, *cells)
     return top
 
 
 def _add(verb, name: str, kind: str, what: str, default: str, text: str) -> None:
-    """Add a word or an option to a command; the cells of its row. A default is read as if it were typed."""
+    """Add a word or an option to a command, from the cells of its row.
+
+    A default is converted as if it were typed.
+    """
     name, *attribute = name.split()
-    more = {"dest": attribute[0]} if attribute else {}
+    settings = {"dest": attribute[0]} if attribute else {}
     if kind.endswith("flag"):
-        more["action"] = "store_true"
+        settings["action"] = "store_true"
     elif kind == "several":
-        more |= {"action": "append", "default": [], "metavar": what}
+        settings |= {"action": "append", "default": [], "metavar": what}
     elif "," in kind:
-        more |= {"choices": tuple(kind.split(",")), "default": default or None}
+        settings |= {"choices": tuple(kind.split(",")), "default": default or None}
     else:
         known = {"Path": Path, "str": str, "int": int, "float": float}
-        more |= {"type": known[kind] if kind in known else getattr(take, kind), "metavar": what}
+        settings |= {"type": known[kind] if kind in known else getattr(take, kind), "metavar": what}
         if default == "required":
-            more["required"] = True
+            settings["required"] = True
         elif default:
-            more |= {"default": default} | ({} if name.startswith("-") else {"nargs": "?"})
-    verb.add_argument(name, help=text or None, **more)
+            settings |= {"default": default} | ({} if name.startswith("-") else {"nargs": "?"})
+    verb.add_argument(name, help=text or None, **settings)
 
 
 def shown(verb: str) -> str:
-    """The examples of a command as they stand below its options."""
+    """Return the examples of a command, which its help prints below the options."""
     lines = [line for line in EXAMPLES.splitlines() if f"netfall {verb} " in f"{line} "]
     title = "examples:" if len(lines) > 1 else "example:"
     return "\n".join([title, *(f"  {line}" for line in lines)]) if lines else ""

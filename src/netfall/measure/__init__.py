@@ -1,1 +1,1 @@
-"""Measuring tools: run time against error, scaling, throughput."""
+"""Measurements: run time against error, scaling, throughput."""

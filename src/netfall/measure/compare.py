@@ -1,4 +1,4 @@
-"""Outcomes against a reference: errors, which settings nothing beats, table and picture."""
+"""Outcomes against a reference: errors, Pareto front, table and plot."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,41 +15,43 @@ HEAD = [
     *("setting", "step [s]", "seconds", "displacement [m]", "tension [kN]", "first fracture [s] (element)"),
     *("broken", "overlap", "balance", "error"),
 ]
-NEAR = 0.08  # decades, in which points of the picture share a name
+NEAR = 0.08  # decades; closer points of the plot share a label
 
 
 @dataclass
 class Row:
-    """A setting with its errors: relative ones, but for the overlap (Jaccard index of the broken sets)."""
+    """A setting with its relative errors, and the overlap (Jaccard index of the broken sets)."""
 
     setting: str
     outcome: Outcome
     errors: dict[str, float]
-    error: float  # the largest of the relative ones
-    best: bool = False  # nothing is both faster and closer
+    error: float  # the largest relative error
+    best: bool = False  # on the Pareto front: no setting is both faster and more accurate
 
 
-def compare(setting: str, found: Outcome, exact: Outcome) -> Row:
-    """Errors against the reference."""
-    if found.state != "finished":
-        return Row(setting, found, dict.fromkeys((*ERRORS, "overlap"), np.nan), np.inf)
+def compare(setting: str, outcome: Outcome, exact: Outcome) -> Row:
+    """Compute the errors of an outcome against the reference."""
+    if outcome.state != "finished":
+        return Row(setting, outcome, dict.fromkeys((*ERRORS, "overlap"), np.nan), np.inf)
     errors = {
-        "displacement": _relative(found.largest_displacement, exact.largest_displacement),
-        "tension": _relative(found.largest_tension, exact.largest_tension),
-        "first_fracture": _relative(found.first_fracture, exact.first_fracture),
-        "broken": _relative(found.broken, exact.broken),
+        "displacement": _relative(outcome.largest_displacement, exact.largest_displacement),
+        "tension": _relative(outcome.largest_tension, exact.largest_tension),
+        "first_fracture": _relative(outcome.first_fracture, exact.first_fracture),
+        "broken": _relative(outcome.broken, exact.broken),
     }
-    mine, theirs = set(found.broken_elements.split()), set(exact.broken_elements.split())
-    overlap = len(mine & theirs) / max(1, len(mine | theirs)) if mine or theirs else 1.0
-    return Row(setting, found, errors | {"overlap": overlap}, max(errors.values()))
+    broken, broken_exact = set(outcome.broken_elements.split()), set(exact.broken_elements.split())
+    overlap = (
+        len(broken & broken_exact) / max(1, len(broken | broken_exact)) if broken or broken_exact else 1.0
+    )
+    return Row(setting, outcome, errors | {"overlap": overlap}, max(errors.values()))
 
 
-def _relative(found: float, exact: float) -> float:
-    """Error of one quantity; none where neither run has it, infinite where only one has."""
-    if found == exact or not (np.isfinite(found) or np.isfinite(exact)):
+def _relative(value: float, exact: float) -> float:
+    """Compute the error of one quantity; 0 if neither run has it, infinite if only one has."""
+    if value == exact or not (np.isfinite(value) or np.isfinite(exact)):
         return 0.0
-    if np.isfinite(found) and exact and np.isfinite(exact):
-        return abs(found - exact) / abs(exact)
+    if np.isfinite(value) and exact and np.isfinite(exact):
+        return abs(value - exact) / abs(exact)
     return np.inf
 
 
@@ -66,16 +68,18 @@ def mark_best(rows: list[Row]) -> None:
 
 
 def cheapest(rows: list[Row], tolerance: float) -> Row | None:
-    """The fastest setting within the tolerance."""
+    """Return the fastest setting within the tolerance."""
     within = [row for row in rows if row.error <= tolerance]
     return min(within, key=lambda row: row.outcome.seconds, default=None)
 
 
 def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
-    """The table for the eye, the front marked with *, and the cheapest setting within the tolerance."""
+    """Return the table as text, with * on the Pareto front, and the fastest setting within the tolerance."""
     ranked = sorted(rows, key=lambda row: row.outcome.seconds)
-    mark = lambda row: "\\* " if row.best else ""
-    lines = [_cells(mark(row) + row.setting, row.outcome, row.errors["overlap"], row.error) for row in ranked]
+    lines = [
+        _cells("\\* " * row.best + row.setting, row.outcome, row.errors["overlap"], row.error)
+        for row in ranked
+    ]
     return [
         *tables.as_text(HEAD, [_cells("**reference**", exact, 1.0, 0.0), *lines]),
         f"cheapest within an error of {tolerance:g}: {_advice(cheapest(rows, tolerance), exact)}"
@@ -100,16 +104,16 @@ def _cells(name: str, o: Outcome, overlap: float, error: float) -> list[str]:
     ]
 
 
-def _advice(found: Row | None, exact: Outcome) -> str:
-    if found is None:
+def _advice(row: Row | None, exact: Outcome) -> str:
+    if row is None:
         return "none of these"
-    seconds = found.outcome.seconds
+    seconds = row.outcome.seconds
     faster = f"{exact.seconds / seconds:.1f} times faster than the reference"
-    return f"{found.setting} ({seconds:.3g} s, {faster})"
+    return f"{row.setting} ({seconds:.3g} s, {faster})"
 
 
 def write_table(path: Path, rows: list[Row], **attributes) -> None:
-    """The table as datasets of one length, /table; attributes say what it was measured against."""
+    """Write the table as datasets of one length, /table; attributes : what it was measured against"""
     columns = {
         "setting": [row.setting for row in rows],
         "error": [row.error for row in rows],
@@ -124,7 +128,7 @@ def write_table(path: Path, rows: list[Row], **attributes) -> None:
 
 
 def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Path) -> Path:
-    """Run time against error."""
+    """Plot run time against error."""
     finished = sorted(
         (row for row in rows if row.outcome.state == "finished" and np.isfinite(row.error)),
         key=lambda row: row.outcome.seconds,
@@ -145,7 +149,7 @@ def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Pa
 
 
 def _points(axes, finished: list[Row]) -> None:
-    """The settings as points with their numbers, and the front as a line."""
+    """Plot the settings as points with their numbers, and the Pareto front as a line."""
     floor = min([row.error for row in finished if row.error > 0], default=1e-6) / 3
     places = [(row.outcome.seconds, max(row.error, floor)) for row in finished]
     front = np.array([place for place, row in zip(places, finished) if row.best]).reshape(-1, 2)
@@ -158,11 +162,11 @@ def _points(axes, finished: list[Row]) -> None:
 
 
 def _together(places: list[tuple[float, float]]) -> list[list[int]]:
-    """Groups of points whose names would hide one another."""
+    """Group points whose labels would overlap."""
     groups: list[list[int]] = []
-    at = np.log10(places).reshape(-1, 2)
+    decades = np.log10(places).reshape(-1, 2)
     for k in range(len(places)):
-        group = next((group for group in groups if np.abs(at[group[0]] - at[k]).max() < NEAR), None)
+        group = next((group for group in groups if np.abs(decades[group[0]] - decades[k]).max() < NEAR), None)
         if group is None:
             groups.append([k])
         else:

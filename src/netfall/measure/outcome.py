@@ -1,4 +1,4 @@
-"""What one run of a trade gave, and the journal that keeps it."""
+"""Outcome of one run of an accuracy study, and the journal of outcomes."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -10,40 +10,40 @@ from netfall.results.frames import Frames
 from netfall.study.journal import Journal, read_journal
 
 NAN = float("nan")
-STATES = {0: "finished", 2: "refused", 3: "diverged"}  # by exit code: what a further try would give again
+STATES = {0: "finished", 2: "refused", 3: "diverged"}  # by exit code: states that a repeated run reproduces
 
 
 class Outcome(NamedTuple):
-    """What one run gave, in SI units; nan where there is nothing of the kind."""
+    """Outcome of one run in SI units; nan if a quantity does not exist."""
 
     state: str  # finished | refused | diverged | failed
     reason: str = ""
-    seconds: float = NAN  # of the dynamic stage, the slowest rank
+    seconds: float = NAN  # run time of the dynamic stage on the slowest rank
     time_step: float = NAN
     largest_displacement: float = NAN  # up to the reference's first fracture
-    largest_tension: float = NAN  # the same
-    first_fracture: float = NAN  # time
+    largest_tension: float = NAN  # up to the reference's first fracture
+    first_fracture: float = NAN  # time [s]
     first_element: int = -1
     broken: int = -1
     balance_error: float = NAN
     broken_elements: str = ""  # ids, for the overlap
 
 
-def outcome_of(told: dict, file: h5py.File | None, until: float | None) -> Outcome:
-    """The outcome of a run from what its worker told and its result file, None where there is none.
+def outcome_of(answer: dict, file: h5py.File | None, until: float | None) -> Outcome:
+    """Return the outcome of a run from its worker's answer and its result file, None without a file.
 
     until : time [s] up to which displacement and tension count, None: the run's own first fracture
     """
     if file is None:
-        return Outcome(STATES.get(told["exit_code"], "failed"), told["reason"])
+        return Outcome(STATES.get(answer["exit_code"], "failed"), answer["reason"])
     frames, events, ids = Frames(file), file["events"], file["net/element_id"][:]
     first = float(events["time"][0]) if len(events["time"]) else NAN
     if until is None:
         until = end_of_comparison(first)
     displacement = tension = 0.0
     for step in np.flatnonzero(frames.times <= until):
-        moved = np.linalg.norm(frames.point("displacement", step), axis=1)
-        displacement = max(displacement, moved.max(initial=0.0))
+        displacements = np.linalg.norm(frames.point("displacement", step), axis=1)
+        displacement = max(displacement, displacements.max(initial=0.0))
         tension = max(tension, frames.cell("tension", step).max(initial=0.0))
     broken = np.unique(events["element"][:])
     return Outcome(
@@ -62,15 +62,15 @@ def outcome_of(told: dict, file: h5py.File | None, until: float | None) -> Outco
 
 
 def end_of_comparison(first_fracture: float) -> float:
-    """Until when [s] runs are compared: the reference's first fracture, the end if it has none."""
+    """Return the time [s] up to which runs are compared: the reference's first fracture, or the end."""
     return first_fracture if np.isfinite(first_fracture) else np.inf
 
 
 class Outcomes:
-    """Outcomes so far by what was run, in a journal; a trade that was stopped goes on where it was."""
+    """Outcomes so far by run key, in a journal, so that an interrupted accuracy study can continue."""
 
     def __init__(self, path: Path, header: dict):
-        """header : what all of them depend on; if it has changed, the journal begins anew"""
+        """header : inputs of all outcomes; if it has changed, the journal starts again"""
         records = read_journal(path)[0] if path.exists() else []
         if records[:1] != [header]:
             path.unlink(missing_ok=True)
@@ -80,20 +80,23 @@ class Outcomes:
         self.journal = Journal(path, header)
 
     def add(self, key: str, outcome: Outcome) -> None:
-        """Take in an outcome; one that another try may better stays for this session."""
+        """Include an outcome. One that a repeated run may improve is not written to the journal."""
         self.there.setdefault(key, []).append(outcome)
         if outcome.state in STATES.values():
             self.journal.add({"run": key, "outcome": outcome._asdict()})
 
     def best(self, key: str, repeats: int) -> Outcome | None:
-        """The fastest of so many runs, fewer if one did not come to its end; None: more are to be made."""
-        found = self.there.get(key, [])
-        finished = [outcome for outcome in found if outcome.state == "finished"]
-        if len(finished) == len(found) < repeats:
+        """Return the fastest of so many runs; None if more are needed.
+
+        A key with an unfinished run needs no more.
+        """
+        outcomes = self.there.get(key, [])
+        finished = [outcome for outcome in outcomes if outcome.state == "finished"]
+        if len(finished) == len(outcomes) < repeats:
             return None
-        return min(finished, key=lambda outcome: outcome.seconds, default=found[-1])
+        return min(finished, key=lambda outcome: outcome.seconds, default=outcomes[-1])
 
     def close(self) -> None:
-        """The end of writing."""
+        """Close the journal."""
         self.journal.sync()
         self.journal.close()

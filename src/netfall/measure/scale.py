@@ -1,9 +1,9 @@
-"""`netfall scale`: how the speed of a job's dynamic stage grows with the ranks.
+"""`netfall scale`: speed of a job's dynamic stage as a function of the number of ranks.
 
-Strong scaling: the job as it is, on more ranks. Weak scaling: as many elements for each rank; a net from a
-generator grows in its dimensions, with cables as far apart as before; one from tables has each element
-divided into more. The runs are interleaved, and the best of them counts: a machine that is shared is slower
-at times, never faster.
+Strong scaling: the unchanged job on more ranks. Weak scaling: a constant number of elements per rank. A net
+from a generator then grows in its dimensions at constant spacing of cables; in a net from tables each element
+is divided. The runs are interleaved, and the fastest of them counts, since other load of a shared machine
+only slows a run down.
 """
 
 import math
@@ -20,9 +20,9 @@ from netfall.job.schema import GENERATOR_KEYS
 from netfall.measure import tables
 from netfall.measure.series import Series, dynamic_job, place_of_series
 
-# Of the keys of a generator these stay as they are; the others grow with the root of the area.
+# Keys of a generator that stay constant; the others grow with the square root of the area.
 FIXED = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force", "hoop_force", "brace_force")
-WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # numbers, and what they are multiples of
+WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # integer keys: they are multiples of these
 RATE = "element_steps_per_s"
 PHASES = {
     "forces": "dynamics: forces and kick",
@@ -31,7 +31,7 @@ PHASES = {
     "rows": "dynamics: rows",
     "output": "dynamics: output",
 }
-OF_RANKS = ("min", "mean", "max")  # what is told of the seconds of all ranks
+OF_RANKS = ("min", "mean", "max")  # statistics over the ranks for the time of each phase
 
 
 def scale(
@@ -80,25 +80,29 @@ def scale(
 
 
 def grown(job: Job, factor: float) -> list[str] | None:
-    """Overrides that make the job's net `factor` times as large; None where that cannot be."""
+    """Return overrides that make the job's net `factor` times as large; None if that is impossible."""
     if factor == 1.0:
         return []
     if job.net.generator is None:
         return [f"net.subdivide={round(job.net.subdivide * factor)}"] if factor == round(factor) else None
     keys = [key for key in GENERATOR_KEYS[job.net.generator] if key not in FIXED]
     longer = {key: getattr(job.net, key) * math.sqrt(factor) for key in keys}
-    whole = lambda key, value: WHOLE[key] * round(value / WHOLE[key])
-    return [f"net.{key}={whole(key, v) if key in WHOLE else repr(v)}" for key, v in longer.items()]
+    return [f"net.{key}={_rounded(key, value)!r}" for key, value in longer.items()]
+
+
+def _rounded(key: str, value: float) -> float | int:
+    """Return the value of a generator's key, for an integer key the nearest valid one."""
+    return WHOLE[key] * round(value / WHOLE[key]) if key in WHOLE else value
 
 
 def measure(kind: str, runs: Series, overrides: list[str]) -> dict:
-    """The row of one run. Raises InputError if it does not come to its end."""
+    """Measure one run, and return its row. Raises InputError if it does not finish."""
     rows = []
 
-    def done(told: dict, file: h5py.File | None) -> None:
+    def done(answer: dict, file: h5py.File | None) -> None:
         if file is None:
-            on = f"{runs.ranks} rank{'s' * (runs.ranks > 1)}"
-            raise InputError(f"{runs.job}: a run on {on} {told['state']}: {told['reason']}")
+            rank_text = f"{runs.ranks} rank{'s' * (runs.ranks > 1)}"
+            raise InputError(f"{runs.job}: a run on {rank_text} {answer['state']}: {answer['reason']}")
         rows.append({"kind": kind, "ranks": runs.ranks} | timing(file))
 
     runs.run([overrides], done)
@@ -106,19 +110,19 @@ def measure(kind: str, runs: Series, overrides: list[str]) -> dict:
 
 
 def timing(file: h5py.File) -> dict:
-    """The speed of a run, which `compare` compares, and the seconds [s] of the dynamic stage's phases."""
+    """Return the speed of a run, and the seconds [s] of the dynamic stage's phases."""
     seconds = file["provenance/timings"].attrs
     elements, steps = len(file["net/elements"]), int(file["provenance"].attrs["steps"])
     dynamics = float(seconds["dynamics"][2])
     row = {"elements": elements, "steps": steps, "dynamics_s": dynamics, RATE: elements * steps / dynamics}
     row |= {"speed_up": math.nan, "efficiency": math.nan}
     for name, phase in PHASES.items():
-        row |= {f"{name}_{which}_s": float(value) for which, value in zip(OF_RANKS, seconds[phase])}
+        row |= {f"{name}_{statistic}_s": float(value) for statistic, value in zip(OF_RANKS, seconds[phase])}
     return row
 
 
 def compare(rows: list[dict]) -> None:
-    """Give each row its speed-up and efficiency against the smallest number of ranks of its kind."""
+    """Set the speed-up and efficiency of each row, relative to the smallest number of ranks of its kind."""
     for row in rows:
         first = min((other for other in rows if other["kind"] == row["kind"]), key=lambda row: row["ranks"])
         row["speed_up"] = row[RATE] / first[RATE]
@@ -126,12 +130,12 @@ def compare(rows: list[dict]) -> None:
 
 
 def shares(row: dict, phase: str) -> list[float]:
-    """Of a phase in the dynamic stage [%]: least, mean and largest of the ranks."""
-    return [100 * row[f"{phase}_{which}_s"] / row["dynamics_s"] for which in OF_RANKS]
+    """Return the share of a phase in the dynamic stage [%]: least, mean and largest over the ranks."""
+    return [100 * row[f"{phase}_{statistic}_s"] / row["dynamics_s"] for statistic in OF_RANKS]
 
 
 def as_text(rows: list[dict]) -> list[str]:
-    """The table for the eye; phases in per cent of the dynamic stage: least / mean / largest of the ranks."""
+    """Return the table as text; phases in per cent of the dynamic stage: least / mean / largest."""
     head = ["scaling", "ranks", "elements", "steps", "seconds", "element-steps/s", "speed-up", "efficiency"]
     return tables.as_text([*head, *(f"{name} [%]" for name in PHASES)], [_cells(row) for row in rows])
 
@@ -146,7 +150,7 @@ def _cells(row: dict) -> list[str]:
 
 
 def draw(job: Job, rows: list[dict], path: Path) -> Path:
-    """Speed-up over the ranks, and what a rank's time goes into."""
+    """Plot the speed-up over the ranks, and the time of the phases."""
     with tables.two_panels(path, 11, 4.4) as (figure, left, right):
         _draw_speed_up(left, rows)
         _draw_phases(right, rows)
@@ -158,9 +162,9 @@ def _draw_speed_up(axes, rows: list[dict]) -> None:
     counts = sorted({row["ranks"] for row in rows})
     axes.plot(counts, [count / counts[0] for count in counts], color="0.6", linestyle="--", label="ideal")
     for kind, marker in (("strong", "o"), ("weak", "s")):
-        mine = sorted((row["ranks"], row["speed_up"]) for row in rows if row["kind"] == kind)
-        if len(mine) > 1:
-            axes.plot(*zip(*mine), marker=marker, label=f"{kind} scaling")
+        points = sorted((row["ranks"], row["speed_up"]) for row in rows if row["kind"] == kind)
+        if len(points) > 1:
+            axes.plot(*zip(*points), marker=marker, label=f"{kind} scaling")
     axes.set(
         xlabel="ranks",
         ylabel=f"element-steps per second, of those on {counts[0]} rank{'s' * (counts[0] > 1)}",

@@ -1,4 +1,4 @@
-"""Runs that are measured: one at a time on the workers of a study, each result kept until it is read."""
+"""Measured runs: one at a time on the workers of a study. Each result exists until it is read."""
 
 import math
 import shutil
@@ -29,56 +29,58 @@ class Series:
     profile: bool = False
 
     def run(self, settings: Iterable[list[str]], done: Callable, stop: StopRequest = NEVER) -> None:
-        """Run the job with each of the settings, overrides; the next is taken when one is done.
+        """Run the job with each of the settings, lists of overrides, one after another.
 
-        done(told, file) : what a worker tells of a run (`program.member`), and its result, open; None for one
-        that did not come to its end
+        done(outcomes, file) : receives the outcomes of a run (`program.member`) and its open result file,
+            None for a run that did not finish
 
         Raises InputError if no worker can start.
         """
-        left, result = iter(settings), self.place / "result.vtkhdf"
+        remaining, result = iter(settings), self.place / "result.vtkhdf"
 
         def take(_):
-            overrides = next(left, None)
-            shutil.rmtree(self.place, ignore_errors=True)  # what the run before left
+            overrides = next(remaining, None)
+            shutil.rmtree(self.place, ignore_errors=True)  # files of the last run
             if overrides is None:
                 return None
             self.place.mkdir()
             return "", 0, task_for(self.job, overrides, result=result, profile=self.profile)
 
-        def answered(_, told):
-            if told["state"] != "finished":
-                done(told, None)
+        def answered(_, outcomes):
+            if outcomes["state"] != "finished":
+                done(outcomes, None)
                 return
             with h5py.File(result, "r") as file:
-                done(told, file)
+                done(outcomes, file)
 
         def died(_, why, again):
             if not again:
                 done({"state": "failed", "exit_code": 1, "reason": why}, None)
 
-        started = lambda told: check_started(told, self.ranks, program_digest(TELLING))
+        def started(answer):
+            check_started(answer, self.ranks, program_digest(TELLING))
+
         command = worker_command(self.launcher, self.ranks)
         Pool(command, 1, math.inf, take, answered, died, started).run(stop)
 
 
 @contextmanager
 def place_of_series(table: Path):
-    """A folder for the results of runs, as long as the name of the table that comes of them is reserved.
+    """Yield a folder for the results of runs, and lock the name of their table meanwhile.
 
     Raises InputError if another process measures for this table.
     """
     table.parent.mkdir(parents=True, exist_ok=True)
-    claimed, place = claim(table), table.with_name(f".{table.stem}.runs")
+    lock, place = claim(table), table.with_name(f".{table.stem}.runs")
     try:
         yield place
     finally:
         shutil.rmtree(place, ignore_errors=True)
-        release(claimed)
+        release(lock)
 
 
 def dynamic_job(path: Path, overrides: list[str]) -> Job:
-    """The job whose dynamic stage is measured. Raises InputError if it has none."""
+    """Read a job whose dynamic stage is measured. Raises InputError if it has none."""
     job = read_job(path, overrides)
     if job.dynamics is None:
         raise InputError(

@@ -1,7 +1,7 @@
-"""How measurements are shown: tables for the eye and as CSV, pictures of two panels."""
+"""Output of measurements: tables as text and CSV, plots of two panels."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -10,28 +10,35 @@ from netfall.write.locks import whole
 
 
 def as_text(head: list[str], rows: list[list[str]]) -> list[str]:
-    """A table for the eye, in Markdown: names of the columns, and a list of cells for each row."""
-    line = lambda cells: f"| {' | '.join(cells)} |"
-    return [line(head), "|" + "---|" * len(head), *map(line, rows)]
+    """Return a table in Markdown from the names of the columns and a list of cells for each row."""
+    return [_line(head), "|" + "---|" * len(head), *map(_line, rows)]
+
+
+def _line(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
 def write_csv(rows: list[dict], path: Path) -> Path:
-    """Write rows by the names of their columns."""
-    cells = lambda values: [guarded(each) if isinstance(each, str) else each for each in values]
+    """Write rows with the names of their columns."""
     with whole(path) as place, open(place, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(cells(rows[0]))
-        writer.writerows(cells(row.values()) for row in rows)
+        writer.writerow(_cells(rows[0]))
+        writer.writerows(_cells(row.values()) for row in rows)
     return path
+
+
+def _cells(values: Iterable) -> list:
+    """Return values as CSV cells; a spreadsheet must not take a text for a formula."""
+    return [guarded(value) if isinstance(value, str) else value for value in values]
 
 
 @contextmanager
 def two_panels(path: Path, width: float, height: float, **more) -> Iterator[tuple]:
-    """A figure and its two axes beside each other; at the end of the block it is written.
+    """Yield a figure and its two axes side by side, and write it at the end of the block.
 
     width, height : inches; more : as of `charts`
     """
-    from netfall.plots.canvas import charts, save  # here: it takes a second to load
+    from netfall.plots.canvas import charts, save  # a slow import, only needed here
 
     figure, ((left, right),) = charts(1, 2, width, height, **more)
     yield figure, left, right

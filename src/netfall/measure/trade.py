@@ -1,9 +1,10 @@
-"""`netfall trade`: what each saving of a job costs in accuracy, against a reference of its own.
+"""`netfall trade`: accuracy study of a job: error and run time of settings against a reference.
 
 Every setting is a run of the job with some keys changed. The reference is the job at a tenth of its automatic
-step (or of its own, if that is shorter), or what the user names. Errors are in what an engineer reads; before
-the reference's first fracture a roof has one answer, after it a collapse is chaotic, and single figures
-scatter. (The wind's time step and seed are no accuracy: they change the gusts themselves.)
+step (or of its own, if that is shorter), or what the user specifies. Errors refer to quantities that an
+engineer reads. Before the reference's first fracture a roof has one solution. After it a collapse is chaotic,
+and single values scatter. (The wind's time step and seed change the gusts themselves and are no settings of
+accuracy.)
 """
 
 import itertools
@@ -24,8 +25,8 @@ from netfall.measure.outcome import Outcome, Outcomes, end_of_comparison, outcom
 from netfall.measure.series import Series, dynamic_job, place_of_series
 from netfall.study.files import Watch
 
-FINER = 10.0  # how much shorter the reference's step is
-FORMAT = 3  # of the journal
+FINER = 10.0  # automatic time step over that of the reference
+FORMAT = 3  # version of the layout of the journal
 NO_EFFECT = (
     "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
     "with --set dynamics.time_step=auto it sets the step"
@@ -34,7 +35,7 @@ NO_EFFECT = (
 
 @dataclass(frozen=True)
 class Trade:
-    """A job, its runs and what came of them. watch : of the files that they read; stop : a wish to stop"""
+    """A job, its runs and their outcomes. watch : of the input files; stop : requests an early end"""
 
     runs: Series
     overrides: list[str]
@@ -49,32 +50,37 @@ class Trade:
         until: float | None = None,
         report: Callable[[int, Outcome], None] = lambda row, outcome: None,
     ) -> list[Outcome]:
-        """The outcome of each setting, the fastest of its runs; those that are missing are made.
+        """Return the outcome of each setting, the fastest of its runs. Missing runs are made.
 
         until : as of `outcome_of`; report : takes the number of a setting, from 0, and its outcome
 
-        Raises Interrupted if asked to stop, InputError if no run can start or a file has changed.
+        Raises Interrupted if `stop` requests it, InputError if no run can start or a file has changed.
         """
         overrides = [[*self.overrides, *setting] for setting in settings]
-        keys = [f"{read_job(self.runs.job, each).digest()} until {until!r}" for each in overrides]
-        found: list[Outcome] = []
+        keys = [
+            f"{read_job(self.runs.job, setting_overrides).digest()} until {until!r}"
+            for setting_overrides in overrides
+        ]
+        outcomes: list[Outcome] = []
 
         def missing():
             for row, key in enumerate(keys):
                 while (best := self.outcomes.best(key, repeats)) is None:
                     yield overrides[row]
-                found.append(best)
+                outcomes.append(best)
                 report(row, best)
 
-        def done(told, file):
+        def done(answer, file):
             self.watch.check()
-            self.outcomes.add(keys[len(found)], outcome_of(told, file, until))
+            self.outcomes.add(keys[len(outcomes)], outcome_of(answer, file, until))
 
         self.runs.run(missing(), done, self.stop)
-        left = len(settings) - len(found)
-        if left:
-            raise Interrupted(f"interrupted with {left} settings to be measured; the same command goes on")
-        return found
+        remaining = len(settings) - len(outcomes)
+        if remaining:
+            raise Interrupted(
+                f"interrupted with {remaining} settings to be measured; the same command goes on"
+            )
+        return outcomes
 
 
 def trade(
@@ -90,24 +96,24 @@ def trade(
     say: Callable[[str], None],
     stop: StopRequest,
 ) -> list[Path]:
-    """Run the grid, print the table, write it and its picture into `folder`; their paths.
+    """Run the settings, print the table, and write it and its plot into `folder`; return their paths.
 
     vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
     job has
-    reference : overrides of the reference, beside those of all runs
+    reference : overrides of the reference, in addition to those of all runs
     repeats : runs of each setting, of which the fastest counts (a first one may compile)
-    tolerance : of the largest relative error; stop : a wish to stop
+    tolerance : of the largest relative error; stop : requests an early end
 
-    Raises InputError, Interrupted if asked to stop.
+    Raises InputError, Interrupted if `stop` requests it.
     """
     job = dynamic_job(path, overrides)
     check_launcher(launcher)
     settings = combinations(vary) if vary else usual_settings(job)
-    *varied, finest = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
+    *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
     safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
     if safety and varied[-1].dynamics.time_step != "auto":
         say(NO_EFFECT)
-    files = dict.fromkeys(file for each in (*varied, finest) for file in each.files())
+    files = dict.fromkeys(file for used_job in (*varied, reference_job) for file in used_job.files())
     header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
     table = folder / f"{job.name}_trade.h5"
     with (
@@ -115,13 +121,13 @@ def trade(
         closing(Outcomes(table.with_suffix(".journal"), header)) as outcomes,
     ):
         runs = Series(path, ranks, launcher, place)
-        made = Trade(runs, overrides, outcomes, Watch([path, *files]), stop)
-        reference = reference or shorter_step(made, job)
+        study = Trade(runs, overrides, outcomes, Watch([path, *files]), stop)
+        reference = reference or shorter_step(study, job)
         say(f"reference: {text_of(reference)}")
-        (exact,) = made.measure([reference], repeats)
+        (exact,) = study.measure([reference], repeats)
         if exact.state != "finished":
             raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
-        rows = measure_rows(made, settings, repeats, exact, say)
+        rows = measure_rows(study, settings, repeats, exact, say)
         mark_best(rows)
         for line in as_text(rows, exact, tolerance):
             say(line)
@@ -130,47 +136,49 @@ def trade(
         return [table, draw(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png"))]
 
 
-def shorter_step(made: Trade, job: Job) -> list[str]:
-    """The usual reference: a tenth of the automatic step, or of the job's own if that is shorter."""
-    coarse = automatic_step(made, job)
+def shorter_step(study: Trade, job: Job) -> list[str]:
+    """Return the default reference: a tenth of the automatic step, or of the job's own if that is shorter."""
+    coarse = automatic_step(study, job)
     if job.dynamics.time_step != "auto":
         coarse = min(coarse, job.dynamics.time_step)
     return [f"dynamics.time_step={coarse / FINER:.6g}"]
 
 
-def automatic_step(made: Trade, job: Job) -> float:
-    """The shortest step [s] that "auto" takes, from a run of a single history row."""
+def automatic_step(study: Trade, job: Job) -> float:
+    """Return the shortest step [s] that "auto" takes, from a run of a single history row."""
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
-    (found,) = made.measure([setting], 1)
-    if found.state != "finished":
-        raise InputError(f"{made.runs.job}: the run for the automatic step was {found.state}: {found.reason}")
-    return found.time_step
+    (outcome,) = study.measure([setting], 1)
+    if outcome.state != "finished":
+        raise InputError(
+            f"{study.runs.job}: the run for the automatic step was {outcome.state}: {outcome.reason}"
+        )
+    return outcome.time_step
 
 
 def measure_rows(
-    made: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
+    study: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
 ) -> list[Row]:
-    """The row of each setting, told as it is measured."""
+    """Return the row of each setting, and print it as it is measured."""
     rows = []
 
-    def report(row: int, found: Outcome) -> None:
-        rows.append(compare(text_of(settings[row]), found, exact))
-        finished = f"{found.seconds:.3g} s, error {rows[-1].error:.2g}"
-        told = finished if found.state == "finished" else f"{found.state}: {found.reason}"
-        say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {told}")
+    def report(row: int, outcome: Outcome) -> None:
+        rows.append(compare(text_of(settings[row]), outcome, exact))
+        finished = f"{outcome.seconds:.3g} s, error {rows[-1].error:.2g}"
+        summary = finished if outcome.state == "finished" else f"{outcome.state}: {outcome.reason}"
+        say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {summary}")
 
-    made.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
+    study.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
     return rows
 
 
 def text_of(setting: list[str]) -> str:
-    """A setting as a user would type it."""
+    """Return a setting as a user would type it."""
     return ", ".join(setting) or "as it is"
 
 
 def combinations(vary: list[str]) -> list[list[str]]:
-    """Every combination of the values of every key. Raises InputError."""
+    """Return every combination of the values of every key. Raises InputError."""
     axes = []
     for item in vary:
         name, equals, values = item.partition("=")
@@ -183,7 +191,7 @@ def combinations(vary: list[str]) -> list[list[str]]:
 
 
 def usual_settings(job: Job) -> list[list[str]]:
-    """The job as it is, and with one key at a time changed, of those that it has."""
+    """Return the default settings: the job unchanged, and with one key at a time changed."""
     automatic = ["dynamics.time_step=auto"]
     settings = [[]] + [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
     scaled = automatic

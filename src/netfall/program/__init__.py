@@ -1,1 +1,1 @@
-"""A run from job to result file; what check, a member of a study and a restart do."""
+"""A run from job to result file, and the operations of check, of a sample of a study, and of a restart."""

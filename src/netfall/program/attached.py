@@ -1,9 +1,9 @@
-"""`netfall run` as a part of another process, such as that of a notebook.
+"""`netfall run` as a child of another process, such as that of a notebook.
 
     python -m netfall.program.attached run JOB ...
 
-Standard input is a pipe that the other process holds open. When it is closed, by a wish to stop or because
-the other process has ended, the run stops as it does at a signal.
+Standard input is a pipe that the parent holds open. When it is closed, because the parent requests a stop or
+has ended, the run stops as it does at a signal.
 """
 
 import os
@@ -15,13 +15,13 @@ from netfall.ground.launch import launched_rank
 
 
 def _stop_with_input() -> None:
-    """Wait for the end of standard input, then ask this process to stop."""
+    """Wait for the end of standard input, then signal this process to stop."""
     while os.read(0, 1):
         pass
     os.kill(os.getpid(), signal.SIGTERM)
 
 
 if __name__ == "__main__":
-    if launched_rank() == 0:  # the only one that mpirun gives the input to
+    if launched_rank() == 0:  # mpirun passes standard input to rank 0 only
         threading.Thread(target=_stop_with_input, daemon=True).start()
     main()

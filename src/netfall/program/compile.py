@@ -1,7 +1,7 @@
-"""Compiling the kernels before they are needed: `netfall compile`, and the first run on several ranks.
+"""Compilation of the kernels in advance: `netfall compile`, and the first run on several ranks.
 
-Small jobs go through the stages of ordinary runs, and numba keeps what it compiles for them. What rarer jobs
-have besides (slips, joints that bend) is compiled when they are run.
+Small jobs run through the stages of ordinary runs, and numba caches the compiled kernels. Kernels of rarer
+features (sliding cables, bending chains) are compiled at their first use.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from netfall.parallel.halo import buffers_alone, exchange_rows
 from netfall.parallel.mpi import MPI
 from netfall.program.run import run_job
 
-PATIENCE = 300.0  # s for which a process waits for another one that compiles
+PATIENCE = 300.0  # s that a process waits for another process to compile
 SADDLE = '[net]\ngenerator = "saddle"\nside = 24.0\nrise = 3.0\ncells = 4\n'
 RING = '[net]\ngenerator = "ring"\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 2.0\n'
 ROOF = """
@@ -58,7 +58,7 @@ duration = 0.02
 frames = 2
 history = 0.01
 """
-GROUPS = {  # what is compiled, and a job that needs it
+GROUPS = {  # group of kernels: a job that compiles them
     "forms, loads, equilibria, modes": SADDLE + ROOF + CASE,
     "areas and equilibria of larger nets": RING + ROOF,
     "wind, motion, yield, fracture": SADDLE + ROOF + MOTION,
@@ -66,19 +66,19 @@ GROUPS = {  # what is compiled, and a job that needs it
 
 
 def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
-    """Compile what ordinary runs need, or load it; say for each group how long it took."""
+    """Compile or load the kernels of ordinary runs, and report the time of each group."""
     with tempfile.TemporaryDirectory(prefix="netfall-", ignore_cleanup_errors=True) as folder:
         for name, text in GROUPS.items():
             begin, job = time.perf_counter(), Path(folder, "job.toml")
             job.write_text(text)
             run_job(MPI.COMM_SELF, read_job(job), Path(folder, "job.vtkhdf"), Progress(False))
             say(f"{name}: {time.perf_counter() - begin:.1f} s")
-    exchange_rows(np.zeros((0, 3)), np.zeros((0, 3)), buffers_alone())  # which one rank has no need of
+    exchange_rows(np.zeros((0, 3)), np.zeros((0, 3)), buffers_alone())  # one rank does not call it by itself
     marker().touch()
 
 
 def compile_first(comm: MPI.Comm) -> None:
-    """Where kernels are missing, one rank of each node compiles them before any goes on. Collective."""
+    """Let one rank of each node compile missing kernels while the others wait. Collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
     if node.rank == 0 and FOLDER in os.environ and not marker().exists():
         with contextlib.suppress(Exception), turn():  # if it fails, each rank compiles what it needs
@@ -89,7 +89,7 @@ def compile_first(comm: MPI.Comm) -> None:
 
 
 def marker() -> Path:
-    """The file that says that all is compiled, by this numba for this processor."""
+    """Return the path of the file that marks complete compilation by this numba for this processor."""
     host = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
     name = hashlib.sha256(repr((numba.__version__, sys.version, *host)).encode()).hexdigest()[:16]
     return Path(os.environ[FOLDER], f"compiled-{name}")
@@ -97,7 +97,10 @@ def marker() -> Path:
 
 @contextlib.contextmanager
 def turn():
-    """One process at a time, the others wait for a while; where there are no locks, all at once."""
+    """Let one process run the block at a time; without file locks, all run at once.
+
+    A process waits no longer than PATIENCE.
+    """
     end = time.monotonic() + PATIENCE
     with open(Path(os.environ[FOLDER], "compiling"), "a") as file:
         while time.monotonic() < end:

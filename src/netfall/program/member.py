@@ -1,4 +1,4 @@
-"""One run of a study: a job from form finding to the end of its dynamic stage, and what is told of it."""
+"""One sample of a study: a job from form finding to the end of its dynamic stage, and its outcomes."""
 
 import time
 from collections.abc import Callable
@@ -39,32 +39,32 @@ def run_member(
     profile: bool = False,
     depth: float | None = None,
 ) -> dict | None:
-    """Run a job; what came of it, on rank 0: the outcomes and `exit_code`, as of `netfall run`. Collective.
+    """Run a job. Return its outcomes and `exit_code`, as of `netfall run`, on rank 0. Collective.
 
     read : reads the job, on every rank; path : of a result file, None: none is written
-    memory : of runs before in this process; profile : time the parts of a step
+    memory : cache of earlier runs in this process; profile : time the parts of a step
     depth : [m], of the outcome `sunk_area`
 
-    A run without a rest, or that diverges, or whose input is wrong, is a result too.
+    A run without an equilibrium, or that diverges, or with wrong input, is a result too.
     """
     begin = time.perf_counter()
     try:
         outcome = _outcome(comm, read(), path, memory, Phases(profile), depth)
-        found = (outcome or {}) | {"exit_code": 0}
-        found["state"] = found.get("state") or "finished"
-    except NoRest as error:  # it fails before the first gust
-        found = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
+        outcomes = (outcome or {}) | {"exit_code": 0}
+        outcomes["state"] = outcomes.get("state") or "finished"
+    except NoRest as error:  # the structure fails under the mean wind
+        outcomes = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
     except DivergedError as error:
-        found = _ended("undecided" if isinstance(error, Undecided) else "diverged", error)
+        outcomes = _ended("undecided" if isinstance(error, Undecided) else "diverged", error)
     except (InputError, OutputError) as error:
         if isinstance(error, OutputError) and not getattr(error, "on_every_rank", comm.size == 1):
             raise
-        found = _ended("failed", error)
-    return found | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
+        outcomes = _ended("failed", error)
+    return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
 def _ended(state: str, error: Exception) -> dict:
-    """What is told of a run that did not come to its end."""
+    """Return the outcomes of a run that ended early."""
     reason = "; ".join(getattr(error, "lines", [str(error)]))
     return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
 
@@ -72,73 +72,76 @@ def _ended(state: str, error: Exception) -> dict:
 def _outcome(
     comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases: Phases, depth: float | None
 ) -> dict | None:
-    """Run the stages; what came of them, on rank 0. Collective."""
+    """Run the stages. Return the outcomes on rank 0. Collective."""
     if path:
         on_root(comm, lambda: check_place(path))
         check_one_folder(comm, path)
     scene = prepare(comm, job, phases, memory=memory)[0]
-    desk, watched = desk_for(scene, path, Progress(False), phases, memory=memory), None
+    context, watched = desk_for(scene, path, Progress(False), phases, memory=memory), None
     if job.dynamics is None:
         watched = Watched(scene.distribution)
-        desk = replace(desk, watch=watched.take_in)
+        context = replace(context, watch=watched.take_in)
     try:
-        outcomes = run_stages(scene, desk)
+        outcomes = run_stages(scene, context)
         if job.dynamics or scene.failure:
-            raise_failure(desk, outcomes)
-    except (InputError, DivergedError):  # on every rank alike
+            raise_failure(context, outcomes)
+    except (InputError, DivergedError):  # every rank raises the same
         scene.halo.free()
         raise
     scene.halo.free()
     if watched:
-        found = _of_equilibria(scene, watched.extremes(scene.state), outcomes[statics.NAME].result, depth)
-        return found and found | {"dynamic_seconds": phases.seconds[statics.NAME]}
+        measured = _of_equilibria(scene, watched.extremes(scene.state), outcomes[statics.NAME].result, depth)
+        return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
     extremes = extremes_of_motion(scene, simulation)
     if comm.rank > 0:
         return None
-    told = NOTHING | _of_motion(scene.model, simulation, extremes, depth)
-    return told | {"dynamic_seconds": phases.seconds["dynamics"]}
+    run_outcomes = NOTHING | _of_motion(scene.model, simulation, extremes, depth)
+    return run_outcomes | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
 def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, depth: float | None):
-    """What is told of a run without a dynamic stage, on rank 0; without a rest where a case has none."""
+    """Return the outcomes of a run without a dynamic stage, on rank 0.
+
+    If a case has no equilibrium, the state is "no_rest" or "undecided".
+    """
     if scene.model is None:
         return None
-    found = NOTHING | _of_net(scene.model.net, scene.model.roof.area, extremes, depth)
+    outcomes = NOTHING | _of_net(scene.model.net, scene.model.roof.area, extremes, depth)
     groups = path.labels.items()
-    ended = {
-        state: [f"{group}: {each['reason']}" for group, each in groups if each["state"] == state]
+    reasons = {
+        state: [f"{group}: {label['reason']}" for group, label in groups if label["state"] == state]
         for state in (NONE, UNDECIDED)
     }
-    if any(ended.values()) or path.failed:
-        state = "no_rest" if ended[NONE] else "undecided"
-        found |= {"state": state, "reason": path.failed or "; ".join(ended[NONE] or ended[UNDECIDED])}
-    return found | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model, extremes)}
+    if any(reasons.values()) or path.failed:
+        state = "no_rest" if reasons[NONE] else "undecided"
+        outcomes |= {"state": state, "reason": path.failed or "; ".join(reasons[NONE] or reasons[UNDECIDED])}
+    return outcomes | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model, extremes)}
 
 
 def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict:
-    """Outcomes that any run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
+    """Return the outcomes that any run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
     strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
-    known = np.isfinite(strength) & (strength > 0.0)
-    used = extremes.tension[known] / strength[known]
-    found = {
+    has_strength = np.isfinite(strength) & (strength > 0.0)
+    ratios = extremes.tension[has_strength] / strength[has_strength]
+    outcomes = {
         "displacement_max": float(extremes.displacement.max()),
         "tension_max": float(extremes.tension.max()),
-        "utilisation_max": float(used.max()) if len(used) else np.nan,
+        "utilisation_max": float(ratios.max()) if len(ratios) else np.nan,
     }
     if depth is not None and area.sum() > 0.0:
-        found["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
-    return found
+        outcomes["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
+    return outcomes
 
 
 def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
-    """What is told of a run that came to its end. depth : [m] of `sunk_area`. Rank 0."""
+    """Return the outcomes of a dynamic stage that ran to its end. depth : [m] of `sunk_area`. Rank 0."""
     net, log, area = model.net, simulation.log, model.roof.area
     removal = simulation.removal.columns() if simulation.removal else None
-    gone = np.zeros(net.m, bool)
-    gone[log.broken] = True
+    failed = np.zeros(net.m, bool)
+    failed[log.broken] = True
     used = utilisation(model, extremes)
-    found = {
+    outcomes = {
         "times": log.time.tolist(),
         "elements": log.element.tolist(),
         "broken": len(log.broken),
@@ -146,36 +149,40 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
         "balance_error_attached": simulation.history.largest("balance_error_attached"),
     }
     if len(log):
-        used = abs(float(log.strain[0] / net.fracture_strain[log.element[0]]))  # bars that buckle, both ways
+        # abs: bars break in compression too
+        used = abs(float(log.strain[0] / net.fracture_strain[log.element[0]]))
         first = int(log.element[0])
-        found |= {"first_fracture": float(log.time[0]), "first_element": first}
-        found["first_element_id"] = int(net.element_id[first])
+        outcomes |= {"first_fracture": float(log.time[0]), "first_element": first}
+        outcomes["first_element_id"] = int(net.element_id[first])
     if removal:
-        gone[removal["element"]], area = True, simulation.removal.area
+        failed[removal["element"]], area = True, simulation.removal.area
         highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
         extremes = extremes._replace(tension=highest)
-        found |= _largest(net, removal, "tension_ratio", tension_ratios)
-        if not len(log):  # the rest is that of a net that holds
-            found |= _largest(net, removal, "dynamic_factor", telling_factor)
-        found["rest_after_loss"] = worst_rest(states_of_rest(removal))
-        found["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
-    found |= {"roof_lost": roof_lost(net, area, gone), "utilisation_before_break": used}
-    return found | _of_net(net, area, extremes, depth)
+        outcomes |= _largest(net, removal, "tension_ratio", tension_ratios)
+        if not len(log):  # after fractures the dynamic factor refers to another net
+            outcomes |= _largest(net, removal, "dynamic_factor", telling_factor)
+        outcomes["rest_after_loss"] = worst_rest(states_of_rest(removal))
+        outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
+    outcomes |= {"roof_lost": roof_lost(net, area, failed), "utilisation_before_break": used}
+    return outcomes | _of_net(net, area, extremes, depth)
 
 
 def utilisation(model: Model, extremes: Extremes) -> float:
-    """Largest strain over that at which the element breaks; at a breaking load that is tension over it.
+    """Compute the largest ratio of strain to fracture strain, for a breaking force that of tension to it.
 
-    Of bars that break in compression the shortening too. nan: nothing can break
+    For bars that break in compression the shortening counts too. nan: no element can break
     """
-    strain, can = extremes.strain, np.isfinite(model.eps_u)
+    strain, breakable = extremes.strain, np.isfinite(model.eps_u)
     if model.net.buckling is not None:
         strain = np.fmax(strain, np.where(np.isfinite(crushing_strain(model)), extremes.compressed, 0.0))
-    return float(np.max(strain[can] / model.eps_u[can])) if can.any() else np.nan
+    return float(np.max(strain[breakable] / model.eps_u[breakable])) if breakable.any() else np.nan
 
 
 def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:
-    """The datasets of /net in a study file, of a job in its form, on rank 0; None: no form. Collective."""
+    """Return the datasets of /net in a study file for a job in its form, on rank 0. Collective.
+
+    None if the job has no form.
+    """
     try:
         scene = prepare(comm, read(), Phases(), memory=memory)[0]
     except (InputError, DivergedError):
@@ -185,12 +192,12 @@ def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str,
         return None
     model, names = scene.model, ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
     net = net_section(model.net, model.roof, model.cut_length)
-    own = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
-    return own | {name: net[name] for name in names}
+    datasets = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
+    return datasets | {name: net[name] for name in names}
 
 
 def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable) -> dict:
-    """The largest over all losses of what `of` gives for each element, and its element; {}: there is none."""
+    """Return the largest value of `of` over all removals and elements, with its element; {} without one."""
     values = np.array([of(removal, k) for k in range(len(removal["time"]))])
     if np.isnan(values).all():
         return {}
@@ -204,7 +211,7 @@ def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable) 
 
 
 def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
-    """Share of the roof's area (n,) [m2] at particles that no path of elements connects to a support.
+    """Compute the share of the roof's area (n,) [m2] at particles that are not connected to a support.
 
     gone : (m,) bool, elements that broke or were removed; nan: there is no roof
     """

@@ -1,4 +1,4 @@
-"""Where the numbers of a result come from: job, versions, ranks, partition, limits."""
+"""Origin of a result: job, versions, ranks, partition, limits."""
 
 import platform
 
@@ -17,26 +17,26 @@ from netfall.write.h5 import PARALLEL
 
 
 def how_it_writes() -> str:
-    """Which of the two stacks is in use."""
+    """Return the MPI library and the kind of HDF5 in use, as text."""
     library = MPI.Get_library_version().split(",")[0].split("\n")[0].strip()
     way = "parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)"
     return f"{library}, {way}"
 
 
-OF_TABLES = (  # columns of the net that /net does not have as they are
+OF_TABLES = (  # columns of the net that /net lacks or contains in another form
     *("load", "mass", "area", "normal", "section", "modulus", "density", "yield_stress"),
     *("breaking_load", "fracture_strain"),
 )
 
 
 def net_record(model: Model) -> dict[str, np.ndarray]:
-    """What the tables of the same net need besides /net; a column of one value has a single row."""
+    """Return the data that /net lacks to write the tables of the same net. A constant column has one row."""
     columns = {name: getattr(model.net, name) for name in OF_TABLES} | {"spring_rest": model.spring_rest}
-    found = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
+    compressed = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
     rings = model.layout.roofing.faces.rings
     face = np.arange(len(rings)) if rings.face is None else rings.face
     bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
-    return found | bounds | {"corners": model.net.corners}
+    return compressed | bounds | {"corners": model.net.corners}
 
 
 def _alike(values: np.ndarray) -> bool:
@@ -44,7 +44,7 @@ def _alike(values: np.ndarray) -> bool:
 
 
 def provenance_of(scene: Scene) -> dict:
-    """The attributes and texts of /provenance; rank 0 has all of them."""
+    """Return the attributes and texts of /provenance; complete on rank 0."""
     job, model = scene.job, scene.model
     values = {
         "job": job.text,

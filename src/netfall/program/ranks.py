@@ -1,14 +1,14 @@
-"""How many ranks a job is worth. The figures are measured (jobs/bench)."""
+"""Number of ranks that is fastest for a job. The constants are measured (jobs/bench)."""
 
 from netfall.stages.scene import Scene
 
-# For an element and step, and for a step, on one core: less for each in long rows, more where nets tear.
+# Time on one core: ns per element and step, and us per step. Long rows of elements need less, fractures more.
 STEP_NS, STEP_US = 5.0, 1.0
 SMALL = 5_000  # elements below which equilibria on several ranks are no faster
 FEWEST = 900  # elements below which steps are no faster either
-SAVED = 0.26  # of the time of steps, by a second rank between these sizes (1.2 to 1.5 times faster)
-SECOND_S = 0.8  # s that the start of a second rank takes (0.5 to 1.2)
-ELEMENTS_EACH = 8_000  # of a rank: below, the messages of a network take longer than the work
+SAVED = 0.26  # share of the step time that a second rank saves between these sizes (1.2 to 1.5 times faster)
+SECOND_S = 0.8  # s to start a second rank (0.5 to 1.2)
+ELEMENTS_EACH = 8_000  # per rank: with fewer, network messages take longer than the computation
 
 
 def steps_time(scene: Scene) -> float:
@@ -20,7 +20,10 @@ def steps_time(scene: Scene) -> float:
 
 
 def saved_by_second(scene: Scene) -> float | None:
-    """Estimate what a second rank saves in a small net [s], its start included; None for a large net."""
+    """Estimate the time [s] that a second rank saves in a small net, less its start.
+
+    None for a large net.
+    """
     m = scene.distribution.m
     if m >= SMALL:
         return None
@@ -28,7 +31,7 @@ def saved_by_second(scene: Scene) -> float | None:
 
 
 def ranks_line(scene: Scene) -> str:
-    """Say how many ranks are fastest."""
+    """Return a line on the fastest number of ranks."""
     saved = saved_by_second(scene)
     if saved is None:
         return f"ranks: two are faster than one; many are, with {ELEMENTS_EACH} elements for each and more"
@@ -38,7 +41,7 @@ def ranks_line(scene: Scene) -> str:
 
 
 def ranks_notes(scene: Scene) -> list[str]:
-    """Say so if a run has more ranks than are faster than one."""
+    """Return a note if a run has more ranks than are useful."""
     saved = saved_by_second(scene)
     if scene.comm.size == 1 or saved is None or saved >= 0.0:
         return []

@@ -1,4 +1,4 @@
-"""Taking up a run again, on any number of ranks: its state, its log of fractures, its result file."""
+"""Restart of a run on any number of ranks: its state, its log of fractures, its result file."""
 
 import numpy as np
 
@@ -11,19 +11,19 @@ from netfall.write.result import Result
 from netfall.write.saver import Saver
 from netfall.write.segments import find_segments
 
-LOG, RESULT = "log", "result"  # names in checkpoints
+LOG, RESULT = "log", "result"  # names of records in checkpoints
 
 
 def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoint | None) -> None:
-    """The arrays of one rank from a checkpoint that rank 0 has read. Collective.
+    """Restore the arrays of one rank from a checkpoint that rank 0 has read. Collective.
 
-    Particles that split off go to the rank that keeps their element, as in `fracture.split_particles`.
+    A fragment end goes to the rank that keeps its element, as in `fracture.split_particles`.
     """
     comm, n = distribution.comm, distribution.n
     particles = kept_fields(state, "particle")
     split = comm.bcast({f.name: checkpoint.particles[f.name][n:] for f in particles} if checkpoint else None)
-    new = checkpoint and checkpoint.part(LOG)[1]["new_particle"]
-    gid = comm.bcast(np.sort(new[new >= 0]) if checkpoint else None)
+    fragments = checkpoint and checkpoint.part(LOG)[1]["new_particle"]
+    gid = comm.bcast(np.sort(fragments[fragments >= 0]) if checkpoint else None)
     for field in particles:
         rows = distribution.particles(checkpoint.particles[field.name][:n] if checkpoint else None)
         getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
@@ -54,13 +54,19 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
 
 
 def register_result(comm: MPI.Comm, result: Result, saver: Saver) -> None:
-    """The log of fractures and the result file's parts so far are saved, or taken up. Collective."""
-    restore_log = lambda _, events: result.log.restore(events)
+    """Register the log of fractures and the segments of the result file, and restore them. Collective."""
+
+    def restore_log(_: dict, events: dict[str, np.ndarray]) -> None:
+        result.log.restore(events)
+
+    def restore_result(record: dict, _) -> None:
+        _restore(comm, result, saver, record)
+
     saver.register(LOG, lambda: ({}, result.log.columns()), restore_log, everywhere=True)
-    saver.register(RESULT, lambda: (result.record(), {}), lambda *kept: _restore(comm, result, saver, *kept))
+    saver.register(RESULT, lambda: (result.record(), {}), restore_result)
 
 
-def _restore(comm: MPI.Comm, result: Result, saver: Saver, small: dict, _: dict | None) -> None:
+def _restore(comm: MPI.Comm, result: Result, saver: Saver, record: dict) -> None:
     checkpoint = saver.checkpoint
     rows = comm.bcast(checkpoint and checkpoint.record["rows"])
 
@@ -68,6 +74,6 @@ def _restore(comm: MPI.Comm, result: Result, saver: Saver, small: dict, _: dict 
         folder = checkpoint.path.parent
         results = [folder / checkpoint.record["result"], result.path]
         target = result.path.with_name(f".{result.path.name}.segment-{result.token}-recovered")
-        return find_segments(folder, small["segments"], rows, results, saver.digest, target)
+        return find_segments(folder, record["segments"], rows, results, saver.digest, target)
 
-    result.restore(small, rows, comm.bcast(on_root(comm, segments)))
+    result.restore(record, rows, comm.bcast(on_root(comm, segments)))

@@ -1,6 +1,6 @@
-"""A whole job: form finding, then one stage after another, one result file.
+"""A complete run: form finding, then one stage after another, one result file.
 
-The program in the order in which it runs.
+The functions stand in the order of execution.
 """
 
 from dataclasses import replace
@@ -53,30 +53,33 @@ def run_job(
 ) -> None:
     """Run the stages that the job has and write the result file. Collective.
 
-    restart : a checkpoint to go on from; stop : a wish to stop early; profile : time the parts of a step too
+    restart : a checkpoint to resume; stop : requests an early end; profile : time the parts of a step too
 
-    Raises InputError before anything is computed or written, DivergedError where a stage has no solution,
-    Interrupted after a checkpoint if `stop` asks for it.
+    Raises InputError before anything is computed or written, DivergedError if a stage has no solution,
+    Interrupted after a checkpoint if `stop` requests it.
     """
     phases = Phases(profile)
     path = comm.bcast(followed(path))
-    claimed = on_root(comm, lambda: (check_place(path), claim(path))[1])
+    lock = on_root(comm, lambda: (check_place(path), claim(path))[1])
     try:
         check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
         progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {how_it_writes()}")
-        tell = lambda i, r: progress.detail(f"form finding: iteration {i}, largest residual {r:.3g} N")
-        scene, checkpoint = prepare(comm, job, phases, tell, path, restart, stop)
+
+        def report(iteration: int, residual: float) -> None:
+            progress.detail(f"form finding: iteration {iteration}, largest residual {residual:.3g} N")
+
+        scene, checkpoint = prepare(comm, job, phases, report, path, restart, stop)
         before_run(scene, progress)
         progress.say(*ranks_notes(scene))
-        desk = desk_for(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
-        outcomes = run_stages(scene, desk)
+        context = desk_for(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
+        outcomes = run_stages(scene, context)
         progress.end()
-        after_run(scene, desk, outcomes, path)
-        raise_failure(desk, outcomes)
+        after_run(scene, context, outcomes, path)
+        raise_failure(context, outcomes)
     finally:
-        if claimed:
-            release(claimed)
+        if lock:
+            release(lock)
 
 
 def desk_for(
@@ -89,10 +92,10 @@ def desk_for(
     given: Path | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> Desk:
-    """The desk of a run, with what it takes up of an earlier one. Collective.
+    """Return the run context, with the parts of a resumed run. Collective.
 
     path : of the result file, None: none is written
-    given : the checkpoint that it goes on from; checkpoint : what that holds, on rank 0
+    given : the checkpoint to resume; checkpoint : its contents, on rank 0
     """
     log, net, job = EventLog(scene.distribution.n), scene.model and scene.model.net, scene.job
     result = Result(scene.comm, path, scene.distribution, net, log) if path else Unwritten(scene.comm)
@@ -101,7 +104,7 @@ def desk_for(
 
 
 class Unwritten:
-    """Takes what a run reports, as `result.Result` does, and keeps none of it."""
+    """A result with the interface of `result.Result` that discards everything."""
 
     kept = False
 
@@ -115,91 +118,92 @@ class Unwritten:
     write_envelope = write_final = close = discard = discard_all = discard_after = _nothing
 
 
-def run_stages(scene: Scene, desk: Desk) -> dict[str, Outcome]:
-    """The stages after the form, and the result file; their outcomes by name. Collective.
+def run_stages(scene: Scene, context: Desk) -> dict[str, Outcome]:
+    """Run the stages after form finding and write the result file. Return the outcomes by name. Collective.
 
-    The last one may have a `failure`: the file then holds what was found until there.
+    The last outcome may have a `failure`: the file then contains the results until there.
     """
     outcomes = {FORM: of_form(scene)}
     try:
-        desk.progress.say(*outcomes[FORM].lines)
-        take_up(scene, desk)
+        context.progress.say(*outcomes[FORM].lines)
+        take_up(scene, context)
         for stage in STAGES:
             if stage.required(scene.job) and not scene.failure:
-                outcomes[stage.NAME] = stage.run(scene, desk, outcomes)
-                desk.progress.say(*outcomes[stage.NAME].lines)
+                outcomes[stage.NAME] = stage.run(scene, context, outcomes)
+                context.progress.say(*outcomes[stage.NAME].lines)
                 if outcomes[stage.NAME].failure:
                     break
         if dynamics.NAME not in outcomes:
             snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-            desk.result.write_frame(0.0, scene.state, snapshot)
-            desk.result.write_final(scene.state, snapshot)
-        provenance = provenance_of(scene) if desk.result.kept else {}
+            context.result.write_frame(0.0, scene.state, snapshot)
+            context.result.write_final(scene.state, snapshot)
+        provenance = provenance_of(scene) if context.result.kept else {}
         sections, attributes, labels = (
-            {name: one for outcome in outcomes.values() for name, one in getattr(outcome, kind).items()}
+            {name: value for outcome in outcomes.values() for name, value in getattr(outcome, kind).items()}
             for kind in ("sections", "attributes", "labels")
         )
-        times = desk.phases.over_ranks(scene.comm)
-        desk.result.close(sections, provenance | attributes, times, labels)
-    except (InputError, DivergedError, Interrupted) as error:  # raised on every rank alike
-        desk.result.file.discard_all()
+        times = context.phases.over_ranks(scene.comm)
+        context.result.close(sections, provenance | attributes, times, labels)
+    except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same
+        context.result.file.discard_all()
         if isinstance(error, DivergedError):
-            error = desk.saver.naming_the_last(error)
+            error = context.saver.naming_the_last(error)
         raise error from None
     except OutputError as error:
-        desk.result.discard_after(error, bool(desk.saver.kept or desk.saver.given))
-        raise desk.saver.naming_the_last(error) from None
+        context.result.discard_after(error, bool(context.saver.kept or context.saver.given))
+        raise context.saver.naming_the_last(error) from None
     except BaseException:
-        desk.result.file.discard()
+        context.result.file.discard()
         raise
     return outcomes
 
 
-def raise_failure(desk: Desk, outcomes: dict[str, Outcome]) -> None:
-    """Raise the failure of the stage at which a run ended, if there is one. Its result file is there."""
+def raise_failure(context: Desk, outcomes: dict[str, Outcome]) -> None:
+    """Raise the failure of the stage at which a run ended, if there is one. The result file is complete."""
     for outcome in outcomes.values():
         if outcome.failure:
-            raise desk.saver.naming_the_last(outcome.failure)
+            raise context.saver.naming_the_last(outcome.failure)
 
 
-def take_up(scene: Scene, desk: Desk) -> None:
-    """Have saved what belongs to no stage; taken up where the run goes on from a checkpoint. Collective."""
-    if desk.saver.given:
-        desk.progress.say(f"going on from {desk.saver.given}")
+def take_up(scene: Scene, context: Desk) -> None:
+    """Register the states that belong to no stage, and restore those of a resumed run. Collective."""
+    if context.saver.given:
+        context.progress.say(f"going on from {context.saver.given}")
     built = scene.build_up or BuildUp(scene.model)
     for name, record in {INITIAL: initial_record(scene.form, built.base), **built.records}.items():
-        desk.saver.register(name, lambda record=record: record, lambda *_: None)  # `prepare` has taken it up
-    register_result(scene.comm, desk.result, desk.saver)
-    if desk.saver.stage not in (None, FORM):
-        restore_state(scene.distribution, scene.state, desk.saver.checkpoint)
+        # `prepare` has restored the record of a resumed run.
+        context.saver.register(name, lambda record=record: record, lambda *_: None)
+    register_result(scene.comm, context.result, context.saver)
+    if context.saver.stage not in (None, FORM):
+        restore_state(scene.distribution, scene.state, context.saver.checkpoint)
 
 
 def of_form(scene: Scene) -> Outcome:
-    """What came of the form, of targets and stages of erection."""
+    """Return the outcome of form finding, targets and stages of erection."""
     built, failure, notes = scene.build_up or BuildUp(scene.model), scene.failure, []
     balance = balance_of_form(scene) if scene.model and scene.form else None
     if balance and "form_finding" not in built.labels:
         notes = force_balance_warnings([("form", balance.unexplained)])
-    ended = {"exit_state": UNDECIDED if isinstance(failure, Undecided) else NONE} if failure else {}
+    attributes = {"exit_state": UNDECIDED if isinstance(failure, Undecided) else NONE} if failure else {}
     labels = built.labels if scene.model else {}
-    return Outcome(None, notes, initial_sections(scene, built, balance), ended, labels, failure)
+    return Outcome(None, notes, initial_sections(scene, built, balance), attributes, labels, failure)
 
 
 def balance_of_form(scene: Scene) -> Balance:
-    """The balance of the form under what it carries. Rank 0."""
-    model, asked = in_form(scene), settings_of(scene.job).tolerance
+    """Compute the balance of the form under its load. Rank 0."""
+    model, tolerance = in_form(scene), settings_of(scene.job).tolerance
     if scene.job.form_finding:
-        asked = max(asked, scene.job.form_finding.tolerance)
-    carried = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
-    return balance_in_form(model, carried, scene.residual, asked)
+        tolerance = max(tolerance, scene.job.form_finding.tolerance)
+    load = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
+    return balance_in_form(model, load, scene.residual, tolerance)
 
 
 def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
-    """The small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
+    """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
     model, form = scene.model, scene.form
     if model is None:
         return {}
-    net = replace(model.net, density=build_up.base.net.density)  # of what an erection took out too
+    net = replace(model.net, density=build_up.base.net.density)  # erection sets 0 for removed elements
     sections = {"net": net_section(net, model.roof, model.cut_length)}
     sections["load"] = load_section(scene.job, model.roof.zones)
     if "temperature" in sections["load"]:
@@ -208,11 +212,10 @@ def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -
         sections["slide"] = slide_section(model.net, model.layout.slides)
     if form:
         model = build_up.form or model
-        of_prestress = lambda force: np.float64(force / form.reference if form.reference else 0.0)
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
-            "residual": of_prestress(form.residual),
-            "residual_real_material": of_prestress(scene.residual),
+            "residual": _relative(form.residual, form.reference),
+            "residual_real_material": _relative(scene.residual, form.reference),
             "position": model.x,
             "tension": model.N,
             "unstressed_length": model.cut_length,
@@ -224,3 +227,8 @@ def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -
             sections["form_finding"]["self_stress"] = form.self_stress
         sections["form_finding"] |= build_up.form_sections
     return sections | build_up.sections
+
+
+def _relative(residual: float, reference: float) -> np.float64:
+    """Return a residual [N] relative to the prestress [N], 0 without prestress."""
+    return np.float64(residual / reference if reference else 0.0)

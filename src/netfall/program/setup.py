@@ -1,4 +1,4 @@
-"""A job made ready to step: model, form, state and limits, split over the ranks."""
+"""Preparation of a job for its stages: model, form, state and step limits, distributed over the ranks."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,8 +31,8 @@ from netfall.stages.scene import Scene, let_slip
 from netfall.stages.step_limit import assembled_limit
 from netfall.write.checkpoint import Checkpoint
 
-# Elements up to which each run finds the sharp limit of its step, in 10 ms at stadium size, half a second
-# here; beyond, where a fixed step needs it.
+# Number of elements up to which each run computes the sharp step limit (10 ms for a stadium, 0.5 s at this
+# number). Above it, a run does so only if a fixed time step exceeds the simple limit.
 LARGEST_SHARP = 50_000
 
 
@@ -46,38 +46,42 @@ def prepare(
     stop: StopRequest = NEVER,
     memory: Memory = FORGETFUL,
 ) -> tuple[Scene, Checkpoint | None]:
-    """The job in its initial state: form found, prestressed, loaded; on rank 0 a checkpoint. Collective.
+    """Return the job in its initial state (form, prestress, load), and on rank 0 the checkpoint. Collective.
 
-    Targets that are not reached end it, so does a stage of erection without an equilibrium, see
-    `Scene.failure`: there are no limits and no schedule then.
-    result : path of the result file, beside which a form finding that is stopped leaves a checkpoint
-    restart : the checkpoint to go on from; memory : of runs before
+    If targets are not met or a stage of erection has no equilibrium, `Scene.failure` is set. The scene then
+    has no limits and no schedule.
+    result : path of the result file, next to which an interrupted form finding leaves a checkpoint
+    restart : the checkpoint to resume; memory : cache of earlier runs
 
-    Raises InputError for what is wrong in the job, DivergedError if form finding does not converge,
-    Interrupted if `stop` asks for it.
+    Raises InputError for faults of the job, DivergedError if form finding does not converge,
+    Interrupted if `stop` requests it.
     """
     with phases.phase("net and partition"):
         layout, features, distribution, halo = _split(comm, job, memory)
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
-    found = comm.bcast(checkpoint and INITIAL in checkpoint.record["parts"])  # a stage came after the form
+    has_form = comm.bcast(checkpoint and INITIAL in checkpoint.record["parts"])  # form finding was complete
     with phases.phase("form finding"):
-        if found:
+        if has_form:
             form, x, N = kept_form(comm, job, checkpoint)
         elif job.form_finding is not None:
-            of_run = result, digest, restart, checkpoint, stop
-            find = lambda: form_of(job, layout, distribution, halo, report, *of_run)
+
+            def find_form() -> tuple:
+                return form_of(
+                    job, layout, distribution, halo, report, result, digest, restart, checkpoint, stop
+                )
+
             key = comm.bcast(key_of(job, without=OF_SPEED) if layout else None)
-            form, x, N = memory.once("form", key, find)
+            form, x, N = memory.once("form", key, find_form)
         else:
             form, x, N = None, layout and net.x, None
         model = on_root(comm, lambda: make_model(job, layout, x, N, memory))
     with phases.phase("state"):
         state = make_state(distribution, model, features)
         load = model and model.loading.permanent if carries_permanent(job) else None
-        carried = distribution.particles(load) if carries_permanent(job) else np.zeros_like(state.x)
-        residual = state_residual(comm, state, carried)
+        load_of_form = distribution.particles(load) if carries_permanent(job) else np.zeros_like(state.x)
+        residual = state_residual(comm, state, load_of_form)
         can_move = model and model.net.moves[model.net.elements].any(1)
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
@@ -104,7 +108,7 @@ def prepare(
 
 
 def _left(scene: Scene) -> tuple[float, float]:
-    """Largest residual and tension [N] under [load] after the last stage of erection. Collective."""
+    """Return the largest residual and tension [N] under [load] after the last stage. Collective."""
     state, comm = scene.state, scene.comm
     load = scene.distribution.particles(scene.model and scene.model.load)
     largest = comm.allreduce(float(np.abs(state.elements_now().N).max(initial=0.0)), MPI.MAX)
@@ -112,7 +116,7 @@ def _left(scene: Scene) -> tuple[float, float]:
 
 
 def _split(comm: MPI.Comm, job: Job, memory: Memory) -> tuple:
-    """The layout of the net, on rank 0, its features, and how it is split over the ranks. Collective."""
+    """Return the layout of the net, on rank 0, its features, and its parts on the ranks. Collective."""
     layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
     net = layout and layout.net
     n, m, features = comm.bcast(layout and (net.n, net.m, features_of(job, net, layout.slides)))
@@ -123,7 +127,7 @@ def _split(comm: MPI.Comm, job: Job, memory: Memory) -> tuple:
 
 
 def _check_form(job: Job, reference: float, residual: float) -> None:
-    """The prestressed net with the real material is in equilibrium too. Raises InputError."""
+    """Check that the prestressed net with the real material is in equilibrium. Raises InputError."""
     if not residual <= 1.001 * job.form_finding.tolerance * reference:
         raise InputError(
             f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net "
@@ -133,13 +137,15 @@ def _check_form(job: Job, reference: float, residual: float) -> None:
 
 
 def _limits(scene: Scene) -> dict[str, Limit]:
-    """Limits of the step by name. Collective."""
+    """Compute the time step limits by name. Collective."""
     comm, job, model, distribution = scene.comm, scene.job, scene.model, scene.distribution
     share = job.dynamics.fragment_mass if job.dynamics else 0.0
     limits = comm.bcast(step_limits(model, scene.state.features, share) if model else None)
-    asked = job.dynamics.time_step if job.dynamics else "auto"
-    sharp = distribution.m <= LARGEST_SHARP or (asked != "auto" and asked > limits["any_shape"].dt)
-    if job.dynamics and sharp:
+    time_step = job.dynamics.time_step if job.dynamics else "auto"
+    needs_sharp = distribution.m <= LARGEST_SHARP or (
+        time_step != "auto" and time_step > limits["any_shape"].dt
+    )
+    if job.dynamics and needs_sharp:
         element_gid = distribution.subdomain.element_gid
         limits["assembled"] = assembled_limit(comm, scene.state, element_gid, scene.halo)
     return with_slips(limits) if scene.state.features.sliding else limits

@@ -1,1 +1,1 @@
-"""What is recorded of a state: energies, envelope, history."""
+"""Recorded quantities of a state: energies, envelope, history."""

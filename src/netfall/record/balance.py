@@ -1,11 +1,11 @@
 """Reactions of an equilibrium, and whether they balance its loads.
 
-Loads P, forces on the foundation R and residual forces r of what can move satisfy sum P = sum R + sum r, both
-along each axis and in moments about any point. An element pulls at both ends alike and along its line, also
-where its cable slips over a node. Springs and turned supports act at their node. Only bending may miss, and
-in moments alone: torsion, which would hold the sections of a chain, is left out (`mechanics.bending`).
+Loads P, forces on the foundation R and residual forces r of free nodes satisfy sum P = sum R + sum r, along
+each axis and in moments about any point. An element pulls equally at both ends and along its line, also where
+its cable slips over a node. Springs and turned supports act at their node. Only bending can violate the
+balance, and only that of moments: the torsion of a bending chain is not modelled (`mechanics.bending`).
 
-Branches of axial damping carry nothing in an equilibrium, so the forces of the elements are their tensions.
+Branches of axial damping carry no force in an equilibrium, so the element forces are the tensions.
 """
 
 from typing import NamedTuple
@@ -24,18 +24,18 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.record.energy import Snapshot
 
-ROUNDED = 1e-9  # of the scale of `Balance`: what rounding of reactions and residuals may leave of a sum
-ROUNDED_TENSION = 1e-12  # of the sum of tensions: the same of forces that cancel within the net
+ROUNDED = 1e-9  # rounding error of sums of reactions and residuals, relative to the scale of `Balance`
+ROUNDED_TENSION = 1e-12  # rounding error of forces that cancel in the net, relative to the sum of tensions
 
 
 class Balance(NamedTuple):
     """Reactions of an equilibrium, and how they balance its loads.
 
-    reaction : (r, 3) [N] on what holds each owned particle: the pull of the elements and the load on the
-        node, along an axis with a spring what the spring carries; 0 along an axis that nothing holds
+    reaction : (r, 3) [N] on the support of each owned particle: the pull of the elements and the load on the
+        node; along an axis with a spring the spring force; 0 along a free axis
     residual_sum : three [N], of all residual forces
-    error : |sum P - sum R| along the axis where it is largest, as a share of the scale, which is the sum of
-        |R|, or the largest tension if that is more
+    error : |sum P - sum R| along the axis where it is largest, relative to the scale, which is the larger of
+        the sum of |R| and the largest tension
     unexplained : share of the scale that neither residual forces nor the tolerance explain, 0.0: nothing
     """
 
@@ -45,15 +45,15 @@ class Balance(NamedTuple):
     unexplained: float
 
     def numbers(self) -> dict:
-        """What a result file keeps of it besides the reactions."""
+        """Return the scalar fields that a result file records."""
         return {"residual_sum": self.residual_sum, "force_balance_error": self.error}
 
 
 class Parts(NamedTuple):
-    """What takes part in a balance, on one rank.
+    """Contributions of one rank to a balance.
 
-    x, load, reaction, residual : (r, 3) [m], [N]; moves : (r,) bool; N : (k,) [N] of elements that it owns
-    hold : (j,) [N m] moments that hold sections, see `bending.joint_moments`
+    x, load, reaction, residual : (r, 3) [m], [N]; moves : (r,) bool; N : (k,) [N] of the owned elements
+    hold : (j,) [N m] moments that support the sections, see `bending.joint_moments`
     """
 
     x: np.ndarray
@@ -66,7 +66,7 @@ class Parts(NamedTuple):
 
 
 def unknown(state: State) -> Balance:
-    """The balance of a state that is no equilibrium."""
+    """Return the balance of a state that is not an equilibrium, with nan."""
     nan = np.full((len(state.owned_rows()), 3), np.nan)
     return Balance(nan, [np.nan] * 3, np.nan, 0.0)
 
@@ -74,10 +74,10 @@ def unknown(state: State) -> Balance:
 def balance_of(
     comm: MPI.Comm, state: State, snapshot: Snapshot, load: np.ndarray, residual: float, tolerance, slips=None
 ) -> Balance:
-    """The balance of an equilibrium under loads (n, 3) [N]. Collective.
+    """Compute the balance of an equilibrium under loads (n, 3) [N]. Collective.
 
-    residual : [N], the largest that its search reports; tolerance : that it was found with
-    slips : `equilibrium.slip.Slips`, whose weights have moved from node to node; None: nothing slips
+    residual : [N], the largest that the equilibrium search reports; tolerance : of that search
+    slips : `equilibrium.slip.Slips`, whose weights have moved between nodes; None: no sliding cables
     """
     rows, joints = snapshot.rows, state.joints
     if slips is not None:
@@ -87,37 +87,39 @@ def balance_of(
     add_tensions(state.x, state.ends, snapshot.N, snapshot.room.now.L, pull)
     if joints is not None:
         add_bending_forces(state.x, joints, pull)
-        moment, every = np.empty((2, len(joints.stiffness)))
-        joint_moments(state.x, joints, moment, every)
-        hold = every[joints.owned != 0]
+        moment, all_hold = np.empty((2, len(joints.stiffness)))
+        joint_moments(state.x, joints, moment, all_hold)
+        hold = all_hold[joints.owned != 0]
     total, free = pull[rows] + load[rows], state.free[rows] != 0
     reaction = np.where(free, 0.0, total)
     if state.turned is not None:
-        left = total.copy()
-        keep_on_guides(state.turned[rows], left)
-        reaction[:, :2] += np.where(free, total - left, 0.0)[:, :2]
+        guided = total.copy()
+        keep_on_guides(state.turned[rows], guided)
+        reaction[:, :2] += np.where(free, total - guided, 0.0)[:, :2]
     if state.features.springs:
-        springs = (array[rows] for array in (state.x, state.x_start, state.spring, state.spring_rest))
         turned = None if state.turned is None else state.turned[rows]
-        reaction -= np.where(free, spring_forces(*springs, turned), 0.0)
+        force = spring_forces(
+            state.x[rows], state.x_start[rows], state.spring[rows], state.spring_rest[rows], turned
+        )
+        reaction -= np.where(free, force, 0.0)
     N = snapshot.N[state.owned != 0]
-    parts = state.x[rows], load[rows], reaction, total - reaction, free.any(1), N, hold
-    return summed(comm, Parts(*parts), residual, tolerance)
+    parts = Parts(state.x[rows], load[rows], reaction, total - reaction, free.any(1), N, hold)
+    return summed(comm, parts, residual, tolerance)
 
 
 def balance_in_form(model: Model, load: np.ndarray, residual: float, tolerance: float) -> Balance:
-    """The balance of the form of a model under loads (n, 3) [N], as of `balance_of`. Rank 0.
+    """Compute the balance of the form of a model under loads (n, 3) [N], as `balance_of` does. Rank 0.
 
-    Axes with springs are held in it: the springs then begin with the reaction.
+    Axes with springs are fixed in the form: the reaction becomes the initial spring force.
     """
     net, x, hold = model.net, model.x, np.zeros(0)
     start, end = net.elements.T
-    along, pull = x[end] - x[start], np.zeros_like(x)
-    each = (model.N / lengths(along))[:, None] * along
-    np.add.at(pull, start, each)
-    np.subtract.at(pull, end, each)
+    chord, pull = x[end] - x[start], np.zeros_like(x)
+    force = (model.N / lengths(chord))[:, None] * chord
+    np.add.at(pull, start, force)
+    np.subtract.at(pull, end, force)
     if model.joints is not None:
-        pull = np.asfortranarray(pull)  # as in a state
+        pull = np.asfortranarray(pull)  # memory order of the arrays of a State
         add_bending_forces(placed(x), model.joints, pull)
         pull, (moment, hold) = np.ascontiguousarray(pull), np.empty((2, len(model.joints.stiffness)))
         joint_moments(placed(x), model.joints, moment, hold)
@@ -128,25 +130,25 @@ def balance_in_form(model: Model, load: np.ndarray, residual: float, tolerance: 
 
 
 def summed(comm: MPI.Comm, parts: Parts, residual: float, tolerance: float) -> Balance:
-    """Return the balance of the parts of all ranks; the same bits on any number of ranks. Collective."""
+    """Combine the contributions of all ranks; bitwise the same on any number of ranks. Collective."""
     x, P, R, r, moves, N, hold = parts
     corners = np.concatenate([x, -x], axis=1).max(0, initial=-np.inf)
-    most = np.append(corners, np.abs(N).max(initial=0.0))
-    comm.Allreduce(MPI.IN_PLACE, most, MPI.MAX)
-    middle, extent, tension = 0.5 * (most[:3] - most[3:6]), most[:3] + most[3:6], most[6]
-    moments = np.cross(x - middle, P - R - r)
-    terms = *P.T, *R.T, *r.T, *moments.T, lengths(R), np.abs(N), moves, hold
-    sums = np.array(exact_sums(comm, *terms))
-    of_loads, of_reactions, of_residuals, of_moments = sums[:12].reshape(4, 3)
+    extremes = np.append(corners, np.abs(N).max(initial=0.0))
+    comm.Allreduce(MPI.IN_PLACE, extremes, MPI.MAX)
+    centre, extent, tension = 0.5 * (extremes[:3] - extremes[3:6]), extremes[:3] + extremes[3:6], extremes[6]
+    moments = np.cross(x - centre, P - R - r)
+    columns = *P.T, *R.T, *r.T, *moments.T, lengths(R), np.abs(N), moves, hold
+    sums = np.array(exact_sums(comm, *columns))
+    load_sum, reaction_sum, residual_sum, moment_sum = sums[:12].reshape(4, 3)
     absolute, tensions, moving, held = sums[12:]
-    scale, far = max(absolute, tension), float(extent.max())
+    scale, reach = max(absolute, tension), float(extent.max())
     if not scale > 0.0:
-        return Balance(R, of_residuals.tolist(), 0.0, 0.0)
+        return Balance(R, residual_sum.tolist(), 0.0, 0.0)
     rounded = ROUNDED * scale + ROUNDED_TENSION * tensions
-    off = np.abs(of_loads - of_reactions).max()
-    beyond = [
-        (np.abs(of_loads - of_reactions - of_residuals).max() - rounded) / scale,
-        (off - rounded - moving * residual - tolerance * scale) / scale,
-        (np.abs(of_moments).max() - rounded * far - held) / (scale * far) if far > 0.0 else 0.0,
+    error = np.abs(load_sum - reaction_sum).max()
+    excess = [
+        (np.abs(load_sum - reaction_sum - residual_sum).max() - rounded) / scale,
+        (error - rounded - moving * residual - tolerance * scale) / scale,
+        (np.abs(moment_sum).max() - rounded * reach - held) / (scale * reach) if reach > 0.0 else 0.0,
     ]
-    return Balance(R, of_residuals.tolist(), float(off / scale), max(0.0, *map(float, beyond)))
+    return Balance(R, residual_sum.tolist(), float(error / scale), max(0.0, *map(float, excess)))

@@ -1,10 +1,10 @@
-"""The two energy audits (paper Eq. 8 to 11) at a step n, without changing the state.
+"""Work identity and physical energy balance (paper Eq. 8 to 11) at a step n. The state is not changed.
 
-Work identity: the kinetic energy is what external work, less the work against internal forces and damping,
-leaves; with the half-step velocities this holds to rounding at any step, and so finds bugs. Physical balance:
-the same with the elements' own stored and dissipated energy instead of the work against them; it drifts with
-the step and is the error that users should see. Both are told as shares of the energy that took part
-(`history.energy_in_play`).
+Work identity: the kinetic energy equals the external work less the work against internal forces and damping.
+With half-step velocities this holds to rounding at any step, so that an error indicates a fault of the code.
+Physical balance: the stored and dissipated energies of the elements replace the work against them. Its error
+depends on the time step; it is the error that users should see. Both errors are reported relative to the
+energy that takes part (`history.energy_in_play`).
 """
 
 from dataclasses import dataclass
@@ -29,10 +29,11 @@ from netfall.step.plan import make_scratch, traits_of
 class Energies:
     """Energies [J] at one time, or at several. `internal` is the work done against the elements' forces.
 
-    air, band : work of the air's damping, and against branches; support : of the ground, on what it moves;
-    slip : heat of friction where cables slip, whose motion and forces are in kinetic, external and internal;
-    0 where there is none
-    attached : kinetic, and stored with that of the prestress, of what hangs on a support
+    air, band : work of aerodynamic damping, and against damping branches
+    support : work of the ground on moving supports
+    slip : friction heat of sliding cables, whose motion and forces are in kinetic, external and internal;
+        0 without sliding cables
+    attached : kinetic energy, and stored energy including prestress, of the parts attached to a support
     """
 
     kinetic: float
@@ -49,13 +50,13 @@ class Energies:
 
     @property
     def given(self) -> float:
-        """Work [J] of loads and of the ground, whatever its sign."""
+        """Work [J] of loads and of the ground as the sum of absolute values."""
         return np.abs(self.external) + np.abs(self.support)
 
 
 @dataclass
 class Snapshot:
-    """The state at a step n as it is reported: owned particles (rows) and all elements of a rank."""
+    """The state at a step n for reports: owned particles (rows) and all elements of a rank."""
 
     rows: np.ndarray
     room: Room
@@ -63,7 +64,7 @@ class Snapshot:
 
     @property
     def velocity(self) -> np.ndarray:
-        """(r, 3) [m/s]"""
+        """Velocity (r, 3) [m/s]"""
         return self.room.velocity[:, : len(self.rows)].T
 
     @property
@@ -83,41 +84,41 @@ class Snapshot:
 
     @property
     def heat(self) -> np.ndarray:
-        """Dissipated (m,) [J]"""
+        """Dissipated energy (m,) [J]"""
         return self.room.heat
 
     @property
     def slack(self) -> int:
-        """Cables of this rank that are whole and slack."""
+        """Number of slack unbroken cables of this rank."""
         return int(self.room.slack[0])
 
     def fits(self, state: State) -> bool:
-        """Whether a state has as many rows as this has room for."""
+        """Return whether the arrays of this snapshot have the size of a state."""
         return self.room.terms.shape[1] == len(state.x)
 
     def look_at(self, state: State) -> Subject:
-        """Look at a state that it fits, as long as the arrays of the state stay."""
+        """Refer to the arrays of a state of fitting size, as long as they stay in place."""
         self.subject = subject_of(state)
         return self.subject
 
-    def take(self, state: State, *step: float) -> "Snapshot":
-        """The present step of the state that it looks at; step : as of `take_snapshot`."""
+    def take(self, state: State, before_dt: float, dt: float, zeta: float, share: float) -> "Snapshot":
+        """Compute the present step of the state; arguments as in `take_snapshot`."""
         if len(self.rows) != state.n_local - state.n_halo:
             self.rows = state.owned_rows()
-        observe(*map(float, step), True, self.subject, self.room)
+        observe(float(before_dt), float(dt), float(zeta), float(share), True, self.subject, self.room)
         return self
 
 
 def make_room(state: State) -> Snapshot:
-    """A snapshot that is yet to look at a state of this size, and to be taken."""
+    """Allocate a snapshot for a state of this size, without values."""
     f, n, m = state.features, len(state.x), state.m
     N, eps, eps_p, L, stored, heat = (np.zeros(m) for _ in range(6))
-    of_particles = lambda rows=3: np.zeros((rows, n + LANES))
+    vectors = (3, n + LANES)
     terms = np.zeros((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
-    more = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
+    extra_sums = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
     room = Room(
-        f_int=of_particles(),
-        velocity=of_particles(),
+        f_int=np.zeros(vectors),
+        velocity=np.zeros(vectors),
         now=ElementState(N, eps, eps_p, L),
         heat=heat,
         terms=terms,
@@ -125,23 +126,24 @@ def make_room(state: State) -> Snapshot:
         sprung=np.zeros(n) if f.springs else empty(f8),
         attached=np.zeros(n, np.uint8) if f.detaches else empty(u1),
         attached_elements=np.zeros(m, np.uint8) if f.detaches else empty(u1),
-        sums=np.zeros((len(terms) + 2 + more, LIMBS), np.int64),
+        sums=np.zeros((len(terms) + 2 + extra_sums, LIMBS), np.int64),
         slack=np.zeros(1, np.int64),
-        f_band=of_particles() if f.band else empty(f8_2),
+        f_band=np.zeros(vectors) if f.band else empty(f8_2),
         scratch=make_scratch(state),
     )
     return Snapshot(np.zeros(0, np.int64), room)
 
 
 def subject_of(state: State) -> Subject:
-    """What is looked at."""
+    """Return the arrays of a state that a snapshot reads."""
     return Subject(
         state.n_owned,
         state.first_split,
         state.rows,
         traits_of(state),
         state.particles,
-        *state.of_a_moment,
+        state.elements,
+        state.law,
         state.joints or Joints.absent(),
         state.places or Places.absent(),
         state.relative_wind() or RelativeWind.absent(),
@@ -149,10 +151,10 @@ def subject_of(state: State) -> Subject:
 
 
 def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
-    """Forces, velocities and energies at the present step.
+    """Compute forces, velocities and energies at the present step.
 
     before_dt, dt : [s] the steps before and after it
-    zeta, share : of `audit.observe`
+    zeta, share : see `audit.observe`
     """
     snapshot = make_room(state)
     snapshot.look_at(state)
@@ -160,7 +162,7 @@ def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share:
 
 
 def energies_of(state: State, sums: np.ndarray) -> Energies:
-    """Energies of sums (..., k) [J], as `step.audit.Room` orders them."""
+    """Return the energies of sums (..., k) [J] in the order of `step.audit.Room`."""
     kinetic, damping, external, internal, *others = np.moveaxis(sums, -1, 0)
     slip = others.pop() if state.features.sliding else 0.0
     attached = others.pop() if state.features.detaches else None
@@ -172,20 +174,29 @@ def energies_of(state: State, sums: np.ndarray) -> Energies:
         others = [np.full_like(kinetic, np.nan)] * len(OTHER_WORKS)
     others = dict(zip(OTHER_WORKS, others))
     slip = slip if state.features.energy else np.nan * slip
-    of_all = kinetic, stored, heat, damping, external, internal
-    return Energies(*of_all, slip=slip, attached=attached, **others)
+    return Energies(
+        kinetic=kinetic,
+        strain=stored,
+        plastic=heat,
+        damping=damping,
+        external=external,
+        internal=internal,
+        slip=slip,
+        attached=attached,
+        **others,
+    )
 
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
-    """Energies of the whole net, the same to the bit on any number of ranks. Collective."""
+    """Sum the energies over all ranks; the result is bitwise the same on any number of ranks. Collective."""
     return energies_of(state, rounded_of_all(comm, snapshot.room.sums.copy()))
 
 
 def most_extreme(state: State, element_gid: np.ndarray, snapshot: Snapshot) -> tuple:
-    """Speed and number of the fastest particle of this rank, and the largest strain and its element."""
+    """Return speed and number of this rank's fastest particle, and its largest strain and the element."""
     speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
     held = ~state.free[snapshot.rows].any(1)
-    speed[held] = -1.0  # a support takes over what is no number from its neighbours
+    speed[held] = -1.0  # nan of a neighbour would propagate to a support
     strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
     return (
         speed.max(initial=-1.0),

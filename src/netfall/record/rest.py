@@ -1,4 +1,4 @@
-"""What is kept of an equilibrium besides its state: elements at a limit, torsion left out."""
+"""Additional facts on an equilibrium: elements at a limit, and torsion that the model neglects."""
 
 import numpy as np
 
@@ -13,14 +13,15 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.record.energy import Snapshot
 
-NIL = 1e-9  # of EI / l: a moment below that is rounding
+NIL = 1e-9  # of EI / l: a smaller bending moment is rounding error
 
 
 def largest_torsion(distribution: Distribution, state: State, chains) -> tuple[float, int]:
-    """Find the largest torsion of a chain that is not modelled, and where most of it is. Collective.
+    """Find the largest torsion of a bending chain, which is not modelled, and its location. Collective.
 
-    It is the sum of the moments that hold the sections of the chain, the same at any refinement, as a share
-    of the largest bending moment. With it comes the number of a particle.
+    The torsion is the sum of the moments that support the sections of the chain, independent of refinement.
+    The result is its share of the largest bending moment, and the number of the particle with the largest
+    part.
     chains : `net.cables.Chains` on rank 0, None elsewhere
     """
     joints = state.joints
@@ -28,42 +29,42 @@ def largest_torsion(distribution: Distribution, state: State, chains) -> tuple[f
     joint_moments(state.x, joints, moment, hold)
     rows = np.column_stack([moment, hold, NIL * joints.stiffness])
     rows = distribution.gather_joints(rows, joints.owned == 1, len(chains.chain) if chains else 0)
-    found = None
+    torsion = None
     if rows is not None:
-        (moment, hold, nil), found = rows.T, (0.0, 0)
+        (moment, hold, nil), torsion = rows.T, (0.0, 0)
         if len(rows) and moment.max() > nil.max():
-            total = np.bincount(chains.chain, hold)
-            k = np.argmax(np.where(chains.chain == np.argmax(total), hold, -1.0))
-            found = float(total.max() / moment.max()), int(chains.particles[k, 1])
-    return distribution.comm.bcast(found)
+            chain_torsion = np.bincount(chains.chain, hold)
+            k = np.argmax(np.where(chains.chain == np.argmax(chain_torsion), hold, -1.0))
+            torsion = float(chain_torsion.max() / moment.max()), int(chains.particles[k, 1])
+    return distribution.comm.bcast(torsion)
 
 
 def at_limit_in(
     comm: MPI.Comm, distribution: Distribution, state: State, snapshot: Snapshot
 ) -> dict[str, tuple[int, ...]]:
-    """Elements, global numbers, by limit; of a limit at which none is nothing. Collective.
+    """Return the global numbers of elements at each limit; a limit that none reaches is left out. Collective.
 
-    over_strength : beyond their fracture strain; buckled, yielding : at Euler's load, at the yield force
+    over_strength : beyond their fracture strain; buckled, yielding : at the Euler load, at the yield force
     """
-    gid, N, there = distribution.subdomain.element_gid, snapshot.N, {}
+    gid, N, at_limit = distribution.subdomain.element_gid, snapshot.N, {}
     if state.features.fracture:
         crushed = state.features.crushing and snapshot.eps < state.eps_c
-        there["over_strength"] = (snapshot.eps > state.eps_u) | crushed
+        at_limit["over_strength"] = (snapshot.eps > state.eps_u) | crushed
     if state.features.buckling:
-        there["buckled"] = -N >= REACHED * state.euler
+        at_limit["buckled"] = -N >= REACHED * state.euler
     if state.features.plastic:
-        there["yielding"] = np.abs(N) >= REACHED * state.yield_force
+        at_limit["yielding"] = np.abs(N) >= REACHED * state.yield_force
     whole = state.broken == 0
-    found = {name: all_of(comm, gid[at & whole].tolist()) for name, at in there.items()}
-    return {name: ids for name, ids in found.items() if ids}
+    numbers = {name: all_of(comm, gid[reached & whole].tolist()) for name, reached in at_limit.items()}
+    return {name: ids for name, ids in numbers.items() if ids}
 
 
 def beyond_euler(
     comm: MPI.Comm, job: Job, distribution: Distribution, state: State, model: Model | None, N: np.ndarray
 ) -> dict[str, tuple[int, ...]]:
-    """Bars compressed beyond Euler's load, which is no law of theirs, as of `at_limit_in`. Collective.
+    """Return bars compressed beyond the Euler load that the model does not buckle. Collective.
 
-    model : on rank 0; N : [N] of the elements of this rank
+    The format is that of `at_limit_in`. model : on rank 0; N : [N] of the elements of this rank
     """
     if not has_second_moments(job):
         return {}

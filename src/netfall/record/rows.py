@@ -1,4 +1,4 @@
-"""The rows of the history on their way from the time loop of each rank to the history, the same on all."""
+"""Rows of the history between the time loop of each rank and the history, which is the same on all ranks."""
 
 from typing import NamedTuple
 
@@ -14,11 +14,11 @@ from netfall.record.energy import make_room
 from netfall.record.envelope import Envelope
 from netfall.step.rows import Local, Rows, Table
 
-MOST_ROWS = 128  # in the table, 400 KB
+MOST_ROWS = 128  # rows in the table: 400 KB
 
 
 class TakenUp(NamedTuple):
-    """Rows as `step.rows.Table` has them, of all ranks; sums : (k, s) [J], rounded"""
+    """Rows of `step.rows.Table` over all ranks; sums : (k, s) [J], rounded."""
 
     number: np.ndarray
     time_step: np.ndarray
@@ -30,7 +30,7 @@ class TakenUp(NamedTuple):
 
 
 class RowTable:
-    """The rows of one rank that are made and not yet taken up; what the envelope has of them."""
+    """Rows of one rank that the history does not contain yet, and the envelope that they update."""
 
     def __init__(
         self,
@@ -43,10 +43,11 @@ class RowTable:
         envelope: Envelope,
         slips: tuple | None = None,
     ):
-        """due : (rows,) numbers of the steps of all rows; dt : [s] length of the steps as they are counted
+        """Allocate the table.
 
-        every : so many of them after a row, or after the last time, the envelope is widened without one
-        slips : which of all places each of `State.places` is, and how many there are; None: nothing slips
+        due : (rows,) step numbers of all rows; dt : [s] time step by which rows are counted
+        every : after so many steps without a row or an update, the envelope is updated
+        slips : global number of each of the rank's `State.places`, and their count; None: no sliding cables
         """
         self.due, self.dt, self.gid, self.envelope = due, dt, subdomain.element_gid, envelope
         self.made, self.last, self.every = np.zeros(2, np.int64), np.zeros(1, np.int64), every
@@ -57,19 +58,19 @@ class RowTable:
             self.local = self.local.replaced(slip=values + number, difference=values + count + number)
             values += 2 * count
         self.snapshot = make_room(state)
-        whole, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
+        integers, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
         self.table = Table(
-            whole(k),
+            integers(k),
             np.zeros(k),
-            whole(k),
-            whole(k, sums, LIMBS),
+            integers(k),
+            integers(k, sums, LIMBS),
             np.zeros((k, values)),
             np.zeros((k, 3)),
-            whole(k, 3),
+            integers(k, 3),
         )
 
     def of(self, state: State) -> Rows:
-        """What the time loop takes, as long as the arrays of the state stay."""
+        """Return the rows for the time loop. They stay valid as long as the arrays of the state do."""
         if not self.snapshot.fits(state):
             self.snapshot = make_room(state)
         return Rows(
@@ -90,26 +91,27 @@ class RowTable:
         )
 
     def is_due(self, number: int) -> bool:
-        """Whether a row is due at a step that is not made yet."""
+        """Return whether a row is due at a step that is not computed yet."""
         k = self.made[0]
         return k < len(self.due) and self.due[k] == number
 
     @property
     def full_at(self) -> int:
-        """Number of the step whose row has no room any more; beyond the last step if all have."""
+        """Step number of the first row that the table cannot hold; beyond the last step if it holds all."""
         made, waiting = self.made.tolist()
         k = made + MOST_ROWS - waiting
         return int(self.due[k]) if k < len(self.due) else int(self.due[-1]) + 1
 
     @property
     def full(self) -> bool:
-        """Whether there is no room for another row."""
+        """Whether the table cannot hold another row."""
         return self.made[1] == MOST_ROWS
 
     def take_up(self, comm: MPI.Comm) -> TakenUp:
-        """The rows so far, which are no longer in the table; the same on every rank but for size and who.
+        """Remove the rows so far from the table and combine them over all ranks. Collective.
 
-        Their sums are (k, s) [J], as `step.audit.Room` orders them. Collective.
+        The result is the same on every rank, except size and who. Its sums are (k, s) [J] in the order of
+        `step.audit.Room`.
         """
         k = int(self.made[1])
         number, time_step, slack, sums, probes, size, who = (
@@ -118,37 +120,45 @@ class RowTable:
         self.made[1] = 0
         comm.Allreduce(MPI.IN_PLACE, slack, MPI.SUM)
         probes = probes.copy()
-        comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # one term each but for zeros, so exact
+        comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # exact: one rank has the value, the others 0
         total = rounded_of_all(comm, sums.reshape(-1, LIMBS)).reshape(sums.shape[:2])
         return TakenUp(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
 
     def keep(self) -> tuple:
-        """What `put_back` needs, if the steps from here on are taken back."""
+        """Return copies for `put_back`, if the following steps have to be undone."""
         return tuple(array.copy() for array in self._changing())
 
-    def put_back(self, kept: tuple) -> None:
-        """The rows are those that there were then."""
-        for array, before in zip(self._changing(), kept):
+    def put_back(self, copies: tuple) -> None:
+        """Restore the rows from copies of `keep`."""
+        for array, before in zip(self._changing(), copies):
             array[:] = before
 
     def _changing(self) -> list[np.ndarray]:
-        """What a row changes besides the table: rows that are not made are not read there."""
+        """Return all arrays other than the table that a new row changes.
+
+        The table needs no copy: rows beyond the counter `made` are never read.
+        """
         envelope = self.envelope
         arrays = self.made, self.last, envelope.tension, envelope.displacement, envelope.moment
         return [array for array in arrays if array is not None]
 
 
 def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
-    """The probes that a rank has, and the places of their values in a row."""
+    """Return the probes of a rank, and the positions of their values in a row."""
     elements = np.concatenate([probes.elements, probes.named])
-    found = []
+    matches = []
     for numbers, sought in (
         (subdomain.particle_gid[: subdomain.n_owned], probes.particles),
         (subdomain.element_gid, elements),
     ):
         pairs = [(row, k) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)]
-        found.append(np.array(pairs, np.int64).reshape(-1, 2).T.copy())  # contiguous however many
-    (particle, of_particle), (element, of_element) = found
+        matches.append(np.array(pairs, np.int64).reshape(-1, 2).T.copy())  # contiguous also without pairs
+    (particle, particle_column), (element, element_column) = matches
     return Local(
-        particle, 3 * of_particle, element, 3 * len(probes.particles) + of_element, empty(i8), empty(i8)
+        particle,
+        3 * particle_column,
+        element,
+        3 * len(probes.particles) + element_column,
+        empty(i8),
+        empty(i8),
     )

@@ -1,4 +1,4 @@
-"""The figures of the wind: what /wind keeps of it, gust factor and gust lengths."""
+"""Statistics of the wind for /wind, gust factor and number of gust lengths."""
 
 import math
 
@@ -11,14 +11,14 @@ from netfall.numerics.functions import integral
 from netfall.wind.errors import coherence_errors
 from netfall.wind.spectra import Gust, gust_of, intensity
 
-EULER = 0.5772
+EULER = 0.5772  # Euler-Mascheroni constant
 
 
 def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
-    """Largest speed in a duration [s] over the mean, expected at 10 m, of samples dt [s] apart.
+    """Compute the expected ratio of the largest to the mean speed at 10 m in a duration [s].
 
     1 + g I, g = sqrt(2 ln nu T) + 0.577 / sqrt(2 ln nu T) (Davenport 1964), nu the rate of upward crossings
-    of the mean.
+    of the mean. dt : [s] between samples
     """
     n = np.geomspace(1e-4 * gust.speed / gust.length, 0.5 / dt, 2000)
     S = gust.spectrum(n)
@@ -28,17 +28,17 @@ def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
 
 
 def negative_share(mean: np.ndarray, deviation: float) -> float:
-    """Share of negative speeds expected at points of means (c,) [m/s], of a normal distribution."""
+    """Compute the expected share of negative speeds, normally distributed about means (c,) [m/s]."""
     return float(np.mean([0.5 * math.erfc(u / (math.sqrt(2.0) * deviation)) for u in mean]))
 
 
 def gust_lengths(job: Job, gust: Gust) -> float:
-    """How many gusts of the spectrum's length pass in the duration."""
+    """Compute how many gusts of the spectrum's length pass in the duration."""
     return job.dynamics.duration * gust.speed / gust.length
 
 
 def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
-    """The datasets of /wind from samples at times (t,) [s], gusts (t, c) [m/s]."""
+    """Return the datasets of /wind from gusts (t, c) [m/s] at times (t,) [s]."""
     if job.wind.pressures:
         return {
             "tap": model.wind_field.control_point,
@@ -60,15 +60,15 @@ def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> 
             job, model.layout.shape_coefficient, model.wind_field, model.history.mean_gust
         ),
     }
-    generated = gust_of(job.wind)
-    if generated:
+    spectrum = gust_of(job.wind)
+    if spectrum:
         losses = model.wind_field.model.losses
         section |= {
             "turbulence": np.float64(intensity(job.wind)),
             "variance_beyond": np.float64(losses.beyond),
             "variance_between": np.float64(losses.between),
             "spectrum_misfit": np.float64(losses.misfit),
-            "coherence_error": coherence_errors(model.x, model.wind_field, job.wind, generated),
-            "gust_lengths": np.float64(gust_lengths(job, generated)),
+            "coherence_error": coherence_errors(model.x, model.wind_field, job.wind, spectrum),
+            "gust_lengths": np.float64(gust_lengths(job, spectrum)),
         }
     return section

@@ -1,1 +1,1 @@
-"""The one reader of result files: frames, states, losses, columns. No MPI."""
+"""Reading of result files: frames, equilibria, member removals, tables. No MPI."""

@@ -1,19 +1,21 @@
-"""The static cases and combinations of a result: what they are of, and what came of each."""
+"""Static load cases and combinations of a result, with the outcome of each."""
 
 from typing import NamedTuple
 
 from netfall.results.file import job_of
 from netfall.results.states import WITHOUT, ShownState, state_groups, states_of
 
-PLAIN, KINDS = "case", ("ultimate", "service")  # a case as it stands; a combination of either kind
+PLAIN, KINDS = "case", ("ultimate", "service")  # a load case on its own; kinds of a combination (ULS, SLS)
 EQUILIBRIUM = "equilibrium"
 
 
 class Case(NamedTuple):
-    """A case or combination.
+    """A static load case or combination and its equilibrium.
 
-    name : as in the job; kind : PLAIN, or one of KINDS; shown : its equilibrium, or that which was reached
-    state : equilibrium | no_equilibrium | unstable | undecided; load_factor : reached; reason : why no more
+    name : as in the job; kind : PLAIN, or one of KINDS
+    shown : the equilibrium, or the last state that the load path reached
+    state : equilibrium | no_equilibrium | unstable | undecided
+    load_factor : the largest that was reached; reason : why the load path ended there, "" if it did not
     """
 
     name: str
@@ -25,14 +27,14 @@ class Case(NamedTuple):
 
     @property
     def carries(self) -> bool:
-        """Whether an equilibrium was found under the whole load."""
+        """Whether the structure is in equilibrium under the full load."""
         return self.state not in WITHOUT
 
 
 def cases_of(f) -> list[Case]:
-    """The cases and combinations, in the order of the job."""
+    """Return the static load cases and combinations in the order of the job."""
     combinations = job_of(f).get("combination", [])
-    kinds = {each["name"]: each.get("kind", KINDS[0]) for each in combinations}
+    kinds = {combination["name"]: combination.get("kind", KINDS[0]) for combination in combinations}
     places = [place for place in state_groups(f) if place.startswith("cases/")]
     return [_case(f, place, kinds.get(place.removeprefix("cases/"), PLAIN)) for place in places]
 

@@ -1,4 +1,4 @@
-"""Tables of a result as Python sees them: columns by name."""
+"""Tables of a result for the Python interface: arrays by column name."""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -8,13 +8,14 @@ from netfall.job.values import nearest
 
 
 class Columns(Mapping):
-    """Arrays by name, each read when it is asked for. `dict(columns)` reads all; a pandas.DataFrame takes it.
+    """Arrays by name. Each is read at its first use.
 
-    names : of the columns, as they are listed; read : gives the array of a name; units : of some of them
+    `dict(columns)` reads all of them; pandas.DataFrame accepts the mapping.
+    names : of the columns, in order; read : returns the array of a name; units : of some columns, as text
     """
 
     def __init__(self, place: str, names: list[str], read: Callable[[str], np.ndarray], units=None):
-        """place : what it is, for messages"""
+        """place : the source of the table, for messages"""
         self._place, self._names, self._read, self.units = place, list(names), read, units or {}
         self._kept: dict[str, np.ndarray] = {}
 
@@ -32,13 +33,16 @@ class Columns(Mapping):
         return len(self._names)
 
     def __repr__(self) -> str:
-        shape = lambda name: str(np.shape(self[name])).replace(",)", ")")
-        told = [f"  {name} {shape(name)} {self.units.get(name, '')}".rstrip() for name in self]
-        return "\n".join([f"{self._place}:", *told])
+        shapes = {name: str(np.shape(self[name])).replace(",)", ")") for name in self}
+        lines = [f"  {name} {shape} {self.units.get(name, '')}".rstrip() for name, shape in shapes.items()]
+        return "\n".join([f"{self._place}:", *lines])
 
 
 def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Columns:
-    """The datasets of an HDF5 group. renamed : dataset by name of the column, in place of its own names"""
+    """Return the datasets of an HDF5 group as columns.
+
+    renamed : dataset by column name; None: each dataset keeps its name
+    """
     names = renamed or {name: name for name in group if hasattr(group[name], "shape")}
     units = {name: _unit(group[dataset]) for name, dataset in names.items() if "unit" in group[dataset].attrs}
 
@@ -51,14 +55,14 @@ def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Column
 
 
 def of_arrays(place: str, arrays: dict[str, Callable[[], np.ndarray]], units=None) -> Columns:
-    """Arrays that functions give."""
+    """Return columns that functions compute when they are read."""
     return Columns(place, list(arrays), lambda name: arrays[name](), units)
 
 
 def _values(dataset) -> np.ndarray:
-    """A dataset as an array, texts as str."""
-    kind = dataset.dtype
-    return np.array(dataset.asstr()[()], str) if kind.kind == "O" else dataset[()]
+    """Return a dataset as an array, with text as str."""
+    dtype = dataset.dtype
+    return np.array(dataset.asstr()[()], str) if dtype.kind == "O" else dataset[()]
 
 
 def _unit(dataset) -> str:

@@ -1,6 +1,6 @@
-"""The datasets of a result file, as the page README.md beside has them: unit and meaning of each.
+"""Table of datasets of a result file: unit and meaning of each, parsed from README.md of this package.
 
-A file is labelled from that page as it is closed, and the help of Python is made from it.
+netfall labels each file from this table as it closes the file. The Python help is made from it too.
 """
 
 import re
@@ -8,9 +8,9 @@ from fnmatch import fnmatchcase
 from importlib.resources import files
 from typing import NamedTuple
 
-ORDER = "order"  # attribute of a group that holds an equilibrium: its place among them
-NONE = "1"  # the unit of what has no dimension
-# A section of the page: its name, its sentence, what a job must ask for to have it, its table.
+ORDER = "order"  # attribute of a group with an equilibrium: its number in the order of computation
+NONE = "1"  # unit of dimensionless quantities
+# A section of the page: name of the group, meaning, part of a job that requests it, table of datasets.
 SECTION = re.compile(
     r"^### /(\S+)\n\n(.+?)\n\n(?:Written for a job with: (.+?)\n\n)?\| dataset.*\n.*\n((?:\|.*\n)+)", re.M
 )
@@ -18,7 +18,7 @@ ROW = re.compile(r"^\| `(.+?)`(?: \((.+?)\))? \| (.*?) \| (.*) \|$", re.M)
 
 
 class Dataset(NamedTuple):
-    """One dataset: its name in the group, what its axes count, its unit, its meaning."""
+    """One dataset: name within its group, shape, unit and meaning."""
 
     name: str
     shape: str
@@ -27,7 +27,7 @@ class Dataset(NamedTuple):
 
 
 class Group(NamedTuple):
-    """A group of the file: what it holds, what a job must ask for to have it, and its datasets."""
+    """A group of the file: its meaning, the part of a job that requests it, and its datasets."""
 
     name: str
     meaning: str
@@ -48,7 +48,10 @@ GROUPS = _groups()
 
 
 def group_of(name: str) -> Group:
-    """The section of a group of the file, "cases/snow" for one. Raises KeyError where there is none."""
+    """Return the description of a group of the file, for example of "cases/snow".
+
+    Raises KeyError if the table does not list the group.
+    """
     for group in GROUPS:
         if fnmatchcase(name, group.name) or name == group.name.partition("/")[0]:
             return group
@@ -56,14 +59,15 @@ def group_of(name: str) -> Group:
 
 
 def unit_of(path: str) -> str:
-    """The unit of a dataset of numbers by its path in the file. Raises KeyError where the page has no row.
+    """Return the unit of a numerical dataset from its path in the file.
 
-    Numbers by which VTK finds its way through /VTKHDF need no row.
+    Raises KeyError if the table does not list it. Index datasets of /VTKHDF, which only VTK reads, need no
+    row.
     """
     group, _, name = path.rpartition("/")
     if path.startswith("VTKHDF/"):
         group, name = "VTKHDF", path.removeprefix("VTKHDF/")
-    units = {each.name: each.unit for each in group_of(group).datasets}
+    units = {dataset.name: dataset.unit for dataset in group_of(group).datasets}
     if name not in units and group != "VTKHDF":
         raise KeyError(f"/{path} has no row in the table of datasets")
     return units.get(name) or NONE

@@ -1,4 +1,4 @@
-"""A result file, open for reading: what it is, its title, the names in it."""
+"""Opening of a result file, and the general facts in it: title, job, notes, names of elements."""
 
 import re
 from collections.abc import Iterator
@@ -16,11 +16,11 @@ from netfall.results.losses import broken_at
 from netfall.results.overload_lines import Carried, overload_lines
 from netfall.results.states import start_position
 
-OF_MOTION = ("events", "envelope", "final")  # groups beside /history
+OF_MOTION = ("events", "envelope", "final")  # groups that a dynamic stage writes together with /history
 
 
 def open_result(path: Path) -> h5py.File:
-    """A result file of netfall, open for reading. Raises InputError for anything else."""
+    """Open a result file of netfall for reading. Raises InputError if the file is not one."""
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -42,29 +42,29 @@ def open_result(path: Path) -> h5py.File:
 
 
 def provenance_text(file: h5py.File, name: str) -> str:
-    """A text of /provenance: an attribute, or a dataset if it is long."""
+    """Return a text of /provenance. A long text is a dataset there, a short one an attribute."""
     group = file["provenance"]
     return group[name].asstr()[()] if name in group else str(group.attrs[name])
 
 
 def job_of(file: h5py.File) -> dict:
-    """The tables of the job that was run, with the overrides of its run."""
+    """Return the tables of the job, with the overrides of the run."""
     return tables_of(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
 
 
 def notes_of_run(file: h5py.File) -> list[str]:
-    """What the run told to be odd in its job before it began."""
+    """Return the warnings and notes on the job that the run printed before it started."""
     return provenance_text(file, "notes").splitlines()
 
 
 def title_of(file: h5py.File) -> str:
-    """The job's title, else its name."""
+    """Return the title of the job, or its name if it has no title."""
     return provenance_text(file, "title") or provenance_text(file, "job_name")
 
 
 @contextmanager
 def telling_what_lacks(path: Path) -> Iterator[None]:
-    """Raises InputError where h5py does not find in a result file what is read of it."""
+    """Convert the KeyError of h5py for a dataset that a result file lacks into an InputError."""
     try:
         yield
     except KeyError as error:
@@ -80,40 +80,45 @@ def _lacks(path: Path, name: str) -> InputError:
 
 @contextmanager
 def reading(path: Path) -> Iterator[h5py.File]:
-    """`open_result`, and what the file lacks told in its one way."""
+    """Open a result file for reading. Raises InputError also if a dataset is found missing later."""
     with open_result(path) as file, telling_what_lacks(path):
         yield file
 
 
 def element_name(f: h5py.File, e: int) -> str:
-    """An element by its id, with the ids of its nodes: those that share a cable's id differ in these."""
+    """Return the id of an element with the ids of its nodes.
+
+    The elements of a subdivided cable share its id and differ in their nodes.
+    """
     a, b = (f["net/node_id"][p] for p in f["net/elements"][e])
     return f"{f['net/element_id'][e]} ({a}-{b})"
 
 
 def lines_of_form(f: h5py.File) -> list[str]:
-    """What form finding did to the geometry that was given, or its states of self-stress, as the run told."""
+    """Return the text on form finding that the run printed: geometry changes or states of self-stress."""
     return provenance_text(f, "form").splitlines()
 
 
 def carried_in(f: h5py.File) -> Carried:
-    """What the elements of a result carried in its dynamic stage."""
-    net, envelope, drawn = f["net"], f["envelope"], f["net"].get("strength")
+    """Return the largest tensions, strengths and fracture times of the elements in the dynamic stage."""
+    net, envelope, random_factor = f["net"], f["envelope"], f["net"].get("strength")
     EA, ends = net["axial_stiffness"][:], net["elements"][:]
-    none, factor = np.full(len(EA), np.inf), 1.0 if drawn is None else drawn[:]
-    given = [factor * net[name][:] if name in net else none for name in ("fracture_strain", "yield_force")]
+    unlimited, factor = np.full(len(EA), np.inf), 1.0 if random_factor is None else random_factor[:]
+    fracture_strain, yield_force = (
+        factor * net[name][:] if name in net else unlimited for name in ("fracture_strain", "yield_force")
+    )
     x = start_position(f)
-    along = x[ends[:, 1]] - x[ends[:, 0]]
+    chord = x[ends[:, 1]] - x[ends[:, 0]]
     return Carried(
-        ends,
-        along / lengths(along)[:, None],
-        strength_of(EA, *given),
-        envelope["tension_max"][:],
-        envelope["tension_max_time"][:],
-        broken_at(f),
+        ends=ends,
+        direction=chord / lengths(chord)[:, None],
+        strength=strength_of(EA, fracture_strain, yield_force),
+        most=envelope["tension_max"][:],
+        time=envelope["tension_max_time"][:],
+        broke=broken_at(f),
     )
 
 
 def overloads_of(f: h5py.File) -> list[str]:
-    """`overload_lines` of a result file."""
+    """Return the notes of `overload_lines` for a result file."""
     return overload_lines(carried_in(f), lambda e: element_name(f, e))

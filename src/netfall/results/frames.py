@@ -1,4 +1,4 @@
-"""The states in a result file, one at a time: a file may be larger than the memory."""
+"""Access to the frames of a result file one at a time, since a file may exceed the memory."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from netfall.results.states import absent, state_groups, states_of
 
 
 class Frames:
-    """Steps of /VTKHDF: positions, connectivity and cell fields."""
+    """Time steps of /VTKHDF: positions, connectivity, point fields and cell fields."""
 
     def __init__(self, f):
         self.g = f["VTKHDF"]
@@ -15,24 +15,27 @@ class Frames:
         self.there = ~absent(f)
 
     def cell(self, name, step, low=0, high=None):
-        """A cell field (m,) at a step, or its rows low to high."""
+        """Return a cell field (m,) at a step, or its rows low to high."""
         start, high = int(self.g[f"Steps/CellDataOffsets/{name}"][step]), high or self.cells
         return self.g[f"CellData/{name}"][start + low : start + high]
 
     def tension(self, step):
-        """Tensions (m,) [N] at a step."""
+        """Return the tensions (m,) [N] at a step."""
         return self.cell("tension", step)
 
     def present(self, step):
-        """(m,) bool, elements that the erection has left in the net."""
+        """Return which elements (m,) are part of the net after erection."""
         return self.there
 
     def broken(self, step):
-        """(m,) bool, elements that are broken or lost at a step."""
+        """Return which elements (m,) are broken or removed at a step."""
         return self.cell("broken", step).astype(bool) & self.there
 
     def point(self, name, step, low=0, high=None):
-        """A point field (points, ...) at a step, or its rows low to high; the nodes of the net come first."""
+        """Return a point field (points, ...) at a step, or its rows low to high.
+
+        The nodes of the net come first.
+        """
         start, high = int(self.g[f"Steps/PointDataOffsets/{name}"][step]), high or self._points(step)
         return self.g[f"PointData/{name}"][start + low : start + high]
 
@@ -40,22 +43,22 @@ class Frames:
         return int(self.g["NumberOfPoints"][int(self.g["Steps/PartOffsets"][step])])
 
     def positions(self, step):
-        """Positions (points, 3) [m] at a step."""
+        """Return the positions (points, 3) [m] at a step."""
         first = int(self.g["Steps/PointOffsets"][step])
         return self.g["Points"][first : first + self._points(step)]
 
     def ends(self, step):
-        """Rows (m, 2) of the points at the ends of the elements at a step."""
+        """Return the rows (m, 2) of the points at the ends of the elements at a step."""
         link = int(self.g["Steps/ConnectivityIdOffsets"][step, 0])
         return self.g["Connectivity"][link : link + 2 * self.cells].reshape(-1, 2)
 
     def lines(self, step):
-        """End points (m, 2, 3) [m] of the elements at a step."""
+        """Return the end points (m, 2, 3) [m] of the elements at a step."""
         return self.positions(step)[self.ends(step)]
 
 
 class StageFrames:
-    """The stages of erection, seen as frames: `times` are their numbers, from 1."""
+    """Stages of erection with the interface of frames; `times` are the numbers of the stages, from 1."""
 
     def __init__(self, f):
         stages = [name for name in state_groups(f) if name.startswith("stages/")]
@@ -65,21 +68,21 @@ class StageFrames:
         self.cells = len(self.elements)
 
     def tension(self, step):
-        """Tensions (m,) [N] in a stage."""
+        """Return the tensions (m,) [N] in a stage."""
         return self.states[step].tension()
 
     def present(self, step):
-        """(m,) bool, elements that are there in a stage."""
+        """Return which elements (m,) are part of the net in a stage."""
         return ~self.absent[step]
 
     def broken(self, step):
-        """(m,) bool: nothing breaks in a stage."""
+        """Return which elements (m,) are broken in a stage: none, since nothing breaks during erection."""
         return np.zeros(self.cells, bool)
 
     def positions(self, step):
-        """Positions (n, 3) [m] in a stage."""
+        """Return the positions (n, 3) [m] in a stage."""
         return self.states[step].position()
 
     def lines(self, step):
-        """End points (m, 2, 3) [m] of the elements in a stage."""
+        """Return the end points (m, 2, 3) [m] of the elements in a stage."""
         return self.positions(step)[self.elements]

@@ -1,4 +1,4 @@
-"""What a report tells of members that were lost ([[remove]]) or broke: when, and the tensions around it."""
+"""Removed ([[remove]]) and broken elements of a result: times, and tensions before and after."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from netfall.results.loss_lines import telling_factor, tension_ratios
 
 
 def lost_at(f) -> np.ndarray:
-    """Time (m,) [s] at which elements were lost, nan: not at all."""
+    """Return the time (m,) [s] at which each element was removed, nan if it was not."""
     time = np.full(len(f["net/elements"]), np.nan)
     if "removal" in f:
         time[f["removal/element"][:]] = f["removal/time"][:][f["removal/entry"][:]]
@@ -14,56 +14,60 @@ def lost_at(f) -> np.ndarray:
 
 
 def broken_at(f) -> np.ndarray:
-    """Time (m,) [s] at which elements broke, nan: whole."""
+    """Return the time (m,) [s] at which each element broke, nan if it did not."""
     time = np.full(len(f["net/elements"]), np.nan)
     if "events" in f:
         e, t = f["events/element"][:], f["events/time"][:]
-        time[e[::-1]] = t[::-1]  # of two ends the first
+        time[e[::-1]] = t[::-1]  # if both ends broke, the earlier fracture
     return time
 
 
 def loss_rows(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    """Name, largest and least tension (m,) [N], and what is gone (m,) bool, of two stages for each loss.
+    """Return envelope rows of each member removal: name, largest and least tension, failed elements.
 
-    The extremes are those of every step, which the rows of the history miss; then the rest of the damaged
-    net, where there is one. Entries of one moment have the same tensions and are one loss. nan: not known.
+    Tensions are (m,) [N], failed elements (m,) bool. The first row has the extremes over all steps, which the
+    history rows miss. The second has the equilibrium of the damaged net, if it exists. Entries at the same
+    time share their tensions and count as one removal. nan: not known.
     """
     if "removal" not in f:
         return []
-    g, lost, broken, rows = f["removal"], lost_at(f), ~np.isnan(broken_at(f)), []
-    time = g["time"][:]
-    happened = set(g["entry"][:].tolist())
+    removal, removal_time, broken, rows = f["removal"], lost_at(f), ~np.isnan(broken_at(f)), []
+    time = removal["time"][:]
+    happened = set(removal["entry"][:].tolist())
     for t in sorted({time[k] for k in happened}):
         entries = np.flatnonzero(time == t)
         name = f"loss{'es' * (len(entries) > 1)} {', '.join(str(k + 1) for k in entries)}"
-        gone = lost <= t
-        high, low = (g[f"tension_{which}"][entries[0]] for which in ("highest", "lowest"))
-        rows.append((f"{name}, t = {t:.4g} s", high, low, gone | broken))
-        after = np.where(gone, np.nan, g["tension_after"][entries[0]])
+        removed = removal_time <= t
+        high, low = (removal[f"tension_{which}"][entries[0]] for which in ("highest", "lowest"))
+        rows.append((f"{name}, t = {t:.4g} s", high, low, removed | broken))
+        after = np.where(removed, np.nan, removal["tension_after"][entries[0]])
         if not np.isnan(after).all():
-            rows.append((f"rest after {name}", after, after, gone))
+            rows.append((f"rest after {name}", after, after, removed))
     return rows
 
 
 def largest_after(f) -> dict[str, np.ndarray]:
-    """The largest tension over tension before, and telling dynamic factor, (m,) after any loss; nan: none."""
-    none, every = np.full(len(f["net/elements"]), np.nan), range(len(f["removal/time"]))
-    largest = lambda of: np.fmax.reduce([none, *(of(f["removal"], k) for k in every)])
-    return {"tension_ratio": largest(tension_ratios), "dynamic_factor": largest(telling_factor)}
+    """Return the largest tension ratio and significant dynamic factor (m,) after any removal, nan if none."""
+    removal, entries = f["removal"], range(len(f["removal/time"]))
+    unknown = np.full(len(f["net/elements"]), np.nan)
+    return {
+        "tension_ratio": np.fmax.reduce([unknown, *(tension_ratios(removal, k) for k in entries)]),
+        "dynamic_factor": np.fmax.reduce([unknown, *(telling_factor(removal, k) for k in entries)]),
+    }
 
 
 def worst_after(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
-    """Loss and element of the tensions that use the most of the resistance (m,) [N], the worst first.
+    """Return removal and element with the highest utilisation of a resistance (m,) [N], the worst first.
 
-    Where nothing has a resistance the largest. Of each cable one after each loss; entries of one moment are
-    one loss.
+    If no element has a resistance, the largest tensions count. Each cable appears once per removal. Entries
+    at the same time count as one removal.
     """
-    g, cable = f["removal"], f["net/cable"][:]
-    found = []
-    for k in np.unique(g["time"][:], return_index=True)[1]:
-        share = g["tension_highest"][k] / (resistance if np.isfinite(resistance).any() else 1.0)
-        rows = np.flatnonzero(share > 0.0)
-        rows = rows[np.argsort(-share[rows], kind="stable")]
+    removal, cable = f["removal"], f["net/cable"][:]
+    candidates = []
+    for k in np.unique(removal["time"][:], return_index=True)[1]:
+        utilisation = removal["tension_highest"][k] / (resistance if np.isfinite(resistance).any() else 1.0)
+        rows = np.flatnonzero(utilisation > 0.0)
+        rows = rows[np.argsort(-utilisation[rows], kind="stable")]
         rows = rows[np.sort(np.unique(cable[rows], return_index=True)[1])][:count]
-        found += [(float(share[e]), int(k), int(e)) for e in rows]
-    return [(k, e) for _, k, e in sorted(found, key=lambda one: -one[0])[:count]]
+        candidates += [(float(utilisation[e]), int(k), int(e)) for e in rows]
+    return [(k, e) for _, k, e in sorted(candidates, key=lambda candidate: -candidate[0])[:count]]

@@ -1,4 +1,4 @@
-"""Warnings and notes on what in a result is doubtful."""
+"""Warnings and notes on doubtful parts of a result."""
 
 import numpy as np
 
@@ -8,9 +8,9 @@ from netfall.numerics.functions import lengths
 from netfall.results import states
 
 LARGEST_BALANCE = 1e-3  # energy balance error above which a result is doubtful, by either of its shares
-TORSION = 0.05  # of the largest bending moment: a chain with more torsion than that gets a warning
-MOST_MARKED = 4096  # elements of an equilibrium by each attribute of it, which may have 64 kB
-FAR = 0.2  # of a net's largest dimension: a node that moves farther under static load is told
+TORSION = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
+MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
+FAR = 0.2  # static displacement over the net's largest dimension: netfall prints a note above it
 
 
 BALANCE = ("balance_error", "balance_error_attached")  # columns of /history
@@ -36,15 +36,15 @@ def balance_notes(history) -> list[str]:
 
 
 def balance_words(history) -> str:
-    """Return the largest energy balance errors in words; history : as of `balance_notes`."""
-    took_part, stored = (f"{np.nanmax(np.abs(history[name]), initial=0.0):.2g}" for name in BALANCE)
-    return f"{took_part} of the energy that took part, {stored} of the largest that attached parts stored"
+    """Return the largest energy balance errors as text; history : see `balance_notes`."""
+    in_play, attached = (f"{np.nanmax(np.abs(history[name]), initial=0.0):.2g}" for name in BALANCE)
+    return f"{in_play} of the energy that took part, {attached} of the largest that attached parts stored"
 
 
 def detached_notes_of(f) -> list[str]:
-    """Return a warning if a detached part of a result is faster than the wind.
+    """Return a warning if a detached part of a result is faster than the largest gust.
 
-    The fall does not count: of the vertical velocity only what rises does.
+    Downward velocity does not count, since it comes from the fall.
     """
     if "detached" not in f:
         return []
@@ -52,7 +52,7 @@ def detached_notes_of(f) -> list[str]:
     velocity, gust = np.array(parts["velocity"]), float(parts["largest_gust"][()])
     velocity[:, 2] = np.maximum(velocity[:, 2], 0.0)
     speed = lengths(velocity)
-    over = np.flatnonzero(speed > gust)  # none where the gust is not known
+    over = np.flatnonzero(speed > gust)  # empty if the gust is nan (not known)
     if not len(over):
         return []
     k = over[0]
@@ -65,43 +65,46 @@ def detached_notes_of(f) -> list[str]:
     ]
 
 
-def displacement_notes(found: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
-    """A note if a node moved by more than FAR of the net's size in any equilibrium under static load.
+def displacement_notes(equilibria: list[tuple[str, float, int]], x: np.ndarray) -> list[str]:
+    """Return a note if a node moved by more than FAR of the net's size in any equilibrium under static load.
 
-    found : what each equilibrium is, the largest displacement in it [m], the id of its node
-    x : (n, 3) [m], from which displacements count
+    equilibria : description of each equilibrium, its largest displacement [m], the id of that node
+    x : (n, 3) [m], position from which displacements count
     """
     size = float(np.ptp(x, axis=0).max())
-    far = [each for each in found if each[1] > FAR * size]
+    far = [equilibrium for equilibrium in equilibria if equilibrium[1] > FAR * size]
     if not far:
         return []
-    words, moved, node = max(far, key=lambda each: each[1])
-    share = f" (and so in {len(far)} of {len(found)} equilibria)" if len(found) > 1 else ""
+    words, distance, node = max(far, key=lambda equilibrium: equilibrium[1])
+    share = f" (and so in {len(far)} of {len(equilibria)} equilibria)" if len(equilibria) > 1 else ""
     return [
-        f"note: {words}: node {node} moved by {moved:.4g} m, by more than a fifth of the net's largest "
+        f"note: {words}: node {node} moved by {distance:.4g} m, by more than a fifth of the net's largest "
         f"dimension, {size:.4g} m{share}. Check its shape, the units of loads, the prestress and the supports"
     ]
 
 
-def force_balance_warnings(found: list[tuple[str, float]]) -> list[str]:
+def force_balance_warnings(equilibria: list[tuple[str, float]]) -> list[str]:
     """Return a warning if reactions do not balance the loads in any equilibrium.
 
-    found : what each equilibrium is, `unexplained` of its `record.balance.Balance`
+    equilibria : description of each equilibrium, and `unexplained` of its `record.balance.Balance`
     """
-    off = [each for each in found if each[1] > 0.0]
-    if not off:
+    unbalanced = [equilibrium for equilibrium in equilibria if equilibrium[1] > 0.0]
+    if not unbalanced:
         return []
-    words, share = max(off, key=lambda each: each[1])
-    more = f" (and {len(off) - 1} other equilibria)" if len(off) > 1 else ""
+    words, share = max(unbalanced, key=lambda equilibrium: equilibrium[1])
+    also = f" (and {len(unbalanced) - 1} other equilibria)" if len(unbalanced) > 1 else ""
     return [
-        f"warning: {words}{more}: loads, reactions and residual forces are out of balance by {share:.2g} of "
+        f"warning: {words}{also}: loads, reactions and residual forces are out of balance by {share:.2g} of "
         "the sum of the reactions, more than the tolerance explains. Reactions and tensions may be wrong. Do "
         "not use them, and report the job as a fault of netfall."
     ]
 
 
 def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> str:
-    """A warning of a limit point on the path to an equilibrium; node : that jumps, None: none does."""
+    """Return a warning of a limit point on the path to an equilibrium.
+
+    node : the id of the node that jumps, None if none does; jump : [m]
+    """
     if node is None:
         fact = f"no stable equilibrium was found that follows steadily beyond {at}"
     else:
@@ -113,7 +116,7 @@ def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> st
 
 
 def limit_point_warnings_of(f) -> list[str]:
-    """Warnings of limit points on the paths to the equilibria of a result."""
+    """Return the warnings of limit points on the paths to the equilibria of a result."""
     return [
         f"warning: {states.state_words(f, place)}: a limit point was passed at load factor "
         f"{f[place].attrs[LIMIT]:.4g}. The state found lies beyond this limit load"
@@ -122,17 +125,22 @@ def limit_point_warnings_of(f) -> list[str]:
     ]
 
 
-LIMIT = "limit_load_factor"  # attribute of an equilibrium
+LIMIT = "limit_load_factor"  # attribute of the group of an equilibrium
 
 
-def torsion_warnings(found: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
-    """A warning of the equilibrium with most torsion in a chain; found : as of `largest_torsion`."""
-    above = [each for each in found if each[1][0] > TORSION]
+def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
+    """Return a warning for the equilibrium with the largest torsion in a bending chain.
+
+    equilibria : description of each equilibrium, and the result of `record.rest.largest_torsion`
+    """
+    above = [equilibrium for equilibrium in equilibria if equilibrium[1][0] > TORSION]
     if not above:
         return []
-    what, (share, p) = max(above, key=lambda each: each[1][0])
+    what, (share, p) = max(above, key=lambda equilibrium: equilibrium[1][0])
     others = (
-        f" (more than {TORSION:.0%} in {len(above)} of {len(found)} equilibria)" if len(found) > 1 else ""
+        f" (more than {TORSION:.0%} in {len(above)} of {len(equilibria)} equilibria)"
+        if len(equilibria) > 1
+        else ""
     )
     return [
         f"warning: {what}: the curved bending chain at node {node_id[p]} bends out of its plane: its "
@@ -142,14 +150,14 @@ def torsion_warnings(found: list[tuple[str, tuple[float, int]]], node_id: np.nda
     ]
 
 
-def rounding_warnings(found: list[tuple[str, float, float]], tolerance: float) -> list[str]:
-    """A warning of the equilibrium with the largest error above the tolerance.
+def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: float) -> list[str]:
+    """Return a warning for the equilibrium with the largest error above the tolerance.
 
-    found : what each is, its estimated error, the least that rounding allows
+    equilibria : description of each equilibrium, its estimated error, the smallest error that rounding allows
     """
-    if not found:
+    if not equilibria:
         return []
-    what, error, least = max(found, key=lambda each: each[1])
+    what, error, least = max(equilibria, key=lambda equilibrium: equilibrium[1])
     remedy = (
         f"Set tolerance to {2.0 * least:.0e} or more"
         if error <= 2.0 * least
@@ -161,14 +169,17 @@ def rounding_warnings(found: list[tuple[str, float, float]], tolerance: float) -
     ]
 
 
-def stop_notes(found: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
-    """Notes on equilibria in which ends of cables stop them; found : what each is, the rows of elements."""
-    ids = lambda rows: counted("element", element_id[list(rows)])
+def stop_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
+    """Return notes on equilibria in which cables slipped as far as the model allows.
+
+    equilibria : description of each equilibrium, and the rows of the shortened elements
+    """
     return [
-        f"note: {what}: cables slipped until a fifth of the free segments with {ids(rows)} was left, where "
+        f"note: {what}: cables slipped until a fifth of the free segments with "
+        f"{counted('element', element_id[list(rows)])} was left, where "
         "their ends stop them; "
         "clamps of more resistance or saddles of more friction hold them before"
-        for what, rows in found
+        for what, rows in equilibria
         if rows
     ]
 
@@ -177,15 +188,17 @@ NOT_STABLE = "the tangent stiffness is not positive definite, compressed bars bu
 
 
 def displacement_notes_of(f) -> list[str]:
-    """`displacement_notes` on the equilibria of a result."""
-    x, node_id, found = states.start_position(f), f["net/node_id"][:], []
-    for each in [one for one in list(states.equilibria(f))[1:] if not one.name.startswith("stage ")]:
-        moved = lengths(each.position() - x)
-        found.append((each.name, float(moved.max()), node_id[moved.argmax()]))
-    return displacement_notes(found, x)
+    """Return the notes of `displacement_notes` for the equilibria of a result."""
+    x, node_id, displacements = states.start_position(f), f["net/node_id"][:], []
+    for equilibrium in [
+        state for state in list(states.equilibria(f))[1:] if not state.name.startswith("stage ")
+    ]:
+        displacement = lengths(equilibrium.position() - x)
+        displacements.append((equilibrium.name, float(displacement.max()), node_id[displacement.argmax()]))
+    return displacement_notes(displacements, x)
 
 
-AT_LIMIT = {  # attributes of an equilibrium: what it means for the elements that they name
+AT_LIMIT = {  # attribute of an equilibrium: its meaning for the elements listed in it
     "over_strength": "beyond the strength, which breaks nothing here",
     "buckled": "at Euler's load: buckled, and a bar that is not quite straight carries less",
     "beyond_euler": "compressed beyond Euler's load, which buckles none without buckling = true",
@@ -196,16 +209,16 @@ AT_LIMIT = {  # attributes of an equilibrium: what it means for the elements tha
 
 
 def limit_notes(what: str, labels) -> list[str]:
-    """Notes on elements at a limit of theirs in an equilibrium; labels : its attributes, elements by ids."""
-    found = [(np.asarray(labels[name]), words) for name, words in AT_LIMIT.items() if name in labels]
+    """Return notes on elements at a limit in an equilibrium; labels : its attributes with element ids."""
+    listed = [(np.asarray(labels[name]), words) for name, words in AT_LIMIT.items() if name in labels]
     return [
         f"note: {what}: {'at least ' * (len(ids) == MOST_MARKED)}{counted('element', ids)} {words}"
-        for ids, words in found
+        for ids, words in listed
     ]
 
 
 def limit_notes_of(f) -> list[str]:
-    """`limit_notes` on the equilibria of a result, and on its motion."""
+    """Return the notes of `limit_notes` for the equilibria and the dynamic stage of a result."""
     notes = [
         note
         for place in states.state_groups(f)
@@ -215,18 +228,18 @@ def limit_notes_of(f) -> list[str]:
 
 
 def motion_notes_of(f) -> list[str]:
-    """Notes on elements that buckled in the motion of a result, bore more than Euler's load, or yielded."""
-    pressed, caps = -f["envelope/tension_min"][:], states.caps_of(f)
-    at = {"buckled": pressed >= REACHED * caps.buckling, "beyond_euler": pressed > caps.straight}
+    """Return notes on elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
+    compression, caps = -f["envelope/tension_min"][:], states.caps_of(f)
+    reached = {"buckled": compression >= REACHED * caps.buckling, "beyond_euler": compression > caps.straight}
     labels = {
         name: f["net/element_id"][:][rows][:MOST_MARKED]
-        for name, rows in (at | {"yielded": states.yielded_in(f)}).items()
+        for name, rows in (reached | {"yielded": states.yielded_in(f)}).items()
         if rows.any()
     }
     return limit_notes(states.MOTION, labels)
 
 
-def error_words(moved: float, tension: float) -> str:
-    """Estimated errors in words, nan: not known."""
-    known = f"to {moved:.0e} of displacements, {tension:.0e} of tensions"
-    return known if moved == moved else "(error not known)"
+def error_words(displacement: float, tension: float) -> str:
+    """Return estimated relative errors of displacements and tensions as text; nan: not known."""
+    known = f"to {displacement:.0e} of displacements, {tension:.0e} of tensions"
+    return known if displacement == displacement else "(error not known)"

@@ -1,4 +1,4 @@
-"""The outcomes of a run, as a study keeps them: what each is, its unit, and what stands there without it."""
+"""Outcomes of a run that a study records: name, unit, and value while unknown."""
 
 from typing import NamedTuple
 
@@ -6,13 +6,13 @@ NAN = float("nan")
 
 
 class MemberColumn(NamedTuple):
-    """A column of /members of a study file that comes of a run.
+    """A column of /members of a study file.
 
-    empty : while nothing is known, or where there is nothing of the kind; its type is that of the column
-    of_losses : there if members are lost
-    of_depth : there if a depth is given
-    of_run : a run gives it; else the table of the study adds it
-    of_motion : of a dynamic stage: equilibria have none
+    empty : value while the outcome is unknown or does not apply; its type is that of the column
+    of_losses : present if members are removed
+    of_depth : present if a depth is given
+    of_run : a run returns the value; otherwise the table of the study adds it
+    of_motion : needs a dynamic stage; equilibria lack it
     """
 
     name: str
@@ -25,12 +25,12 @@ class MemberColumn(NamedTuple):
 
     @property
     def dtype(self) -> type:
-        """Of the column."""
+        """Type of the column."""
         return object if self.empty == "" else type(self.empty)
 
     @property
     def measured(self) -> bool:
-        """Whether it says how badly a run went, so that a failure may be defined by it."""
+        """Whether the value measures damage, so that a failure criterion may refer to it."""
         return self.of_run and self.dtype in (int, float) and self.name not in NO_MEASURE
 
 
@@ -67,5 +67,5 @@ OUTCOMES = (
 )
 BY_NAME = {each.name: each for each in OUTCOMES}
 OF_RUN = tuple(each for each in OUTCOMES if each.of_run)
-# What is told of a run of which nothing is known; times and elements : of its fractures
+# Outcomes of a run without any result; times and elements : of its fractures
 NOTHING = {each.name: each.empty for each in OF_RUN} | {"times": [], "elements": []}

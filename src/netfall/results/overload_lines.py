@@ -1,16 +1,17 @@
-"""Tensions that an element cannot have borne, in sentences; no file is opened here.
+"""Text on tensions that exceed what an element can carry. Takes arrays; opens no file.
 
-An element breaks in the step in which its strain passes the limit, and what is left of it grows longer there:
-so it has at most what one step adds to its strength, which is much where a light end comes taut at speed.
-What has no strength and hangs on such an end rings along, as far as its own mass and the step let it. Such
-tensions are no results.
+An element breaks in the step in which its strain exceeds the limit, and its remnant gets longer in the same
+step. Its tension thus exceeds the strength by at most the increment of one step. This increment is large if
+a fragment end of small mass becomes taut at high speed. An element without a strength that is attached to
+such an end rings numerically; only its own mass and the time step limit its force. Such tensions are not
+results.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-BEYOND = 1.05  # times its strength: in shipped jobs what breaks is less than 1 % above it after its last step
+BEYOND = 1.05  # tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
 SMALLER = "a smaller [dynamics] safety (0.2, say) or time_step shows how much is the step's"
 ONE_STEP = f"no result: a light end that came taut at speed, and what one step added then; {SMALLER}"
 RINGS = (
@@ -20,10 +21,11 @@ RINGS = (
 
 
 class Carried(NamedTuple):
-    """What elements (m,) carried in a dynamic stage, and what they can.
+    """Largest tensions, strengths and fracture times of elements (m,) in a dynamic stage.
 
-    ends : (m, 2) nodes; direction : (m, 3) unit vectors, in the form; strength : [N] at which it breaks or
-    yields, inf: never; most : [N] and its time : [s]; broke : [s], nan: did not
+    ends : (m, 2) nodes; direction : (m, 3) unit vectors, in the form
+    strength : [N] at which the element breaks or yields, inf: never
+    most : [N] largest tension; time : [s] of the largest tension; broke : [s] of fracture, nan: none
     """
 
     ends: np.ndarray
@@ -35,35 +37,37 @@ class Carried(NamedTuple):
 
 
 def overloaded(c: Carried) -> np.ndarray:
-    """Elements (m,) that had a tension of more than BEYOND times their strength."""
+    """Find the elements (m,) with a tension of more than BEYOND times their strength."""
     return c.most > BEYOND * c.strength
 
 
 def at_ends(c: Carried) -> np.ndarray:
-    """The most (m,) [N] that what meets an element at either end can pull it with, inf: not known.
+    """Compute an upper bound (m,) [N] of tensions from the strengths of the neighbours, inf if unknown.
 
-    All of that as it lies in the form, or one of the others in line with it. Of elements without a strength
-    that had their largest tension after the first fracture; in compression loads count too.
+    At each node it is the larger of two values: the sum of the neighbours' strengths projected on the element
+    in the form, and the strength of one neighbour in line with it. The bound applies only to elements that
+    have no strength and reach their largest tension after the first fracture. It covers tension only, since
+    loads contribute to compression.
     """
     n, bound = int(c.ends.max(initial=-1)) + 1, np.full(len(c.ends), np.inf)
-    order = np.argsort(c.ends.ravel(), kind="stable")
-    start = np.searchsorted(c.ends.ravel()[order], np.arange(n + 1))
+    by_node = np.argsort(c.ends.ravel(), kind="stable")
+    start = np.searchsorted(c.ends.ravel()[by_node], np.arange(n + 1))
     after = c.time >= np.nanmin(c.broke)
     for e in np.flatnonzero(np.isinf(c.strength) & after & (c.most > c.strength.min())):
         for p in c.ends[e]:
-            others = order[start[p] : start[p + 1]] // 2
+            others = by_node[start[p] : start[p + 1]] // 2
             others = others[others != e]
-            carry = c.strength[others]
-            if len(others) and np.isfinite(carry).all():
-                along = np.abs((c.direction[others] * c.direction[e]).sum(1))
-                bound[e] = min(bound[e], max(float((along * carry).sum()), float(carry.max())))
+            strength = c.strength[others]
+            if len(others) and np.isfinite(strength).all():
+                cosine = np.abs((c.direction[others] * c.direction[e]).sum(1))
+                bound[e] = min(bound[e], max(float((cosine * strength).sum()), float(strength.max())))
     return bound
 
 
 def overload_lines(c: Carried, name) -> list[str]:
-    """Notes on elements beyond their strength, and on those without one beyond what meets them can bear.
+    """Return notes on elements above their strength, and on those without one above the bound of `at_ends`.
 
-    name : of an element, by its row. Only once something broke.
+    name : returns the name of an element from its row. Empty unless something broke.
     """
     if not np.isfinite(c.broke).any():
         return []

@@ -1,4 +1,4 @@
-"""A result file as Python sees it: tables by name, histories by the ids of the tables."""
+"""Python interface to a result file: tables by name, histories by the ids of the tables."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from netfall.results.file import open_result, provenance_text, title_of
 from netfall.results.frames import Frames
 from netfall.results.states import warm_lengths
 
-# Column: dataset of /events; numbers of nodes and elements are ids of the tables.
+# Dataset of /events by column; nodes and elements are given by the ids of the tables.
 EVENT_COLUMNS = {"time": "time", "step": "step", "element": "element_id", "node": "node_id"}
 EVENT_COLUMNS |= {"strain": "strain", "mass": "mass", "element_row": "element"}
 EVENT_COLUMNS |= {"particle": "particle", "new_particle": "new_particle"}
@@ -20,10 +20,10 @@ EVENT_COLUMNS |= {"particle": "particle", "new_particle": "new_particle"}
 
 @dataclass(frozen=True)
 class Frame:
-    """The state at one time. p points (the n nodes of the net, then those that split off), m elements.
+    """The state at one time, with p points and m elements. The n nodes of the net come first.
 
     time : [s]; position, displacement : (p, 3) [m]; velocity : (p, 3) [m/s]
-    node : (p,) ids, of a point that split off that of the node it left
+    node : (p,) ids; a fragment end has the id of the node from which it separated
     ends : (m, 2) rows of the points at the ends of the elements; element : (m,) ids
     tension : (m,) [N]; strain, plastic_strain : (m,); broken : (m,) bool
     """
@@ -42,42 +42,48 @@ class Frame:
 
 
 def _table(name: str) -> property:
-    """The property of a Result that gives a group of the file; its help is the group's table of datasets."""
+    """Return a property of Result for a group of the file; its help is the group's table of datasets."""
     group = group_of(name)
-    shapes = [f"{each.name} ({each.shape}) [{each.unit or NONE}] {each.meaning}" for each in group.datasets]
-    read = lambda result: of_group(f"{result.path}: {name}", result._group(name))
+    shapes = [
+        f"{dataset.name} ({dataset.shape}) [{dataset.unit or NONE}] {dataset.meaning}"
+        for dataset in group.datasets
+    ]
+
+    def read(result: "Result") -> Columns:
+        return of_group(f"{result.path}: {name}", result._group(name))
+
     return property(read, doc="\n".join([group.meaning, "", *shapes]))
 
 
 class Result:
-    """A result file, open for reading; `netfall.open` and `netfall.run` give one.
+    """A result file, open for reading, as `netfall.open` and `netfall.run` return it.
 
-    Nodes and elements are named by the ids of the tables (of a generator: numbers from 0). The parts of a
-    cable that was subdivided share its id. SI units throughout; forces in cables are positive in tension.
-    What the job did not ask for raises AttributeError: `hasattr(result, "wind")` tells whether it is there.
+    Nodes and elements are named by the ids of the tables (of a generator: numbers from 0). The elements of a
+    subdivided cable share its id. SI units throughout; forces in cables are positive in tension. A part that
+    the job did not request raises AttributeError: `hasattr(result, "wind")` tests whether it is present.
     """
 
     def __init__(self, path: str | Path):
-        """Raises InputError for a file that is no result of netfall."""
+        """Open a file. Raises InputError if it is no result of netfall."""
         self.path = Path(path)
         self._file = open_result(self.path)
         self._frames = Frames(self.file)
-        self._keeps = None  # a folder that goes when the result does
+        self._keeps = None  # temporary folder that `close` removes
 
     @property
     def file(self):
-        """The open h5py.File. Raises ValueError once the result is closed."""
+        """The open h5py.File. Raises ValueError after the result is closed."""
         self._check_open()
         return self._file
 
     def _check_open(self) -> None:
         if not self._file:
-            again = (
+            remedy = (
                 "its file was a temporary one: run the job with an output to keep it"
                 if self._keeps is not None
                 else f"netfall.open({str(self.path)!r}) opens it again"
             )
-            raise ValueError(f"{self.path}: this result is closed; {again}")
+            raise ValueError(f"{self.path}: this result is closed; {remedy}")
 
     # --- tables
 
@@ -86,15 +92,28 @@ class Result:
         """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), tributary_area [m2],
         plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
         """
-        of = lambda name: self.file[f"net/{name}"]
-        x = lambda k: lambda: of("particles")[:, k]
-        names = lambda: np.append(of("zone_names").asstr()[:], "")[of("zone")[:]].astype(str)
-        columns = {"id": lambda: of("node_id")[:], "x": x(0), "y": x(1), "z": x(2)}
-        columns["fixed"] = lambda: of("fixed")[:].astype(bool)
-        areas = ("tributary_area", "plan_area", "vector_area")
-        columns |= {name: lambda name=name: of(name)[:] for name in areas}
-        units = dict.fromkeys("xyz", "[m]") | dict.fromkeys(areas, "[m2]")
-        return of_arrays(f"{self.path}: nodes", columns | {"zone": names}, units)
+        columns = {
+            "id": lambda: self._net("node_id")[:],
+            "x": lambda: self._net("particles")[:, 0],
+            "y": lambda: self._net("particles")[:, 1],
+            "z": lambda: self._net("particles")[:, 2],
+            "fixed": lambda: self._net("fixed")[:].astype(bool),
+            "tributary_area": lambda: self._net("tributary_area")[:],
+            "plan_area": lambda: self._net("plan_area")[:],
+            "vector_area": lambda: self._net("vector_area")[:],
+            "zone": self._zone_of_node,
+        }
+        units = {"x": "[m]", "y": "[m]", "z": "[m]"}
+        units |= {"tributary_area": "[m2]", "plan_area": "[m2]", "vector_area": "[m2]"}
+        return of_arrays(f"{self.path}: nodes", columns, units)
+
+    def _net(self, name: str):
+        """Return a dataset of /net."""
+        return self.file[f"net/{name}"]
+
+    def _zone_of_node(self) -> np.ndarray:
+        names = np.append(self._net("zone_names").asstr()[:], "")  # zone -1: none
+        return names[self._net("zone")[:]].astype(str)
 
     @property
     def elements(self) -> Columns:
@@ -102,13 +121,16 @@ class Result:
         unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
         loads, bar (1: it carries compression).
         """
-        of = lambda name: self.file[f"net/{name}"]
-        ends = lambda k: lambda: of("node_id")[:][of("elements")[:, k]]
-        groups = lambda: of("group_names").asstr()[:][of("group")[:]].astype(str)
-        columns = {"id": lambda: of("element_id")[:], "start": ends(0), "end": ends(1), "group": groups}
-        for name in ("axial_stiffness", "unstressed_length", "bar"):
-            columns[name] = lambda name=name: of(name)[:]
-        columns["unstressed_length_warm"] = lambda: warm_lengths(self.file)
+        columns = {
+            "id": lambda: self._net("element_id")[:],
+            "start": lambda: self._net("node_id")[:][self._net("elements")[:, 0]],
+            "end": lambda: self._net("node_id")[:][self._net("elements")[:, 1]],
+            "group": lambda: self._net("group_names").asstr()[:][self._net("group")[:]].astype(str),
+            "axial_stiffness": lambda: self._net("axial_stiffness")[:],
+            "unstressed_length": lambda: self._net("unstressed_length")[:],
+            "bar": lambda: self._net("bar")[:],
+            "unstressed_length_warm": lambda: warm_lengths(self.file),
+        }
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
         return of_arrays(f"{self.path}: elements", columns, units)
 
@@ -117,8 +139,8 @@ class Result:
 
     @property
     def events(self) -> Columns:
-        """A row for each fracture: time [s], step, element and node (ids of what broke and of that end),
-        strain, mass [kg] of the particle that split off; rows of /net: element_row, particle, new_particle.
+        """A row for each fracture: time [s], step, element and node (ids of the broken element and its end),
+        strain, mass [kg] of the separated particle; rows of /net: element_row, particle, new_particle.
         """
         return of_group(f"{self.path}: events", self._group("events"), EVENT_COLUMNS)
 
@@ -135,10 +157,10 @@ class Result:
         return self._named("stages", "stage")
 
     def _named(self, name: str, words: str) -> dict[str, Columns]:
-        """The equilibria of a group, in the order in which they were found."""
+        """Return the equilibria of a group in the order of computation."""
         group = self._group(name)
-        order = sorted(group, key=lambda each: group[each].attrs.get(ORDER, 0))
-        return {each: of_group(f"{self.path}: {words} {each}", group[each]) for each in order}
+        order = sorted(group, key=lambda key: group[key].attrs.get(ORDER, 0))
+        return {key: of_group(f"{self.path}: {words} {key}", group[key]) for key in order}
 
     def _group(self, name: str):
         if name not in self.file:
@@ -150,13 +172,13 @@ class Result:
 
     @property
     def time(self) -> np.ndarray:
-        """Times of the frames (f,) [s]; a job without [dynamics] has one, the state it ends with, at 0."""
+        """Times of the frames (f,) [s]; a job without [dynamics] has one frame, its final state, at 0."""
         self._check_open()
         return self._frames.times
 
     def tension(self, element=None) -> np.ndarray:
-        """Tension [N] over the frames `time`: (f,) of the element of this id, (f, k) of a list of ids or of a
-        cable of k parts, (f, m) of all.
+        """Tension [N] over the frames `time`: (f,) of the element with this id, (f, k) of a list of ids or a
+        cable of k elements, (f, m) of all.
         """
         return self._over_frames(self._frames.cell, "tension", self._rows("element", element), element)
 
@@ -165,8 +187,8 @@ class Result:
         return self._over_frames(self._frames.cell, "strain", self._rows("element", element), element)
 
     def displacement(self, node=None) -> np.ndarray:
-        """Displacement [m] from the form over the frames `time`: (f, 3) of the node of this id, (f, k, 3) of
-        a list of ids, (f, n, 3) of all.
+        """Displacement [m] from the form over the frames `time`: (f, 3) of the node with this id,
+        (f, k, 3) of a list of ids, (f, n, 3) of all.
         """
         return self._over_frames(self._frames.point, "displacement", self._rows("node", node), node)
 
@@ -174,24 +196,29 @@ class Result:
         """Velocity [m/s] over the frames, shaped as `displacement`."""
         return self._over_frames(self._frames.point, "velocity", self._rows("node", node), node)
 
-    def _over_frames(self, read, name: str, rows, asked) -> np.ndarray:
+    def _over_frames(self, read, name: str, rows, ids) -> np.ndarray:
         low, high = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
         values = np.array([read(name, step, low, high)[rows - low] for step in range(len(self.time))])
-        return values[:, 0] if asked is not None and np.ndim(asked) == 0 and len(rows) == 1 else values
+        return values[:, 0] if ids is not None and np.ndim(ids) == 0 and len(rows) == 1 else values
 
-    def _rows(self, what: str, asked) -> np.ndarray:
-        """Rows of /net by ids, None: all. what : "node" or "element". Raises KeyError for unknown ids."""
+    def _rows(self, what: str, numbers) -> np.ndarray:
+        """Return the rows of /net of some ids, None: all. Raises KeyError for unknown ids.
+
+        what : "node" or "element"
+        """
         ids = self.file[f"net/{what}_id"][:]
-        if asked is None:
+        if numbers is None:
             return np.arange(len(ids))
-        found = [np.flatnonzero(ids == one) for one in np.atleast_1d(asked)]
-        for one, rows in zip(np.atleast_1d(asked), found):
+        rows_of_each = [np.flatnonzero(ids == number) for number in np.atleast_1d(numbers)]
+        for number, rows in zip(np.atleast_1d(numbers), rows_of_each):
             if not len(rows):
-                raise KeyError(f"{what} {one}: there is no such id; they are from {ids.min()} to {ids.max()}")
-        return np.concatenate([np.zeros(0, np.int64), *found])
+                raise KeyError(
+                    f"{what} {number}: there is no such id; they are from {ids.min()} to {ids.max()}"
+                )
+        return np.concatenate([np.zeros(0, np.int64), *rows_of_each])
 
     def frame(self, time: float) -> Frame:
-        """The frame nearest to a time [s]; its own time stands in `time`.
+        """Return the frame nearest to a time [s], with its own time in `time`.
 
         Raises InputError for a time that the run did not reach.
         """
@@ -212,20 +239,20 @@ class Result:
             **{name: frames.cell(name, step) for name in ("tension", "strain", "plastic_strain")},
         )
 
-    # --- where it comes from
+    # --- origin
 
     @property
     def title(self) -> str:
-        """The job's title, else its name."""
+        """The job's title, or its name if it has no title."""
         return title_of(self.file)
 
     @property
     def job(self) -> str:
-        """The text of the job as it was run, without overrides."""
+        """The text of the job that was run, without overrides."""
         return provenance_text(self.file, "job")
 
     def close(self) -> None:
-        """Close the file; a temporary one is removed."""
+        """Close the file; a temporary file is removed."""
         self._file.close()
         if self._keeps is not None:
             self._keeps.cleanup()
@@ -241,8 +268,8 @@ class Result:
             return f"Result {self.path}, closed"
         n, m = len(self.file["net/particles"]), len(self.file["net/elements"])
         broken = f", {self.history['broken'][-1]} broken" if "history" in self.file else ""
-        tops = (group.name.partition("/")[0] for group in GROUPS if group.lacking)
-        stages = [top for top in tops if top in self.file]
+        groups = (group.name.partition("/")[0] for group in GROUPS if group.lacking)
+        stages = [top for top in groups if top in self.file]
         return (
             f"Result {self.path}: {self.title}: {n} nodes, {m} elements, {len(self.time)} frames "
             f"to {self.time[-1]:g} s{broken}; has {', '.join(stages)}"

@@ -1,1 +1,1 @@
-"""Many runs of a job: the study file, draws, workers, journal, table."""
+"""Many runs of a job: the study file, random draws, workers, journal, table."""

@@ -24,14 +24,18 @@ from netfall.study.answers.measures import Failure
 from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
 
-# A member leaves no checkpoints, which change nothing in what it finds, and its modes are not asked.
-FEW = 10  # pieces that a message names
+FEW = 10  # elements or cables that a message names
+# Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
 OWN = {"output.checkpoint": 0.0, "output.modes": 0}
 
 
 @dataclass(frozen=True)
 class Member:
-    """One run: its number from 0, what it changes in the job. removed : id or name; remove : [[remove]]"""
+    """One sample of a study.
+
+    number : from 0; values : keys of the job that it changes
+    removed : id of the element or name of the cable; remove : its [[remove]] entry
+    """
 
     number: int
     values: dict
@@ -40,18 +44,18 @@ class Member:
 
     @property
     def overrides(self) -> list[str]:
-        """As of --set."""
+        """The values as arguments of --set."""
         return [f"{name}={toml_value(value)}" for name, value in self.values.items()]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A study, checked. Members come in the order of the axes as they are written, draws innermost.
+    """A study, checked. Samples have the order of the axes in the file; random draws are the innermost loop.
 
-    draws : (count, k) of the keys `sampled`, None without [sample]; whole : those with whole numbers
-    loss : what each loss has in common; exposure : [s], duration of the job's own dynamic stage
-    files : that the members read; nets_differ : members have other elements, or other ids of them
-    failures, hazard : what is asked of the runs when they are there
+    draws : (count, k) of the keys `sampled`, None without [sample]; whole : keys with integer values
+    loss : what all member removals have in common; exposure : [s], duration of the job's own dynamic stage
+    files : that the samples read; nets_differ : samples have different elements, or different ids of them
+    failures, hazard : evaluations of the finished runs
     """
 
     path: Path
@@ -78,21 +82,21 @@ class Plan:
         return count * math.prod(len(axis.values) for axis in self.axes)
 
     def member(self, number: int) -> Member:
-        """One run, by its number."""
-        rest, row = divmod(number, 1 if self.draws is None else len(self.draws))
+        """Return one sample by its number."""
+        quotient, row = divmod(number, 1 if self.draws is None else len(self.draws))
         chosen = {}
         for axis in reversed(self.axes):
-            rest, k = divmod(rest, len(axis.values))
+            quotient, k = divmod(quotient, len(axis.values))
             chosen[axis.name] = axis.values[k]
         values = {axis.name: chosen[axis.name] for axis in self.axes if axis.name != sections.LOST}
         if self.draws is not None:
-            drawn = zip(self.sampled, self.draws[row].tolist())
-            values |= {name: int(value) if name in self.whole else value for name, value in drawn}
+            random_values = zip(self.sampled, self.draws[row].tolist())
+            values |= {name: int(value) if name in self.whole else value for name, value in random_values}
         removed = chosen.get(sections.LOST)
         remove = None
         if removed is not None:
-            when = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
-            remove = {sections.EACH[self.loss["each"]]: [removed], **when}
+            timing = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
+            remove = {sections.EACH[self.loss["each"]]: [removed], **timing}
         return Member(number, values, "" if removed is None else str(removed), remove)
 
     @property
@@ -102,29 +106,29 @@ class Plan:
 
     @property
     def depth(self) -> float | None:
-        """From which a node has sunk [m], for the outcome `sunk_area`; None: that is not asked for."""
-        return next((float(each.by) for each in self.failures if each.by is not None), None)
+        """Depth [m] from which a node counts as sunk, for the outcome `sunk_area`; None: not requested."""
+        return next((float(failure.by) for failure in self.failures if failure.by is not None), None)
 
     def duration(self, member: Member) -> float:
-        """Of a member's dynamic stage [s]."""
+        """Return the duration of a sample's dynamic stage [s]."""
         return float(member.values.get("dynamics.duration", self.exposure))
 
     def read(self, member: Member) -> Job:
-        """The job of a member. Raises InputError."""
+        """Read the job of a sample. Raises InputError."""
         return read_job(self.job, member.overrides, [member.remove] if member.remove else [])
 
     def digest(self) -> str:
-        """Fingerprint of what is run, however it is run."""
-        asked = [[axis.name, axis.values] for axis in self.axes]
+        """Return a digest of the runs, independent of how they are executed."""
+        axes = [[axis.name, axis.values] for axis in self.axes]
         draws = None if self.draws is None else self.draws.tolist()
-        parts = [asked, self.sampled, draws, self.loss]
+        parts = [axes, self.sampled, draws, self.loss]
         if self.depth is not None:
             parts.append(self.depth)
         return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
 class Sections(NamedTuple):
-    """The sections of a study file, checked; of losses not yet which elements or cables."""
+    """The checked sections of a study file. The removed elements or cables are not determined yet."""
 
     run: dict
     failures: tuple[Failure, ...]
@@ -136,16 +140,16 @@ class Sections(NamedTuple):
 
 
 def read_plan(path: Path) -> Plan:
-    """The plan of a study file, with every value of every key tried in the job.
+    """Read a study file, and try every value of every key in the job.
 
-    Raises InputError with a line for each thing that is wrong.
+    Raises InputError with a line for each error.
     """
     data, text = read_toml(path, "study")
     if "net" in data and "job" not in data:
         raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
-    there, job = _sections_of(path, data), path.parent / str(data["job"])
-    axes, loss = there.axes, there.loss
-    count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST) * there.sample.get(
+    content, job = _sections_of(path, data), path.parent / str(data["job"])
+    axes, loss = content.axes, content.loss
+    count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST) * content.sample.get(
         "count", 1
     )
     if count > sections.MOST:
@@ -154,23 +158,23 @@ def read_plan(path: Path) -> Plan:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != sections.LOST]
         pieces = _pieces_of(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
         axes = [sections.Axis(sections.LOST, pieces) if axis.name == sections.LOST else axis for axis in axes]
-    draws, notes = _draws(there)
-    own = read_job(job)
+    draws, notes = _draws(content)
+    job_itself = read_job(job)
     plan = Plan(
         path,
         text,
         data.get("title", ""),
         job,
         axes,
-        list(there.distributions),
-        {name for name, each in there.distributions.items() if each["distribution"] == "integer"},
+        list(content.distributions),
+        {name for name, each in content.distributions.items() if each["distribution"] == "integer"},
         draws,
         loss,
-        **there.run,
-        exposure=own.dynamics.duration if own.dynamics else math.nan,
-        failures=there.failures,
-        hazard=there.hazard,
-        files=[job, *own.files()],
+        **content.run,
+        exposure=job_itself.dynamics.duration if job_itself.dynamics else math.nan,
+        failures=content.failures,
+        hazard=content.hazard,
+        files=[job, *job_itself.files()],
         notes=notes,
     )
     files, nets = _try(plan)
@@ -178,7 +182,7 @@ def read_plan(path: Path) -> Plan:
 
 
 def _sections_of(path: Path, data: dict) -> Sections:
-    """What stands in a study file. Raises InputError with a line for each thing that is wrong."""
+    """Check the sections of a study file. Raises InputError with a line for each error."""
     check = Validation(str(path), [])
     for name in data:
         if name == "rare":
@@ -196,53 +200,55 @@ def _sections_of(path: Path, data: dict) -> Sections:
             check.wrong("", f"{name} = {shown(table)}: expected a section, [{name}]")
             tables[name] = {}
     vary, sample = (_flat(tables[name], check) for name in ("vary", "sample"))
-    of_draws = {key.name: sample.pop(key.name) for key in sections.KEYS["sample"] if key.name in sample}
+    draw_settings = {key.name: sample.pop(key.name) for key in sections.KEYS["sample"] if key.name in sample}
     sections.check_distributions(sample, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
-    if of_draws and not sample:
+    if draw_settings and not sample:
         check.wrong("sample", "names no key of the job to draw")
     varied = {*vary, *sample}
-    there = Sections(
+    content = Sections(
         vars(check.table("run", sections.KEYS["run"], tables["run"])),
         failures,
         sections.hazard_section(tables["hazard"], SPEED in varied, check),
         [sections.axis_of(name, value, check) for name, value in vary.items()],
         sections.loss_section(vary["remove"], check) if "remove" in vary else None,
-        sections.sample_section(of_draws, bool(sample), check),
+        sections.sample_section(draw_settings, bool(sample), check),
         sample,
     )
     if not varied:
         check.wrong("", "nothing varies; expected [vary] or [sample]")
     if check.errors:
         raise InputError(check.errors)
-    return there
+    return content
 
 
-def _draws(there: Sections) -> tuple[np.ndarray | None, list[str]]:
-    """The values that are drawn, and what is to be noted of them."""
-    if not there.distributions:
+def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
+    """Return the random values, and notes on them."""
+    if not content.distributions:
         return None, []
-    method, count = there.sample["method"], there.sample["count"]
+    method, count = content.sample["method"], content.sample["count"]
     notes = []
     if method == "sobol" and count & (count - 1):
         notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
-    return draw(method, count, there.sample["seed"], list(there.distributions.values())), notes
+    return draw(method, count, content.sample["seed"], list(content.distributions.values())), notes
 
 
 def _pieces_of(job, each: str, group: str | list[str] | None, ids: list | None) -> list:
-    """Ids of elements, or names of cables, that are lost one after another. Raises InputError.
+    """Return the ids of elements, or names of cables, that are removed one after another. Raises InputError.
 
-    Not of what a stage of erection takes out before.
-    group : of these groups alone; ids : of these alone, in their order
+    Elements that a stage of erection removes do not count.
+    group : of these groups only; ids : only these, in their order
     """
     net = build_net(job)
     active = next((stage.active for stage in reversed(job.stages) if stage.active is not None), None)
-    there = {net.group_names[k] for k in net.group if active is None or net.group_names[k] in active}
-    groups = there if group is None else {group} if isinstance(group, str) else set(group)
-    if groups - there:
-        known = ", ".join(sorted(filter(None, there))) or "none"
-        when = "" if active is None else " after the last [[stage]]"
-        raise InputError(f"{job.path}: no element has the group {min(groups - there)}{when}; groups: {known}")
+    present = {net.group_names[k] for k in net.group if active is None or net.group_names[k] in active}
+    groups = present if group is None else {group} if isinstance(group, str) else set(group)
+    if groups - present:
+        known = ", ".join(sorted(filter(None, present))) or "none"
+        moment = "" if active is None else " after the last [[stage]]"
+        raise InputError(
+            f"{job.path}: no element has the group {min(groups - present)}{moment}; groups: {known}"
+        )
     rows = [e for e in range(net.m) if net.group_names[net.group[e]] in groups]
     if each == "element":
         pieces = list(dict.fromkeys(int(net.element_id[e]) for e in rows))
@@ -250,45 +256,49 @@ def _pieces_of(job, each: str, group: str | list[str] | None, ids: list | None) 
         pieces = list(dict.fromkeys(net.cable_names[net.cable[e]] for e in rows))
     unknown = [name for name in ids or [] if name not in pieces]
     if unknown:
-        few = ", ".join(map(str, pieces[:FEW])) + ", ..." * (len(pieces) > FEW)
-        raise InputError(f"{job.path}: [vary] remove: ids: no {each} {shown(unknown[0])}; there are {few}")
+        listed = ", ".join(map(str, pieces[:FEW])) + ", ..." * (len(pieces) > FEW)
+        raise InputError(f"{job.path}: [vary] remove: ids: no {each} {shown(unknown[0])}; there are {listed}")
     return pieces if ids is None else ids
 
 
 def _net_key(job) -> str:
-    """What rows and ids of a net's elements are."""
+    """Return a digest of the rows and ids of a net's elements."""
     net = build_net(job)
     return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
 
 
 def _flat(table: dict, check: Validation, prefix: str = "") -> dict:
-    """Keys of the job by their whole names, whether written "wind.speed" or wind.speed."""
-    found = {}
+    """Return keys of the job by their full names, whether written "wind.speed" or wind.speed."""
+    values_by_name = {}
     for name, value in table.items():
-        whole = f"{prefix}{name.strip()}"
-        ends = not isinstance(value, dict) or {"from", "distribution"} & set(value)
-        ends = ends or whole == "remove" or "." in name
-        for called, one in ({whole: value} if ends else _flat(value, check, f"{whole}.")).items():
-            if called in found:
-                check.wrong("", f"{called}: stands twice")
-            found[called] = one
-    return found
+        full_name = f"{prefix}{name.strip()}"
+        is_value = not isinstance(value, dict) or {"from", "distribution"} & set(value)
+        is_value = is_value or full_name == "remove" or "." in name
+        for key, key_value in (
+            {full_name: value} if is_value else _flat(value, check, f"{full_name}.")
+        ).items():
+            if key in values_by_name:
+                check.wrong("", f"{key}: stands twice")
+            values_by_name[key] = key_value
+    return values_by_name
 
 
 def _try(plan: Plan) -> tuple[list[Path], int]:
-    """Try each value of each key in the job, and the ends of each draw. Raises InputError.
+    """Try each value of each key in the job, and the extremes of each draw. Raises InputError.
 
-    The files read, and how many nets there are of those that were tried
+    Returns the files read, and the number of different nets among the tried ones.
     """
     if len(plan) > sections.MOST:
         raise InputError(f"{plan.path}: asks for {len(plan)} runs; at most {sections.MOST} are possible")
     files, nets = dict.fromkeys(plan.files), set()
-    first, errors, told = plan.member(0).values, [], set()
-    tried = [(axis.name, value) for axis in plan.axes if axis.name != sections.LOST for value in _few(axis)]
+    first, errors, seen = plan.member(0).values, [], set()
+    settings = [
+        (axis.name, value) for axis in plan.axes if axis.name != sections.LOST for value in _few(axis)
+    ]
     for k, name in enumerate(plan.sampled):
-        number = int if name in plan.whole else float
-        tried += [(name, number(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
-    for name, value in tried:
+        convert = int if name in plan.whole else float
+        settings += [(name, convert(end)) for end in (plan.draws[:, k].min(), plan.draws[:, k].max())]
+    for name, value in settings:
         if name in OWN:
             errors.append(
                 f"{plan.path}: {name}: members leave no checkpoints and find no modes; remove the key"
@@ -301,9 +311,9 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
         try:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
         except InputError as error:
-            new = [line for line in error.lines if line not in told]
-            errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in new]
-            told.update(new)
+            new_lines = [line for line in error.lines if line not in seen]
+            errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in new_lines]
+            seen.update(new_lines)
         else:
             files |= dict.fromkeys(job.files())
             if job.dynamics is None and not has_statics(job):
@@ -328,7 +338,7 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
             f"{plan.path}: [vary] remove: keys of [net] that vary change the elements, each of which "
             "would be lost; make a study of each net"
         )
-    if plan.loss and not tried:
+    if plan.loss and not settings:
         plan.read(plan.member(0))
     if errors:
         raise InputError(list(dict.fromkeys(errors)))
@@ -336,6 +346,6 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
 
 
 def _few(axis: sections.Axis) -> list:
-    """The values that are tried: all of a list, and the ends of a long range; all that name files."""
-    whole = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
-    return axis.values if whole else [*axis.values[:50], *axis.values[-50:]]
+    """Return the values to try: all of a short list or of files, otherwise the ends of the range."""
+    is_complete = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
+    return axis.values if is_complete else [*axis.values[:50], *axis.values[-50:]]

@@ -1,4 +1,4 @@
-"""Where the files of a study lie."""
+"""Paths of the files of a study."""
 
 import hashlib
 import os
@@ -13,7 +13,7 @@ SUFFIX, JOURNAL = ".study.h5", ".study.journal"
 
 @dataclass(frozen=True)
 class Place:
-    """The files of a study, or of a part of it; stem : their name without its ending."""
+    """Paths of a study, or of a shard of it; stem : the common part of the file names."""
 
     folder: Path
     stem: str
@@ -26,38 +26,38 @@ class Place:
 
     @property
     def journal(self) -> Path:
-        """The journal."""
+        """The journal of finished runs."""
         return self.folder / f"{self.stem}{self.part}{JOURNAL}"
 
     @property
     def members(self) -> Path:
-        """The folder of the result files that are kept."""
+        """The folder of kept result files."""
         return self.folder / f"{self.stem}.members"
 
     def parts(self) -> list["Place"]:
-        """The parts of the study that have been run, whole or not."""
+        """Return the shards of the study that have files, complete or not."""
         part = re.compile(rf"{re.escape(self.stem)}(\.\d+-of-\d+)({re.escape(SUFFIX)}|{re.escape(JOURNAL)})")
         names = map(part.fullmatch, os.listdir(self.folder))
         return [Place(self.folder, self.stem, part) for part in sorted({name[1] for name in names if name})]
 
 
 def place_of(path: Path, output: Path | None, shard: tuple[int, int] | None) -> Place:
-    """Where the results of a study file go."""
+    """Return the paths of the results of a study file."""
     output = output or Path(f"{path.stem}{SUFFIX}")
     stem = output.name.removesuffix(".h5").removesuffix(".study")
     return Place(output.parent, stem, f".{shard[0]}-of-{shard[1]}" if shard else "")
 
 
 class Watch:
-    """Fingerprint of files; `check` sees whether they are still what they were."""
+    """Digest of files; `check` detects changes."""
 
     def __init__(self, files: list[Path]):
-        """Raises InputError for a file that cannot be read."""
+        """Compute the digest. Raises InputError for a file that cannot be read."""
         self.files = files
         self.stamps, self.digest = self._stamps(), self._digest()
 
     def check(self) -> None:
-        """Raises InputError if a file has changed."""
+        """Check that no file has changed. Raises InputError."""
         stamps = self._stamps()
         if stamps != self.stamps:
             if self._digest() != self.digest:
@@ -69,8 +69,8 @@ class Watch:
             self.stamps = stamps
 
     def _stamps(self) -> list[tuple | None]:
-        found = [path.stat() if path.exists() else None for path in self.files]
-        return [there and (there.st_mtime_ns, there.st_size, there.st_ino) for there in found]
+        stats = [path.stat() if path.exists() else None for path in self.files]
+        return [stat and (stat.st_mtime_ns, stat.st_size, stat.st_ino) for stat in stats]
 
     def _digest(self) -> str:
         total = hashlib.sha256()

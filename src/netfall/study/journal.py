@@ -1,9 +1,9 @@
-"""The journal of a study: what has been run so far, in a file that survives a kill at any byte.
+"""Journal of a study: the finished runs, in a file that survives a kill at any byte.
 
-A line is a checksum and a record, JSON. A record whose line is not whole was being written when the study was
-killed: it is cut off, and its run made again. HDF5 does not survive such a kill; so the study file is written
-from the journal, at the end. (An SQLite file that is cut anywhere is lost as a whole, sees no damage within a
-record, and opens without locks only if told that there are none.)
+A line is a checksum and a record, JSON. An incomplete line was being written when the study was killed: it is
+cut off, and its run is repeated. An HDF5 file does not survive such a kill, so the study file is written from
+the journal at the end. (An SQLite file that is cut anywhere is lost as a whole, does not detect damage within
+a record, and needs an option to open without locks.)
 """
 
 import json
@@ -14,17 +14,17 @@ from pathlib import Path
 from netfall.ground.errors import InputError
 from netfall.write.locks import writing
 
-SYNC_EVERY = 64  # records after which they are safe from a loss of power as well
+SYNC_EVERY = 64  # records between two flushes to the disk, which protect against a loss of power
 
 
 def line_of(record: dict) -> bytes:
-    """A record as it stands in the file."""
+    """Return the line of the file for a record."""
     text = json.dumps(record, separators=(",", ":")).encode()
     return b"%08x %s\n" % (zlib.crc32(text), text)
 
 
 def record_in(line: bytes) -> dict | None:
-    """The record in a line, None if the line is not what was written."""
+    """Return the record in a line, None if the line is damaged."""
     checksum, _, text = line.rstrip(b"\n").partition(b" ")
     if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text):
         return None
@@ -32,7 +32,7 @@ def record_in(line: bytes) -> dict | None:
 
 
 def read_journal(path: Path) -> tuple[list[dict], int]:
-    """The records of a journal, and the bytes that they take; an unfinished last one is left out.
+    """Return the records of a journal, and the bytes that they take, without an incomplete last line.
 
     Raises InputError for a file that is damaged elsewhere.
     """
@@ -52,34 +52,34 @@ def read_journal(path: Path) -> tuple[list[dict], int]:
 
 
 class Journal:
-    """Takes records; each is in the hands of the system when `add` returns."""
+    """Appends records to a file. A record survives a kill of the process once `add` returns."""
 
     def __init__(self, path: Path, header: dict):
-        """Go on with a journal, or begin one with this header. Raises OutputError."""
+        """Continue a journal, or start one with this header. Raises OutputError."""
         self.path, self._unsafe = path, 0
-        whole = read_journal(path)[1] if path.exists() else 0
+        valid_bytes = read_journal(path)[1] if path.exists() else 0
         with writing(path):
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
-            os.truncate(self._file, whole)
+            os.truncate(self._file, valid_bytes)
             os.lseek(self._file, 0, os.SEEK_END)
-        if not whole:
+        if not valid_bytes:
             self.add(header)
 
     def add(self, record: dict) -> None:
         """Append a record. Raises OutputError."""
-        rest = memoryview(line_of(record))
+        unwritten = memoryview(line_of(record))
         with writing(self.path):
-            while rest:
-                rest = rest[os.write(self._file, rest) :]
+            while unwritten:
+                unwritten = unwritten[os.write(self._file, unwritten) :]
             self._unsafe += 1
             if self._unsafe >= SYNC_EVERY:
                 self.sync()
 
     def sync(self) -> None:
-        """Make sure that all of it is on the disk."""
+        """Flush all records to the disk."""
         os.fsync(self._file)
         self._unsafe = 0
 
     def close(self) -> None:
-        """The end of writing."""
+        """Close the file."""
         os.close(self._file)

@@ -1,9 +1,10 @@
-"""Workers: ranks that stay (`netfall.program.worker`) and run members of a study, each worker one at a time.
+"""Workers: MPI ranks (`netfall.program.worker`) that run one sample of a study after another.
 
-The engine is the launcher of MPI ranks: mpirun on one machine, srun in an allocation of Slurm. A worker is
-told its tasks, and answers, through pipes: nobody else can reach it, it ends when the study does, however
-that ends, and it waits asleep. (Libraries that keep such workers were tried: their sockets are open to the
-network, their workers outlive a driver that was killed, a task that kills its worker comes back for ever.)
+The workers are started by the launcher of MPI ranks: mpirun on one machine, srun in an allocation of Slurm.
+A worker receives tasks and answers through pipes. No other process can reach it, it ends whenever the study
+ends, and it uses no processor time while it waits. (Libraries for such workers were tried. Their sockets are
+open to the network, their workers outlive a killed driver, and they repeat a task that kills its worker
+without limit.)
 """
 
 import contextlib
@@ -26,18 +27,18 @@ from pathlib import Path
 from netfall.ground.errors import InputError
 from netfall.ground.launch import check_launcher, default_launcher
 
-LOOK = 0.2  # s between looks at the clock and at the wish to stop
-END = 10.0  # s that workers are given to end
-START = 900.0  # s that a worker is given to start: in a queue's allocation it may have to wait
+LOOK = 0.2  # s between checks of the clock and of the stop flag
+END = 10.0  # s within which workers must end
+START = 900.0  # s within which a worker must start; in an allocation of a queue it may have to wait
 DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
-DEATHS = 3  # of workers at one task, after which it is given up
-STARTS = 3  # in a row that fail: then none will do
-DESCRIPTORS, SPARE = 3, 64  # open files: of a worker here, and of all else
-TOLD = 200  # characters of what a worker said at its end
+DEATHS = 3  # number of workers that a task may end before it counts as failed
+STARTS = 3  # consecutive failed starts after which the study ends
+DESCRIPTORS, SPARE = 3, 64  # open files in this process: per worker, and for all other purposes
+TOLD = 200  # largest number of characters that a message quotes from the output of an ended worker
 
 
 def make_room_for(workers: int) -> None:
-    """Raise the limit of open files as far as so many workers need it. Raises InputError if it is too low."""
+    """Raise the limit of open files as needed for so many workers. Raises InputError if it cannot suffice."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = DESCRIPTORS * workers + SPARE
     if hard != resource.RLIM_INFINITY and needed > hard:
@@ -51,8 +52,10 @@ def make_room_for(workers: int) -> None:
 
 
 class Worker:
-    """Some ranks, and the number of the task that they have; key : of their last one; given : all of it;
-    ready : whether they have started.
+    """The ranks of one worker, and their current task.
+
+    task : number of the sample; key : of the last task; given : the whole task; ready : whether it has
+        started
     """
 
     def __init__(self, command: list[str]):
@@ -67,7 +70,7 @@ class Worker:
                 stdout=subprocess.PIPE,
                 stderr=self.complaints,
                 bufsize=0,
-                start_new_session=True,  # an interrupt from the keyboard is for the study
+                start_new_session=True,  # a keyboard interrupt must reach only the study
                 preexec_fn=_end_with_the_study,
             )
         except OSError as error:
@@ -76,44 +79,44 @@ class Worker:
             ) from None
 
     def give(self, key, number: int, task: dict) -> None:
-        """A task, and the number of the member."""
+        """Send a task, and record the number of the sample."""
         self.key, self.task, self.given = key, number, (key, number, task)
         if self.ready:
             self.since = time.monotonic()
-        rest = memoryview(json.dumps(task).encode() + b"\n")
-        with contextlib.suppress(BrokenPipeError):  # it has died: its silence tells
-            while rest:
-                rest = rest[self.process.stdin.write(rest) :]
+        unsent = memoryview(json.dumps(task).encode() + b"\n")
+        with contextlib.suppress(BrokenPipeError):  # the worker has ended; `lines` detects it
+            while unsent:
+                unsent = unsent[self.process.stdin.write(unsent) :]
 
     def lines(self) -> list[bytes] | None:
-        """What it has said since the last time, whole lines; None if it has died.
+        """Return the complete lines since the last call; None if the worker has ended.
 
-        What is no object of JSON its launcher has said.
+        Lines that are no JSON object come from the launcher and are dropped.
         """
-        more = os.read(self.process.stdout.fileno(), 1 << 20)
-        self.heard += more
-        *lines, rest = self.heard.split(b"\n") if b"\n" in more else (self.heard,)
-        self.heard = bytearray(rest)
-        return [line for line in lines if line.startswith(b"{")] if more else None
+        received = os.read(self.process.stdout.fileno(), 1 << 20)
+        self.heard += received
+        *lines, incomplete = self.heard.split(b"\n") if b"\n" in received else (self.heard,)
+        self.heard = bytearray(incomplete)
+        return [line for line in lines if line.startswith(b"{")] if received else None
 
     def last_words(self) -> str:
-        """Why it has died, as far as it said so."""
+        """Return why the worker ended, from its exit code and its last message."""
         code = self.process.wait()
         self.complaints.seek(0)
-        said = [line.strip() for line in self.complaints.read().splitlines() if line.strip()]
-        told = next((line for line in said if line.startswith("netfall:")), said[-1] if said else "")
-        ended = f"signal {-code}" if code < 0 else f"exit code {code}"
-        return f"its worker ended with {ended}{': ' if told else ''}{told[:TOLD]}"
+        output = [line.strip() for line in self.complaints.read().splitlines() if line.strip()]
+        message = next((line for line in output if line.startswith("netfall:")), output[-1] if output else "")
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        return f"its worker ended with {how}{': ' if message else ''}{message[:TOLD]}"
 
     def let_go(self) -> None:
-        """Tell it to end, in the middle of a task if it has one."""
+        """Ask the worker to end, also in the middle of a task."""
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.close()
         if self.task is not None:
             self.process.terminate()
 
     def end(self, until: float) -> None:
-        """Wait for its end, after `let_go`, until a time of the monotonic clock; then make an end of it."""
+        """Wait for the end after `let_go`, until a time of the monotonic clock; then kill the worker."""
         try:
             self.process.wait(max(0.0, until - time.monotonic()))
         except subprocess.TimeoutExpired:
@@ -125,19 +128,22 @@ class Worker:
 
 
 def _end_with_the_study() -> None:
-    """Have the system end this process, a worker that begins, when the study does, however that ends."""
+    """Let the system end this process, a starting worker, whenever the study ends."""
     ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
 
 
 def worker_command(launcher: str | None, ranks: int) -> list[str]:
-    """The words that start a worker. launcher : of its ranks, with {ranks} in it; None: the usual one"""
-    own = [sys.executable, "-m", "netfall.program.worker"]
+    """Return the command that starts a worker.
+
+    launcher : of its ranks, with {ranks} in it; None: the default
+    """
+    worker = [sys.executable, "-m", "netfall.program.worker"]
     if launcher is None and ranks == 1:
-        return own
+        return worker
     if launcher is None:  # workers share the cores
         launcher = default_launcher().replace("-n {ranks}", "--bind-to none -n {ranks}")
     check_launcher(launcher)
-    return [*shlex.split(launcher.format(ranks=ranks)), *own]
+    return [*shlex.split(launcher.format(ranks=ranks)), *worker]
 
 
 def task_for(
@@ -149,21 +155,23 @@ def task_for(
     net: bool = False,
     depth: float | None = None,
 ) -> dict:
-    """What a worker is told of a run. result : file to write; profile : whether to time the parts of a step;
-    net : whether to tell the net in its form in place of a run; depth : [m], of the outcome `sunk_area`
+    """Return the task of a worker for one run.
+
+    result : file to write; profile : whether to time the parts of a step
+    net : whether to return the net in its form instead of a run; depth : [m], of the outcome `sunk_area`
     """
     task = {"job": str(job), "overrides": overrides, "removes": removes, "result": result and str(result)}
     return task | {"profile": profile, "net": net, "depth": depth}
 
 
-def check_started(told: dict, ranks: int, program: str) -> None:
-    """Raises InputError where a worker that has started is not one of so many ranks of this program."""
-    if told["ranks"] != ranks:
+def check_started(answer: dict, ranks: int, program: str) -> None:
+    """Check that a started worker has so many ranks of this program. Raises InputError."""
+    if answer["ranks"] != ranks:
         raise InputError(
-            f"--launcher: started {told['ranks']} ranks; expected a command that starts {{ranks}} of "
+            f"--launcher: started {answer['ranks']} ranks; expected a command that starts {{ranks}} of "
             f"them, here {ranks}"
         )
-    if told["program"] != program:
+    if answer["program"] != program:
         raise InputError("the program has changed meanwhile; start the command again to see what is valid")
 
 
@@ -171,11 +179,12 @@ def check_started(told: dict, ranks: int, program: str) -> None:
 class Pool:
     """Up to `count` workers, started by a command as they are needed.
 
-    take(key) : the next task, (key, number, task), best one whose key a worker had last; None: no more
-    done(number, answer) : an answer has come
-    died(number, why, again) : a task ended its worker, and is given out `again`, up to DEATHS times; or took
-    longer than time_limit [s]
-    started : what a worker says when it has started
+    take(key) : returns the next task, (key, number, task), preferably with the last key of a worker; None: no
+        more
+    done(number, answer) : receives an answer
+    died(number, why, again) : a task ended its worker, and is repeated if `again`, up to DEATHS times; or the
+        task took longer than time_limit [s]
+    started : receives the message of a started worker
     """
 
     command: list[str]
@@ -186,12 +195,12 @@ class Pool:
     died: Callable
     started: Callable = lambda told: None
     workers: list[Worker] = field(default_factory=list)
-    deaths: Counter = field(default_factory=Counter)  # by the number of the task
-    waiting: list[tuple] = field(default_factory=list)  # tasks that are given out again
-    stillborn: int = 0  # workers in a row that ended before they had started
+    deaths: Counter = field(default_factory=Counter)  # ended workers by number of the task
+    waiting: list[tuple] = field(default_factory=list)  # tasks to repeat
+    stillborn: int = 0  # consecutive workers that ended before they had started
 
     def run(self, stop) -> None:
-        """Have tasks done until there are no more, or `stop.wanted`. Raises InputError if none can start."""
+        """Run tasks until there are no more, or `stop.wanted`. Raises InputError if no worker can start."""
         make_room_for(self.count)
         try:
             with selectors.DefaultSelector() as self.selector:
@@ -214,16 +223,16 @@ class Pool:
                 worker.end(until)
 
     def _look_at_the_clock(self, worker: Worker) -> None:
-        """End a worker that takes too long: for a task, or to start."""
-        passed = time.monotonic() - worker.since
-        if worker.ready and passed > self.time_limit:
+        """End a worker that exceeds the time limit of a task, or of its start."""
+        elapsed = time.monotonic() - worker.since
+        if worker.ready and elapsed > self.time_limit:
             self._drop(worker)
             self.died(worker.task, f"took longer than time_limit = {self.time_limit:g} s", False)
-        elif not worker.ready and passed > START:
+        elif not worker.ready and elapsed > START:
             self._bury(worker, f"has not started in {START:g} s")
 
     def _hand_out(self) -> None:
-        """A task for each worker that has none, and a worker for each task that is left."""
+        """Send a task to each idle worker, and start workers for remaining tasks."""
         idle = [worker for worker in self.workers if worker.task is None]
         while idle or len(self.workers) < self.count:
             worker = idle.pop() if idle else None
@@ -237,7 +246,7 @@ class Pool:
             worker.give(*task)
 
     def _hear(self, worker: Worker) -> None:
-        """Take answers, or the death of a worker."""
+        """Process the answers of a worker, or its end."""
         lines = worker.lines()
         if lines is None:
             self._bury(worker)

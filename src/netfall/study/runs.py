@@ -1,4 +1,4 @@
-"""The runs of a study that are still to be made, and the study file that comes of them all."""
+"""Missing runs of a study, and the study file that is written from all runs."""
 
 import json
 import os
@@ -23,26 +23,26 @@ from netfall.study.pool import Pool, check_started, task_for, worker_command
 from netfall.study.table import Table
 from netfall.write.locks import writing
 
-UNFINISHED = re.compile(r"\.+(\d{6,})-")  # begins the name of a result file that has not got its own yet
-NET = -1  # in place of a member's number: the task that tells the net
+UNFINISHED = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
+NET = -1  # number of the task that returns the net, instead of a sample's number
 
 
 class Runs:
-    """The runs of a study that are still to be made."""
+    """Execution of the missing runs of a study."""
 
     def __init__(
         self, plan: Plan, place: Place, table: Table, header: dict, watch: Watch, progress: Progress
     ):
-        """header : of the journal; table : what there is"""
+        """header : of the journal; table : the finished runs"""
         self.plan, self.place, self.table, self.header = plan, place, table, header
         self.watch, self.progress = watch, progress
         self.done = self.broke = 0
         self.net_asked = table.net is not None
-        self.token = secrets.token_hex(4)  # of this session's files, apart from those of one that was killed
+        self.token = secrets.token_hex(4)  # distinguishes files of this session from those of killed sessions
         self.journal = Journal(place.journal, header)
 
     def run(self, missing: list[int], workers: int, launcher: str | None, stop) -> None:
-        """Make the runs, and the study file. Raises Interrupted."""
+        """Execute the runs, and write the study file. Raises Interrupted."""
         self.queue, self.count = Queue(self.plan, missing), len(missing)
         count, ranks = max(1, min(workers, len(missing))), self.plan.ranks
         self.progress.say(
@@ -52,8 +52,15 @@ class Runs:
         self.progress.start()
         try:
             self._make_room(set(missing))
-            asks = self.take, self.finish, self.died, self.started
-            Pool(worker_command(launcher, ranks), count, self.plan.time_limit, *asks).run(stop)
+            Pool(
+                command=worker_command(launcher, ranks),
+                count=count,
+                time_limit=self.plan.time_limit,
+                take=self.take,
+                done=self.finish,
+                died=self.died,
+                started=self.started,
+            ).run(stop)
             self.journal.sync()
         finally:
             self.journal.close()
@@ -64,9 +71,9 @@ class Runs:
         write_study(self.plan, self.place, self.table, self.header, workers, self.progress)
 
     def _make_room(self, missing: set[int]) -> None:
-        """A folder for the result files that are kept, without what a killed session left of these members.
+        """Make the folder of kept result files, and remove unfinished files of these samples from it.
 
-        What is there of others may be another part's, which runs at this moment.
+        Unfinished files of other samples may belong to another shard that is running.
         """
         if self.plan.keep == "none":
             return
@@ -77,42 +84,45 @@ class Runs:
                 if name and int(name[1]) in missing:
                     old.unlink(missing_ok=True)
 
-    # --- what the pool asks and tells
+    # --- callbacks of the pool
 
-    def started(self, told: dict) -> None:
-        """A worker has started. Raises InputError if it is not one of this study."""
-        check_started(told, self.plan.ranks, self.header["program"])
+    def started(self, answer: dict) -> None:
+        """Check that a started worker belongs to this study. Raises InputError."""
+        check_started(answer, self.plan.ranks, self.header["program"])
 
     def take(self, last: str | None) -> tuple | None:
-        """The next task. The first tells the net and its form, which are the first member's."""
+        """Return the next task, None if there are no more.
+
+        The first task returns the net in the form of the first sample.
+        """
         if not self.net_asked:
             self.net_asked = True
             return None, NET, task_of(self.plan, self.plan.member(0), net=True)
-        found = self.queue.take(last)
-        if found is None:
+        next_sample = self.queue.take(last)
+        if next_sample is None:
             return None
-        key, number = found
+        key, number = next_sample
         self._note({"try": number})
         result = None if self.plan.keep == "none" else self._kept(number, self.token)
         return key, number, task_of(self.plan, self.plan.member(number), result)
 
-    def finish(self, number: int, told: dict) -> None:
-        """A run has ended. Raises InputError if what it has read is no longer what it was."""
+    def finish(self, number: int, outcomes: dict) -> None:
+        """Record a finished run. Raises InputError if an input file has changed."""
         self.watch.check()
         if number == NET:
-            self._note({"net": told["net"]})
+            self._note({"net": outcomes["net"]})
             return
-        self._keep(number, told)  # first: what is noted is not run again
-        self._note({"done": number, **told})
+        self._keep(number, outcomes)  # before the record: a recorded run is not repeated
+        self._note({"done": number, **outcomes})
         self.done += 1
-        self.broke += told["broken"] > 0
+        self.broke += outcomes["broken"] > 0
         counts = self.table.counts.items()
         ended = "".join(f", {name} {count}" for name, count in counts if count and name != "finished")
         share, done = self.done / self.count, f"{self.done} of {self.count}"
         self.progress.at(share, done, self.done, "runs", f"with fractures {self.broke}{ended}")
 
     def died(self, number: int, why: str, again: bool) -> None:
-        """A run ended its worker, or took too long."""
+        """Record a run that ended its worker or took too long."""
         if not again:
             failed = NOTHING | {"state": "failed", "reason": why}
             self.finish(number, {"net": {}} if number == NET else failed)
@@ -130,21 +140,21 @@ class Runs:
     def _kept(self, number: int, token: str = "") -> Path:
         return self.place.members / (f".{number:06d}-{token}.vtkhdf" if token else f"{number:06d}.vtkhdf")
 
-    def _keep(self, number: int, told: dict) -> None:
-        """Give a result file its name; or remove it, and what an earlier study left under that name."""
+    def _keep(self, number: int, outcomes: dict) -> None:
+        """Rename a kept result file, or remove it, and remove an older file under its name."""
         if self.plan.keep == "none":
             return
-        there, kept = self._kept(number, self.token), self._kept(number)
-        with writing(there):
-            if there.exists() and (self.plan.keep == "all" or told["broken"]):
-                os.replace(there, kept)
+        temporary, final = self._kept(number, self.token), self._kept(number)
+        with writing(temporary):
+            if temporary.exists() and (self.plan.keep == "all" or outcomes["broken"]):
+                os.replace(temporary, final)
                 return
-            for path in (there, kept):
+            for path in (temporary, final):
                 path.unlink(missing_ok=True)
 
 
 def write_study(plan: Plan, place: Place, table: Table, header: dict, workers: int, progress) -> None:
-    """The study file of the runs that are there, and the end of the journal. header : of the journal"""
+    """Write the study file from the finished runs, and remove the journal. header : of the journal"""
     job = read_job(plan.job)
     provenance = {f"{name}_digest": header[name] for name in ("study", "job", "program")} | {
         "study": plan.text,
@@ -159,34 +169,37 @@ def write_study(plan: Plan, place: Place, table: Table, header: dict, workers: i
         provenance["draws"] = plan.draws
     table.write(place.result, plan, plan.title or job.title or job.name, provenance)
     place.journal.unlink(missing_ok=True)
-    ended = ", ".join(f"{name} {count}" for name, count in table.counts.items() if count)
-    progress.say(f"written: {place.result} ({ended})")
+    counts = ", ".join(f"{name} {count}" for name, count in table.counts.items() if count)
+    progress.say(f"written: {place.result} ({counts})")
 
 
 def task_of(plan: Plan, member: Member, result: Path | None = None, net: bool = False) -> dict:
-    """What a worker is told of a member; as `task_for`."""
+    """Return the task of a worker for a sample; see `task_for`."""
     overrides = [*member.overrides, *(f"{name}={value}" for name, value in OWN.items())]
     removes = [member.remove] if member.remove else []
     return task_for(plan.job, overrides, removes, result, net=net, depth=plan.depth)
 
 
 def part_of(plan: Plan, part: int, parts: int) -> list[int]:
-    """The numbers of the members of a part, 1 to `parts`: those that share form and rest stay together."""
-    together: dict[str, list[int]] = {}
+    """Return the numbers of the samples of a shard, 1 to `parts`.
+
+    Samples with the same form and equilibria stay together.
+    """
+    groups: dict[str, list[int]] = {}
     for number in range(len(plan)):
-        together.setdefault(shared_key(plan, number), []).append(number)
-    order = [number for numbers in together.values() for number in numbers]
+        groups.setdefault(shared_key(plan, number), []).append(number)
+    order = [number for numbers in groups.values() for number in numbers]
     return sorted(order[(part - 1) * len(plan) // parts : part * len(plan) // parts])
 
 
 def shared_key(plan: Plan, number: int) -> str:
-    """What members have in common that share form and rest."""
+    """Return a key that is equal for samples with the same form and equilibria."""
     values = plan.member(number).values
     return json.dumps([value for name, value in values.items() if name not in BESIDE])
 
 
 class Queue:
-    """Members to run; a worker gets those that share most with its last one."""
+    """Samples to run. A worker gets those that share most with its last sample."""
 
     def __init__(self, plan: Plan, numbers: list[int]):
         self.groups: dict[str, deque[int]] = {}
@@ -195,11 +208,11 @@ class Queue:
         self.given: set[str] = set()
 
     def take(self, last: str | None) -> tuple[str, int] | None:
-        """The next member and its key; None if there are no more."""
+        """Return the next sample and its key; None if there are no more."""
         if not self.groups:
             return None
-        fresh = (key for key in self.groups if key not in self.given)
-        key = last if last in self.groups else next(fresh, next(iter(self.groups)))
+        unused = (key for key in self.groups if key not in self.given)
+        key = last if last in self.groups else next(unused, next(iter(self.groups)))
         self.given.add(key)
         number = self.groups[key].popleft()
         if not self.groups[key]:

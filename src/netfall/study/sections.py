@@ -1,4 +1,4 @@
-"""The sections of a study file, checked as those of a job are; `check` takes what is wrong."""
+"""Sections of a study file, checked as those of a job are; `check` collects the errors."""
 
 import json
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.measures import Failure
 from netfall.study.draws import DISTRIBUTIONS
 
-MOST = 10_000_000  # members
+MOST = 10_000_000  # largest number of samples
 TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard")
 REMOVE = ("each", "group", "ids", "time", "duration")
-EACH = {"element": "elements", "cable": "cables"}  # what is lost, and the key of [[remove]] that names it
-SUNK = "sunk_area"  # the outcome that has a depth, `by`
-LOST = "[[remove]]"  # the name of the axis of losses: no key of a job can have it
+EACH = {"element": "elements", "cable": "cables"}  # kind of removed part: key of [[remove]] that names it
+SUNK = "sunk_area"  # outcome that needs a depth, `by`
+LOST = "[[remove]]"  # name of the axis of member removals; no key of a job can have this name
 MEASURED = [one.name for one in OUTCOMES if one.measured]
 KEYS = keys_of(f"""
 [run]
@@ -52,14 +52,14 @@ NUMBER = Key("", "number", None, "", "")
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that varies: the key of the job, or LOST, and its values."""
+    """One dimension of a study: a key of the job, or LOST, and its values."""
 
     name: str
     values: list
 
 
 def loss_section(value, check: Validation) -> dict:
-    """What all losses of [vary] remove have in common, as it is given."""
+    """Check [vary] remove, the settings of all member removals, and return it."""
     place = f"[vary] remove = {shown(value)}:"
     if not isinstance(value, dict) or value.get("each") not in EACH:
         check.wrong(place, 'expected {each = "element", ...} or {each = "cable", ...}')
@@ -70,26 +70,30 @@ def loss_section(value, check: Validation) -> dict:
     if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
         expected = "expected the name of a group of elements, or a list of them"
         check.wrong(place, f"group = {shown(groups)}: {expected}")
-    ids, kind = value.get("ids", []), int if value["each"] == "element" else str
-    if not isinstance(ids, list) or not all(isinstance(one, kind) for one in ids) or value.get("ids") == []:
+    ids, id_type = value.get("ids", []), int if value["each"] == "element" else str
+    if (
+        not isinstance(ids, list)
+        or not all(isinstance(piece_id, id_type) for piece_id in ids)
+        or value.get("ids") == []
+    ):
         expected = "expected a list of ids of elements, or of names of cables"
         check.wrong(place, f"ids = {shown(ids)}: {expected}")
     elif len(set(ids)) < len(ids):
         check.wrong(place, "ids: one stands in it twice")
-    of_time = [key for key in LISTS["remove"] if key.name in ("time", "duration")]
-    check.table(place, of_time, {key.name: value[key.name] for key in of_time if key.name in value})
+    timing_keys = [key for key in LISTS["remove"] if key.name in ("time", "duration")]
+    check.table(place, timing_keys, {key.name: value[key.name] for key in timing_keys if key.name in value})
     return value
 
 
 def axis_of(name: str, value, check: Validation) -> Axis:
-    """The values of one key."""
+    """Return the axis of one key with its values."""
     place = f"[vary] {name} = {shown(value)}:"
     if name == "remove":
         return Axis(LOST, [])
     if isinstance(value, dict):
         step = value.get("step", 1)
-        whole = all(is_whole(value.get(end)) for end in ("from", "to")) and is_whole(step)
-        if not whole or step < 1 or set(value) - {"from", "to", "step"} or value["to"] < value["from"]:
+        are_integers = all(is_whole(value.get(end)) for end in ("from", "to")) and is_whole(step)
+        if not are_integers or step < 1 or set(value) - {"from", "to", "step"} or value["to"] < value["from"]:
             check.wrong(place, "expected {from = 1, to = 50}, whole numbers, both included, or a list")
             return Axis(name, [0])
         if (value["to"] - value["from"]) // step >= MOST:
@@ -99,32 +103,32 @@ def axis_of(name: str, value, check: Validation) -> Axis:
     if not isinstance(value, list) or not value:
         check.wrong(place, "expected a list of values, or {from = 1, to = 50}")
         return Axis(name, [0])
-    keys = [json.dumps(each, default=str) for each in value]
-    twice = next((each for k, each in enumerate(value) if keys[k] in keys[:k]), None)
-    if twice is not None:
-        check.wrong(place, f"{shown(twice)} stands in it twice")
+    keys = [json.dumps(item, default=str) for item in value]
+    repeated = next((item for k, item in enumerate(value) if keys[k] in keys[:k]), None)
+    if repeated is not None:
+        check.wrong(place, f"{shown(repeated)} stands in it twice")
     return Axis(name, value)
 
 
 def sample_section(table: dict, drawn: bool, check: Validation) -> dict:
-    """Return how values are drawn; nothing if none are."""
+    """Return the settings of random draws; {} if nothing is drawn."""
     return vars(check.table("sample", KEYS["sample"], table)) if table or drawn else {}
 
 
 def check_distributions(distributions: dict, vary: dict, check: Validation) -> None:
     """Check the keys of the job in [sample]; vary : those of [vary]."""
-    for name, each in distributions.items():
-        place = f"[sample] {name} = {shown(each)}:"
+    for name, distribution in distributions.items():
+        place = f"[sample] {name} = {shown(distribution)}:"
         if name in vary:
             check.wrong(place, "stands in [vary] too")
-        kind = each.get("distribution") if isinstance(each, dict) else None
+        kind = distribution.get("distribution") if isinstance(distribution, dict) else None
         if kind not in DISTRIBUTIONS:
             example = '{distribution = "normal", mean = 1.0, deviation = 0.1}'
             check.wrong(place, f"expected {example}; known: {', '.join(DISTRIBUTIONS)}")
             continue
         names = DISTRIBUTIONS[kind]
-        values = [each.get(called) for called in names]
-        if not all(map(NUMBER.fits, values)) or set(each) != {"distribution", *names}:
+        values = [distribution.get(parameter) for parameter in names]
+        if not all(map(NUMBER.fits, values)) or set(distribution) != {"distribution", *names}:
             check.wrong(place, f"expected numbers {' and '.join(names)}, and nothing else")
         elif kind == "integer" and not all(map(is_whole, values)):
             check.wrong(place, "expected whole numbers from and to")
@@ -137,27 +141,27 @@ def check_distributions(distributions: dict, vary: dict, check: Validation) -> N
 
 
 def failure_sections(entries, losses: bool, check: Validation) -> tuple[Failure, ...]:
-    """The measures of failure of [[failure]], in their order. losses : whether members are lost"""
-    found = check.entries("failure", KEYS["failure"], entries)
-    for each in found:
-        place = f"[[failure]] {each.name}:"
-        if each.of in BY_NAME and BY_NAME[each.of].of_losses and not losses:
-            check.wrong(place, f"of = {shown(each.of)}: of losses alone; expected [vary] remove")
-        if each.of == SUNK and each.by is None:
+    """Return the failure criteria of [[failure]] in their order. losses : whether members are removed"""
+    criteria = check.entries("failure", KEYS["failure"], entries)
+    for criterion in criteria:
+        place = f"[[failure]] {criterion.name}:"
+        if criterion.of in BY_NAME and BY_NAME[criterion.of].of_losses and not losses:
+            check.wrong(place, f"of = {shown(criterion.of)}: of losses alone; expected [vary] remove")
+        if criterion.of == SUNK and criterion.by is None:
             check.wrong(place, "by: missing; expected the depth from which a node has sunk, m > 0")
-        if each.of != SUNK and each.by is not None:
+        if criterion.of != SUNK and criterion.by is not None:
             check.wrong(place, f"by: no effect but of {SUNK}; remove it")
-    depths = {each.by for each in found} - {None}
+    depths = {criterion.by for criterion in criteria} - {None}
     if len(depths) > 1:
         several = ", ".join(f"{by:g}" for by in sorted(depths))
         check.wrong("[[failure]]", f"by: {several}: expected one depth in a study")
-    return tuple(Failure(**vars(each)) for each in found)
+    return tuple(Failure(**vars(criterion)) for criterion in criteria)
 
 
 def hazard_section(table: dict, varies: bool, check: Validation) -> Hazard | None:
-    """The distribution of the annual maxima of the wind; None without the section.
+    """Return the distribution of the annual maxima of the wind speed; None without the section.
 
-    varies : whether the speed of the wind does
+    varies : whether the wind speed does
     """
     if not table:
         return None

@@ -1,7 +1,8 @@
-"""`netfall study`: many runs of one job, on workers that stay; nothing that was run is run again.
+"""`netfall study`: many runs of one job on persistent workers. A finished run is never repeated.
 
-A run that ends is a line of the journal, NAME.study.journal beside the study file; the study file,
-NAME.study.h5, is made from it when all runs are there. The same command goes on after any interruption.
+A finished run is a line of the journal, NAME.study.journal, next to the study file. When all runs are
+finished, netfall writes the study file, NAME.study.h5, from the journal. After an interruption the same
+command continues.
 """
 
 import os
@@ -19,7 +20,7 @@ from netfall.study.runs import Runs, part_of, write_study
 from netfall.study.table import Table, check_digests, digests_of, text_of
 from netfall.write.locks import check_place, claim, release
 
-FORMAT = 2  # of journals
+FORMAT = 2  # version of the layout of journals
 
 
 def study(
@@ -32,71 +33,71 @@ def study(
     progress: Progress,
     stop,
 ) -> Path:
-    """Run what is missing of a study; the path of its file.
+    """Run the missing runs of a study, and return the path of its file.
 
-    shard : the I-th of N parts; launcher : starts the ranks of a worker; retry : runs that failed count as
-    missing; stop : a wish to stop
+    shard : the I-th of N shards; launcher : starts the ranks of a worker; retry : treat failed runs as
+    missing; stop : requests an early end
 
-    Raises InputError, OutputError, Interrupted if asked to stop.
+    Raises InputError, OutputError, Interrupted if `stop` requests it.
     """
     plan = read_plan(path)
     job = plan.read(plan.member(0))
-    net = build_net(job)  # what is wrong in the net is said here, once
+    net = build_net(job)  # reports errors of the net once, before any worker starts
     progress.say(*default_warnings(job, net), *plan.notes)
     place = place_of(path, output, shard)
     if not place.result.exists() or digests_of(place.result) is None:
         check_place(place.result)
     watch = Watch(plan.files)
     digests = {"study": plan.digest(), "job": watch.digest, "program": program_digest(TELLING)}
-    claimed = claim(place.result)
+    lock = claim(place.result)
     try:
         table = _what_there_is(plan, place, digests, shard, progress)
         if retry:
             table.forget_failed()
-        mine = range(len(plan)) if shard is None else part_of(plan, *shard)
-        missing = [number for number in mine if not table.there[number]]
+        numbers = range(len(plan)) if shard is None else part_of(plan, *shard)
+        missing = [number for number in numbers if not table.there[number]]
         header = {"format": FORMAT, "members": len(plan), **digests}
         workers = workers or _cores(launcher) // plan.ranks or 1
         if missing and not launcher:
             progress.say(memory_line(min(workers, len(missing)), plan.ranks, net.m))
         if missing or not place.result.exists() or place.journal.exists():
             Runs(plan, place, table, header, watch, progress).run(missing, workers, launcher, stop)
-        elif text_of(place.result) != plan.text:  # other questions to the same runs
+        elif text_of(place.result) != plan.text:  # other evaluations of the same runs
             write_study(plan, place, table, header, workers, progress)
         else:
-            progress.say(f"{place.result}: whole already, {len(mine)} runs")
+            progress.say(f"{place.result}: whole already, {len(numbers)} runs")
     finally:
-        release(claimed)
+        release(lock)
     return place.result
 
 
 def _cores(launcher: str | None) -> int:
-    """Cores there are for workers: here, or in the allocation where a launcher reaches all of it."""
-    here = len(os.sched_getaffinity(0))
+    """Return the number of cores for workers: here, or in the whole allocation with a launcher."""
+    local = len(os.sched_getaffinity(0))
     if launcher:
         tasks = os.environ.get("SLURM_NTASKS", "")
-        return int(tasks) if tasks.isdigit() else here
-    given = os.environ.get("SLURM_CPUS_ON_NODE", "")  # a Slurm that binds nothing leaves all of them in sight
-    return min(here, int(given)) if given.isdigit() else here
+        return int(tasks) if tasks.isdigit() else local
+    allocated = os.environ.get("SLURM_CPUS_ON_NODE", "")  # without CPU binding the affinity shows all cores
+    return min(local, int(allocated)) if allocated.isdigit() else local
 
 
 def _what_there_is(plan: Plan, place: Place, digests: dict, shard, progress: Progress) -> Table:
-    """The runs that were made: of this study, and of its parts if this is the whole."""
+    """Return the finished runs of this study, and of its shards if this is the whole study."""
     table = Table(len(plan), plan.nets_differ)
-    for each in [place, *(place.parts() if shard is None else [])]:
-        known = int(table.there.sum())
-        if each is not place:
-            release(claim(each.result))  # nobody writes it at this moment
-        if each.result.exists():
-            check_digests(each.result, digests_of(each.result) or {}, digests)
-            table.add_file(each.result)
-        if each.journal.exists():
-            records, _ = read_journal(each.journal)
+    for files in [place, *(place.parts() if shard is None else [])]:
+        before = int(table.there.sum())
+        if files is not place:
+            release(claim(files.result))  # raises if another process writes it
+        if files.result.exists():
+            check_digests(files.result, digests_of(files.result) or {}, digests)
+            table.add_file(files.result)
+        if files.journal.exists():
+            records, _ = read_journal(files.journal)
             if records:
-                check_digests(each.journal, records[0], digests)
+                check_digests(files.journal, records[0], digests)
             for record in records[1:]:
                 table.add(record)
-        new = int(table.there.sum()) - known
-        if new:
-            progress.say(f"{each.result.name}: {new} of {len(plan)} runs are there")
+        added = int(table.there.sum()) - before
+        if added:
+            progress.say(f"{files.result.name}: {added} of {len(plan)} runs are there")
     return table

@@ -1,4 +1,4 @@
-"""The table of a study's runs: a row for each member, from journals and study files, written as HDF5."""
+"""Table of a study's runs: a row per sample, from journals and study files, written as HDF5."""
 
 import base64
 from collections import Counter
@@ -13,71 +13,70 @@ from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.measures import failure_section
 from netfall.write.locks import h5_whole, sync, writing
 
-FORMAT = 1
-MARK = "netfall_study"  # the attribute of the root that says what the file is
+FORMAT = 1  # version of the layout of a study file
+MARK = "netfall_study"  # attribute of the root that identifies a study file
 DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
 TEXT = h5py.string_dtype()
 
 
 class Table:
-    """Rows by the number of the member; `there` : which are known; `tries` : how often each was begun."""
+    """Rows by number of the sample; `there` : which are finished; `tries` : number of attempts."""
 
     def __init__(self, count: int, nets_differ: bool = False):
-        """nets_differ : between members, so that no element is that of another"""
-        self.columns = {each.name: np.full(count, each.empty, each.dtype) for each in OF_RUN}
+        """nets_differ : samples have different nets, so that elements cannot be compared"""
+        self.columns = {column.name: np.full(count, column.empty, column.dtype) for column in OF_RUN}
         self.there = np.zeros(count, bool)
         self.tries = np.zeros(count, np.int64)
-        self.times: dict[int, np.ndarray] = {}  # of fractures, by member
+        self.times: dict[int, np.ndarray] = {}  # times of fractures, by sample
         self.elements: dict[int, np.ndarray] = {}
-        # None: not asked for yet; empty: it has no form, or is not one
+        # None: not requested yet; empty: no form, or nets differ
         self.net: dict[str, np.ndarray] | None = {} if nets_differ else None
-        self.counts: Counter[str] = Counter()  # of states
+        self.counts: Counter[str] = Counter()  # number of samples by state
 
     def add(self, record: dict) -> None:
-        """Take in a record of a journal."""
+        """Include a record of a journal."""
         if "try" in record:
             self.tries[record["try"]] += 1
         if "done" in record:
             self._add_row(record["done"], record)
         if "net" in record:
-            array = lambda told: np.frombuffer(base64.b64decode(told["bytes"]), told["type"])
-            self.net = {name: array(told).reshape(told["shape"]) for name, told in record["net"].items()}
+            self.net = {name: _unpacked(packed) for name, packed in record["net"].items()}
 
-    def _add_row(self, number: int, told: dict) -> None:
+    def _add_row(self, number: int, outcomes: dict) -> None:
         if self.there[number]:
             if self.columns["state"][number] != "failed":
                 return
-            self.counts["failed"] -= 1  # it was run again
+            self.counts["failed"] -= 1  # a failed run that was repeated
         self.there[number] = True
         for name, column in self.columns.items():
-            column[number] = told[name]
-        self.counts[told["state"]] += 1
-        if told["times"]:
-            self.times[number] = np.array(told["times"])
-            self.elements[number] = np.array(told["elements"], np.int64)
+            column[number] = outcomes[name]
+        self.counts[outcomes["state"]] += 1
+        if outcomes["times"]:
+            self.times[number] = np.array(outcomes["times"])
+            self.elements[number] = np.array(outcomes["elements"], np.int64)
 
     def add_file(self, path: Path) -> None:
-        """Take in the rows of a study file, of a part or whole."""
+        """Include the rows of a study file, of a shard or of the whole study."""
         with h5py.File(path) as f:
             numbers = f["members/member"][:]
-            new = ~self.there[numbers]
+            is_new = ~self.there[numbers]
             for name, values in read_columns(f["members"]).items():
                 if name in self.columns:
-                    self.columns[name][numbers[new]] = values[new]
-            self.tries[numbers[new]] += f["provenance/attempts"][:][new]
-            self.counts.update(self.columns["state"][numbers[new]].tolist())
+                    self.columns[name][numbers[is_new]] = values[is_new]
+            self.tries[numbers[is_new]] += f["provenance/attempts"][:][is_new]
+            self.counts.update(self.columns["state"][numbers[is_new]].tolist())
             member, time, element = (f[f"events/{name}"][:] for name in ("member", "time", "element"))
             bounds = np.searchsorted(member, np.arange(len(numbers) + 1))
-            for row in np.flatnonzero(new & (np.diff(bounds) > 0)):
-                part = slice(bounds[row], bounds[row + 1])
-                self.times[int(numbers[row])] = time[part]
-                self.elements[int(numbers[row])] = element[part]
+            for row in np.flatnonzero(is_new & (np.diff(bounds) > 0)):
+                span = slice(bounds[row], bounds[row + 1])
+                self.times[int(numbers[row])] = time[span]
+                self.elements[int(numbers[row])] = element[span]
             self.there[numbers] = True
             if self.net is None:
                 self.net = read_columns(f["net"]) if "net" in f else {}
 
     def forget_failed(self) -> None:
-        """Runs that failed count as not made."""
+        """Treat failed runs as missing."""
         failed = self.there & (self.columns["state"] == "failed")
         self.there[failed] = False
         self.counts["failed"] = 0
@@ -85,7 +84,7 @@ class Table:
     # --- the study file
 
     def write(self, path: Path, plan, title: str, provenance: dict) -> None:
-        """Write the rows that are known, in the order of the members. Raises OutputError.
+        """Write the finished rows in the order of the samples. Raises OutputError.
 
         provenance : texts and numbers
         """
@@ -108,36 +107,35 @@ class Table:
                 write_columns(f, name, columns)
             write_columns(f, "provenance", provenance | {"attempts": self.tries[rows]})
         with writing(path):
-            sync(path.parent)  # before the journal goes
+            sync(path.parent)  # before the journal is removed
 
     def _members(self, rows: np.ndarray, plan) -> dict[str, np.ndarray]:
-        """The columns of /members."""
-        found = [plan.member(int(number)) for number in rows]
-        inputs = {name: _column([member.values[name] for member in found]) for name in plan.inputs}
-        of_depth = {each.name for each in OUTCOMES if each.of_depth}
+        """Return the columns of /members."""
+        members = [plan.member(int(number)) for number in rows]
+        inputs = {name: _column([member.values[name] for member in members]) for name in plan.inputs}
+        depth_columns = {column.name for column in OUTCOMES if column.of_depth}
         columns = {"member": rows} | inputs | {name: values[rows] for name, values in self.columns.items()}
         if plan.depth is None:
-            columns = {name: v for name, v in columns.items() if name not in of_depth}
+            columns = {name: v for name, v in columns.items() if name not in depth_columns}
         if plan.loss:
-            columns["removed"] = np.array([member.removed for member in found], object)
+            columns["removed"] = np.array([member.removed for member in members], object)
         else:
-            of_losses = {each.name for each in OUTCOMES if each.of_losses}
-            columns = {name: values for name, values in columns.items() if name not in of_losses}
-        columns["duration"] = np.array([plan.duration(member) for member in found])
+            removal_columns = {column.name for column in OUTCOMES if column.of_losses}
+            columns = {name: values for name, values in columns.items() if name not in removal_columns}
+        columns["duration"] = np.array([plan.duration(member) for member in members])
         return columns
 
     def _write_events(self, f: h5py.File, rows: np.ndarray) -> None:
-        broke = [(row, int(number)) for row, number in enumerate(rows) if int(number) in self.times]
-        join = lambda parts, dtype: np.concatenate([np.zeros(0, dtype), *parts])
+        broken_members = [(row, int(number)) for row, number in enumerate(rows) if int(number) in self.times]
         columns = {
-            "member": join([np.full(len(self.times[n]), row) for row, n in broke], np.int64),
-            "time": join([self.times[n] for _, n in broke], float),
-            "element": join([self.elements[n] for _, n in broke], np.int64),
+            "member": _joined([np.full(len(self.times[n]), row) for row, n in broken_members], np.int64),
+            "time": _joined([self.times[n] for _, n in broken_members], float),
+            "element": _joined([self.elements[n] for _, n in broken_members], np.int64),
         }
         write_columns(f, "events", columns)
 
     def _write_counts(self, f: h5py.File, rows: np.ndarray) -> None:
-        """How often each element was the first to break, and broke at all."""
+        """Write how often each element broke first, and how often it broke at all."""
         first, at_all = np.zeros((2, len(self.net["elements"])), np.int64)
         for number in rows.tolist():
             if number in self.elements and self.columns["state"][number] == "finished":
@@ -146,8 +144,13 @@ class Table:
         f["first_breaks"], f["breaks"] = first, at_all
 
 
+def _joined(parts: list[np.ndarray], dtype: type) -> np.ndarray:
+    """Concatenate arrays, of which there may be none."""
+    return np.concatenate([np.zeros(0, dtype), *parts])
+
+
 def check_digests(path: Path, found: dict, wanted: dict) -> None:
-    """Raises InputError if a journal or a study file was made by another study, job or program."""
+    """Check that a journal or study file belongs to this study, job and program. Raises InputError."""
     changed = [words for name, words in DIGESTS.items() if found.get(name) != wanted[name]]
     if changed:
         raise InputError(
@@ -157,7 +160,7 @@ def check_digests(path: Path, found: dict, wanted: dict) -> None:
 
 
 def digests_of(path: Path) -> dict | None:
-    """The digests in a study file; None if it is none."""
+    """Return the digests in a study file; None if it is no study file."""
     try:
         with h5py.File(path) as f:
             if MARK not in f.attrs:
@@ -168,13 +171,18 @@ def digests_of(path: Path) -> dict | None:
 
 
 def text_of(path: Path) -> str:
-    """The study file whose runs are in a file of results."""
+    """Return the text of the study file from which a result was computed."""
     with h5py.File(path) as f:
         return f["provenance/study"].asstr()[()]
 
 
+def _unpacked(packed: dict) -> np.ndarray:
+    """Decode an array from `program.worker.packed`."""
+    return np.frombuffer(base64.b64decode(packed["bytes"]), packed["type"]).reshape(packed["shape"])
+
+
 def _column(values: list) -> np.ndarray:
-    """Values of a key of the job as a column: numbers where all are, else texts."""
+    """Return values of a key of the job as a column: numbers if all are numbers, otherwise text."""
     if all(isinstance(value, int) and not isinstance(value, bool) for value in values):
         return np.array(values, np.int64)
     if all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values):
@@ -183,7 +191,7 @@ def _column(values: list) -> np.ndarray:
 
 
 def write_columns(f: h5py.File, group: str, columns: dict) -> None:
-    """Write datasets by name into a new group; texts as such."""
+    """Write datasets by name into a new group; text as UTF-8 strings."""
     place = f.create_group(group)
     for name, values in columns.items():
         values = np.asarray(values)
@@ -192,6 +200,9 @@ def write_columns(f: h5py.File, group: str, columns: dict) -> None:
 
 
 def read_columns(group: h5py.Group) -> dict[str, np.ndarray]:
-    """All datasets of a group; texts as str."""
-    read = lambda d: d.asstr()[()] if h5py.check_string_dtype(d.dtype) else d[()]
-    return {name: read(data) for name, data in group.items() if isinstance(data, h5py.Dataset)}
+    """Return all datasets of a group; text as str."""
+    return {
+        name: data.asstr()[()] if h5py.check_string_dtype(data.dtype) else data[()]
+        for name, data in group.items()
+        if isinstance(data, h5py.Dataset)
+    }

@@ -1,7 +1,8 @@
-"""One HDF5 file written by all ranks (MPI-IO), or by rank 0 where h5py is serial; whole or absent.
+"""One HDF5 file that all ranks write (MPI-IO), or rank 0 if h5py is serial. It is complete or absent.
 
-It is written under a temporary name and renamed at the end. Rows are appended in contiguous blocks, a rank
-with an empty one included (h5py's own slicing would leave the others waiting for it in a collective write).
+The file has a temporary name until it is complete. Rows are appended in contiguous blocks; a rank without
+rows takes part with an empty block. (With h5py's own slicing such a rank would skip the collective write, and
+the others would wait.)
 """
 
 import hashlib
@@ -23,20 +24,21 @@ from netfall.write.locks import give_back, reserve, size_of, sync, writing
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
-HELD_BYTES = 1 << 20  # of all ranks, that a dataset's blocks may wait for one another to be written together
-DATASET_BYTES = 1 << 13  # of HDF5's own lists, at most: of a dataset without its chunks, ...
-CHUNK_ENTRY_BYTES = 1 << 7  # ... and of each of these
-SPARE_BYTES = 1 << 18  # of the disk, that are reserved ahead, and for labels of datasets
-LEFT_OPEN: list[h5py.File | None] = []  # files that are not to be closed before the process ends
-SEAL = b"netfall-sha256:"  # behind the HDF5 file, before the digest of all that precedes
+HELD_BYTES = 1 << 20  # buffer per dataset over all ranks; a full buffer is written at once
+DATASET_BYTES = 1 << 13  # upper bound of HDF5 metadata per dataset, without its chunks
+CHUNK_ENTRY_BYTES = 1 << 7  # upper bound of HDF5 metadata per chunk
+SPARE_BYTES = 1 << 18  # disk space reserved ahead, also for unit attributes of datasets
+LEFT_OPEN: list[h5py.File | None] = []  # keeps files referenced, so that h5py does not close them
+SEAL = b"netfall-sha256:"  # marks the digest of all preceding bytes, which follows the HDF5 file
 
 
 @dataclass
 class Growing:
-    """A dataset that rows are appended to, kept open: looking it up takes longer than writing a row.
+    """An open dataset to which rows are appended. A new lookup would take longer than writing a row.
 
-    row_bytes : of one row; rows : with those that wait
-    waiting : (first row of all ranks' blocks, rows of them, place of this rank's block in them, this block)
+    row_bytes : size of one row; rows : with the buffered ones
+    waiting : buffered blocks: (first row of all ranks' blocks, number of rows, offset of this rank's block in
+        them, the block)
     """
 
     id: h5py.h5d.DatasetID
@@ -50,7 +52,7 @@ class Growing:
 class SharedFile:
     """Appends global rows to datasets of one file. Every method is collective.
 
-    base : rows that each dataset has in files written before this one, of which this is the continuation
+    base : rows of each dataset in earlier files that this one continues
     """
 
     def __init__(self, comm: MPI.Comm, path: Path, base: dict[str, int] | None = None):
@@ -62,8 +64,8 @@ class SharedFile:
         self.writes = PARALLEL or comm.rank == 0
         self.file = None
         self._growing: dict[str, Growing] = {}
-        self._size = 0  # bytes of the file so far, at most
-        self._reserved = SPARE_BYTES  # of the disk, kept for it
+        self._size = 0  # upper bound of the file's size in bytes
+        self._reserved = SPARE_BYTES  # bytes reserved on the disk
         on_root(comm, self._first_room)
         try:
             on_all(comm, self._open)
@@ -72,7 +74,7 @@ class SharedFile:
             raise
 
     def _first_room(self) -> None:
-        """What HDF5 writes of a file even if nothing is put into it; as much again is reserved then."""
+        """Reserve disk space for the metadata of an empty HDF5 file."""
         try:
             with writing(self.path):
                 self.temporary.touch()
@@ -91,10 +93,10 @@ class SharedFile:
                 self.file = h5py.File(self.temporary, "w")
                 self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
             if self.comm.rank == 0:
-                reserve(self.temporary, self._reserved)  # opened as a new file, it has lost what it had
+                reserve(self.temporary, self._reserved)  # again: opening truncates the file
 
     def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
-        """An empty dataset that grows by rows of shape `tail`, some `rows` of them at a time."""
+        """Create an empty dataset that grows by rows of shape `tail`; its chunks have up to `rows` rows."""
         if self.writes:
             row = math.prod(tail) * np.dtype(dtype).itemsize
             if len(tail) == 2:  # whole states (rows of n x 3): chunks of one state
@@ -106,67 +108,70 @@ class SharedFile:
                 self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
 
     def rows(self) -> dict[str, int]:
-        """Rows of each dataset so far, those of earlier files included. On ranks that write."""
+        """Return the number of rows of each dataset, with those of earlier files. On ranks that write."""
         self._write_all()
-        found = dict(self.base)
+        counts = dict(self.base)
 
         def add(name, item):
             if isinstance(item, h5py.Dataset):
-                found[name] = found.get(name, 0) + item.shape[0]
+                counts[name] = counts.get(name, 0) + item.shape[0]
 
         if self.writes:
             self.file.visititems(add)
-        return found
+        return counts
 
     def append(self, name: str, block: np.ndarray, total: int, place: int | None = None) -> int:
-        """Append `total` rows, of which this rank gives its block, at once or with later ones.
+        """Append `total` rows, of which this rank gives its block. The block may be buffered.
 
-        Returns the first new row, those of earlier files counted.
-        place : of the block in them, where it is not that of the rank's block of so many rows
+        Returns the first new row, counted from the first of the earlier files.
+        place : offset of the block in the rows, if it is not the default of equal blocks per rank
         """
         if not self.writes:
             return 0
         with writing(self.path):
-            kept = self._open_dataset(name)
-            first = kept.rows
-            kept.rows += total
+            dataset = self._open_dataset(name)
+            first = dataset.rows
+            dataset.rows += total
             place = int(self.slabs.bounds(total)[self.comm.rank]) if place is None else place
-            with np.errstate(over="ignore"):  # of what diverges, which is told
-                copied = np.array(block, kept.dtype, order="C")  # its owner goes on
-            kept.waiting.append((first, total, place, copied))
-            if (kept.rows - kept.waiting[0][0]) * kept.row_bytes >= HELD_BYTES:
-                self._write_waiting(kept)
+            with np.errstate(over="ignore"):  # netfall reports a diverging run elsewhere
+                copied = np.array(block, dataset.dtype, order="C")  # the caller may change its array
+            dataset.waiting.append((first, total, place, copied))
+            if (dataset.rows - dataset.waiting[0][0]) * dataset.row_bytes >= HELD_BYTES:
+                self._write_waiting(dataset)
         return first + self.base.get(name, 0)
 
     def put(self, name: str, block: np.ndarray, total: int, dtype=np.float64) -> None:
-        """A new dataset of `total` rows, of which this rank gives its block."""
+        """Create a dataset of `total` rows, of which this rank gives its block."""
         self.create(name, dtype, block.shape[1:], total)
         self.append(name, block, total)
 
     def append_state(self, name: str, block: np.ndarray, total: int) -> None:
-        """Append one state: a row (total, ...) of which this rank gives its block along the first axis."""
+        """Append one state: a row (total, ...), of which this rank gives its block along the first axis."""
         if not self.writes:
             return
         with writing(self.path):
-            kept = self._open_dataset(name)
-            block = np.ascontiguousarray(block[None], kept.dtype)
-            start = (kept.rows, int(self.slabs.bounds(total)[self.comm.rank]), *(0,) * (block.ndim - 2))
-            kept.rows += 1
-            self._extend(kept)
-            self._transfer_block(kept, block, start, (1,) * block.ndim, (1,) * block.ndim, block.shape)
+            dataset = self._open_dataset(name)
+            block = np.ascontiguousarray(block[None], dataset.dtype)
+            start = (dataset.rows, int(self.slabs.bounds(total)[self.comm.rank]), *(0,) * (block.ndim - 2))
+            dataset.rows += 1
+            self._extend(dataset)
+            self._transfer_block(dataset, block, start, (1,) * block.ndim, (1,) * block.ndim, block.shape)
 
-    def _extend(self, kept: Growing) -> None:
-        """Give a dataset the rows that it is to have; whole chunks of it are then on the disk."""
-        chunk = kept.id.get_create_plist().get_chunk()
-        cells = [-(-size // part) for size, part in zip((kept.rows, *kept.tail), chunk)]
-        before = [-(-size // part) for size, part in zip(kept.id.shape, chunk)]
-        more = math.prod(cells) - math.prod(before)
-        chunk_bytes = math.prod(chunk) * kept.dtype.itemsize
-        self._make_room(more * (chunk_bytes + CHUNK_ENTRY_BYTES))
-        kept.id.set_extent((kept.rows, *kept.tail))
+    def _extend(self, dataset: Growing) -> None:
+        """Resize a dataset to its number of rows. HDF5 then allocates whole chunks."""
+        chunk = dataset.id.get_create_plist().get_chunk()
+        cells = [-(-size // part) for size, part in zip((dataset.rows, *dataset.tail), chunk)]
+        cells_before = [-(-size // part) for size, part in zip(dataset.id.shape, chunk)]
+        new_chunks = math.prod(cells) - math.prod(cells_before)
+        chunk_bytes = math.prod(chunk) * dataset.dtype.itemsize
+        self._make_room(new_chunks * (chunk_bytes + CHUNK_ENTRY_BYTES))
+        dataset.id.set_extent((dataset.rows, *dataset.tail))
 
     def _make_room(self, size: int) -> None:
-        """Reserve so many bytes, and some to spare, before HDF5 needs them. Raises OutputError on all."""
+        """Reserve disk space for so many bytes and SPARE_BYTES. Raises OutputError on all ranks.
+
+        An HDF5 write that fails for lack of space would leave the file unusable.
+        """
         self._size += size
         if self._size <= self._reserved:
             return
@@ -192,45 +197,45 @@ class SharedFile:
             )
         return self._growing[name]
 
-    def _write_waiting(self, kept: Growing) -> None:
-        """Write the blocks that wait; those of equal size as one."""
-        if kept.waiting:
-            self._extend(kept)
-        for total, group in itertools.groupby(kept.waiting, key=lambda waits: waits[1]):
+    def _write_waiting(self, dataset: Growing) -> None:
+        """Write the buffered blocks; consecutive blocks of equal size in one transfer."""
+        if dataset.waiting:
+            self._extend(dataset)
+        for total, group in itertools.groupby(dataset.waiting, key=lambda entry: entry[1]):
             firsts, _, places, blocks = zip(*group)
-            one = (1,) * len(kept.tail)
-            start = (firsts[0] + places[0], *(0,) * len(kept.tail))
+            ones = (1,) * len(dataset.tail)
+            start = (firsts[0] + places[0], *(0,) * len(dataset.tail))
             self._transfer_block(
-                kept,
+                dataset,
                 np.concatenate(blocks) if len(blocks) > 1 else blocks[0],
                 start,
-                (max(total, 1), *one),
-                (len(blocks), *one),
+                (max(total, 1), *ones),
+                (len(blocks), *ones),
                 blocks[0].shape,
             )
-        kept.waiting.clear()
+        dataset.waiting.clear()
 
-    def _transfer_block(self, kept: Growing, block: np.ndarray, start, stride, count, shape) -> None:
-        """Write a block into `count` places of a shape, `stride` apart; an empty block takes part."""
-        space = kept.id.get_space()
+    def _transfer_block(self, dataset: Growing, block: np.ndarray, start, stride, count, shape) -> None:
+        """Write a block into `count` regions of a shape, `stride` apart. An empty block takes part too."""
+        space = dataset.id.get_space()
         if block.size:
             space.select_hyperslab(start, count, stride, shape)
             memory = h5py.h5s.create_simple(block.shape)
         else:
-            block = np.zeros((1,) * block.ndim, kept.dtype)
+            block = np.zeros((1,) * block.ndim, dataset.dtype)
             space.select_none()
             memory = h5py.h5s.create_simple(block.shape)
             memory.select_none()
-        kept.id.write(memory, space, block, dxpl=self._transfer)
+        dataset.id.write(memory, space, block, dxpl=self._transfer)
 
     def _write_all(self) -> None:
-        """Nothing waits any more."""
+        """Write the buffered blocks of all datasets."""
         with writing(self.path):
-            for kept in self._growing.values():
-                self._write_waiting(kept)
+            for dataset in self._growing.values():
+                self._write_waiting(dataset)
 
     def close(self, finish=lambda file: None, seal: bool = False) -> None:
-        """Close, let rank 0 add the small datasets by finish(file), and give the file its name.
+        """Close the file, let rank 0 add the small datasets by finish(file), and rename the file.
 
         seal : append a digest of the whole file, which `check_seal` verifies
         """
@@ -253,16 +258,16 @@ class SharedFile:
         on_root(self.comm, last)
 
     def discard(self) -> None:
-        """Leave nothing behind. Not collective: for the way out after an error, on the rank that saw it."""
-        LEFT_OPEN.append(self.file)  # closing it would wait for the other ranks, or write to a full disk
+        """Remove the file. Not collective: called after an error, on the rank that raised it."""
+        LEFT_OPEN.append(self.file)  # closing would wait for the other ranks, or write to a full disk
         self.temporary.unlink(missing_ok=True)
 
     def discard_after(self, error: BaseException) -> None:
-        """Leave nothing behind after an error: `discard_all` if every rank has it, else `discard`."""
+        """Remove the file after an error: by `discard_all` if every rank has the error, or by `discard`."""
         self.discard_all() if getattr(error, "on_every_rank", False) else self.discard()
 
     def discard_all(self) -> None:
-        """Close without keeping anything. Collective."""
+        """Close and remove the file. Collective."""
         self._growing.clear()
         if self.writes and self.file is not None:
             self.file.close()
@@ -273,22 +278,22 @@ class SharedFile:
 
 
 def check_one_folder(comm: MPI.Comm, path: Path) -> None:
-    """Check that every rank sees the folder in which all of them are to open a file. Collective.
+    """Check that every rank sees the folder in which all ranks open a file. Collective.
 
-    MPI would wait for ever for a rank that opens a file of its own. Raises InputError.
+    MPI would wait for ever for a rank that opens a file on another file system. Raises InputError.
     """
     if not PARALLEL or comm.size == 1:
         return
-    mark = path.with_name(f".{path.name}.{comm.bcast(secrets.token_hex(8))}")
+    probe = path.with_name(f".{path.name}.{comm.bcast(secrets.token_hex(8))}")
 
     def make():
         with writing(path):
-            mark.touch()
+            probe.touch()
 
     on_root(comm, make)
-    blind = [rank for rank, sees in enumerate(comm.allgather(os.path.exists(mark))) if not sees]
+    blind = [rank for rank, is_visible in enumerate(comm.allgather(os.path.exists(probe))) if not is_visible]
     if comm.rank == 0:
-        mark.unlink(missing_ok=True)
+        probe.unlink(missing_ok=True)
     if blind:
         folder = comm.bcast(path.parent.resolve())
         raise InputError(
@@ -299,7 +304,7 @@ def check_one_folder(comm: MPI.Comm, path: Path) -> None:
 
 
 def publish(temporary: Path, path: Path, seal: bool = False) -> None:
-    """Give a finished file its name, once it is on disk; with a digest behind it if sealed."""
+    """Rename a finished file to its path, once it is on disk; append a digest first if sealed."""
     if seal:
         with open(temporary, "r+b") as file:
             digest = hashlib.file_digest(file, "sha256").digest()
@@ -310,7 +315,7 @@ def publish(temporary: Path, path: Path, seal: bool = False) -> None:
 
 
 def check_seal(path: Path) -> bool:
-    """Whether a sealed file is whole: its digest stands behind it and fits."""
+    """Return whether a sealed file is complete: it ends in a digest that matches its contents."""
     tail = len(SEAL) + 32
     try:
         with open(path, "rb") as file:
@@ -320,11 +325,11 @@ def check_seal(path: Path) -> bool:
             file.seek(size - tail)
             mark, digest = file.read(len(SEAL)), file.read()
             file.seek(0)
-            total, left = hashlib.sha256(), size - tail
-            while left:
-                block = file.read(min(left, 1 << 24))
+            total, remaining = hashlib.sha256(), size - tail
+            while remaining:
+                block = file.read(min(remaining, 1 << 24))
                 total.update(block)
-                left -= len(block)
+                remaining -= len(block)
     except OSError:
         return False
     return mark == SEAL and total.digest() == digest

@@ -1,7 +1,7 @@
-"""The ids of the tables, for elements and for particles, those that split off included.
+"""Ids of the tables for elements and particles, fragment ends included.
 
-A particle that split off has the id of the node that it split off from; the elements of a cable that was
-subdivided share its id.
+A fragment end has the id of the node from which it separated. The elements of a subdivided cable share its
+id.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from netfall.parallel.subdomain import Distribution
 
 
 def origin(numbers: np.ndarray, elements: np.ndarray, n: int) -> np.ndarray:
-    """Rows of the net of n particles that particles (k,) are, or split off from.
+    """Return rows of the net of n particles for particles (k,); for a fragment end the node that it left.
 
     elements : (m, 2) rows of the particles at their ends, as the net was built
     """
@@ -21,7 +21,7 @@ def origin(numbers: np.ndarray, elements: np.ndarray, n: int) -> np.ndarray:
 
 
 def event_ids(net: Net, events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The columns of /events that name what its `element` and `particle` are in the tables."""
+    """Return the columns of /events with the table ids of `element` and `particle`."""
     return {
         "element_id": net.element_id[events["element"]],
         "node_id": net.node_id[origin(events["particle"], net.elements, net.n)],
@@ -29,19 +29,19 @@ def event_ids(net: Net, events: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 class LocalIds:
-    """The ids of what one rank holds. element : (m_local,)"""
+    """Table ids of the elements and particles of one rank. element : (m_local,)"""
 
     def __init__(self, distribution: Distribution, net: Net | None):
-        """net : on rank 0. Collective."""
+        """Distribute the ids. net : on rank 0. Collective."""
         self.n, self.subdomain = distribution.n, distribution.subdomain
         self.element = distribution.elements(net.element_id if net else None)
         self._node = distribution.particles(net.node_id if net else None)
 
     def node(self, state: State, rows: np.ndarray) -> np.ndarray:
-        """Ids (k,) for rows (k,) of the rank's particles."""
+        """Return the ids (k,) for rows (k,) of the rank's particles."""
         number = state.gid[rows]
-        new = number >= self.n
-        element, end = np.divmod(number[new] - self.n, 2)
+        is_fragment = number >= self.n
+        element, end = np.divmod(number[is_fragment] - self.n, 2)
         row = rows.copy()
-        row[new] = self.subdomain.ends[np.searchsorted(self.subdomain.element_gid, element), end]
+        row[is_fragment] = self.subdomain.ends[np.searchsorted(self.subdomain.element_gid, element), end]
         return self._node[row]

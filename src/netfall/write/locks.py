@@ -1,4 +1,4 @@
-"""The place of a file that a run writes: reserved for one run at a time; what goes wrong there, in words."""
+"""Output path of a run: lock for one run at a time, disk space, and error messages for failed writes."""
 
 import ctypes
 import errno
@@ -15,43 +15,43 @@ import h5py
 
 from netfall.ground.errors import BUSY, InputError, OutputError
 
-KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: the file's size stays what has been written
-UNKNOWN = (errno.EOPNOTSUPP, errno.ENOSYS)  # to the file system: it reserves nothing
+KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserving space does not change the size of the file
+UNKNOWN = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
 _fallocate = ctypes.CDLL(None, use_errno=True).fallocate
 
 
 @contextmanager
 def writing(path: Path):
-    """What goes wrong in this block is reported as a failure to write `path`. Raises OutputError."""
+    """Convert errors in this block into an OutputError on the failure to write `path`."""
     try:
         yield
-    except BrokenPipeError:  # of what is told meanwhile, to somebody who has stopped reading
+    except BrokenPipeError:  # standard output was closed; the file is not affected
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either
-        known = isinstance(error, OSError) and error.errno
-        reason = os.strerror(error.errno) if known else str(error).split(", errno")[0].strip()
+        has_code = isinstance(error, OSError) and error.errno
+        reason = os.strerror(error.errno) if has_code else str(error).split(", errno")[0].strip()
         try:
-            room = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
+            free = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
         except OSError:
-            room = f"the folder {path.parent} is gone"
+            free = f"the folder {path.parent} is gone"
         raise OutputError(
-            f"{path}: cannot be written ({reason}); {room}; make room there or give another place with -o"
+            f"{path}: cannot be written ({reason}); {free}; make room there or give another place with -o"
         ) from error
 
 
 def followed(path: Path) -> Path:
-    """Return the file that a symbolic link stands for; another path as it is."""
+    """Return the target of a symbolic link, or the path itself if it is no link."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 @contextmanager
 def whole(path: Path):
-    """A place to write to; the file there gets the name `path` at the end of the block, or goes.
+    """Yield a temporary path. The file there is renamed to `path` at the end of the block.
 
-    Raises OutputError for what goes wrong.
+    After an error it is removed. Raises OutputError.
     """
     path = followed(path)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # its ending says what kind of file it is
+    temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # writers derive the format from the suffix
     with writing(path):
         try:
             yield temporary
@@ -62,11 +62,11 @@ def whole(path: Path):
 
 @contextmanager
 def whole_folder(path: Path):
-    """A folder to write to, in `path`; the files there get into `path` at the end of the block, or go.
+    """Yield a temporary folder in `path`. Its files are moved to `path` at the end of the block.
 
-    A folder that is made for them goes with them. Raises OutputError for what goes wrong.
+    After an error they are removed, and so is `path` if this function made it. Raises OutputError.
     """
-    made = not path.exists()
+    is_new = not path.exists()
     with writing(path):
         path.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=".part-", dir=path))
@@ -76,21 +76,21 @@ def whole_folder(path: Path):
                 os.replace(file, path / file.name)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
-            if made and not any(path.iterdir()):
+            if is_new and not any(path.iterdir()):
                 path.rmdir()
 
 
 def sync(path: Path) -> None:
-    """Have a file, or the names in a folder, on the disk."""
-    there = os.open(path, os.O_RDONLY)
+    """Flush a file, or the entries of a folder, to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(there)
+        os.fsync(descriptor)
     finally:
-        os.close(there)
+        os.close(descriptor)
 
 
 def check_place(path: Path) -> None:
-    """Refuse a result file that could not be written at the end. Raises InputError."""
+    """Check that a result file can be written to a path. Raises InputError."""
     folder = path.parent
     if not folder.is_dir():
         raise InputError(
@@ -107,30 +107,30 @@ def check_place(path: Path) -> None:
 
 
 def _check_replaceable(path: Path) -> None:
-    """Refuse to write over what is no result of netfall, or is open elsewhere.
+    """Check that an existing file is a result of netfall that no program has open. Raises InputError.
 
-    An old result is replaced, once the new one is whole.
+    A new result replaces an old one only once it is complete.
     """
     try:
         with h5py.File(path, "r") as file:
-            ours = "provenance" in file and "netfall_study" not in file.attrs
+            is_result = "provenance" in file and "netfall_study" not in file.attrs
     except BlockingIOError:
         raise InputError(
             f"{path}: another program has it open for writing; close it there, or give another name with -o"
         ) from None
     except OSError:
-        ours = False
-    if not ours:
+        is_result = False
+    if not is_result:
         raise InputError(
             f"{path}: exists and is no result of netfall; move it away, or give another name with -o"
         )
 
 
 def claim(path: Path):
-    """Reserve the name of a result for this process: an open lock file, for `release`.
+    """Lock the name of a result for this process. Return the open lock file, for `release`.
 
-    Raises InputError if another run has it. The system gives up the lock of a process that ends, however it
-    ends.
+    Raises InputError if another run holds the lock. The system releases the lock of a process that ends for
+    any reason.
     """
     lock = path.with_name(f".{path.name}.lock")
     while True:
@@ -142,57 +142,57 @@ def claim(path: Path):
             file.close()
             raise InputError(f"{path}: {BUSY}; wait for it, or give another name with -o") from None
         except OSError:
-            return file  # a file system without locks
+            return file  # the file system has no locks
         if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
             return file
-        file.close()  # the run before removed it between the two calls
+        file.close()  # another run removed the lock file between open and flock: try again
 
 
 def release(file) -> None:
-    """Give up what `claim` reserved."""
+    """Remove the lock of `claim`."""
     Path(file.name).unlink(missing_ok=True)
     file.close()
 
 
 def reserve(path: Path, size: int) -> None:
-    """Have room for a file of so many bytes, which may be shorter so far. Raises OSError if there is none.
+    """Reserve disk space for a file of so many bytes. Raises OSError if there is not enough.
 
-    Where the file system cannot reserve, there is as much free as it takes at this moment.
+    The file may be shorter so far. If the file system cannot reserve, only the present free space is checked.
     """
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
     if limit != resource.RLIM_INFINITY and size > limit:
         raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
-    there = os.open(path, os.O_WRONLY)
+    descriptor = os.open(path, os.O_WRONLY)
     try:
-        if _fallocate(there, KEEP_SIZE, 0, size) == 0:
+        if _fallocate(descriptor, KEEP_SIZE, 0, size) == 0:
             return
-        why, free = ctypes.get_errno(), os.fstatvfs(there)
-        enough = size - os.fstat(there).st_size <= free.f_bavail * free.f_frsize
-        if why not in UNKNOWN or not enough:
-            why = errno.ENOSPC if why in UNKNOWN else why
-            raise OSError(why, os.strerror(why))
+        code, free = ctypes.get_errno(), os.fstatvfs(descriptor)
+        enough = size - os.fstat(descriptor).st_size <= free.f_bavail * free.f_frsize
+        if code not in UNKNOWN or not enough:
+            code = errno.ENOSPC if code in UNKNOWN else code
+            raise OSError(code, os.strerror(code))
     finally:
-        os.close(there)
+        os.close(descriptor)
 
 
 def give_back(path: Path) -> None:
-    """Free what was reserved behind the end of a file."""
+    """Free the space reserved beyond the end of a file."""
     os.truncate(path, path.stat().st_size)
 
 
 @contextmanager
 def roomy_h5(path: Path, size: int):
-    """A new HDF5 file for which so many bytes are reserved. Raises OSError if there are not as many."""
+    """Yield a new HDF5 file with so many bytes reserved. Raises OSError if there is not enough space."""
     path.touch()
     reserve(path, size)
     with h5py.File(path, "w") as file:
-        reserve(path, size)  # opened as a new file, it has lost what it had
+        reserve(path, size)  # again: opening truncates the file
         yield file
     give_back(path)
 
 
 def size_of(finish) -> int:
-    """Bytes of an HDF5 file with what finish(file) writes alone."""
+    """Return the size in bytes of an HDF5 file that contains only what finish(file) writes."""
     memory = io.BytesIO()
     with h5py.File(memory, "w") as file:
         finish(file)
@@ -201,7 +201,10 @@ def size_of(finish) -> int:
 
 @contextmanager
 def h5_whole(path: Path):
-    """A new HDF5 file, in memory: at the end on the disk under its name, or what was there is as before."""
+    """Yield a new HDF5 file in memory, and write it to `path` at the end of the block.
+
+    After an error an existing file at `path` is unchanged.
+    """
     memory = io.BytesIO()
     with h5py.File(memory, "w") as file:
         yield file

@@ -1,4 +1,4 @@
-"""The result file of a run: frames while it goes on, everything small at the end (README.md beside)."""
+"""Result file of a run: snapshots during the run, and all small datasets at its end (see README.md)."""
 
 import itertools
 import math
@@ -27,9 +27,9 @@ from netfall.write.vtkhdf import VtkSeries
 
 
 class Result:
-    """Writes what a run reports. Methods are collective.
+    """Writes the results of a run. Methods are collective.
 
-    log : of the fractures, which numbers the rows of particles; it belongs to the run, as the history does
+    log : log of fractures, which numbers the rows of particles; the run owns it
     """
 
     kept = True
@@ -44,8 +44,8 @@ class Result:
         self.group = distribution.elements(net.group if net else None)
         self.ids = LocalIds(distribution, net)
         self.file = SharedFile(comm, path)
-        self.segments: list[Path] = []  # whole parts of the file so far, if there are checkpoints
-        self.token = comm.bcast(secrets.token_hex(4))  # keeps this run's segments apart from another's
+        self.segments: list[Path] = []  # complete parts of the file, one per checkpoint
+        self.token = comm.bcast(secrets.token_hex(4))  # distinguishes the segments of different runs
         try:
             bends = comm.bcast(net is not None and net.bending is not None)
             self.series = VtkSeries(self.file, distribution.n, distribution.m, bends)
@@ -53,13 +53,16 @@ class Result:
             self.file.discard_after(error)
             raise
         self.log = log
-        self._drawn_events = -1  # fractures and losses that the mesh written last shows
-        self.losses = 0  # so far, in which elements left the net
+        self._drawn_events = -1  # number of fractures and removals in the latest mesh
+        self.losses = 0  # number of member removals so far
 
     # --- segments, records
 
     def cut(self) -> dict[str, int]:
-        """Close what has been written as a segment, go on in a new one; the rows so far, where it writes."""
+        """Close the present file as a segment and continue in a new one.
+
+        Returns the rows so far, on ranks that write.
+        """
         rows = self.file.rows()
         self._end_segment()
         self._begin_segment(rows)
@@ -73,10 +76,10 @@ class Result:
 
     def _begin_segment(self, rows: dict[str, int]) -> None:
         self.file = SharedFile(self.comm, self.path, rows)
-        self.series.continue_in(self.file)  # if there is no room, the run discards the file
+        self.series.continue_in(self.file)  # if it raises, the run discards the file
 
     def record(self) -> dict:
-        """What a continuation needs, for `restore`."""
+        """Return the data for `restore`."""
         return {
             "series": self.series.record(),
             "drawn_events": self._drawn_events,
@@ -84,7 +87,7 @@ class Result:
         }
 
     def restore(self, record: dict, rows: dict[str, int], segments: list[Path]) -> None:
-        """Take up the record of an earlier run, whose segments are those given."""
+        """Restore the record of an earlier run, whose segments are given."""
         self.file.discard_all()
         self.segments = segments
         self._begin_segment(rows)
@@ -96,42 +99,46 @@ class Result:
     def _points(
         self, state: State, rows: np.ndarray, columns: dict[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """Columns of the reported particles as this rank's blocks of the global rows, by name."""
+        """Return columns of the reported particles as this rank's blocks of the global rows, by name."""
         stacked, split = _stacked(columns)
         return split(self.file.slabs.collect(self.log.row_of(state.gid[rows]), stacked, self.log.points))
 
     def _cells(self, state: State, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """The same of the elements."""
-        mine, (stacked, split) = state.owned.astype(bool), _stacked(columns)
-        gid = self.distribution.subdomain.element_gid[mine]
-        return split(self.file.slabs.collect(gid, stacked[mine], self.distribution.m))
+        """Return columns of the elements as this rank's blocks of the global rows, by name."""
+        owned, (stacked, split) = state.owned.astype(bool), _stacked(columns)
+        gid = self.distribution.subdomain.element_gid[owned]
+        return split(self.file.slabs.collect(gid, stacked[owned], self.distribution.m))
 
     def write_frame(self, time: float, state: State, snapshot) -> None:
-        """One step of /VTKHDF."""
+        """Write one step of /VTKHDF."""
         points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
         if self._drawn_events != len(self.log) + self.losses:
             self._write_mesh(state, rows)
-        x, moved = state.x[rows], state.x[rows] - state.x_start[rows]
+        x, displacement = state.x[rows], state.x[rows] - state.x_start[rows]
         velocity = snapshot.velocity
-        p = self._points(state, rows, {"position": x, "displacement": moved, "velocity": velocity})
-        c = {"tension": snapshot.N, "strain": snapshot.eps, "plastic_strain": snapshot.eps_p}
-        c = self._cells(state, c | {"broken": state.broken} | _moments(state))
-        self.series.write_step(time, p.pop("position"), p, c, points, cells)
+        point_fields = self._points(
+            state, rows, {"position": x, "displacement": displacement, "velocity": velocity}
+        )
+        cell_fields = {"tension": snapshot.N, "strain": snapshot.eps, "plastic_strain": snapshot.eps_p}
+        cell_fields = self._cells(state, cell_fields | {"broken": state.broken} | _moments(state))
+        self.series.write_step(time, point_fields.pop("position"), point_fields, cell_fields, points, cells)
 
     def _write_mesh(self, state: State, rows: np.ndarray) -> None:
-        """What changes only when elements break: connectivity, numbers, ids."""
-        in_net = state.EA[:, None] > 0.0  # what is out of the net is drawn as a point
+        """Write the fields that change only when elements break: connectivity, numbers, ids."""
+        in_net = state.EA[:, None] > 0.0  # an element outside the net is shown as a point
         ends = self.log.row_of(state.gid[np.where(in_net, state.ends, state.ends[:, :1])])
         gid = self.distribution.subdomain.element_gid
-        c = {"ends": ends, "group": self.group, "element_id": self.ids.element, "GlobalCellId": gid}
-        c = self._cells(state, c)
-        p = {"node_id": self.ids.node(state, rows), "GlobalPointId": state.gid[rows]}
-        p = self._points(state, rows, p)
-        self.series.write_mesh(c.pop("ends"), p, c, self.log.points, self.distribution.m)
+        cell_fields = {"ends": ends, "group": self.group, "element_id": self.ids.element, "GlobalCellId": gid}
+        cell_fields = self._cells(state, cell_fields)
+        point_fields = {"node_id": self.ids.node(state, rows), "GlobalPointId": state.gid[rows]}
+        point_fields = self._points(state, rows, point_fields)
+        self.series.write_mesh(
+            cell_fields.pop("ends"), point_fields, cell_fields, self.log.points, self.distribution.m
+        )
         self._drawn_events = len(self.log) + self.losses
 
     def _equilibrium(self, state: State, snapshot, place: str, reaction: np.ndarray):
-        """Name, this rank's block and rows in all, of what is kept; arguments as of `write_equilibrium`."""
+        """Yield name, this rank's block and total rows of each dataset; see `write_equilibrium`."""
         rows = snapshot.rows
         columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
         points = self._points(state, rows, columns | {"reaction": reaction})
@@ -140,7 +147,7 @@ class Result:
         yield from ((name, block, self.distribution.m) for name, block in cells.items())
 
     def write_static_step(self, state: State, snapshot, reaction: np.ndarray) -> None:
-        """One load step of /statics; reaction : (r, 3) [N], as of `Balance`."""
+        """Write one load step of /statics; reaction : (r, 3) [N], see `Balance`."""
         for name, block, total in self._equilibrium(state, snapshot, "displacement", reaction):
             name = f"statics/{name}"
             if name not in (self.file.file if self.file.writes else ()):
@@ -148,21 +155,24 @@ class Result:
             self.file.append_state(name, block, total)
 
     def write_equilibrium(self, group: str, state: State, snapshot, place: str, reaction: np.ndarray) -> None:
-        """One equilibrium, in a group of its own; place : "position" or "displacement" of its nodes.
+        """Write one equilibrium into its own group; place : "position" or "displacement" of its nodes.
 
-        reaction : (r, 3) [N], as of `Balance`
+        reaction : (r, 3) [N], see `Balance`
         """
         for name, block, total in self._equilibrium(state, snapshot, place, reaction):
             self.file.put(f"{group}/{name}", block, total)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
-        """Datasets that rank 0 gives whole, None elsewhere, kept from now on."""
+        """Write datasets that rank 0 has complete; None on other ranks."""
         for name, values in self.comm.bcast(datasets).items():
             low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
             self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
 
     def write_envelope(self, state: State, tension: dict, displacement: dict) -> None:
-        """The datasets of /envelope. tension : (m,), displacement : (n_owned,), of this rank, by name"""
+        """Write the datasets of /envelope.
+
+        tension : (m,), displacement : (n_owned,), of this rank, by name
+        """
         n, m, subdomain = self.distribution.n, self.distribution.m, self.distribution.subdomain
         stacked, split = _stacked(displacement)
         points = split(self.file.slabs.collect(subdomain.particle_gid[: subdomain.n_owned], stacked, n))
@@ -171,29 +181,32 @@ class Result:
                 self.file.put(f"envelope/{name}", block, total)
 
     def write_final(self, state: State, snapshot) -> None:
-        """The last state in full precision, /final."""
+        """Write the last state in full precision, /final."""
         points, cells = self.log.points, self.distribution.m
         rows = snapshot.rows
         gid = self.distribution.subdomain.element_gid
-        p = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
-        c = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
-        c |= _moments(state)
-        blocks = (self._points(state, rows, p), p, points), (self._cells(state, c), c, cells)
-        for found, columns, total in blocks:
-            for name, block in found.items():
+        particles = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
+        elements = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
+        elements |= _moments(state)
+        blocks = (
+            (self._points(state, rows, particles), particles, points),
+            (self._cells(state, elements), elements, cells),
+        )
+        for collected, columns, total in blocks:
+            for name, block in collected.items():
                 self.file.put(f"final/{name}", block, total, columns[name].dtype)
 
-    # --- the end
+    # --- end of the run
 
     def discard_after(self, error: OutputError, saved: bool) -> None:
-        """Leave nothing behind that no checkpoint needs. saved : whether there is one"""
+        """Remove all files that no checkpoint needs. saved : whether there is a checkpoint"""
         self.file.discard_after(error)
         if self.comm.rank == 0 and not saved:
             for segment in self.segments:
                 segment.unlink(missing_ok=True)
 
     def close(self, sections: dict[str, dict], provenance: dict, phases: dict, labels: dict) -> None:
-        """Write what is small, name the unit of every dataset, and give the file its name.
+        """Write the small datasets and the unit of every dataset, and rename the file to its path.
 
         sections : on rank 0, datasets by group ("net", "history", ...)
         provenance : attributes and texts; phases : of `Phases.over_ranks`; labels : attributes of groups
@@ -220,12 +233,12 @@ class Result:
 
 
 def _moments(state: State) -> dict[str, np.ndarray]:
-    """Bending moments of the elements, where chains bend."""
+    """Return the bending moments of the elements, if there are bending chains."""
     return {"bending_moment": state.bending_moments()} if state.features.bending else {}
 
 
 def _stacked(columns: dict[str, np.ndarray]):
-    """Columns (k,) or (k, w) beside one another, to be moved at once; and what takes them apart again."""
+    """Return columns (k,) or (k, w) side by side in one array, and a function that separates them again."""
     wide = [values.reshape(len(values), math.prod(values.shape[1:])) for values in columns.values()]
     bounds = np.cumsum([0] + [values.shape[1] for values in wide])
     shapes = [values.shape[1:] for values in columns.values()]
@@ -238,7 +251,7 @@ def _stacked(columns: dict[str, np.ndarray]):
 
 
 def label(file: h5py.File) -> None:
-    """Name the unit of every dataset of numbers, by the table. Raises KeyError for one that has no row."""
+    """Write the unit of every numerical dataset. Raises KeyError if the table lacks the dataset."""
 
     def add(path: str, item) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind != "O":
@@ -249,7 +262,7 @@ def label(file: h5py.File) -> None:
 
 def _write_provenance(group, values, phases):
     for name, value in values.items():
-        if isinstance(value, str):  # names of files may hold bytes that are no letters here
+        if isinstance(value, str):  # names of files may contain bytes that are no valid UTF-8
             value = value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
         if isinstance(value, dict):
             for column, array in value.items():
@@ -260,15 +273,15 @@ def _write_provenance(group, values, phases):
             group.attrs[name] = value
     timings = group.create_group("timings")
     for name, seconds in phases.items():
-        timings.attrs[name] = seconds  # least, mean and largest of the ranks
+        timings.attrs[name] = seconds  # minimum, mean and maximum over the ranks
 
 
 def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.ndarray]:
-    """The datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
+    """Return the datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     zones = roof.zones
-    shared = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
-    shared |= {} if net.second_moment is None else _bar_section(net, cut_length)
-    found = {
+    optional = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
+    optional |= {} if net.second_moment is None else _bar_section(net, cut_length)
+    datasets = {
         "particles": net.x,
         "elements": net.elements,
         "fixed": net.fixed.astype(np.uint8),
@@ -285,11 +298,11 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
         "zone": zones.of_node.astype(np.int32),
         "zone_names": texts(zones.names),
     }
-    return _strength_section(net) | shared | found
+    return _strength_section(net) | optional | datasets
 
 
 def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
-    """How bars buckle; cut_length : as of `net_section`."""
+    """Return the buckling properties of bars; cut_length : see `net_section`."""
     return {
         "second_moment": net.second_moment,
         "buckling_length": buckling_lengths(net, cut_length),
@@ -301,19 +314,19 @@ def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def texts(words: list[str]) -> np.ndarray:
-    """Words as a dataset."""
+    """Return words as a dataset."""
     return np.array(words, h5py.string_dtype())
 
 
 def slide_section(net: Net, slides: Slides) -> dict[str, np.ndarray]:
-    """The places where cables may slip, /slide."""
+    """Return the slip points of cables, /slide."""
     names = ("before", "after", "friction", "resistance")
-    found = {"node": net.node_id[slides.node], "cable": texts([net.cable_names[k] for k in slides.cable])}
-    return found | {name: getattr(slides, name) for name in names}
+    datasets = {"node": net.node_id[slides.node], "cable": texts([net.cable_names[k] for k in slides.cable])}
+    return datasets | {name: getattr(slides, name) for name in names}
 
 
 def _strength_section(net: Net) -> dict[str, np.ndarray]:
-    """What elements are made of, springs; strengths as given, and beside them what was drawn, a factor."""
+    """Return sections, materials and springs; strengths as given, and the factors of random strengths."""
     section = {
         "axial_stiffness": net.EA,
         "mass_per_length": net.density * net.section,

@@ -1,4 +1,4 @@
-"""Checkpoints of a run: whoever has a state to save registers how it is recorded and restored."""
+"""Checkpoints of a run. A part that has a state registers how to record and restore it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,13 +10,13 @@ from netfall.parallel.mpi import MPI
 from netfall.write.checkpoint import KEPT, Checkpoint, checkpoint_path, remove_older, write_checkpoint
 from netfall.write.result import Result
 
-Record = tuple[dict, dict[str, np.ndarray]]  # small values that JSON knows, on every rank; arrays, on rank 0
+Record = tuple[dict, dict[str, np.ndarray]]  # values for JSON, on every rank; arrays, on rank 0
 
 
 class Saver:
     """Writes the checkpoints of a run and keeps the last two.
 
-    stage : in which the run that is taken up was interrupted; None: a new run
+    stage : in which the resumed run was interrupted; None: a new run
     """
 
     def __init__(
@@ -29,51 +29,55 @@ class Saver:
         given: Path | None = None,
         checkpoint: Checkpoint | None = None,
     ):
-        """Collective.
+        """Read the registered names of the checkpoint. Collective.
 
         name, digest : of the job; stages : names of all, in order
-        given : the checkpoint that the run goes on from; checkpoint : what it holds, on rank 0
+        given : the checkpoint that the run resumes; checkpoint : its contents, on rank 0
         """
         self.comm, self.result, self.name, self.digest, self.stages = comm, result, name, digest, stages
         self.given, self.checkpoint = given, checkpoint
-        self.kept: list[Path] = []  # written by this run
+        self.kept: list[Path] = []  # checkpoints of this run that still exist
         self.parts: dict[str, Callable[[], Record]] = {}
         record = checkpoint.record if checkpoint else {"stage": None, "parts": ()}
         self.stage, self._restored = comm.bcast((record["stage"], set(record["parts"])))
 
     def is_past(self, stage: str) -> bool:
-        """Whether the run that is taken up had finished a stage."""
-        order = self.stages.index
-        return self.stage is not None and order(stage) < order(self.stage)
+        """Return whether the resumed run had finished a stage."""
+        position = self.stages.index
+        return self.stage is not None and position(stage) < position(self.stage)
 
     def register(
         self, name: str, record: Callable[[], Record], restore: Callable, everywhere: bool = False
     ) -> None:
-        """Have something saved with each checkpoint, under a name; restored now, if it was saved before.
+        """Register a state to record in each checkpoint under a name. Restore it if the resumed one has it.
 
         record() : collective; restore(small, arrays) : collective, arrays on rank 0 alone, None elsewhere,
         unless `everywhere`. Collective.
         """
         self.parts[name] = record
         if name in self._restored:
-            restore(*self._part(name, everywhere))
+            small, arrays = self._part(name, everywhere)
+            restore(small, arrays)
 
     def taken_up(self, name: str) -> Record | None:
-        """What a checkpoint has under a name, arrays on rank 0 alone; None: nothing. Collective."""
+        """Return the record of a name in the resumed checkpoint, None without one. Collective.
+
+        Its arrays are on rank 0 alone.
+        """
         return self._part(name, False) if name in self._restored else None
 
     def _part(self, name: str, everywhere: bool) -> Record:
         small, arrays = self.checkpoint.part(name) if self.checkpoint else (None, None)
         return self.comm.bcast(small), self.comm.bcast(arrays) if everywhere else arrays
 
-    def save(self, stage: str, step: int, state: State, more: dict[str, Record] | None = None) -> Path:
-        """Write a checkpoint of a state and of all that is registered; its path. Collective.
+    def save(self, stage: str, step: int, state: State, extra: dict[str, Record] | None = None) -> Path:
+        """Write a checkpoint of a state and of all registered parts, and return its path. Collective.
 
-        more : records for this one alone, by name
+        extra : records for this checkpoint alone, by name
         """
         rows = self.result.cut()
         path = checkpoint_path(self.result.path, 1 + self.stages.index(stage), step)
-        records = {name: record() for name, record in self.parts.items()} | (more or {})
+        records = {name: record() for name, record in self.parts.items()} | (extra or {})
         record = {"job": self.digest, "name": self.name, "stage": stage, "rows": rows}
         record["result"] = self.result.path.name
         write_checkpoint(self.comm, path, state, self.result, record, records)
@@ -90,7 +94,7 @@ class Saver:
         remove_older(self.kept[-1], self.result.path, self.digest, self.given)
 
     def naming_the_last(self, error: Exception) -> Exception:
-        """The same error, with the checkpoint to go on from, if there is one."""
+        """Return the error with the name of the last checkpoint added, if there is one."""
         last = self.kept[-1] if self.kept else self.given
         if last:
             error.args = (f"{error}; the last good checkpoint is {last} (--restart)",)

@@ -1,8 +1,8 @@
-"""The /VTKHDF group: a temporal UnstructuredGrid of lines, one part a step, that ParaView opens as a series.
+"""The /VTKHDF group: a temporal UnstructuredGrid of lines, one part per step, as ParaView opens it.
 
-Rows are in global order: the net's particles, then those that split off, by number; the elements by number.
-Every step has its own Points; the connectivity is written anew only when elements have broken since the step
-before. (VTKHDF 2.2; the reader wants one more entry in Offsets than cells, for each part.)
+Rows are in global order: the net's particles, then the fragment ends, by number; the elements by number.
+Every step has its own Points. The connectivity is written again only if elements have broken since the last
+step. (VTKHDF 2.2; the reader needs one more entry in Offsets than cells, for each part.)
 """
 
 from typing import NamedTuple
@@ -12,11 +12,11 @@ import numpy as np
 
 from netfall.write.h5 import SharedFile
 
-LINE = 3  # VTK's number for this kind of cell
+LINE = 3  # VTK_LINE, cell type of VTK
 
 
 class Field(NamedTuple):
-    """A column of points or cells, as results/README.md has it. bends : whether it is of chains that bend"""
+    """A column of points or cells, see results/README.md. bends : present only with bending chains"""
 
     name: str
     dtype: type
@@ -45,12 +45,16 @@ FIELDS = {
 
 
 class VtkSeries:
-    """Appends steps to /VTKHDF. Methods are collective; offsets are kept and written by `finish`."""
+    """Appends steps to /VTKHDF. Methods are collective.
+
+    The offsets stay in memory until `finish` writes them.
+    """
 
     def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
-        """points, cells : how many a step has at first, for the size of chunks; bends : whether chains do"""
-        there = lambda fields: [each for each in fields if bends or not each.bends]
-        self.fields = {group: there(fields) for group, fields in FIELDS.items()}
+        """points, cells : initial numbers per step, for the size of chunks; bends : with bending chains"""
+        self.fields = {
+            group: [field for field in fields if bends or not field.bends] for group, fields in FIELDS.items()
+        }
         self.sizes = {"PointData": points, "CellData": cells}
         self.parts: list[tuple[int, int]] = []  # points and cells of each part
         self.steps: list[dict] = []
@@ -58,7 +62,7 @@ class VtkSeries:
         self.continue_in(file)
 
     def continue_in(self, file: SharedFile) -> None:
-        """Append to a file (the first, or one that continues it) from here on."""
+        """Append to a file (the first, or one that continues it) from now on."""
         self.file = file
         file.create("VTKHDF/Points", np.float64, (3,), self.sizes["PointData"])
         for name, dtype in (("Connectivity", np.int64), ("Offsets", np.int64), ("Types", np.uint8)):
@@ -68,18 +72,18 @@ class VtkSeries:
                 file.create(f"VTKHDF/{group}/{field.name}", field.dtype, field.tail, self.sizes[group])
 
     def record(self) -> dict:
-        """What a continuation in another run needs, for `restore`."""
+        """Return the data for `restore`."""
         return {"parts": self.parts, "steps": self.steps, "mesh": self._mesh}
 
     def restore(self, record: dict) -> None:
-        """Take up the record of an earlier run."""
+        """Restore the record of an earlier run."""
         self.parts = [tuple(p) for p in record["parts"]]
         self.steps, self._mesh = record["steps"], record["mesh"]
 
     def write_mesh(
         self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
     ) -> None:
-        """New connectivity and the fields that change only with it.
+        """Append a new connectivity and the fields that change only with it.
 
         connectivity : this rank's block (c, 2) of global point rows; points, cells : of all ranks
         """
@@ -106,7 +110,7 @@ class VtkSeries:
     def write_step(
         self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
     ) -> None:
-        """A step on the mesh written last: this rank's blocks of positions and fields.
+        """Append a step on the latest mesh: this rank's blocks of positions and fields.
 
         points, cells : of all ranks
         """
@@ -121,7 +125,7 @@ class VtkSeries:
         )
 
     def finish(self, file: h5py.File) -> None:
-        """Attributes, part sizes and step offsets, written by rank 0 into the reopened file."""
+        """Write attributes, part sizes and step offsets into the reopened file. Rank 0."""
         group = file.require_group("VTKHDF")
         group.attrs["Version"] = np.array([2, 2], np.int64)
         kind = b"UnstructuredGrid"
@@ -135,7 +139,10 @@ class VtkSeries:
             _growing(group, name, values)
         steps = group.create_group("Steps")
         steps.attrs["NSteps"] = np.int64(len(self.steps))
-        column = lambda key: np.array([s[key] for s in self.steps], np.int64)
+
+        def column(key: str) -> np.ndarray:
+            return np.array([step[key] for step in self.steps], np.int64)
+
         _growing(steps, "Values", np.array([s["time"] for s in self.steps], np.float64))
         _growing(steps, "PartOffsets", column("part"))
         _growing(steps, "NumberOfParts", np.ones(len(self.steps), np.int64))

@@ -1,1 +1,1 @@
-"""What a study tells: outcomes of members, fragility, correlations, losses."""
+"""Evaluation of a study: outcomes of samples, fragility, correlations, member removals."""

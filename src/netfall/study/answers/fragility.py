@@ -1,9 +1,9 @@
-"""Fragility: how the share of runs that fail grows with the mean wind speed, and how sure that is.
+"""Fragility: share of failed runs as a function of the mean wind speed, with its uncertainty.
 
-A lognormal curve for each measure of failure, by maximum likelihood (`probit.py`), with intervals by the
-bootstrap: where runs at several speeds share their gusts (the same wind.seed), seeds are resampled, not runs.
-A run without an equilibrium under the mean wind has failed, with all of the roof; one that diverged or could
-not end for a technical reason is left out, and counted.
+Each failure criterion has a lognormal curve by maximum likelihood (`probit.py`). Intervals come from the
+bootstrap. If runs at several speeds share their gusts (the same wind.seed), seeds are resampled instead of
+runs. A run without an equilibrium under the mean wind counts as failed, with all of the roof. Runs that
+diverged or ended for a technical reason are left out, and counted.
 """
 
 import numpy as np
@@ -12,21 +12,21 @@ from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_head, hazard_row
 from netfall.study.answers.measures import COUNTED, Failure, failures
 from netfall.study.answers.probit import Fits
-from netfall.study.answers.samples import RESAMPLES, SPEED, Curve, curves_of, weights
+from netfall.study.answers.samples import RESAMPLES, SPEED, Curve, codes_of, curves_of, weights
 
-LEVEL = 0.95  # of the intervals
-FEWEST = 8  # independent samples, below which the bootstrap says nothing
-FEW = 30  # below which its intervals are rough, and mostly too narrow
-GRID = 81  # speeds of the band
+LEVEL = 0.95  # confidence level of the intervals
+FEWEST = 8  # independent samples, below which the bootstrap is meaningless
+FEW = 30  # independent samples, below which its intervals are rough, and mostly too narrow
+GRID = 81  # number of speeds of the band
 
 
 def curve_sections(
     members: dict[str, np.ndarray], own: tuple[Failure, ...] = (), hazard: Hazard | None = None
 ) -> dict[str, dict[str, np.ndarray]]:
-    """What stands in /fragility and /hazard, by the names of the datasets; none unless the speed differs.
+    """Return the datasets of /fragility and /hazard, by name; {} unless the speed differs between samples.
 
-    members : the columns of /members by name, (N,) each, texts as str; own : measures of failure besides
-    those that are always there
+    members : the columns of /members by name, (N,) each, text as str; own : failure criteria of the study
+        file, in addition to the default ones
     """
     if SPEED not in members or len(np.unique(members[SPEED])) < 2:
         return {}
@@ -35,8 +35,9 @@ def curve_sections(
     grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], GRID)
     curves, pooled = curves_of(members)
     measures = failures(members, own)
-    given = counted, measures, speed, grid, hazard
-    rows = [row for curve in curves for row in _curve_rows(members, curve, *given)]
+    rows = [
+        row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid, hazard)
+    ]
     yearly = [row.pop("of_year") for row in rows]
     shared = {"speed": speed, "band_speed": grid, "level": LEVEL, "resamples": RESAMPLES}
     sections = {"fragility": shared | _columns(rows) | {"pooled": np.array(pooled, str)}}
@@ -51,81 +52,89 @@ def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
 
 
 def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: Hazard | None) -> list[dict]:
-    """The rows of one curve, a measure each."""
-    out = curve.rows[~counted[curve.rows]]
+    """Return the rows of one curve, one per failure criterion."""
+    left_out = curve.rows[~counted[curve.rows]]
     curve = _only(curve, counted[curve.rows])
-    mine = curve.rows
-    at = members[SPEED][mine][:, None] == speed
-    failed, judged = (np.array([v[part][mine] for v in measures.values()], bool) for part in (0, 1))
-    ran, counts = judged.astype(int) @ at.astype(int), failed.astype(int) @ at.astype(int)
-    samples = _resampled(curve, at, failed, judged) if curve.samples >= FEWEST else None
-    exposure = np.unique(members["duration"][mine])
-    missing = (members[SPEED][out][:, None] == speed).sum(0)
+    rows_of_curve = curve.rows
+    is_at_speed = members[SPEED][rows_of_curve][:, None] == speed
+    failed, judged = (np.array([v[part][rows_of_curve] for v in measures.values()], bool) for part in (0, 1))
+    run_counts, counts = (
+        judged.astype(int) @ is_at_speed.astype(int),
+        failed.astype(int) @ is_at_speed.astype(int),
+    )
+    samples = _resampled(curve, is_at_speed, failed, judged) if curve.samples >= FEWEST else None
+    exposure = np.unique(members["duration"][rows_of_curve])
+    missing = (members[SPEED][left_out][:, None] == speed).sum(0)
     rows = []
     for k, name in enumerate(measures):
-        runs, fit = ran[k], probit.fit(speed, ran[k], counts[k])
-        drawn = None if samples is None else probit.fit(speed, samples[0][k], samples[1][k])
+        runs, fit = run_counts[k], probit.fit(speed, run_counts[k], counts[k])
+        resampled = None if samples is None else probit.fit(speed, samples[0][k], samples[1][k])
         rows.append(
-            {"measure": name, "curve": curve.name, "runs": runs, "failed": counts[k], "left_out": len(out)}
+            {
+                "measure": name,
+                "curve": curve.name,
+                "runs": runs,
+                "failed": counts[k],
+                "left_out": len(left_out),
+            }
             | {"samples": curve.samples, "resampled": curve.resampled}
             | {"exposure": exposure[0] if len(exposure) == 1 else np.nan}
-            | _row(speed, grid, runs, counts[k], fit, drawn, missing, curve.samples)
-            | {"of_year": hazard_row(hazard, speed, counts[k], fit, drawn, _interval) if hazard else None}
+            | _row(speed, grid, runs, counts[k], fit, resampled, missing, curve.samples)
+            | {"of_year": hazard_row(hazard, speed, counts[k], fit, resampled, _interval) if hazard else None}
         )
     return rows
 
 
 def _only(curve: Curve, kept: np.ndarray) -> Curve:
-    """A curve of fewer of its runs, kept (r,)."""
-    numbers = lambda codes: np.unique(codes[kept], return_inverse=True)[1]
-    renumbered = {name: numbers(codes) for name, codes in curve.sharing.items()}
+    """Return a curve with some of its runs, kept (r,)."""
+    renumbered = {name: codes_of(codes[kept]) for name, codes in curve.sharing.items()}
     strata = None if curve.strata is None else curve.strata[kept]
     return Curve(curve.name, curve.rows[kept], renumbered, strata)
 
 
 def _resampled(curve: Curve, at: np.ndarray, failed: np.ndarray, judged: np.ndarray) -> tuple:
-    """Counts (k, RESAMPLES, s): how many ran at each speed in each sample, by each measure, and failed.
+    """Count runs and failures (k, RESAMPLES, s) at each speed in each resample, by each criterion.
 
     at : (r, s) the speed of each run; failed, judged : (k, r)
     """
-    ran, of = np.unique(judged, axis=0, return_inverse=True)  # mostly all runs by all measures
+    ran, group = np.unique(judged, axis=0, return_inverse=True)  # usually all criteria judge the same runs
     columns = np.concatenate([at & rows[:, None] for rows in (*ran, *failed)], axis=1).astype(float)
-    # Sums of whole numbers, which are exact in any order.
+    # Sums of integers are exact in any order.
     counts = np.concatenate([block @ columns for block in weights(curve)])
     counts = counts.reshape(RESAMPLES, len(ran) + len(failed), at.shape[1]).transpose(1, 0, 2)
-    return counts[of.ravel()], counts[len(ran) :]
+    return counts[group.ravel()], counts[len(ran) :]
 
 
 def _row(speed, grid, runs, failed, fit: Fits, drawn: Fits | None, missing, samples: int) -> dict:
-    """The fit to counts (s,), its intervals from the samples drawn, and what must be said of it."""
-    found = fit.verdict[0] == probit.FITTED
-    nothing = np.full(2, np.nan)
+    """Return the fit to counts (s,), its intervals from the resamples `drawn`, and notes."""
+    is_fitted = fit.verdict[0] == probit.FITTED
+    no_interval = np.full(2, np.nan)
     row = {"median": fit.median[0], "dispersion": fit.dispersion[0]}
-    row |= {"median_interval": nothing, "dispersion_interval": nothing, "band_at_median": nothing}
+    row |= {"median_interval": no_interval, "dispersion_interval": no_interval, "band_at_median": no_interval}
     row |= {"band": np.full((len(grid), 2), np.nan), "without_curve": 0}
     row["median_bounds"] = np.ravel(probit.median_bounds(fit))
     if drawn is not None:
         row["without_curve"] = int((drawn.verdict != probit.FITTED).sum())
         row["band"] = _interval(*probit.share_bounds(grid, drawn))
-    if drawn is not None and found:
+    if drawn is not None and is_fitted:
         row["median_interval"] = _interval(*probit.median_bounds(drawn))
         row["dispersion_interval"] = _interval(*probit.dispersion_bounds(drawn))
         row["band_at_median"] = _interval(*probit.share_bounds(fit.median, drawn))[0]
-    both = probit.fit(speed, runs + missing, np.array([failed + missing, failed]))
-    row["median_if_left_out"] = both.median
-    notes = [_reason(fit, speed, runs, failed)] if not found else []
+    extremes = probit.fit(speed, runs + missing, np.array([failed + missing, failed]))
+    row["median_if_left_out"] = extremes.median
+    notes = [_reason(fit, speed, runs, failed)] if not is_fitted else []
     row["note"] = "; ".join(notes + _doubts(row, speed, runs, failed, samples))
     return row
 
 
 def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Percentiles (2,) or (g, 2) over samples (R,) or (R, g), each known to lie between `low` and `high`."""
+    """Return percentiles (2,) or (g, 2) over samples (R,) or (R, g) with bounds `low` and `high`."""
     skipped = round(0.5 * (1.0 - LEVEL) * RESAMPLES)
     return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
 
 
 def _reason(fit: Fits, speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> str:
-    """Why there is no curve, and what is known nevertheless."""
+    """Return why there is no curve, and what is known of the median."""
     low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():
         return "no run came to an end"
@@ -150,7 +159,7 @@ def _between(low: float, high: float) -> str:
 
 
 def _doubts(row: dict, speed, runs, failed, samples: int) -> list[str]:
-    """What makes a curve less sure than it looks."""
+    """Return notes on the uncertainty of a curve."""
     notes, median, used = [], row["median"], speed[runs > 0]
     if np.isfinite(median) and not used[0] <= median <= used[-1]:
         notes.append(f"the median lies outside the speeds that ran, {used[0]:g} to {used[-1]:g} m/s")

@@ -1,12 +1,12 @@
-"""From a fragility curve to a year: the probability that the largest wind of a year breaks the roof.
+"""Annual probability that the largest wind of a year breaks the roof, from a fragility curve.
 
 With F the lognormal curve and S(v) the probability that the largest mean speed of a year exceeds v,
 
     P = integral of F(v) (-dS/dv) dv = integral of S(v) dF(v)
       = integral of phi(z) S(median exp(dispersion z)) dz
 
-P over N years, which are independent, is 1 - (1 - P)^N, and the reliability index is -Phi^-1(P)
-(EN 1990:2002, annex C). Of a sample without a curve, what bounds its share of failures bounds P.
+Years are independent: P over N years is 1 - (1 - P)^N. The reliability index is -Phi^-1(P) (EN 1990:2002,
+annex C). For a sample without a curve, the bounds of its share of failures bound P.
 """
 
 from typing import NamedTuple
@@ -17,19 +17,18 @@ from scipy.stats import gumbel_r, norm, weibull_min
 from netfall.study.answers import probit
 from netfall.study.answers.probit import Fits
 
-FASTEST = 1e4  # m/s, that no wind exceeds
-YEARS = 50
+FASTEST = 1e4  # m/s, upper bound of wind speeds
+YEARS = 50  # default period for the long-term probability
 TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
-Z = np.linspace(-9.0, 9.0, 1801)  # of the normal variable; the trapezoidal rule is exact to rounding here
+Z = np.linspace(-9.0, 9.0, 1801)  # standard normal variable; the trapezoidal rule is exact to rounding
 Z_WEIGHT = np.exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
-SPEEDS = 121  # of the grid on which the hazard is kept for pictures
+SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for plots
 
 
 class Hazard(NamedTuple):
     """The distribution of the largest mean wind speed of a year, 10 m above ground.
 
-    parameters : as `study.sections` has them; years : over which the probability is told beside that of a
-        year
+    parameters : as in `study.sections`; years : period of the long-term probability
     """
 
     distribution: str
@@ -41,7 +40,7 @@ class Hazard(NamedTuple):
         return f"{self.distribution} ({values})"
 
     def exceedance(self, speed: np.ndarray) -> np.ndarray:
-        """Probability that the largest speed of a year exceeds these [m/s]."""
+        """Compute the probability that the largest speed of a year exceeds these [m/s]."""
         p = self.parameters
         if self.distribution == "weibull":
             return weibull_min.sf(speed, p["shape"], scale=p["scale"])
@@ -49,56 +48,60 @@ class Hazard(NamedTuple):
             return gumbel_r.sf(speed, p["mode"], p["scale"])
         # v(p) = v_b [(1 - K ln(-ln(1 - p))) / (1 - K ln(-ln 0.98))]^n, solved for p
         once_in_fifty = 1.0 - p["K"] * float(np.log(-np.log(0.98)))
-        grown = np.power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
-        return gumbel_r.sf(grown, 1.0, p["K"])
+        scaled = np.power(speed / p["basic_speed"], 1.0 / p["n"]) * once_in_fifty
+        return gumbel_r.sf(scaled, 1.0, p["K"])
 
 
 def annual_probability(exceedance, median: np.ndarray, dispersion: np.ndarray) -> np.ndarray:
-    """P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""
+    """Compute P (R,) of lognormal curves, median (R,) [m/s]. exceedance : S(v), a function of speeds [m/s]"""
     speed = np.exp(np.clip(np.log(median)[:, None] + dispersion[:, None] * Z, -700.0, 700.0))
     return np.sum(Z_WEIGHT * exceedance(speed), axis=1)
 
 
 def tail_share(exceedance, median: float, dispersion: float, lowest: float) -> float:
-    """Share of P from speeds below `lowest` [m/s], where no run has failed and the curve alone speaks.
+    """Compute the share of P from speeds below `lowest` [m/s], at which no run has failed.
 
-    The integral of F (-dS/dv) below a speed u is that of phi(z) (S(v) - S(u)) over v below u.
+    There the probability depends on the shape of the curve alone. The integral of F (-dS/dv) below a speed u
+    is that of phi(z) (S(v) - S(u)) over v below u.
     """
     speed = np.exp(np.clip(np.log(median) + dispersion * Z, -700.0, 700.0))
     below = np.maximum(exceedance(speed) - exceedance(np.array([lowest])), 0.0)
-    whole = float(np.sum(Z_WEIGHT * exceedance(speed)))
-    return float(np.sum(Z_WEIGHT * below)) / whole if whole > 0.0 else np.nan
+    total = float(np.sum(Z_WEIGHT * exceedance(speed)))
+    return float(np.sum(Z_WEIGHT * below)) / total if total > 0.0 else np.nan
 
 
 def annual_bounds(exceedance, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds (R,) of P: the same where there is a curve, else what is left by `probit.share_bounds`."""
+    """Compute bounds (R,) of P, which are equal if there is a curve; see `probit.share_bounds`."""
     fitted = fits.verdict == probit.FITTED
     low, high = np.zeros(len(fitted)), np.ones(len(fitted))
     if fitted.any():
-        curves = fits.median[fitted], fits.dispersion[fitted]
-        low[fitted] = high[fitted] = annual_probability(exceedance, *curves)
-    apart = ~fitted & ~np.isin(fits.verdict, (probit.FALLING, probit.NOT_FOUND))
+        probability = annual_probability(exceedance, fits.median[fitted], fits.dispersion[fitted])
+        low[fitted] = high[fitted] = probability
+    separated = ~fitted & ~np.isin(fits.verdict, (probit.FALLING, probit.NOT_FOUND))
     above = np.where(np.isfinite(fits.above), fits.above, 1e300)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, above), (fits.share, 1.0)))
-    beyond = lambda speed: np.where(speed < FASTEST, exceedance(np.clip(speed, 1e-300, FASTEST)), 0.0)
-    least = share * (beyond(mixed) - beyond(above)) + beyond(above)
+
+    def beyond(speed: np.ndarray) -> np.ndarray:
+        return np.where(speed < FASTEST, exceedance(np.clip(speed, 1e-300, FASTEST)), 0.0)
+
+    lower = share * (beyond(mixed) - beyond(above)) + beyond(above)
     mixed, share = (np.where(np.isnan(v), w, v) for v, w in ((fits.mixed, fits.below), (fits.share, 0.0)))
-    most = share * (beyond(fits.below) - beyond(mixed)) + beyond(mixed)
-    return np.where(apart, least, low), np.where(apart, most, high)
+    upper = share * (beyond(fits.below) - beyond(mixed)) + beyond(mixed)
+    return np.where(separated, lower, low), np.where(separated, upper, high)
 
 
 def over_years(probability: np.ndarray, years: int) -> np.ndarray:
-    """1 - (1 - P)^N"""
+    """Compute 1 - (1 - P)^N."""
     return -np.expm1(years * np.log1p(-np.minimum(probability, 1.0 - 2.0**-53)))
 
 
 def reliability_index(probability: np.ndarray) -> np.ndarray:
-    """beta = -Phi^-1(P); infinite where nothing fails, nan where P is."""
+    """Compute beta = -Phi^-1(P); infinite if P is 0, nan if P is."""
     return norm.isf(np.minimum(probability, 1.0 - 2.0**-53))
 
 
 def hazard_row(hazard: Hazard, speed, failed, fits: Fits, drawn: Fits | None, interval_of) -> dict:
-    """What /hazard has of one curve.
+    """Return the datasets of /hazard for one curve.
 
     speed, failed : (s,) speeds and failures there; fits : of one; drawn : of the resamples
     interval_of(low, high) : percentiles (2,)
@@ -120,7 +123,7 @@ def hazard_row(hazard: Hazard, speed, failed, fits: Fits, drawn: Fits | None, in
 
 
 def hazard_head(hazard: Hazard, grid: np.ndarray) -> dict:
-    """What /hazard has of the annual maxima; grid : speeds of the curves' bands [m/s]."""
+    """Return the datasets of /hazard on the annual maxima; grid : speeds of the curves' bands [m/s]."""
     speed = np.linspace(0.3 * grid[0], grid[-1], SPEEDS)
     head = {"distribution": str(hazard), "years": hazard.years, "speed": speed}
     return head | {"exceedance": hazard.exceedance(speed)}

@@ -1,4 +1,4 @@
-"""What `netfall info` tells of a study file."""
+"""Text of `netfall info` on a study file."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,9 +14,9 @@ from netfall.study.answers.losses import TELLING, losses_of, one_draw
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
 from netfall.study.answers.samples import SPEED, inputs_of, is_seed, values_of
 
-MOST_NAMED = 5  # elements, losses, reasons
-FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width goes with 1 / sqrt(samples)
-MOST_VALUES = 6  # values of an input that are listed
+MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
+FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)
+MOST_VALUES = 6  # largest number of values of an input in a list
 
 
 def print_study(path: Path, say: Callable[[str], None]) -> None:
@@ -59,8 +59,8 @@ def _inputs(study: Study, say) -> None:
 def _values(values: np.ndarray, unit: str) -> str:
     different = np.unique(values)
     if values.dtype == object:
-        few = ", ".join(different[:MOST_VALUES]) + (", ..." if len(different) > MOST_VALUES else "")
-        return f"{len(different)} ({few})"
+        listed = ", ".join(different[:MOST_VALUES]) + (", ..." if len(different) > MOST_VALUES else "")
+        return f"{len(different)} ({listed})"
     if len(different) <= MOST_VALUES:
         return f"{', '.join(f'{v:g}' for v in different)} {unit}".rstrip()
     text = f"{different[0]:.6g} to {different[-1]:.6g} {unit}".rstrip()
@@ -69,7 +69,7 @@ def _values(values: np.ndarray, unit: str) -> str:
 
 def _states(study: Study, say) -> None:
     state, reason = study.members["state"], study.members["reason"]
-    known = ("finished", "no_rest", "undecided", "diverged", "failed")
+    all_states = ("finished", "no_rest", "undecided", "diverged", "failed")
     under = "the mean wind" if study.moves else "a load"
     what = {
         "no_rest": f" (no equilibrium under {under}: count as failed, with all of the roof)",
@@ -77,12 +77,12 @@ def _states(study: Study, say) -> None:
         "diverged": " (left out of the curves)",
         "failed": " (for technical reasons; left out of the curves)",
     }
-    counts = {name: int((state == name).sum()) for name in known}
-    there = [f"{counts[name]} {name}{what.get(name, '')}" for name in known if counts[name]]
-    say("members: " + ", ".join(there))
-    for name in known[1:]:
-        told = reason[state == name].astype(str)
-        reasons, first, times = np.unique(told, return_index=True, return_counts=True)
+    counts = {name: int((state == name).sum()) for name in all_states}
+    listed = [f"{counts[name]} {name}{what.get(name, '')}" for name in all_states if counts[name]]
+    say("members: " + ", ".join(listed))
+    for name in all_states[1:]:
+        state_reasons = reason[state == name].astype(str)
+        reasons, first, times = np.unique(state_reasons, return_index=True, return_counts=True)
         rows = np.flatnonzero(state == name)
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
@@ -136,16 +136,16 @@ def _fragility(study: Study, say) -> None:
     pooled = f"; {', '.join(g['pooled'])} pooled" if len(g["pooled"]) else ""
     for name in dict.fromkeys(g["curve"]):
         rows = np.flatnonzero(g["curve"] == name)
-        of = f" for {name}" if name else ""
+        suffix = f" for {name}" if name else ""
         seconds = g["exposure"][rows[0]]
         within = f"{seconds:g} s" if np.isfinite(seconds) else study.exposure
-        say(f"fragility{of}: failed of those that ran, within {within}{pooled}")
+        say(f"fragility{suffix}: failed of those that ran, within {within}{pooled}")
         _table(g, rows, say)
         _sureness(g, rows, say)
 
 
 def _table(g, rows, say) -> None:
-    """A line for each measure: counts at each speed, median and dispersion with their intervals, the band."""
+    """Print a line for each criterion: counts at each speed, fitted parameters with intervals, the band."""
     tables = [binned(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
     column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
     head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in tables[0][0])
@@ -161,7 +161,7 @@ def _table(g, rows, say) -> None:
 
 
 def _sureness(g, rows, say) -> None:
-    """What the intervals are, what narrower ones take, and what is doubtful."""
+    """Print the kind of the intervals, the samples for narrower ones, and notes."""
     k = rows[0]
     samples, kind = g["samples"][k], g["resampled"][k]
     say(
@@ -169,14 +169,14 @@ def _sureness(g, rows, say) -> None:
         "band: of the share that fails at the median speed"
     )
     half = half_width(g["band_at_median"][k])
-    aim, needed = narrower(half, samples)
+    target, needed = narrower(half, samples)
     if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
-        more = f"+-{100 * aim:g}% would take some {needed}"
-        say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {more}")
+        advice = f"+-{100 * target:g}% would take some {needed}"
+        say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {advice}")
     for note in dict.fromkeys(g["note"][rows]):
         if note:
-            of = g["measure"][rows][g["note"][rows] == note]
-            say(f"  note, {', '.join(of) if len(of) < len(rows) else 'all measures'}: {note}")
+            listed = g["measure"][rows][g["note"][rows] == note]
+            say(f"  note, {', '.join(listed) if len(listed) < len(rows) else 'all measures'}: {note}")
     if g["left_out"][k]:
         texts = [
             f"{g['measure'][k]} {least:.4g} or {most:.4g}"
@@ -184,12 +184,12 @@ def _sureness(g, rows, say) -> None:
             for least, most in [g["median_if_left_out"][k]]
             if np.isfinite(least) and np.isfinite(most)
         ]
-        of = texts or ["none"]
-        say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(of)}")
+        listed = texts or ["none"]
+        say(f"  {g['left_out'][k]} left out; the medians if all of them failed, or none: {', '.join(listed)}")
 
 
 def _failures(study: Study, say) -> None:
-    """The study's own measures of failure, where no curve tells of them."""
+    """Print the study's own failure criteria if there is no fragility curve."""
     f = study.failures
     if not f or study.fragility:
         return
@@ -219,22 +219,26 @@ def _losses(study: Study, say) -> None:
     losses = losses_of(study)
     if losses is None:
         return
-    more, bad = losses.broken > 0, losses.no_rest > 0
-    falls = losses.not_stable > 0
+    breaks, fails = losses.broken > 0, losses.no_rest > 0
+    unstable = losses.not_stable > 0
     say(
-        f"losses: {len(losses.name)} different; more breaks after {more.sum()} of them, "
-        f"{bad.sum()} leave a roof without a rest{_named(losses.name[bad])}"
-        + f", of which {falls.sum()} not stable"
-        * bool(falls.any())
+        f"losses: {len(losses.name)} different; more breaks after {breaks.sum()} of them, "
+        f"{fails.sum()} leave a roof without a rest{_named(losses.name[fails])}"
+        + f", of which {unstable.sum()} not stable"
+        * bool(unstable.any())
     )
     if (losses.breaking > 0).any():
-        torn = losses.name[losses.breaking > 0]
-        say(f"  after {len(torn)} of them {RESTS['breaks']}{_named(torn)}")
-    of = f"more than {STATIC_CHANGE:.0%} of the largest tension"
+        breaking = losses.name[losses.breaking > 0]
+        say(f"  after {len(breaking)} of them {RESTS['breaks']}{_named(breaking)}")
+    limit = f"more than {STATIC_CHANGE:.0%} of the largest tension"
     for title, values, text in (
         ("most of the roof lost", losses.roof_lost, "{:.1%}"),
         ("largest tension over tension before", losses.tension_ratio, "{:.3g}"),
-        (f"largest dynamic factors, where the equilibrium changes by {of}", losses.dynamic_factor, "{:.3g}"),
+        (
+            f"largest dynamic factors, where the equilibrium changes by {limit}",
+            losses.dynamic_factor,
+            "{:.3g}",
+        ),
     ):
         rows = np.argsort(-np.nan_to_num(values), kind="stable")[:MOST_NAMED]
         worst = [f"{text.format(values[k])} (loss of {losses.name[k]})" for k in rows if values[k] > 0]
@@ -285,9 +289,9 @@ def _audit(study: Study, say) -> None:
         return
     worst = int(np.nanargmax(error))
     off = int((error > LARGEST_BALANCE).sum())
-    took_part, attached = (share[worst] for share in shares)
+    in_play, attached = (share[worst] for share in shares)
     say(
-        f"audit: energy balance to {took_part:.1e} of the energy that took part, {attached:.1e} of the "
+        f"audit: energy balance to {in_play:.1e} of the energy that took part, {attached:.1e} of the "
         f"largest that attached parts stored, worst in row {worst}"
     )
     if off:

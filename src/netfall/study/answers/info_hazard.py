@@ -1,38 +1,41 @@
-"""Print the annual probability of failure for `netfall info`."""
+"""Text of `netfall info` on the annual probability of failure."""
 
 import numpy as np
 
 from netfall.study.answers.hazard import TARGETS, YEARS
 from netfall.study.answers.read import Study
 
-CODES = 600.0  # s, over which the mean speed of EN 1991-1-4 is taken
-MUCH = 0.5  # share of the tail from which the figure rests on the curve's form
+CODES = 600.0  # s, averaging time of the mean wind speed in EN 1991-1-4
+MUCH = 0.5  # share of the tail above which the probability depends on the shape of the curve
 
 
 def tell_hazard(study: Study, say) -> None:
-    """Probabilities of a year and of some, reliability indices, and what they rest on."""
-    h = study.hazard
-    if not h:
+    """Print annual and long-term probabilities, reliability indices, and their uncertainties."""
+    rows = study.hazard
+    if not rows:
         return
-    years = int(h["years"])
-    say(f"hazard: annual maxima of the mean wind speed, {h['distribution']}; with the curve of each measure")
-    names = [f"{m}, {c}" if c else str(m) for m, c in zip(h["measure"], h["curve"])]
+    years = int(rows["years"])
+    say(
+        f"hazard: annual maxima of the mean wind speed, {rows['distribution']}; "
+        "with the curve of each measure"
+    )
+    names = [f"{m}, {c}" if c else str(m) for m, c in zip(rows["measure"], rows["curve"])]
     wide = max(map(len, names))
     say(f"  {'':{wide}}  {'in a year':<31}{f'in {years} years':<14}{f'beta 1, {years} years':<19}tail")
     for k, name in enumerate(names):
-        say(f"  {name:{wide}}  {_row(h, k)}")
+        say(f"  {name:{wide}}  {_row(rows, k)}")
     say(
         "  tail: share of the probability from speeds below the lowest at which a run failed, where the "
         "curve's form alone speaks"
     )
-    targets = "; ".join(f"{name} {one:g}, {fifty:g}" for name, (one, fifty) in TARGETS.items())
+    targets = "; ".join(f"{name} {annual:g}, {fifty:g}" for name, (annual, fifty) in TARGETS.items())
     say(f"  targets of beta (EN 1990:2002, table B2; 1, {YEARS} years): {targets}")
-    if (h["tail_share"] > MUCH).any():
+    if (rows["tail_share"] > MUCH).any():
         say(
             "  note: more than half of a probability comes from its tail: more runs at lower speeds would "
             "say whether the curve holds there"
         )
-    if any("wind.direction = " in str(curve) for curve in h["curve"]):
+    if any("wind.direction = " in str(curve) for curve in rows["curve"]):
         say(
             "  note: each row takes it that all wind of a year blows in its wind.direction; for one "
             "probability of all directions, draw wind.direction in [sample]"
@@ -42,7 +45,7 @@ def tell_hazard(study: Study, say) -> None:
             "  note: runs of every wind.direction count alike: the probabilities are of a year in which the "
             "wind blows each way as often as these do"
         )
-    bounded = ~np.isfinite(h["annual_probability"]) & np.isfinite(h["interval"][:, 0])
+    bounded = ~np.isfinite(rows["annual_probability"]) & np.isfinite(rows["interval"][:, 0])
     if bounded.any():
         samples = study.fragility["samples"][bounded].min()
         say(
