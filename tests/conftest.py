@@ -12,7 +12,7 @@ from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
 from netfall.core.cache import choose_folder
-from netfall.ground.errors import Interrupted
+from netfall.core.errors import Interrupted
 
 choose_folder()  # of compiled kernels: here, and in what is started
 
@@ -196,10 +196,10 @@ class Workshop:
 
     def run_here(self, job: Path, output="result.vtkhdf", **how) -> h5py.File:
         """Run a job in this process, silently; its result file, open."""
-        from netfall.ground.progress import Progress
+        from netfall.core.progress import Progress
         from netfall.job.read import read_job
         from netfall.parallel.mpi import MPI
-        from netfall.program.run import run_job
+        from netfall.run.run import run_job
 
         run_job(MPI.COMM_SELF, read_job(job), self.folder / output, Progress(False, False), **how)
         return self.open(output)

@@ -10,18 +10,18 @@ from nets import pulls
 from scipy.spatial import Delaunay
 
 import netfall
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.core.functions import lengths
+from netfall.geometry.areas import normals, roof_of, tributary_areas
+from netfall.geometry.build import build_net
+from netfall.geometry.faces import find_faces
+from netfall.geometry.net import Net, subdivide
+from netfall.geometry.panels import panels_of
+from netfall.geometry.plan import draw_plan
+from netfall.geometry.shares import shares_of
 from netfall.job.read import read_job
 from netfall.model.layout import layout_digest, make_layout
 from netfall.model.model import make_model
-from netfall.net.build import build_net
-from netfall.net.net import Net, subdivide
-from netfall.numerics.functions import lengths
-from netfall.roof.areas import normals, roof_of, tributary_areas
-from netfall.roof.faces import find_faces
-from netfall.roof.panels import panels_of
-from netfall.roof.plan import draw_plan
-from netfall.roof.shares import shares_of
 
 SOFT = "[cable]\nmodulus = 1e9\narea = 1e-6\ndensity = 7850.0\nprestress = 1e3\n"
 PRESSED = SOFT + "[load]\nself_weight = false\npressure = [0.0, 0.0, -10.0]\n"

@@ -5,9 +5,9 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
+from netfall.core.arithmetic import logarithm
 from netfall.core.kernels import kernel
 from netfall.core.vectors import LANES, load, put
-from netfall.numerics.arithmetic import logarithm
 from netfall.physics.targets import element
 
 inverse_length = element.inverse_length

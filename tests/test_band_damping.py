@@ -5,7 +5,7 @@ import pytest
 from conftest import run_netfall
 from test_motion import BAR, oscillators
 
-from netfall.mechanics.law.branches import band_branches, stiffening
+from netfall.physics.law.branches import band_branches, stiffening
 
 BAND = "damping_ratio = 0.01\ndamping_band = [0.3, 9.0]\n"
 

@@ -8,8 +8,10 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from netfall.core.kernels import kernel
+from netfall.geometry.build import build_net
+from netfall.geometry.cables import CHAIN_END, NO_BENDING, chains_of
 from netfall.job.read import read_job
-from netfall.mechanics.bending import (
+from netfall.physics.bending import (
     Joints,
     add_bending_forces,
     add_joint_bounds,
@@ -19,9 +21,7 @@ from netfall.mechanics.bending import (
     joint_moments,
     joint_tangents,
 )
-from netfall.mechanics.elements import add_stiffness
-from netfall.net.build import build_net
-from netfall.net.cables import CHAIN_END, NO_BENDING, chains_of
+from netfall.physics.elements import add_stiffness
 
 # Critical pressure of rings of 12, 24, 36 bars, times r^3 / EI, r of the nodes: pressure that
 # follows, that keeps its direction, that points to the centre. Limits 3, 4, 4.5.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from netfall.mechanics.bending import curvatures
+from netfall.physics.bending import curvatures
 from netfall.results.states import form_tension
 
 INNER, OUTER, DEPTH, SIDES = 0.12, 0.03, 3.0, 36  # m2 of the chords, m, spokes of jobs/wheel.toml

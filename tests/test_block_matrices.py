@@ -10,10 +10,10 @@ import pytest
 from conftest import on_ranks, run_process
 from mpi4py import MPI
 
-from netfall.multigrid.distributed import DistributedMatrix
-from netfall.multigrid.levels import aggregates
-from netfall.multigrid.products import Product, Transposed
-from netfall.multigrid.rows import BlockRows, Owners, Pattern
+from netfall.statics.multigrid.distributed import DistributedMatrix
+from netfall.statics.multigrid.levels import aggregates
+from netfall.statics.multigrid.products import Product, Transposed
+from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern
 
 SEEDS = 24
 SINGLE = 1e-6  # of the largest: rounding of a few products in single precision

@@ -5,12 +5,12 @@ import pytest
 from conftest import STEEL, assert_same_bits_on, run_on_standing_ranks
 from mpi4py import MPI
 
-from netfall.checks.buckling import IMPERFECTION, reduction, slenderness
-from netfall.checks.codes import read_codes
-from netfall.ground.errors import InputError
-from netfall.job.memory import Memory
+from netfall.core.errors import InputError
+from netfall.job.cache import Memory
 from netfall.job.read import read_job
-from netfall.program.member import run_member
+from netfall.post.checks.buckling import IMPERFECTION, reduction, slenderness
+from netfall.post.checks.codes import read_codes
+from netfall.run.sample import run_member
 
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.
 NODES = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,1,1,0,-200e3\n3,5,0,4,1,1,1,0\n"

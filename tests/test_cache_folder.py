@@ -10,7 +10,7 @@ import pytest
 from conftest import ENVIRONMENT
 
 from netfall.core import cache
-from netfall.program import compile as compiling
+from netfall.run import compile as compiling
 
 
 @pytest.fixture
@@ -19,8 +19,8 @@ def package(tmp_path, monkeypatch):
     package = tmp_path / "netfall"
     texts = {
         "physics/law.py": "LIMIT = 1.0\n",
-        "step/loop.py": "@kernel\ndef loop(): pass\n",
-        "report/page.py": "TITLE = ''\n",
+        "explicit/loop.py": "@kernel\ndef loop(): pass\n",
+        "post/report/page.py": "TITLE = ''\n",
     }
     for name, text in texts.items():
         (package / name).parent.mkdir(parents=True, exist_ok=True)
@@ -43,9 +43,9 @@ def test_code_of_changed_sources_is_kept_apart(package):
     """Of any kernel, for numba looks at the file of the one that is called alone; and of their constants."""
     first = chosen()
     assert first.is_dir() and first.parent == package / "__pycache__"
-    (package / "report/page.py").write_text("TITLE = 'another'\n")
+    (package / "post/report/page.py").write_text("TITLE = 'another'\n")
     assert chosen() == first
-    folders, changed = {first}, {"step/loop.py": "@kernel\ndef loop(): return 1\n", "physics/law.py": ""}
+    folders, changed = {first}, {"explicit/loop.py": "@kernel\ndef loop(): return 1\n", "physics/law.py": ""}
     for name, text in (changed | {"step/more.py": "@inner_kernel\ndef more(): pass\n"}).items():
         (package / name).write_text(text)
         folders.add(chosen())
@@ -101,7 +101,7 @@ def folder(tmp_path, monkeypatch):
 
 
 HOLDS_ITS_TURN = """
-from netfall.program.compile import turn
+from netfall.run.compile import turn
 with turn():
     print("there", flush=True)
     input()

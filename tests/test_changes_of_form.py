@@ -22,20 +22,20 @@ from test_manufactured import (
     run_here,
 )
 
-from netfall.checks.reactions import reaction_columns
+from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.mechanics.fields import Features
-from netfall.mechanics.state import State
-from netfall.net.build import build_net
+from netfall.loads.wind.field import make_wind_field
+from netfall.loads.wind.onset import GrowingGusts
 from netfall.parallel.halo import buffers_alone, exchange_rows
+from netfall.physics.fields import Features
+from netfall.physics.state import State
+from netfall.post.checks.reactions import reaction_columns
+from netfall.results.checkpoint import checkpoint_path, remove_older
 from netfall.results.states import envelope_of
-from netfall.stages.step_limit import long_step_allowed
+from netfall.run.step_limit import long_step_allowed
 from netfall.study.answers.info import _losses
 from netfall.study.answers.losses import losses_of, one_draw
 from netfall.study.runs import Queue
-from netfall.wind.field import make_wind_field
-from netfall.wind.onset import GrowingGusts
-from netfall.write.checkpoint import checkpoint_path, remove_older
 
 STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
 
@@ -368,7 +368,7 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
 
 def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
     """A dot for the loss that was borne; the other one is told to have none, and why."""
-    from netfall.plots.study.losses import loss_chart
+    from netfall.post.plots.study.losses import loss_chart
 
     members = {
         "removed": np.array(["1", "2"]),

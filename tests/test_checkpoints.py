@@ -6,7 +6,7 @@ import pytest
 from conftest import assert_same_results
 from test_long_runs import ELEMENTS, JOB, NODES
 
-from netfall.write.checkpoint import checkpoint_path
+from netfall.results.checkpoint import checkpoint_path
 
 AT_ONCE = ("--walltime", "00:00:00")  # stops at the first look: step 0, or 100,000 steps on
 

@@ -8,7 +8,7 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 from test_bending import BAR, chain_job, dense, elements_stiffness, joint_energies, row_of, tangents
 
-from netfall.mechanics.bending import Joints, curvatures
+from netfall.physics.bending import Joints, curvatures
 
 EXACT = "[load]\nself_weight = false\nsteps = 1\ntolerance = 1e-7\n"
 STIFF_LEG = (1e8, 1.0, 1e-3)  # modulus, area, second moment: EI = 1e5 N m2, EA = 1e8 N

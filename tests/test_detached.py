@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
 
-from netfall.record.history import energy_in_play
-from netfall.results.notes import balance_notes, detached_notes_of
+from netfall.explicit.history import energy_in_play
+from netfall.results.warning_text import balance_notes, detached_notes_of
 
 RHO, STEP = 1.25, 1e-3
 BARE = STEEL.replace("prestress = 100e3\n", "")

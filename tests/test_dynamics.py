@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
-from netfall.ground.errors import DivergedError
+from netfall.core.errors import DivergedError
 from netfall.model.schedule import make_schedule
 
 ELASTIC = STEEL.replace("prestress = 100e3\n", "")
@@ -51,7 +51,7 @@ def test_sharp_limit_of_a_chain(workshop, n):
 
 def test_elements_of_different_speed_are_in_the_limits(workshop):
     """The bound for any shape against the sharp limit of a chain in closed form; L0 / c after fracture."""
-    from netfall.mechanics.stability import after_fracture_limit, any_shape_limits
+    from netfall.physics.stability import after_fracture_limit, any_shape_limits
 
     n, k, m = 40, 1e6, 2.0
     elements = np.column_stack([np.arange(n), np.arange(1, n + 1)])
@@ -78,7 +78,7 @@ def test_any_fragments_are_stable_within_the_limit_after_fracture(seed, weak):
     """Random nets torn apart at random, fragment by fragment, where some or all of the elements can break:
     the bound of what is left never falls below the limit, no mass is lost, none is negative.
     """
-    from netfall.mechanics.stability import after_fracture_limit, any_shape_limits, fragment_mass
+    from netfall.physics.stability import after_fracture_limit, any_shape_limits, fragment_mass
 
     rng = np.random.default_rng(seed)
     n, m = 40, 90
@@ -135,7 +135,7 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     """A velocity that is no number at 0.06 s:
     stopped before it is saved, with time, particle, element and the checkpoint before.
     """
-    from netfall.stages import dynamics
+    from netfall.run import dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
     text = ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n"
@@ -200,8 +200,8 @@ def test_mass_scaling_keeps_its_budget_and_its_step(share):
     no more than the share is added, nothing taken, and no element asks for more than the step that it was
     added for.
     """
-    from netfall.mechanics.stability import any_shape_limits, scaled_mass
-    from netfall.net.generators import generate as generators
+    from netfall.geometry.generators import generate as generators
+    from netfall.physics.stability import any_shape_limits, scaled_mass
 
     net = generators.stadium(88.0, 66.0, 10.0, 2.2)
     L = np.linalg.norm(np.diff(net.x[net.elements], axis=1)[:, 0], axis=1)

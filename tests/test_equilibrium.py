@@ -11,20 +11,19 @@ from conftest import ROOT, StopAfter
 from mpi4py import MPI
 from nets import elastic, equilibrium
 
-from netfall.equilibrium import goals, mixed, newton
-from netfall.equilibrium.newton import NoConvergence
-from netfall.equilibrium.relaxation import Paused
-from netfall.erection.settings import jack_of
-from netfall.ground.stop import NEVER
-from netfall.ground.timings import Phases
+from netfall.core.stop import NEVER
+from netfall.core.timings import Phases
+from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
-from netfall.mechanics.slip.law import set_strands
-from netfall.net.net import GRAVITY
-from netfall.program import check
-from netfall.program.check import check_job
-from netfall.program.setup import prepare
-from netfall.stages import statics
-from netfall.stages.settle import committed, put_back
+from netfall.physics.slip.law import set_strands
+from netfall.run import check, statics
+from netfall.run.check import check_job
+from netfall.run.equilibrium import committed, put_back
+from netfall.run.erection.settings import jack_of
+from netfall.run.setup import prepare
+from netfall.statics import interior_point, newton, relaxation_stages
+from netfall.statics.newton import NoConvergence
+from netfall.statics.relaxation import Paused
 
 SADDLE = """
 [net]
@@ -155,7 +154,7 @@ class Statics:
 @pytest.mark.parametrize("cable", ["", "fracture_strain = 0.5\n"])
 def test_much_load_is_found_without_relaxation(workshop, monkeypatch, cable):
     """With twelve times its load cables go slack: by the interior point method, and right."""
-    monkeypatch.setattr(goals, "relax", None)
+    monkeypatch.setattr(relaxation_stages, "relax", None)
     found = Statics(workshop.job(SADDLE.format(cells=24, cable=cable, pressure=[0.0, 0.0, 36 * AREA_LOAD])))
     found.find()
     assert max(found.off()) < 1e-6 and found.path.steps[-1]["slack"] > 0
@@ -164,7 +163,7 @@ def test_much_load_is_found_without_relaxation(workshop, monkeypatch, cable):
 def test_what_neither_method_finds_is_relaxed(workshop, monkeypatch):
     """Where the interior point method gives up the positions are put back, and relaxation finds it."""
     job = workshop.job(SADDLE.format(cells=24, cable="", pressure=[0.0, 0.0, 36 * AREA_LOAD]))
-    monkeypatch.setattr(mixed, "MOST_STEPS", 3)
+    monkeypatch.setattr(interior_point, "MOST_STEPS", 3)
     found = Statics(job)
     found.find()
     assert found.path.steps[1]["iterations"] > 300 and max(found.off()) < 1e-6
@@ -214,7 +213,7 @@ def hung(workshop, strain, yields):
 def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yields, until):
     """As near as the last step, or what is missing, by hand; the tensions are those of the law."""
     method, state, depth = hung(workshop, strain, yields)
-    way = mixed.Mixed(method, state, NEVER)
+    way = interior_point.Mixed(method, state, NEVER)
     way.narrow(*until)
     assert state.x[2] == pytest.approx([0.0, 0.0, -depth], rel=1e-6, abs=1e-5)
     assert max(way.missing) < 1e-5 and way.now[2, 0] < 1e-5 * way.now[0, 0]
@@ -244,14 +243,14 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
     unknowns do, as near as they say, by a relaxation that leaves a thousandth of that.
     """
     states, errors_told, text = [], [], GIVEN.format(cells=24)
-    for steps, tolerance in ((mixed.MOST_STEPS, 1e-6), (0, 1e-9)):
-        monkeypatch.setattr(mixed, "MOST_STEPS", steps)
+    for steps, tolerance in ((interior_point.MOST_STEPS, 1e-6), (0, 1e-9)):
+        monkeypatch.setattr(interior_point, "MOST_STEPS", steps)
         job = read_job(workshop.job(text + f"tolerance = {tolerance}\nmax_iterations = 1000000\n"))
         scene, _ = prepare(MPI.COMM_SELF, job, Phases())
         load = scene.model.loading.permanent
         with monkeypatch.context() as only:
             if steps:
-                only.setattr(goals, "relax", None)
+                only.setattr(relaxation_stages, "relax", None)
             found = scene.finder.find(load, tolerance, 80e3, 1_000_000, "weight")
         errors_told.append((found.displacement_error, found.tension_error))
         states.append((scene.state.x.copy(), scene.state.elements_now().N))
@@ -283,7 +282,7 @@ def test_what_yields_is_not_relaxed(workshop, monkeypatch):
     """Cables that flow until the saddle bulges by a third of its span: right."""
     text = SADDLE.format(cells=12, cable="yield_stress = 0.75e9\n", pressure=[0.0, 0.0, 9 * AREA_LOAD])
     found = Statics(workshop.job(text))
-    monkeypatch.setattr(goals, "relax", None)
+    monkeypatch.setattr(relaxation_stages, "relax", None)
     found.find()
     assert max(found.off(0.75e9 * 3600e-6)) < 1e-6 and np.abs(found.scene.state.eps_p).max() > 0.1
 

@@ -10,28 +10,28 @@ from mpi4py import MPI
 from PIL import Image
 from scipy.optimize import fsolve
 
-from netfall.checks.cables import Cutting, cutting_columns
-from netfall.checks.cases import slack_cables
-from netfall.checks.reactions import pull_at, reaction_columns
-from netfall.checks.shop import Deduction, pieces_of
-from netfall.checks.slides import slide_columns
-from netfall.erection import erect
-from netfall.ground.errors import DivergedError
-from netfall.ground.progress import Progress
-from netfall.job.memory import Memory
+from netfall.core.errors import DivergedError
+from netfall.core.progress import Progress
+from netfall.geometry.build import build_net
+from netfall.geometry.net import GRAVITY
+from netfall.job.cache import Memory
 from netfall.job.read import read_job
-from netfall.net.build import build_net
-from netfall.net.net import GRAVITY
-from netfall.plots.film import animate
-from netfall.plots.states import force_words, named_state
-from netfall.plots.states import stages as stages_picture
-from netfall.program import build_up
-from netfall.program.member import run_member
-from netfall.program.run import run_job
+from netfall.post.checks.cables import Cutting, cutting_columns
+from netfall.post.checks.cases import slack_cables
+from netfall.post.checks.reactions import pull_at, reaction_columns
+from netfall.post.checks.shop import Deduction, pieces_of
+from netfall.post.checks.slides import slide_columns
+from netfall.post.page.states import drawn_part, states_shown
+from netfall.post.plots.film import animate
+from netfall.post.plots.states import force_words, named_state
+from netfall.post.plots.states import stages as stages_picture
 from netfall.results.cases import cases_of
 from netfall.results.frames import Frames, StageFrames
 from netfall.results.states import envelope_of, start_position
-from netfall.view.states import drawn_part, states_shown
+from netfall.run import permanent_state
+from netfall.run.erection import erect
+from netfall.run.run import run_job
+from netfall.run.sample import run_member
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 # of forces and displacements, of an equilibrium ([load] tolerance); Newton's last step is far below
@@ -132,7 +132,7 @@ def run_here(workshop, job):
 def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
     """Weights that change with lengths, in one turn: no forces at jacks, targets with what they leave."""
     monkeypatch.setattr(erect, "MOST_TURNS", 1)
-    monkeypatch.setattr(build_up, "MOST_TURNS", 1)
+    monkeypatch.setattr(permanent_state, "MOST_TURNS", 1)
     text = CABLES + "[load]\nself_weight = true\n" + stage("slack", lengths="{right = {length = 9.6}}")
     text += stage("pulled", lengths="{right = {force = 300.0}}")
     with pytest.raises(DivergedError, match=r"pulled.*not reached in 1 turns: the weight still changes"):

@@ -11,9 +11,9 @@ from test_python import cross
 from test_validation_opensees import shipped, tensions_in_opensees
 
 import netfall
+from netfall.core.errors import InputError
 from netfall.exchange.drawings.reading import Options, read_net
 from netfall.exchange.export import Wanted, export
-from netfall.ground.errors import InputError
 
 # Digits of a number that a text holds in full.
 EXACT = 1e-15

@@ -142,12 +142,12 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     """A mass runs into a slack cable and back:
     the energy it brings back, averaged over the moment of contact, for omega dt = phase.
     """
-    from netfall.mechanics.fields import Features
-    from netfall.mechanics.state import State
+    from netfall.explicit.loop import Interval
+    from netfall.explicit.plan import Plan
     from netfall.parallel.halo import Halo
     from netfall.parallel.subdomain import cut_net
-    from netfall.step.loop import Interval
-    from netfall.step.plan import Plan
+    from netfall.physics.fields import Features
+    from netfall.physics.state import State
 
     n, stiffness, mass, reach = 2000, 1e6, 10.0, 1e-5  # reach: m in a step, of a cable of 1 m
     dt = phase / np.sqrt(stiffness / mass)

@@ -11,13 +11,13 @@ from conftest import STEEL, StopAfter, run_on_standing_ranks
 from mpi4py import MPI
 from nets import along, pulls
 
-from netfall.equilibrium import newton
-from netfall.equilibrium.newton import NoConvergence
-from netfall.form import tensions
-from netfall.ground.errors import Interrupted
-from netfall.ground.timings import Phases
+from netfall.core.errors import Interrupted
+from netfall.core.timings import Phases
 from netfall.job.read import read_job
-from netfall.program.setup import prepare
+from netfall.run.setup import prepare
+from netfall.statics import newton
+from netfall.statics.form import tensions
+from netfall.statics.newton import NoConvergence
 
 
 @pytest.mark.parametrize("start", ["given", "force_density"])

@@ -10,17 +10,17 @@ from mpi4py import MPI
 from test_kernels import ALL_FEATURES, lattice, make_state
 
 from netfall.core.kernels import kernel
-from netfall.mechanics.fields import Features, fields_of
-from netfall.mechanics.fracture import FractureRules, dissipate
-from netfall.mechanics.state import State
-from netfall.model.losses import comes_loose
+from netfall.explicit.loop import Interval
+from netfall.explicit.plan import Plan
+from netfall.geometry.net import Net
+from netfall.loads.removal import comes_loose
 from netfall.model.schedule import stride_of
-from netfall.net.net import Net
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import cut_net
-from netfall.report.info import print_info
-from netfall.step.loop import Interval
-from netfall.step.plan import Plan
+from netfall.physics.fields import Features, fields_of
+from netfall.physics.fracture import FractureRules, dissipate
+from netfall.physics.state import State
+from netfall.post.report.info import print_info
 
 BRITTLE = STEEL.replace("prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n")
 DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"

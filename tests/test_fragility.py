@@ -13,8 +13,8 @@ from study_files import columns, drawn_members, net, write_study
 
 from netfall.cli import commands
 from netfall.cli.parser import parser
-from netfall.ground.errors import InputError
-from netfall.plots.study.study import pictures_of
+from netfall.core.errors import InputError
+from netfall.post.plots.study.study import pictures_of
 from netfall.results.file import open_result
 from netfall.study.answers import fragility, measures, probit, samples
 from netfall.study.answers.correlation import spearman

@@ -24,10 +24,10 @@ from mpi4py import MPI
 from test_long_runs import ELEMENTS, NODES
 from test_long_runs import JOB as TINY
 
-from netfall.ground.errors import OutputError
-from netfall.write import locks as room
-from netfall.write.h5 import SharedFile, check_seal
-from netfall.write.locks import h5_whole, reserve
+from netfall.core.errors import OutputError
+from netfall.results import locks as room
+from netfall.results.h5 import SharedFile, check_seal
+from netfall.results.locks import h5_whole, reserve
 
 SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
 DISK = 16  # MB

@@ -7,10 +7,10 @@ import mpmath
 import numpy as np
 import pytest
 
+from netfall.core import functions
+from netfall.core.arithmetic import exponential, exponential_less_one
 from netfall.core.kernels import kernel
-from netfall.numerics import functions
-from netfall.numerics.arithmetic import exponential, exponential_less_one
-from netfall.numerics.linear import (
+from netfall.core.linear import (
     eliminate,
     factorised,
     product,
@@ -18,10 +18,10 @@ from netfall.numerics.linear import (
     solve_factorised,
     top_of_tridiagonal,
 )
-from netfall.numerics.normal import quantile
-from netfall.numerics.sets import among, distinct
-from netfall.numerics.sparse import Singular, solve_sparse
-from netfall.wind.noise import standard_normal
+from netfall.core.normal import quantile
+from netfall.core.sets import among, distinct
+from netfall.core.sparse import Singular, solve_sparse
+from netfall.loads.wind.noise import standard_normal
 
 mpmath.mp.prec = 160
 ROUNDING = np.finfo(float).eps

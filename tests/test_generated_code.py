@@ -11,7 +11,7 @@ from numba import cfunc, types
 from processors import JOBS, ROOT, digest, kept
 
 from netfall.core.kernels import OPTIONS
-from netfall.step.loop import step_chunks
+from netfall.explicit.loop import step_chunks
 
 VECTOR = r"<\d+ x double>"
 
@@ -65,8 +65,8 @@ OTHER = """
 import sys
 import netfall.core.vectors
 netfall.core.vectors.LANES = {lanes}
-import netfall.step.plan
-netfall.step.plan.CHUNK = {chunk}
+import netfall.explicit.plan
+netfall.explicit.plan.CHUNK = {chunk}
 from netfall.__main__ import main
 sys.argv[1:] = ["run", sys.argv[1], "-o", sys.argv[2], "--quiet"]
 main()

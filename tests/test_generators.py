@@ -7,12 +7,12 @@ from nets import pulls
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import spsolve
 
-from netfall.net.generators import generate as generators
-from netfall.net.generators.dome import GROUPS, dome
-from netfall.net.generators.generate import ring
-from netfall.net.net import pair_key
-from netfall.roof.areas import tributary_areas
-from netfall.roof.faces import find_faces
+from netfall.geometry.areas import tributary_areas
+from netfall.geometry.faces import find_faces
+from netfall.geometry.generators import generate as generators
+from netfall.geometry.generators.dome import GROUPS, dome
+from netfall.geometry.generators.generate import ring
+from netfall.geometry.net import pair_key
 
 STADIUM = 88.0, 66.0, 10.0, 2.2
 

@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 from netfall.job.schema import SECTIONS
-from netfall.wind.autoregressive import AtPoints, GustRecursion, fit_gust_model, root_of
-from netfall.wind.coherence import along_wind, davenport_coherence
-from netfall.wind.errors import coherence_errors, load_power
-from netfall.wind.field import make_wind_field
-from netfall.wind.spectra import KARMAN, SHAPES, gust_of
+from netfall.loads.wind.autoregressive import AtPoints, GustRecursion, fit_gust_model, root_of
+from netfall.loads.wind.coherence import along_wind, davenport_coherence
+from netfall.loads.wind.errors import coherence_errors, load_power
+from netfall.loads.wind.field import make_wind_field
+from netfall.physics.wind_spectra import KARMAN, SHAPES, gust_of
 
 DECAY = (8.0, 16.0, 10.0)
 POINTS = np.array([[x, y, 0.0] for x in (-30.0, -10.0, 10.0, 30.0) for y in (0.0, 15.0, 30.0)])

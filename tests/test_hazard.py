@@ -10,8 +10,8 @@ from scipy import integrate, stats
 from study_files import columns, drawn_members, net, write_study
 from test_study_runs import STUDY, write
 
-from netfall.ground.errors import InputError
-from netfall.plots.study.study import pictures_of
+from netfall.core.errors import InputError
+from netfall.post.plots.study.study import pictures_of
 from netfall.results.outcomes import OUTCOMES
 from netfall.study.answers import fragility, probit, samples
 from netfall.study.answers.fragility import curve_sections

@@ -8,16 +8,16 @@ import pytest
 from conftest import STEEL
 
 from netfall.cli.parser import EXAMPLES, VERBS, parser
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.geometry.build import build_net
 from netfall.job.entries import LISTS
 from netfall.job.read import read_job
 from netfall.job.schema import SECTIONS
 from netfall.job.template import new_template
 from netfall.model.layout import make_layout
-from netfall.net.build import build_net
-from netfall.plots import canvas
-from netfall.plots.net import whole_cables
-from netfall.program.check import check_job, draw_check
+from netfall.post.plots import canvas
+from netfall.post.plots.net import whole_cables
+from netfall.run.check import check_job, draw_check
 
 
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):

@@ -8,13 +8,13 @@ import pytest
 from bad_inputs import BAD_TABLES, wrong_values
 from conftest import STEEL, on_ranks, run_netfall, run_on_standing_ranks, run_process
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.geometry.build import build_net
+from netfall.geometry.defaults import default_warnings
 from netfall.job.entries import LISTS
 from netfall.job.keys import REQUIRED
 from netfall.job.read import read_job
 from netfall.job.schema import GENERATOR_KEYS, SECTIONS
-from netfall.net.build import build_net
-from netfall.net.defaults import default_warnings
 
 WHOLE = """
 title = "all sections"

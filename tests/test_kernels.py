@@ -7,16 +7,16 @@ import pytest
 
 from netfall.core.kernels import kernel
 from netfall.core.vectors import LANES
-from netfall.mechanics.elements import add_tensions
-from netfall.mechanics.fields import Features
-from netfall.mechanics.state import State
+from netfall.explicit.forces import chunk_forces
+from netfall.explicit.incidence import collect_elements
+from netfall.explicit.loop import Chunks
+from netfall.explicit.motion import PLAIN_LAW
+from netfall.explicit.plan import CHUNK, Plan, traits_of
 from netfall.parallel.halo import buffers_alone
 from netfall.parallel.subdomain import cut_net
-from netfall.step.forces import chunk_forces
-from netfall.step.loop import Chunks
-from netfall.step.motion import PLAIN_LAW
-from netfall.step.plan import CHUNK, Plan, traits_of
-from netfall.step.slots import collect_elements
+from netfall.physics.elements import add_tensions
+from netfall.physics.fields import Features
+from netfall.physics.state import State
 
 
 class NoHalo:

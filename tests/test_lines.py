@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from netfall.ground.timings import Phases
+from netfall.core.timings import Phases
 from netfall.job.read import read_job
-from netfall.multigrid import cycle
-from netfall.multigrid.lines import MOST_TOUCHING, LineSmoother, all_lines, lines_of
-from netfall.multigrid.tangent import incidence_of, tangent_rows
-from netfall.program.setup import prepare
+from netfall.run.setup import prepare
+from netfall.statics.multigrid import cycle
+from netfall.statics.multigrid.lines import MOST_TOUCHING, LineSmoother, all_lines, lines_of
+from netfall.statics.multigrid.tangent import incidence_of, tangent_rows
 
 SADDLE = """
 [net]

@@ -9,10 +9,10 @@ from test_python import cross
 
 import netfall
 from netfall.core.kernels import kernel
-from netfall.mechanics.fields import Elements
-from netfall.mechanics.law.element import axial_force, stored_energy, strain, yield_energy
-from netfall.mechanics.law.law import Law, law_of
-from netfall.results.notes import motion_notes_of
+from netfall.physics.fields import Elements
+from netfall.physics.law.element import axial_force, stored_energy, strain, yield_energy
+from netfall.physics.law.law import Law, law_of
+from netfall.results.warning_text import motion_notes_of
 
 EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import pytest
 from test_study import NODES, TABLES
 
+from netfall.job.cache import OF_SPEED, Memory, key_of
 from netfall.job.entries import LISTS
 from netfall.job.job import PATHS, Job
-from netfall.job.memory import OF_SPEED, Memory, key_of
 from netfall.job.read import read_job
 from netfall.job.schema import OVERRIDES, SECTIONS
 from netfall.model.layout import make_layout

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
+from netfall.geometry.areas import roof_of, tributary_areas
+from netfall.geometry.build import build_net
+from netfall.geometry.faces import find_faces
+from netfall.geometry.generators import generate as generators
+from netfall.geometry.net import subdivide
+from netfall.geometry.shares import shares_of
 from netfall.job.read import read_job
-from netfall.net.build import build_net
-from netfall.net.generators import generate as generators
-from netfall.net.net import subdivide
-from netfall.roof.areas import roof_of, tributary_areas
-from netfall.roof.faces import find_faces
-from netfall.roof.shares import shares_of
 
 
 def test_stadium_has_the_papers_counts():

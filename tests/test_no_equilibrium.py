@@ -8,19 +8,19 @@ import pytest
 from conftest import assert_same_results, run_on_standing_ranks
 from mpi4py import MPI
 
-from netfall.equilibrium import goals, mixed
-from netfall.equilibrium import limit as limits
-from netfall.equilibrium.find import Finder
-from netfall.equilibrium.overload import UNSTRAINED, Strained, Trial, search_limit, strained
-from netfall.ground.errors import DivergedError
-from netfall.ground.progress import Progress
-from netfall.ground.stop import NEVER
-from netfall.ground.timings import Phases
+from netfall.core.errors import DivergedError
+from netfall.core.progress import Progress
+from netfall.core.stop import NEVER
+from netfall.core.timings import Phases
 from netfall.job.read import read_job
-from netfall.program.run import run_job
-from netfall.program.setup import prepare
-from netfall.stages import settle as settling
-from netfall.stages.statics import StaticPath, find_equilibria
+from netfall.run import equilibrium as settling
+from netfall.run.run import run_job
+from netfall.run.setup import prepare
+from netfall.run.statics import StaticPath, find_equilibria
+from netfall.statics import interior_point, relaxation_stages
+from netfall.statics import work_control as limits
+from netfall.statics.limit_load import UNSTRAINED, Strained, Trial, search_limit, strained
+from netfall.statics.solver import Finder
 
 CABLES = """
 [cable]
@@ -142,8 +142,8 @@ def test_a_net_bears_what_it_bears_in_small_load_steps(workshop):
 
 def test_progress_tells_of_the_search_and_of_no_time_left(workshop, monkeypatch):
     """What is searched and relaxed, each line that there is; how long that takes nobody knows."""
-    monkeypatch.setattr("netfall.ground.progress.LINE_EVERY", 0.0)
-    monkeypatch.setattr(mixed, "MOST_STEPS", 0)
+    monkeypatch.setattr("netfall.core.progress.LINE_EVERY", 0.0)
+    monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
     job, told = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS), io.StringIO()
     with pytest.raises(DivergedError):
         run_job(MPI.COMM_WORLD, read_job(job), workshop.folder / "result.vtkhdf", Progress(True, stream=told))
@@ -181,12 +181,12 @@ SIDEWAYS = "id,x,y,z,fixed,load_x\n1,0,0,0,1,0\n2,0,0,-10,0,0\n3,0,0,-20,0,{load
 ROPE = "id,start,end\n1,1,2\n2,2,3\n"
 
 
-@pytest.mark.parametrize("steps", [mixed.MOST_STEPS, 0])
+@pytest.mark.parametrize("steps", [interior_point.MOST_STEPS, 0])
 def test_what_swings_far_on_the_way_is_not_lost(workshop, monkeypatch, steps):
     """A rope pulled sideways bears its yield force, by steps with tensions as unknowns and by relaxation."""
     job = workshop.job(PLASTIC.format(steps=1), SIDEWAYS.format(load=3.0 * YIELD), ROPE)
     with monkeypatch.context() as only:
-        only.setattr(mixed, "MOST_STEPS", steps)
+        only.setattr(interior_point, "MOST_STEPS", steps)
         scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
         path = StaticPath()
         find_equilibria(scene, Mock(stop=NEVER), path)
@@ -300,9 +300,11 @@ def test_what_neither_finds_is_relaxed(workshop, monkeypatch):
     """The whole load, then shares of it, where steps with tensions as unknowns are too few."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-6e6), HANGERS)
     _, exact, _ = by_work(monkeypatch, job)
-    relaxed, relax = [], goals.relax
-    monkeypatch.setattr(goals, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more))
-    monkeypatch.setattr(mixed, "MOST_STEPS", 0)
+    relaxed, relax = [], relaxation_stages.relax
+    monkeypatch.setattr(
+        relaxation_stages, "relax", lambda *to, **more: relaxed.append(1) or relax(*to, **more)
+    )
+    monkeypatch.setattr(interior_point, "MOST_STEPS", 0)
     _, row, _ = by_work(monkeypatch, job, _by_trials=settling._by_trials)
     assert relaxed and row["load_factor"] == pytest.approx(exact["load_factor"], rel=5e-3)
 
@@ -332,7 +334,9 @@ def test_how_far_a_step_turns_cables(workshop):
     state, u = scene.state, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 3.0, -4.0]])
     L = state.elements_now().L
     by_hand = max(5.0 / L[0], np.sqrt(26.0) / L[1])
-    assert mixed.most_turned(u, mixed.cables_of(state), L, state.ends) == pytest.approx(by_hand, rel=1e-14)
+    assert interior_point.most_turned(u, interior_point.cables_of(state), L, state.ends) == pytest.approx(
+        by_hand, rel=1e-14
+    )
 
 
 @pytest.mark.parametrize("looks, ranks", [(10, 2), (20, 3), (30, 1)])

@@ -8,8 +8,8 @@ import pytest
 from conftest import ROOT, STEEL, run_on_standing_ranks
 
 import netfall
-from netfall.ground.errors import InputError
-from netfall.results.result import Result
+from netfall.core.errors import InputError
+from netfall.results.reader import Result
 
 SADDLE = '[net]\ngenerator = "saddle"\ncells = 4\n' + STEEL
 BREAKS = SADDLE + "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"

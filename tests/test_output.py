@@ -20,19 +20,19 @@ from kill_runs import JOB
 from matplotlib.text import Text
 from PIL import Image
 
+from netfall.core.errors import InputError
 from netfall.exchange.export import Wanted, export
-from netfall.ground.errors import InputError
-from netfall.plots.canvas import VIEWS, charts, heading, save
-from netfall.plots.collapse import collapse, stage_steps
-from netfall.plots.film import Shot, animate
-from netfall.plots.force import ForceScale, edge_of
-from netfall.plots.labels import add_labels
-from netfall.plots.run import plot_all, plot_state
-from netfall.plots.states import deflection_scale, states
-from netfall.program.ranks import ranks_line, ranks_notes, steps_time
-from netfall.report.info import print_info
-from netfall.report.report import Inputs, write_report
-from netfall.results.notes import balance_notes
+from netfall.post.plots.canvas import VIEWS, charts, heading, save
+from netfall.post.plots.collapse import collapse, stage_steps
+from netfall.post.plots.film import Shot, animate
+from netfall.post.plots.force import ForceScale, edge_of
+from netfall.post.plots.labels import add_labels
+from netfall.post.plots.run import plot_all, plot_state
+from netfall.post.plots.states import deflection_scale, states
+from netfall.post.report.info import print_info
+from netfall.post.report.report import Inputs, write_report
+from netfall.results.warning_text import balance_notes
+from netfall.run.ranks import ranks_line, ranks_notes, steps_time
 
 STORM = """title = "Storm over a saddle"
 [net]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from conftest import ROOT, run_on_standing_ranks
 
+from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.net.build import build_net
-from netfall.results.overload_lines import Carried, overload_lines, overloaded
+from netfall.results.limit_load_text import Carried, overload_lines, overloaded
 
 # A post of 6 m between four ropes above and four below, 20 m out; each rope has 2000 kN, the top carries
 # 150 kN. Without element 1 it swings, and the ropes break one after another.

@@ -14,7 +14,7 @@ import pytest
 from conftest import ENVIRONMENT, ROOT
 
 import netfall
-from netfall.ground.extras import BRINGS, EXTRAS
+from netfall.core.extras import BRINGS, EXTRAS
 
 BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "src")
 

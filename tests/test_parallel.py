@@ -21,7 +21,7 @@ from conftest import (
     run_process,
 )
 
-from netfall.net.generators import generate as generators
+from netfall.geometry.generators import generate as generators
 from netfall.parallel import alone
 from netfall.parallel.partition import metis_partition, read_partition, write_partition
 
@@ -177,8 +177,8 @@ def test_foreign_or_damaged_partition_is_refused(workshop, damage, message):
 @pytest.mark.parametrize("name", ["saddle", "stadium", "olympia", "wheel"])
 def test_shipped_partitions_belong_to_the_shipped_jobs(name):
     """partitions/ holds what `netfall partition` writes for the jobs as they are."""
+    from netfall.geometry.build import build_net
     from netfall.job.read import read_job
-    from netfall.net.build import build_net
 
     net = build_net(read_job(ROOT / "jobs" / f"{name}.toml"))
     for parts in (2, 3, 4):

@@ -11,10 +11,10 @@ import pytest
 from conftest import ROOT, run_on_standing_ranks
 from loaded_nets import FEATURES, LoadedNet, case_load, loaded_net
 
-from netfall.net.net import GRAVITY
+from netfall.geometry.net import GRAVITY
 from netfall.parallel.mpi import MPI
-from netfall.record.balance import Parts, summed
-from netfall.results.notes import force_balance_warnings
+from netfall.results.warning_text import force_balance_warnings
+from netfall.statics.reactions import Parts, summed
 
 # of the sum of absolute reactions: reactions and residuals against loads; rounding is below 1e-12
 EXACT = 1e-9

@@ -9,12 +9,12 @@ import pytest
 from conftest import BIN, ROOT, run_on_standing_ranks, run_process
 
 import netfall
-from netfall.checks.reactions import pull_at
 from netfall.cli.parser import parser
+from netfall.geometry.sections import OF_TYPE
+from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
 from netfall.job.entries import LISTS
 from netfall.job.schema import SECTIONS
-from netfall.net.sections import OF_TYPE
-from netfall.net.tables import ELEMENT_COLUMNS, NODE_COLUMNS
+from netfall.post.checks.reactions import pull_at
 
 PAGES = sorted(
     page

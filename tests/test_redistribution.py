@@ -9,15 +9,15 @@ from conftest import assert_same_results
 from mpi4py import MPI
 from test_removal import BREAKING, LOSSES
 
-from netfall.job.memory import Memory
+from netfall.geometry.net import GRAVITY
+from netfall.job.cache import Memory
 from netfall.job.read import read_job
-from netfall.mechanics.fields import Features
-from netfall.mechanics.loss import Carried, join, leave
-from netfall.mechanics.state import State
-from netfall.model.redistribution import redistribute
-from netfall.net.net import GRAVITY
-from netfall.program.member import run_member
-from netfall.stages.varying import FadingLoad
+from netfall.loads.redistribution import redistribute
+from netfall.physics.fields import Features
+from netfall.physics.removal import Carried, join, leave
+from netfall.physics.state import State
+from netfall.run.sample import run_member
+from netfall.run.varying_loads import FadingLoad
 
 
 def handed_of(pairs, cable, L0, loose, torn=()):

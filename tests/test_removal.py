@@ -16,14 +16,14 @@ from test_validation_opensees import (
     vertical,
 )
 
-from netfall.ground.errors import InputError, Interrupted
+from netfall.core.errors import InputError, Interrupted
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout
-from netfall.report.report import Inputs, write_report
-from netfall.results.loss_lines import loss_lines, telling_factor
-from netfall.stages.rests import words_of
-from netfall.stages.settle import settle
+from netfall.post.report.report import Inputs, write_report
+from netfall.results.removal_text import loss_lines, telling_factor
+from netfall.run.equilibrium import settle
+from netfall.run.removed_equilibria import words_of
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 
@@ -221,7 +221,7 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
     job = workshop.job(text, *weights(3))
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
-    monkeypatch.setattr("netfall.stages.rests.settle", pausing)
+    monkeypatch.setattr("netfall.run.removed_equilibria.settle", pausing)
     checkpoint, said = workshop.pause(job, stop)
     assert "in statics, the net without element 3" in said
     with workshop.run(job, "--restart", checkpoint) as again:

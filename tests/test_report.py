@@ -11,12 +11,12 @@ from results import rows_of
 from scipy.optimize import brentq
 
 import netfall
-from netfall.checks.cables import Cutting, cutting_columns
-from netfall.checks.codes import read_codes
-from netfall.checks.shop import Piece, chain_of
-from netfall.ground.errors import InputError
-from netfall.plots import utilisation
-from netfall.report.report import Inputs, write_report
+from netfall.core.errors import InputError
+from netfall.post.checks.cables import Cutting, cutting_columns
+from netfall.post.checks.codes import read_codes
+from netfall.post.checks.shop import Piece, chain_of
+from netfall.post.plots import utilisation
+from netfall.post.report.report import Inputs, write_report
 
 # Two cables of 5 m from supports above hold node 5 against one of 4 m to a support below: with 50 kN in each
 # of the two and 2 x 50 x 4/5 = 80 kN in the third it is in equilibrium as given.

@@ -10,10 +10,10 @@ from conftest import assert_same_results
 from test_dynamics import ELASTIC
 from test_restart import SLOW
 
-from netfall.ground.errors import DivergedError
+from netfall.core.errors import DivergedError
+from netfall.explicit import rows
 from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, rounded
-from netfall.record import rows
-from netfall.stages import dynamics
+from netfall.run import dynamics
 
 
 @pytest.mark.parametrize("lowest", [-155, -156, -157, -400])

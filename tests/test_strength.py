@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.net.build import build_net
 
 # Two lines that cross at node 5: 1-5-2 and 3-5-4; from 2 on the first bends by 20 degrees to node 6, and
 # by 40 more to node 7; node 4 is a support, behind which the second goes on to node 8.

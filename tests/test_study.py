@@ -10,11 +10,11 @@ import pytest
 from conftest import BIN, ENVIRONMENT, STEEL, refused, run_netfall, run_on_standing_ranks, wait_for
 from results import rows_of
 
-from netfall.ground.errors import BUSY
+from netfall.core.errors import BUSY
 from netfall.job.read import read_job
-from netfall.measure.outcome import Outcome, Outcomes, outcome_of
+from netfall.post.accuracy.outcome import Outcome, Outcomes, outcome_of
+from netfall.results.locks import claim, release
 from netfall.study.journal import read_journal
-from netfall.write.locks import claim, release
 
 LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 JOB = (

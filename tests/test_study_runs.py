@@ -18,15 +18,15 @@ import pytest
 from conftest import BIN, ENVIRONMENT, ROOT, assert_same_results, run_netfall, run_on_standing_ranks, wait_for
 from mpi4py import MPI
 
-from netfall.ground import room
-from netfall.ground.errors import InputError
-from netfall.ground.stop import NEVER
-from netfall.job.memory import Memory
+from netfall.core import machine_memory
+from netfall.core.errors import InputError
+from netfall.core.stop import NEVER
+from netfall.geometry.net import Net
+from netfall.job.cache import Memory
 from netfall.job.read import read_job
-from netfall.net.net import Net
-from netfall.plots.study.study import plot_study
-from netfall.program.member import roof_lost, run_member
+from netfall.post.plots.study.study import plot_study
 from netfall.results.outcomes import NOTHING
+from netfall.run.sample import roof_lost, run_member
 from netfall.study.answers.info import _audit, print_study
 from netfall.study.draws import draw
 from netfall.study.file import read_plan
@@ -510,12 +510,12 @@ def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
 
 
 def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
-    monkeypatch.setattr(room, "memory_left", lambda: 1e9)
-    assert room.memory_line(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
-    assert "note: that is enough for 2; expected --workers 2" in room.memory_line(3, 2, 0)
-    assert "enough for 1" in room.memory_line(2, 1, 1_000_000)
+    monkeypatch.setattr(machine_memory, "memory_left", lambda: 1e9)
+    assert machine_memory.memory_line(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
+    assert "note: that is enough for 2; expected --workers 2" in machine_memory.memory_line(3, 2, 0)
+    assert "enough for 1" in machine_memory.memory_line(2, 1, 1_000_000)
     monkeypatch.undo()
-    assert 1e7 < room.memory_left() < 1e14
+    assert 1e7 < machine_memory.memory_left() < 1e14
 
 
 def test_the_start_of_a_worker_is_no_part_of_a_run():

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_netfall, run_on_standing_ranks
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.geometry.areas import roof_of, tributary_areas
+from netfall.geometry.build import build_net
+from netfall.geometry.connected_parts import close_pairs
 from netfall.job.read import read_job
-from netfall.net.build import build_net
-from netfall.net.parts import close_pairs
-from netfall.roof.areas import roof_of, tributary_areas
 
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1.5,0,0,0\n3,3,0,0,1\n"
 ELEMENTS = "start,end,id\n1,2,7\n2,3,8\n"

@@ -4,8 +4,8 @@ import h5py
 import numpy as np
 import pytest
 
-from netfall.ground.errors import InputError
-from netfall.wind.measured import place_weights, read_taps
+from netfall.core.errors import InputError
+from netfall.loads.wind.measured import place_weights, read_taps
 
 TAPS = "name,x,y\nA,0,0\nB,10,0\nC,0,10\n"
 TIME = np.arange(-2, 200) * 0.05

@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
+from netfall.core.progress import one_line, plain
 from netfall.exchange.export import Wanted, export
-from netfall.ground.progress import one_line, plain
+from netfall.geometry.build import build_net
+from netfall.job.csv_table import Table, write_table
 from netfall.job.read import read_job
-from netfall.job.table import Table, write_table
-from netfall.net.build import build_net
-from netfall.plots.run import plot_all
-from netfall.report.html import one_page
-from netfall.report.markdown import as_table, bold, code, heading, item, markup, page
-from netfall.report.report import Inputs, write_report
-from netfall.view.page import write_page
+from netfall.post.page.page import write_page
+from netfall.post.plots.run import plot_all
+from netfall.post.report.html import one_page
+from netfall.post.report.markdown import as_table, bold, code, heading, item, markup, page
+from netfall.post.report.report import Inputs, write_report
 
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 FORMULA = re.compile(r"[=+\-@\t\r]")

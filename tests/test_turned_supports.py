@@ -8,16 +8,16 @@ import pytest
 from conftest import ROOT, Workshop, assert_same_results, run_on_standing_ranks
 from test_validation_opensees import tensions_in_opensees
 
-from netfall.checks.reactions import reaction_columns
+from netfall.core.errors import InputError
+from netfall.core.functions import lengths
+from netfall.core.rotation import from_own
 from netfall.exchange.export import Wanted, export
-from netfall.form.self_stress import self_stress
-from netfall.ground.errors import InputError
+from netfall.geometry.build import build_net
+from netfall.job.csv_table import write_table
 from netfall.job.read import read_job
-from netfall.job.table import write_table
-from netfall.net.build import build_net
-from netfall.numerics.functions import lengths
-from netfall.numerics.rotation import from_own
-from netfall.stages.modes import modes_at
+from netfall.post.checks.reactions import reaction_columns
+from netfall.run.modes import modes_at
+from netfall.statics.form.self_stress import self_stress
 
 ANGLE = 37.0  # degrees
 SAME = 1e-9  # of the largest: each equilibrium is found to 1e-11

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_on_standing_ranks
 
-from netfall.form.self_stress import self_stress
-from netfall.ground.errors import DivergedError, InputError
+from netfall.core.errors import DivergedError, InputError
+from netfall.core.least_squares import least_squares
+from netfall.geometry.build import build_net
+from netfall.geometry.generators.generate import generate
+from netfall.geometry.net import Net
 from netfall.job.read import read_job
-from netfall.net.build import build_net
-from netfall.net.generators.generate import generate
-from netfall.net.net import Net
-from netfall.numerics.least_squares import least_squares
+from netfall.statics.form.self_stress import self_stress
 
 BY_HAND = 1e-9  # of a force, as asked; rounding is some 1e-14
 KEEP = '[form_finding]\nmethod = "keep"\n'

@@ -8,7 +8,7 @@ from conftest import ROOT, STEEL
 from nets import constant, elastic, equilibrium
 from scipy.optimize import brentq, fsolve
 
-from netfall.checks.cables import Cutting, cutting_columns
+from netfall.post.checks.cables import Cutting, cutting_columns
 
 THEME, FORM = "Statics", "Form finding"
 FOOT, POUND = 0.3048, 4.4482216152605  # m, N

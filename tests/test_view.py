@@ -17,16 +17,16 @@ from conftest import STEEL, run_netfall, wait_for
 from study_files import columns, write_study
 
 from netfall import Net, run
-from netfall.ground.errors import InputError
-from netfall.ground.extras import naming_extras
+from netfall.core.errors import InputError
+from netfall.core.extras import naming_extras
+from netfall.post.page import page, states
+from netfall.post.page.describe import FARTHEST
+from netfall.post.page.numbers import LARGEST, NONE, Numbers
+from netfall.post.page.states import drawn_part, states_shown
+from netfall.post.page.study import chosen, member_page, net_page
 from netfall.results.frames import Frames
 from netfall.results.states import start_position
 from netfall.study.answers.read import read_study
-from netfall.view import page, states
-from netfall.view.describe import FARTHEST
-from netfall.view.numbers import LARGEST, NONE, Numbers
-from netfall.view.states import drawn_part, states_shown
-from netfall.view.study import chosen, member_page, net_page
 
 BREAKS = f"""
 title = "All </script> breaks & falls"

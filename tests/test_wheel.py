@@ -5,7 +5,7 @@ import pytest
 from conftest import ROOT, assert_same_results, run_on_standing_ranks
 from nets import pulls
 
-from netfall.net.generators.wheel import BRACE, GROUPS, largest_brace_force, wheel
+from netfall.geometry.generators.wheel import BRACE, GROUPS, largest_brace_force, wheel
 
 N_SPOKES, R, INNER, HEIGHT, DEPTH = 24, 50.0, 20.0, 6.0, 2.0
 H, T = 5e5, 1e4  # N

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from conftest import STEEL, run_on_standing_ranks
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 from netfall.job.read import read_job
+from netfall.loads.wind.measured import place_weights
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
-from netfall.wind.measured import place_weights
 
 FLAT = '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 0.0\ncells = 4\n' + STEEL
 FLAT += "[form_finding]\nmodulus_factor = 0\n"

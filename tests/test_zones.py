@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.geometry.areas import Roofing, roof_of, tributary_areas
+from netfall.geometry.build import build_net
+from netfall.geometry.faces import no_faces
+from netfall.geometry.zones import zones_of
 from netfall.job.read import read_job
+from netfall.loads.wind.sectors import read_sectors
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
-from netfall.net.build import build_net
-from netfall.roof.areas import Roofing, roof_of, tributary_areas
-from netfall.roof.faces import no_faces
-from netfall.roof.zones import zones_of
-from netfall.wind.sectors import read_sectors
 
 SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
 STILL = "[dynamics]\nduration = 0.01\n"
@@ -394,7 +394,7 @@ def test_result_holds_zones_and_mean_pressures_on_any_number_of_ranks(both_ways)
 
 def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
     """A panel for the zones, the areas, wind, pressure and snow, ranges in the titles; or areas alone."""
-    from netfall.plots.roof import roof
+    from netfall.post.plots.roof import roof
 
     titles = lambda f: [axes.get_title() for axes in roof(f).axes if axes.get_title()]
     text = STEEL + ZONED

@@ -21,12 +21,12 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
-from netfall.ground.stop import NEVER
-from netfall.ground.timings import Phases
+from netfall.core.stop import NEVER
+from netfall.core.timings import Phases
 from netfall.job.read import read_job
-from netfall.program.setup import prepare
-from netfall.stages.statics import StaticPath, find_equilibria
-from netfall.stages.wanted import equilibria, loaded
+from netfall.run.load_sequence import equilibria, loaded
+from netfall.run.setup import prepare
+from netfall.run.statics import StaticPath, find_equilibria
 
 JOB = Path(__file__).with_name("equilibrium.toml")
 CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction

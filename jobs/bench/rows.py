@@ -15,16 +15,16 @@ import net
 import numpy as np
 from mpi4py import MPI
 
-from netfall.mechanics.fields import Features
-from netfall.mechanics.state import State
+from netfall.explicit.energy import total_energies
+from netfall.explicit.envelope import Envelope
+from netfall.explicit.loop import Interval
+from netfall.explicit.plan import Plan, halo_width
+from netfall.explicit.rows import MOST_ROWS, RowTable
 from netfall.model.probes import Probes
 from netfall.parallel.halo import Halo
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.record.energy import total_energies
-from netfall.record.envelope import Envelope
-from netfall.record.rows import MOST_ROWS, RowTable
-from netfall.step.loop import Interval
-from netfall.step.plan import Plan, halo_width
+from netfall.physics.fields import Features
+from netfall.physics.state import State
 
 ROUNDS = 60  # short ones: the least is that of a core that nothing else took
 

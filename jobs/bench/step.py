@@ -25,17 +25,17 @@ arguments = parser.parse_args()
 
 import net
 
-from netfall.mechanics.bending import Joints, curvatures
-from netfall.mechanics.fields import FIELDS, Features
-from netfall.mechanics.law.branches import band_branches
-from netfall.mechanics.slip.inertia import slip_inertia
-from netfall.mechanics.slip.motion import places_of
-from netfall.mechanics.state import State
+from netfall.explicit.loop import Interval
+from netfall.explicit.plan import Plan, halo_width
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
 from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.step.loop import Interval
-from netfall.step.plan import Plan, halo_width
+from netfall.physics.bending import Joints, curvatures
+from netfall.physics.fields import FIELDS, Features
+from netfall.physics.law.branches import band_branches
+from netfall.physics.slip.inertia import slip_inertia
+from netfall.physics.slip.motion import places_of
+from netfall.physics.state import State
 
 STIFFNESS = 1e3  # N m, of joints of chains that bend
 comm = MPI.COMM_WORLD

@@ -7,7 +7,7 @@ of this interface; README.md in this folder describes them.
 
 from importlib import import_module
 
-from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
 
 __version__ = "0.5.0.dev0"
 __all__ = ["DivergedError", "InputError", "Interrupted", "Net", "OutputError", "Result", "open", "run"]
@@ -19,7 +19,7 @@ def open(path):
     All values are in SI units: m, s, N, J, kg. A printed table shows the unit of each column.
     Raises InputError for a file that is no result of netfall.
     """
-    return import_module("netfall.results.result").Result(path)
+    return import_module("netfall.results.reader").Result(path)
 
 
 def run(job, overrides=None, ranks=None, output=None, quiet=True):
@@ -47,5 +47,5 @@ def run(job, overrides=None, ranks=None, output=None, quiet=True):
 def __getattr__(name: str):
     """Import Net and Result at their first use, since they load numpy and h5py."""
     if name in ("Net", "Result"):
-        return getattr(import_module("netfall.api.net" if name == "Net" else "netfall.results.result"), name)
+        return getattr(import_module("netfall.api.net" if name == "Net" else "netfall.results.reader"), name)
     raise AttributeError(f"module 'netfall' has no attribute {name!r}")

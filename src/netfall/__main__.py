@@ -9,10 +9,10 @@ from pathlib import Path
 from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
 from netfall.core.cache import choose_folder
-from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
-from netfall.ground.extras import naming_extras
-from netfall.ground.launch import launched_rank
-from netfall.ground.progress import tell, unread
+from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.core.extras import naming_extras
+from netfall.core.launch import launched_rank
+from netfall.core.progress import tell, unread
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # one thread per rank; must be set before numpy and numba are loaded

@@ -161,9 +161,9 @@ PLAIN = {
     "netfall.core.kernels": plain_kernels,
     "netfall.core.records": plain_records,
     "netfall.core.vectors": plain_vectors,
-    "netfall.numerics.linear": rows_at_once,
+    "netfall.core.linear": rows_at_once,
     "netfall.parallel.mpi_calls": plain_access,
-    "netfall.program.compile": nothing_to_compile,
+    "netfall.run.compile": nothing_to_compile,
 }
 
 

@@ -1,1 +1,1 @@
-"""The Python interface: run, Net."""
+"""The Python interface: `netfall.run` and `netfall.Net`."""

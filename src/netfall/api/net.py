@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.ground.errors import InputError
-from netfall.job.table import write_table
+from netfall.core.errors import InputError
+from netfall.job.csv_table import write_table
 
 AXES = ("x", "y", "z")
 

@@ -13,10 +13,10 @@ from contextlib import nullcontext
 from pathlib import Path
 
 from netfall.api.net import Net
-from netfall.ground.errors import DivergedError, InputError, Interrupted, OutputError
-from netfall.ground.launch import RANKS, SIZES, default_launcher, environment_alone, launched, run_command
+from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.core.launch import RANKS, SIZES, default_launcher, environment_alone, launched, run_command
 from netfall.job.toml_text import toml_text, toml_value
-from netfall.results.result import Result
+from netfall.results.reader import Result
 
 ENDS = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
 STOP = 60.0  # s within which a run must stop with a checkpoint
@@ -128,7 +128,7 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
     """
     launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
     command = run_command(
-        launcher, ranks, place.job, place.output, settings, *options, module="netfall.program.attached"
+        launcher, ranks, place.job, place.output, settings, *options, module="netfall.run.child_process"
     )
     text = {"encoding": "utf-8", "errors": "replace"}
     interrupt, pipe = None, subprocess.PIPE
@@ -197,10 +197,10 @@ def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, qui
     from netfall.parallel.alone import world
 
     comm = world()
-    from netfall.ground.progress import Progress
+    from netfall.core.progress import Progress
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_all, on_root
-    from netfall.program.run import run_job
+    from netfall.run.run import run_job
 
     if ranks not in (None, comm.size):
         raise InputError(

@@ -1,1 +1,1 @@
-"""The command line: commands, options, help texts, and the function of each command."""
+"""The command line: options, help and commands."""

@@ -8,8 +8,8 @@ import os
 from pathlib import Path
 
 import netfall
-from netfall.ground.errors import InputError
-from netfall.ground.progress import tell
+from netfall.core.errors import InputError
+from netfall.core.progress import tell
 
 OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot` for animations
 
@@ -17,7 +17,7 @@ OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plo
 def init(arguments) -> None:
     """Write a new job file: netfall init JOB"""
     from netfall.job.template import new_template
-    from netfall.write.locks import whole
+    from netfall.results.locks import whole
 
     text = new_template(arguments.job)
     with whole(arguments.job) as place:
@@ -31,7 +31,7 @@ def check(arguments) -> None:
 
     start_alone()
     from netfall.job.read import read_job
-    from netfall.program.check import check_job
+    from netfall.run.check import check_job
 
     folder = arguments.folder and _folder(arguments.folder)
     check_job(read_job(arguments.job, arguments.overrides), tell, folder)
@@ -39,10 +39,10 @@ def check(arguments) -> None:
 
 def partition(arguments) -> None:
     """Partition a net: netfall partition JOB -n P"""
+    from netfall.geometry.build import build_net
     from netfall.job.read import read_job
-    from netfall.net.build import build_net
     from netfall.parallel import partition as p
-    from netfall.write.locks import whole_folder
+    from netfall.results.locks import whole_folder
 
     if arguments.parts < 1:
         raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
@@ -67,12 +67,12 @@ def run(arguments) -> None:
 
     comm = world()
     _check_same_options(comm.allgather(vars(arguments)))
-    from netfall.ground.progress import Progress
-    from netfall.ground.stop import StopRequest
+    from netfall.core.progress import Progress
+    from netfall.core.stop import StopRequest
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
-    from netfall.program.compile import compile_first
-    from netfall.program.run import run_job
+    from netfall.run.compile import compile_first
+    from netfall.run.run import run_job
 
     stop = StopRequest(arguments.walltime)
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
@@ -112,7 +112,7 @@ def compile(arguments) -> None:
 
     start_alone()
     from netfall.core.cache import FOLDER
-    from netfall.program.compile import compile_all, turn
+    from netfall.run.compile import compile_all, turn
 
     with turn():
         compile_all(tell)
@@ -121,7 +121,7 @@ def compile(arguments) -> None:
 
 def info(arguments) -> None:
     """Print a summary: netfall info RESULT"""
-    from netfall.report.info import print_info
+    from netfall.post.report.info import print_info
     from netfall.study.answers.info import print_study
     from netfall.study.answers.read import is_study
 
@@ -136,8 +136,8 @@ def plot(arguments) -> None:
     if a.animate or any(getattr(a, name) is not None for name in OF_FILMS):
         _animate(a)
         return
-    from netfall.plots.run import plot_all, plot_state
-    from netfall.plots.study.study import plot_study
+    from netfall.post.plots.run import plot_all, plot_state
+    from netfall.post.plots.study.study import plot_study
 
     folder = _folder(a.folder or a.result.parent)
     if a.case is None:
@@ -150,8 +150,8 @@ def plot(arguments) -> None:
 
 def _animate(arguments) -> None:
     """Draw animations: netfall plot RESULT --animate"""
-    from netfall.plots.canvas import VIEWS
-    from netfall.plots.film import Shot, animate
+    from netfall.post.plots.canvas import VIEWS
+    from netfall.post.plots.film import Shot, animate
     from netfall.study.answers.read import is_study
 
     a = arguments
@@ -170,9 +170,9 @@ def _animate(arguments) -> None:
 
 def view(arguments) -> None:
     """Write a page for the browser: netfall view RESULT"""
+    from netfall.post.page.page import write_page
+    from netfall.post.page.study import write_study_page
     from netfall.study.answers.read import is_study
-    from netfall.view.page import write_page
-    from netfall.view.study import write_study_page
 
     a, path = arguments, arguments.result
     page = a.output or path.with_name(f"{path.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html")
@@ -188,8 +188,8 @@ def view(arguments) -> None:
 
 def report(arguments) -> None:
     """Write a report: netfall report RESULT"""
-    from netfall.checks.cables import Cutting
-    from netfall.report.report import Inputs, write_report
+    from netfall.post.checks.cables import Cutting
+    from netfall.post.report.report import Inputs, write_report
 
     a, default_folder = arguments, arguments.result.with_name(f"{arguments.result.stem}-report")
     inputs = Inputs(a.codes, Cutting(a.temperature, a.load), a.deductions)
@@ -204,14 +204,14 @@ def scale(arguments) -> None:
             "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
         )
     if a.workers:
-        from netfall.measure.throughput import throughput
+        from netfall.post.accuracy.throughput import throughput
 
         if a.overrides:
             raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
         paths = throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), _say())
     else:
-        from netfall.ground.launch import default_launcher
-        from netfall.measure.scale import scale as run_scale
+        from netfall.core.launch import default_launcher
+        from netfall.post.accuracy.scale import scale as run_scale
 
         launcher = a.launcher or default_launcher()
         paths = run_scale(a.job, a.overrides, a.ranks, launcher, a.repeats, _folder(a.folder), _say())
@@ -220,9 +220,9 @@ def scale(arguments) -> None:
 
 def trade(arguments) -> None:
     """Run an accuracy study: netfall trade JOB"""
-    from netfall.ground.launch import default_launcher
-    from netfall.ground.stop import StopRequest
-    from netfall.measure.trade import trade as run_trade
+    from netfall.core.launch import default_launcher
+    from netfall.core.stop import StopRequest
+    from netfall.post.accuracy.trade import trade as run_trade
 
     a = arguments
     paths = run_trade(
@@ -243,16 +243,16 @@ def trade(arguments) -> None:
 
 def _say():
     """Return a function that prints lines, and continues without output if the reader has ended."""
-    from netfall.ground.progress import Progress
+    from netfall.core.progress import Progress
 
     return Progress(True).say
 
 
 def study(arguments) -> None:
     """Run a study: netfall study STUDY"""
-    from netfall.ground.launch import SIZES, launched
-    from netfall.ground.progress import Progress
-    from netfall.ground.stop import StopRequest
+    from netfall.core.launch import SIZES, launched
+    from netfall.core.progress import Progress
+    from netfall.core.stop import StopRequest
     from netfall.study.study import study as run_study
 
     if max(launched(SIZES).values(), default=1) > 1:
@@ -280,7 +280,7 @@ def export(arguments) -> None:
 
 def version() -> None:
     """Print versions: netfall --version"""
-    from netfall.program.run import how_it_writes
+    from netfall.run.run import how_it_writes
 
     tell(f"netfall {netfall.__version__}, {how_it_writes()}")
 

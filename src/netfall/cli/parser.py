@@ -5,9 +5,9 @@ import functools
 from pathlib import Path
 
 from netfall.cli import arguments as take
+from netfall.core.errors import InputError
+from netfall.core.text_tables import rows_of
 from netfall.exchange.formats import endings
-from netfall.ground.errors import InputError
-from netfall.ground.text_tables import rows_of
 
 VERBS = (
     *("check", "partition", "run", "info", "plot", "view", "report", "scale", "trade", "study"),

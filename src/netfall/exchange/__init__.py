@@ -1,1 +1,1 @@
-"""Import and export of drawings, meshes and files of other programs."""
+"""Import and export: drawings, meshes and files of other programs."""

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.exchange.formats import endings
 from netfall.exchange.state import MARK, RECORD, state_of
-from netfall.ground.errors import InputError
 from netfall.results.file import telling_what_lacks
-from netfall.results.result import Result
+from netfall.results.reader import Result
 
 
 class Wanted(NamedTuple):

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.progress import one_line
 from netfall.exchange.state import MARK, State
-from netfall.ground.progress import one_line
 from netfall.job.cases import split
 from netfall.job.entries import LISTS
 from netfall.job.schema import SECTIONS
 from netfall.job.toml_text import toml_text
 from netfall.results.file import job_of, provenance_text
-from netfall.results.result import Result
+from netfall.results.reader import Result
 from netfall.results.states import last_stage
 
 TABLES = ("net", "roof")  # sections whose files the exported tables replace

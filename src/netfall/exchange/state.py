@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 from netfall.job.values import counted, nearest
 from netfall.results.cases import Case, cases_of
-from netfall.results.result import Result
+from netfall.results.reader import Result
 from netfall.results.states import absent, start_position, start_tension
 
 AXES = ("x", "y", "z")

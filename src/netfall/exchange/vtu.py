@@ -14,8 +14,8 @@ from vtkmodules.vtkCommonCore import vtkObject, vtkPoints
 from vtkmodules.vtkCommonDataModel import VTK_LINE, vtkCellArray, vtkUnstructuredGrid
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader, vtkXMLUnstructuredGridWriter
 
+from netfall.core.errors import InputError
 from netfall.exchange.drawings.drawing import Drawing, depth, is_among
-from netfall.ground.errors import InputError
 
 GHOSTS = "vtkGhostType"
 GHOST_CELL, HIDDEN_POINT = 1 | 8 | 32, 2  # bits: duplicate, refined, hidden (vtkDataSetAttributes)

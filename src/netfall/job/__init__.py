@@ -1,1 +1,1 @@
-"""Job file: its keys, its tables, and questions that a job answers by itself."""
+"""The job file: its keys, its tables, validation, and values derived from the keys alone."""

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 from netfall.job.entries import LISTS
 from netfall.job.keys import toml_or_word
 from netfall.job.schema import SECTIONS

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from netfall.ground.text_tables import rows_of
+from netfall.core.text_tables import rows_of
 
 REQUIRED = object()  # default of a key that must be in the job file if its section is
 MOST_SHIFT = 1e6  # m: largest displacement of a support in a job

@@ -4,10 +4,10 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-from netfall.ground.errors import InputError, refuse
+from netfall.core.errors import InputError, refuse
 from netfall.job.job import Job, apply_overrides
 from netfall.job.validate import Validation
-from netfall.wind.spectra import gust_of
+from netfall.physics.wind_spectra import gust_of
 
 MOST_ROWS = 2e6  # limit of rows; each takes some 500 bytes on every rank
 MOST_SAMPLES = 1e8  # limit of samples; each takes 8 bytes on every rank

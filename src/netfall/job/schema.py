@@ -26,7 +26,7 @@ NEEDED = {  # for each required key, the keys of which one must be given, unless
     "area": ("area", "axial_stiffness"),
     "density": ("density", "mass_per_length"),
 }
-SINCE = "0.5"  # version from which the defaults and removals of REMOVED and `net.defaults` hold
+SINCE = "0.5"  # version from which the defaults and removals of REMOVED and `geometry.defaults` hold
 # Removed keys by section: the value that is still accepted with a warning, and the reason for the removal.
 REMOVED = {"dynamics": {"precision": ("double", "numbers have double precision (jobs/trade/README.md)")}}
 

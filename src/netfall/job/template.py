@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 from netfall.job.entries import LISTS
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import SECTIONS

@@ -2,7 +2,7 @@
 
 import json
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 
 
 def toml_text(job: dict) -> str:

@@ -1,1 +1,1 @@
-"""Model of a job on rank 0: loads, wind, member removals, probes, and plausibility notes."""
+"""The model of a job: particles and elements with their loads, the time step, the distribution to ranks."""

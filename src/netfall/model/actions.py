@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.job.asks import settings_of
+from netfall.core.functions import lengths
 from netfall.job.cases import factor_of, with_set
+from netfall.job.derived import settings_of
 from netfall.job.job import Job
-from netfall.mechanics.law.measures import unstressed_length, warm_length
-from netfall.model.loads import dead_load, live_load
+from netfall.loads.loads import dead_load, live_load
+from netfall.loads.wind.field import still_force
+from netfall.loads.wind.measured import place_weights
 from netfall.model.model import Model
-from netfall.numerics.functions import lengths
-from netfall.wind.field import still_force
-from netfall.wind.measured import place_weights
+from netfall.physics.law.measures import unstressed_length, warm_length
 
 ALL_LOADS = "all loads"
 
@@ -40,8 +40,8 @@ class Actions:
 class StaticLoad(NamedTuple):
     """A load whose equilibrium is computed.
 
-    kind : "permanent", "case", "combination", "step", "at once" or "rest", see `stages.wanted`; or "loss",
-        `stages.rests`
+    kind : "permanent", "case", "combination", "step", "at once" or "rest", see `run.load_sequence`; or
+        "loss", `run.removed_equilibria`
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one

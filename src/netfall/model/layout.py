@@ -5,28 +5,28 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.ground.errors import refuse
-from netfall.job.asks import air_damps, air_moves, drags, moves_supports, varies
+from netfall.core.errors import refuse
+from netfall.geometry.areas import Roofing, roof_of
+from netfall.geometry.build import build_net
+from netfall.geometry.cables import Chains, chain_notes, chains_of
+from netfall.geometry.net import Net
+from netfall.geometry.slip_points import Slides, kept_together, slides_of
+from netfall.geometry.turned import held_along, is_turned
+from netfall.geometry.zones import Zones, zones_of
+from netfall.job.cache import FORGETFUL, OF_SPEED, Memory, key_of
+from netfall.job.derived import air_damps, air_moves, drags, moves_supports, varies
 from netfall.job.job import Job
-from netfall.job.memory import FORGETFUL, OF_SPEED, Memory, key_of
-from netfall.mechanics.fields import Features
-from netfall.mechanics.law.branches import band_branches
-from netfall.model.cases import Inputs, read_cases
-from netfall.model.idle import idle_zones, without_effect
-from netfall.model.loads import shape_coefficients
-from netfall.model.losses import named_elements
+from netfall.loads.cases import Inputs, read_cases
+from netfall.loads.loads import shape_coefficients
+from netfall.loads.removal import named_elements
+from netfall.loads.wind.field import read_history
+from netfall.loads.wind.measured import TableHistory
 from netfall.model.probes import Probes, find_probes
 from netfall.model.start import load_notes, place_notes, table_notes, unit_notes, weight_notes
-from netfall.net.build import build_net
-from netfall.net.cables import Chains, chain_notes, chains_of
-from netfall.net.net import Net
-from netfall.net.slides import Slides, kept_together, slides_of
-from netfall.net.turned import held_along, is_turned
+from netfall.model.unused import idle_zones, without_effect
 from netfall.parallel import partition
-from netfall.roof.areas import Roofing, roof_of
-from netfall.roof.zones import Zones, zones_of
-from netfall.wind.field import read_history
-from netfall.wind.measured import TableHistory
+from netfall.physics.fields import Features
+from netfall.physics.law.branches import band_branches
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import InputError
-from netfall.job import asks
+from netfall.core.errors import InputError
+from netfall.core.functions import lengths
+from netfall.geometry.areas import Areas, tributary_areas
+from netfall.geometry.bars import euler_load
+from netfall.geometry.net import Net
+from netfall.geometry.panels import Panels, panels_of
+from netfall.geometry.shares import Shares
+from netfall.geometry.zones import Roof
+from netfall.job import derived
+from netfall.job.cache import FORGETFUL, Memory, key_of
 from netfall.job.job import Job
-from netfall.job.memory import FORGETFUL, Memory, key_of
-from netfall.mechanics.bending import Joints, curvatures
-from netfall.mechanics.law.limits import Caps, caps_of
-from netfall.mechanics.law.measures import elastic_forces, unstressed_length
-from netfall.mechanics.stability import scaled_mass
-from netfall.model.idle import bare_zones
-from netfall.model.layout import Layout
-from netfall.model.loads import (
+from netfall.loads.base_motion import Motion, motion_of
+from netfall.loads.loads import (
     Drag,
     Loading,
     by_node,
@@ -32,18 +34,16 @@ from netfall.model.loads import (
     preload,
     pressure_load,
 )
-from netfall.model.losses import absent_notes, shaken_notes
-from netfall.model.motion import Motion, motion_of
+from netfall.loads.removal import absent_notes, shaken_notes
+from netfall.loads.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
+from netfall.loads.wind.measured import TableHistory
+from netfall.model.layout import Layout
 from netfall.model.start import check_start, check_tensions, element_words, low_notes
-from netfall.net.bars import euler_load
-from netfall.net.net import Net
-from netfall.numerics.functions import lengths
-from netfall.roof.areas import Areas, tributary_areas
-from netfall.roof.panels import Panels, panels_of
-from netfall.roof.shares import Shares
-from netfall.roof.zones import Roof
-from netfall.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
-from netfall.wind.measured import TableHistory
+from netfall.model.unused import bare_zones
+from netfall.physics.bending import Joints, curvatures
+from netfall.physics.law.limits import Caps, caps_of
+from netfall.physics.law.measures import elastic_forces, unstressed_length
+from netfall.physics.stability import scaled_mass
 
 FOLDED = 22.86  # largest initial curvature of a joint, 2 tan(170 deg / 2); no bending axis exists beyond it
 
@@ -52,9 +52,9 @@ FOLDED = 22.86  # largest initial curvature of a joint, 2 tan(170 deg / 2); no b
 class Model:
     """The whole net in its initial state, on rank 0.
 
-    An attribute that bears the name of a field in `mechanics.fields` holds the initial values of that field;
+    An attribute that bears the name of a field in `physics.fields` holds the initial values of that field;
     see
-    `model.state` for the other fields.
+    `model.distribution` for the other fields.
 
     x : (n, 3) [m]; N : (m,) [N]; roof : areas at x; area_given : [m2], surface in the given geometry
     L0 : (m,) [m], unstressed, at the temperature of the loads; cut_length : at the temperature of form
@@ -64,7 +64,7 @@ class Model:
     mass : (n,) [kg], total; it contains two parts that are inertia without weight, None if there is no such
     part:
     added : (n,) [kg], by mass scaling; air_mass : (n,) [kg], added mass of the air
-    air : (n, 3), c of `mechanics.air`, None: no aerodynamic damping; drag : on detached fragments, None: none
+    air : (n, 3), c of `physics.air`, None: no aerodynamic damping; drag : on detached fragments, None: none
     loading : the constant loads
     wind_field, history : of the wind, None: no wind
     motion : of the supports, None: they do not move
@@ -171,11 +171,11 @@ def make_model(
     key = (key_of(job), x.tobytes()) if memory.most else None  # `key_of` is expensive: it reads all tables
     areas = memory.once("areas", key, lambda: _areas(layout, x))
     roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
-    notes += bare_zones(layout.zones, roof.area) if asks.loads_the_roof(job) else []
+    notes += bare_zones(layout.zones, roof.area) if derived.loads_the_roof(job) else []
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
     loading = loading_of(job, roof, own, net.load)
-    permanent = loading.permanent if asks.carries_permanent(job) else None  # in form finding
+    permanent = loading.permanent if derived.carries_permanent(job) else None  # in form finding
     mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
 
     def make_field(settings, points):
@@ -183,7 +183,7 @@ def make_model(
 
     field, history = _wind(job, layout, make_field)
     air_mass = moving_air(job, roof)
-    motion = motion_of(job, net, x) if asks.moves_supports(job) else None
+    motion = motion_of(job, net, x) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
     if field:
         notes += low_notes(job, net, x, field.force)
@@ -314,8 +314,8 @@ def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panel
     factor = np.broadcast_to(force_factor(by_node(job, layout.shape_coefficient)), net.n)[panels.node]
     zero = np.zeros_like(roof.vector)
     return panels._replace(
-        air=kappa_area(job, roof) if asks.air_damps(job) else zero,
-        air_mass=moving_air(job, roof) if asks.air_moves(job) else np.zeros_like(roof.area),
+        air=kappa_area(job, roof) if derived.air_damps(job) else zero,
+        air_mass=moving_air(job, roof) if derived.air_moves(job) else np.zeros_like(roof.area),
         mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
         pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
         wind=factor[:, None] * roof.vector,
@@ -328,7 +328,7 @@ def _check_normals(job: Job, net: Net, roof: Roof) -> None:
     Raises InputError for nodes that meet no closed face in plan: their load would vanish silently.
     """
     bare = (roof.area > 0) & ~roof.vector.any(1) & net.moves
-    if asks.along_normals(job) and bare.any():
+    if derived.along_normals(job) and bare.any():
         raise InputError(
             f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
             f"and pressure have no normal to act along (first: node {net.node_id[bare][0]}); close the "

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.ground.errors import refuse
+from netfall.core.errors import refuse
+from netfall.geometry.net import Net
 from netfall.job.job import Job
 from netfall.job.values import listed
-from netfall.net.net import Net
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netfall.ground.columns import placed
-from netfall.ground.errors import InputError
+from netfall.core.arrays import placed
+from netfall.core.errors import InputError
 from netfall.job.job import Job
-from netfall.mechanics.bending import add_joint_bounds
-from netfall.mechanics.fields import Features
-from netfall.mechanics.law.branches import stiffening
-from netfall.mechanics.law.measures import largest_stiffness
-from netfall.mechanics.slip.inertia import Movers, movers_of, step_of_slips
-from netfall.mechanics.slip.motion import STEP
-from netfall.mechanics.stability import Limit, after_fracture_limit, any_shape_limits
 from netfall.model.model import Model
+from netfall.physics.bending import add_joint_bounds
+from netfall.physics.fields import Features
+from netfall.physics.law.branches import stiffening
+from netfall.physics.law.measures import largest_stiffness
+from netfall.physics.slip.inertia import Movers, movers_of, step_of_slips
+from netfall.physics.slip.motion import STEP
+from netfall.physics.stability import Limit, after_fracture_limit, any_shape_limits
 
 ROUNDING = 1e-9  # steps: a time this close to a step counts as on it
 QUOTIENT = 4.0 * np.finfo(float).eps  # relative rounding of time / step; exceeds ROUNDING in long runs

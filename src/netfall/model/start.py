@@ -4,16 +4,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from netfall.ground.errors import refuse
+from netfall.core.errors import refuse
+from netfall.core.functions import lengths
+from netfall.geometry.bars import euler_load
+from netfall.geometry.net import GRAVITY, Net
 from netfall.job.job import Job
 from netfall.job.values import counted, shown
-from netfall.mechanics.law.limits import caps_of
-from netfall.mechanics.law.measures import exceeds_stiffness, strains
-from netfall.net.bars import euler_load
-from netfall.net.net import GRAVITY, Net
-from netfall.numerics.functions import lengths
-from netfall.wind.coherence import LOWEST_HEIGHT
-from netfall.wind.measured import between_places
+from netfall.loads.wind.coherence import LOWEST_HEIGHT
+from netfall.loads.wind.measured import between_places
+from netfall.physics.law.limits import caps_of
+from netfall.physics.law.measures import exceeds_stiffness, strains
 
 # Column of the net, its key, unit, range plausible for cables, and an example in that unit.
 PLAUSIBLE = (

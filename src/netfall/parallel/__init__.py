@@ -1,1 +1,1 @@
-"""Distribution of the net over ranks: partition, halo, exact sums, errors that reach every rank."""
+"""The net on several ranks: partition, halo exchange, exact sums, errors that reach every rank."""

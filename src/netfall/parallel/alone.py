@@ -9,8 +9,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from netfall.ground.errors import InputError
-from netfall.ground.launch import INSTALL, RANKS, launched, wrong_launcher
+from netfall.core.errors import InputError
+from netfall.core.launch import INSTALL, RANKS, launched, wrong_launcher
 
 # Open MPI settings for a single process: no search for networks, no daemon.
 ALONE = {"OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self", "OMPI_MCA_ess_singleton_isolated": "1"}

@@ -13,10 +13,9 @@ import os
 
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, has, i8, u1_2, u4, u8, whole
-from netfall.ground.errors import InputError
-from netfall.mechanics.motion import inverse_mass
 from netfall.parallel.mpi import MPI
 from netfall.parallel.mpi_calls import (
     announce,
@@ -30,6 +29,7 @@ from netfall.parallel.mpi_calls import (
     yield_processor,
 )
 from netfall.parallel.subdomain import Subdomain
+from netfall.physics.motion import inverse_mass
 
 LINE = 8  # numbers per cache line; no two ranks write to the same line
 PATIENCE = 200  # polls before the processor is yielded

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pymetis
 
-from netfall.ground.errors import InputError
-from netfall.numerics.sets import distinct
+from netfall.core.errors import InputError
+from netfall.core.sets import distinct
 
 SEED = 1
 CUTS = 4  # partitionings that METIS tries; it keeps the best

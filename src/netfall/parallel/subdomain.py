@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.numerics.sets import among, distinct
+from netfall.core.sets import among, distinct
 from netfall.parallel.mpi import MPI
 
 FAR = 4.0  # distance of neighbours in number, relative to a square net, above which particles are reordered

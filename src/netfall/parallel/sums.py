@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from netfall.core.arithmetic import bits_of, number_of
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
-from netfall.numerics.arithmetic import bits_of, number_of
 from netfall.parallel.mpi import MPI
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts nonfinite terms

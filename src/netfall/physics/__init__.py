@@ -1,6 +1,7 @@
-"""Physics of one element and one particle, as pure functions of numbers.
+"""The physics of elements and particles: material law, bending, slip, fracture, air, supports.
 
-`make(target)` of each module compiles its functions for a target (`targets.Target`): vectors of numbers on a
-CPU, or a GPU. Products are added only by `fma`, which rounds once. So no compiler can contract operations,
-and the bits are the same on all targets.
+Arrays go in and out; no module reads or writes files. `element_step` and `particle_step` hold the formulas of
+the time step as pure functions of numbers. Their `make(target)` compiles the functions for a target
+(`targets.Target`): vectors on a processor, or a GPU. Products are added only by `fma`, which rounds once, so
+no compiler can contract anything and the bits are the same on every target.
 """

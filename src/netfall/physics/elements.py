@@ -1,65 +1,152 @@
-"""Law of an element (paper 2.2 and 2.3, Fig. 3), arranged for one square root and one division.
+"""Loops over all elements of a rank at given positions: forces, stiffness, energies.
 
-N / L = EA (L / L0 - 1 - eps_p) / L = EA (1 / L0 - (1 + eps_p) / L)
+The time step does not use them (`netfall.step`). They serve form finding, statics, energy checks, snapshots
+and history.
 """
 
-from types import SimpleNamespace
+import math
 
-TINY = 1e-300  # [m2]; avoids 0 / 0 for an element of zero length
+import numpy as np
+
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.records import Record, f8, has
+from netfall.physics.element_step import TINY
+from netfall.physics.law.element import axial_force, stored_energy, strain, tangent_stiffness, yield_energy
 
 
-def make(target) -> SimpleNamespace:
-    """Compile the functions for a target."""
-    inline, fma, sqrt, logarithm, maximum, minimum = target
+class ElementState(Record):
+    """State of the elements (m,) at one time: axial force [N], strain, plastic strain, length [m]."""
 
-    @inline
-    def inverse_length(dx, dy, dz):
-        """Return 1 / L [1/m] and L [m] of an element along (dx, dy, dz) [m]."""
-        L = sqrt(fma(dz, dz, fma(dy, dy, fma(dx, dx, TINY))))
-        return 1.0 / L, L
+    N: f8
+    eps: f8
+    eps_p: f8
+    L: f8
 
-    @inline
-    def elastic_density(per_L, per_L0, eps_p, EA):
-        """Return N / L [N/m] before any limit, in the engineering strain; eps_p : plastic strain."""
-        return EA * fma(-1.0 - eps_p, per_L, per_L0)
 
-    @inline
-    def logarithmic_density(per_L, L, per_L0, eps_p, EA):
-        """Return N / L [N/m] before any limit, in the logarithmic strain."""
-        return EA * (logarithmic_strain(L, per_L0) - eps_p) * per_L
+@part_of_kernel
+def _state_of(x, elements, law, e):
+    """Return force, strain, plastic strain, length and end-to-end vector of element e at x (n, 3) [m]."""
+    a, b = elements.ends[e, 0], elements.ends[e, 1]
+    dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    L = math.sqrt(dx * dx + dy * dy + dz * dz)
+    eps_p = 0.0
+    if has(elements.eps_p):
+        eps_p = elements.eps_p[e]
+    N, eps = 0.0, 0.0  # also for a removed element, whose end distance is no strain
+    if elements.EA[e] != 0.0:
+        eps = strain(L, elements.L0[e], law)
+        N, eps_p = axial_force(elements, e, eps, eps_p)
+    return N, eps, eps_p, L, (dx, dy, dz)
 
-    @inline
-    def engineering_strain(L, per_L0):
-        """Return (L - L0) / L0; per_L0 : 1 / L0 [1/m]"""
-        return fma(L, per_L0, -1.0)
 
-    @inline
-    def logarithmic_strain(L, per_L0):
-        """Return ln(L / L0); the result is finite for an empty slot too."""
-        return logarithm(maximum(L * per_L0, TINY))
+@inner_kernel
+def find_state(x, elements, law, now):
+    """Compute force, strain, plastic strain and length of each element at x (n, 3) [m]; change nothing else.
 
-    @inline
-    def grown(eps, eps_p, limit):
-        """Return the plastic strain at eps after eps_p; tension yields at the elastic strain `limit`."""
-        return maximum(eps_p, eps - limit)
+    elements : `Elements`; law : `Law`; now : `ElementState`, out
+    """
+    for e in range(elements.ends.shape[0]):
+        now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = _state_of(x, elements, law, e)
 
-    @inline
-    def shrunk(eps, eps_p, limit):
-        """Return the plastic strain at eps after eps_p; compression yields at the elastic strain -`limit`."""
-        return minimum(eps_p, eps + limit)
 
-    @inline
-    def branch(state, N, decay, gain):
-        """Advance the state [N] of a Maxwell branch of axial damping by one step."""
-        return fma(decay, state, gain * N)
+@kernel
+def element_state(x, elements, law, now):
+    """Call `find_state` from Python."""
+    find_state(x, elements, law, now)
 
-    return SimpleNamespace(
-        inverse_length=inverse_length,
-        elastic_density=elastic_density,
-        logarithmic_density=logarithmic_density,
-        engineering_strain=engineering_strain,
-        logarithmic_strain=logarithmic_strain,
-        grown=grown,
-        shrunk=shrunk,
-        branch=branch,
-    )
+
+@kernel
+def element_tangents(x, elements, law, N, direction, axial, across):
+    """Compute axial force [N], axial and transverse stiffness [N/m] (m,) and direction (m, 3) of elements.
+
+    x : (n, 3) [m]; elements : `Elements`; law : `Law`; the others are out
+    """
+    for e in range(elements.ends.shape[0]):
+        N[e], eps, _, L, along = _state_of(x, elements, law, e)
+        length = max(L, TINY)
+        for k in range(3):
+            direction[e, k] = along[k] / length
+        axial[e], across[e] = tangent_stiffness(elements, e, N[e], eps, L, law), N[e] / length
+
+
+@kernel
+def add_element_forces(x, elements, law, f):
+    """Add the axial forces of all elements at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
+    for e in range(elements.ends.shape[0]):
+        a, b = elements.ends[e, 0], elements.ends[e, 1]
+        N, _, _, L, (dx, dy, dz) = _state_of(x, elements, law, e)
+        q = N / L if L > 0.0 else 0.0
+        for k, d in ((0, q * dx), (1, q * dy), (2, q * dz)):
+            f[a, k] += d
+            f[b, k] -= d
+
+
+@inner_kernel
+def pull(x, ends, N, L, f_int):
+    """Add given axial forces N (m,) [N] at lengths L (m,) [m] to f_int (n, 3) [N] of the particles."""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        q = N[e] / L[e] if L[e] > 0.0 else 0.0
+        for k in range(3):
+            d = q * (x[b, k] - x[a, k])
+            f_int[a, k] += d
+            f_int[b, k] -= d
+
+
+@kernel
+def add_tensions(x, ends, N, L, f_int):
+    """Call `pull` from Python."""
+    pull(x, ends, N, L, f_int)
+
+
+@kernel
+def add_stiffness(u, ends, direction, axial, transverse, force):
+    """Add the element stiffness matrix times displacements u (n, 3) to force (n, 3).
+
+    direction : (m, 3), along the elements; axial, transverse : (m,) [N/m], along and across it
+    """
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        along = 0.0
+        for k in range(3):
+            along += (u[b, k] - u[a, k]) * direction[e, k]
+        for k in range(3):
+            d = transverse[e] * (u[b, k] - u[a, k]) + (axial[e] - transverse[e]) * along * direction[e, k]
+            force[b, k] += d
+            force[a, k] -= d
+
+
+@kernel
+def axial_forces(u, ends, direction, axial, force):
+    """Compute axial forces (m,) [N] due to displacements u (n, 3) [m]; direction (m, 3), axial (m,) [N/m]."""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        along = (u[b, 0] - u[a, 0]) * direction[e, 0]
+        along += (u[b, 1] - u[a, 1]) * direction[e, 1]
+        along += (u[b, 2] - u[a, 2]) * direction[e, 2]
+        force[e] = axial[e] * along
+
+
+@inner_kernel
+def element_energies(elements, now, law, stored, heat):
+    """Compute stored and dissipated energy (m,) [J] of each element for the state of `element_state`."""
+    for e in range(now.N.shape[0]):
+        stored[e] = stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law)
+        heat[e] = 0.0
+        if has(elements.dissipated):
+            heat[e] = elements.dissipated[e]
+        if has(elements.yield_force) and elements.EA[e] > 0.0:
+            heat[e] += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)
+
+
+@kernel
+def nodal_stiffness(ends, k, out):
+    """Add element stiffnesses k (m,) [N/m] to both ends."""
+    for e in range(ends.shape[0]):
+        out[ends[e, 0]] += k[e]
+        out[ends[e, 1]] += k[e]
+
+
+def geometric_stiffness(N: np.ndarray, L: np.ndarray) -> np.ndarray:
+    """Return the transverse stiffness (m,) [N/m] of elements of length L (m,) [m] under N (m,) [N]."""
+    return np.abs(N) / np.maximum(L, TINY)

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 from netfall.core import vectors
+from netfall.core.arithmetic import logarithm
 from netfall.core.kernels import part_of_kernel
-from netfall.numerics.arithmetic import logarithm
-from netfall.physics import elements, particles
+from netfall.physics import element_step, particle_step
 
 
 class Target(NamedTuple):
@@ -20,4 +20,4 @@ class Target(NamedTuple):
 
 
 CPU = Target(part_of_kernel, vectors.fma, vectors.sqrt, logarithm, vectors.maximum, vectors.minimum)
-element, particle = elements.make(CPU), particles.make(CPU)
+element, particle = element_step.make(CPU), particle_step.make(CPU)

@@ -1,1 +1,1 @@
-"""Reading of result files: frames, equilibria, member removals, tables. No MPI."""
+"""Result files: the parallel writer, checkpoints, locks, the reader, and text about results."""

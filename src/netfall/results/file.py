@@ -8,12 +8,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.core.functions import lengths
 from netfall.job.job import tables_of
-from netfall.mechanics.law.limits import strength_of
-from netfall.numerics.functions import lengths
+from netfall.physics.law.limits import strength_of
+from netfall.results.limit_load_text import Carried, overload_lines
 from netfall.results.losses import broken_at
-from netfall.results.overload_lines import Carried, overload_lines
 from netfall.results.states import start_position
 
 OF_MOTION = ("events", "envelope", "final")  # groups that a dynamic stage writes together with /history

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.results.loss_lines import telling_factor, tension_ratios
+from netfall.results.removal_text import telling_factor, tension_ratios
 
 
 def lost_at(f) -> np.ndarray:

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.mechanics.law import limits
-from netfall.mechanics.law.limits import Caps
-from netfall.mechanics.law.measures import elastic_forces, warm_length
-from netfall.numerics.functions import lengths
-from netfall.numerics.rotation import from_own, to_own
+from netfall.core.functions import lengths
+from netfall.core.rotation import from_own, to_own
+from netfall.physics.law import limits
+from netfall.physics.law.limits import Caps
+from netfall.physics.law.measures import elastic_forces, warm_length
 from netfall.results.datasets import ORDER
 from netfall.results.losses import broken_at, loss_rows, lost_at
 

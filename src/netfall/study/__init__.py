@@ -1,1 +1,1 @@
-"""Many runs of a job: the study file, random draws, workers, journal, table."""
+"""Studies: the study file, random draws, workers, journal and table of many runs of one job."""

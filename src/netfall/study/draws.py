@@ -10,8 +10,8 @@ import warnings
 
 import numpy as np
 
-from netfall.numerics.functions import exp, log, log1p
-from netfall.numerics.normal import quantile
+from netfall.core.functions import exp, log, log1p
+from netfall.core.normal import quantile
 
 METHODS = ("sobol", "latin_hypercube", "random")
 # Parameters of each distribution.

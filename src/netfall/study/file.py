@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.ground.errors import InputError
-from netfall.job.asks import has_statics
+from netfall.core.errors import InputError
+from netfall.geometry.build import build_net
+from netfall.job.derived import has_statics
 from netfall.job.job import PATHS, Job
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validation
 from netfall.job.values import nearest, shown
-from netfall.net.build import build_net
 from netfall.results.outcomes import BY_NAME
 from netfall.study import sections
 from netfall.study.answers.hazard import Hazard

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 
 SUFFIX, JOURNAL = ".study.h5", ".study.journal"
 

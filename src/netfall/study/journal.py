@@ -11,8 +11,8 @@ import os
 import zlib
 from pathlib import Path
 
-from netfall.ground.errors import InputError
-from netfall.write.locks import writing
+from netfall.core.errors import InputError
+from netfall.results.locks import writing
 
 SYNC_EVERY = 64  # records between two flushes to the disk, which protect against a loss of power
 

@@ -1,4 +1,4 @@
-"""Workers: MPI ranks (`netfall.program.worker`) that run one sample of a study after another.
+"""Workers: MPI ranks (`netfall.run.worker`) that run one sample of a study after another.
 
 The workers are started by the launcher of MPI ranks: mpirun on one machine, srun in an allocation of Slurm.
 A worker receives tasks and answers through pipes. No other process can reach it, it ends whenever the study
@@ -24,8 +24,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from netfall.ground.errors import InputError
-from netfall.ground.launch import check_launcher, default_launcher
+from netfall.core.errors import InputError
+from netfall.core.launch import check_launcher, default_launcher
 
 LOOK = 0.2  # s between checks of the clock and of the stop flag
 END = 10.0  # s within which workers must end
@@ -137,7 +137,7 @@ def worker_command(launcher: str | None, ranks: int) -> list[str]:
 
     launcher : of its ranks, with {ranks} in it; None: the default
     """
-    worker = [sys.executable, "-m", "netfall.program.worker"]
+    worker = [sys.executable, "-m", "netfall.run.worker"]
     if launcher is None and ranks == 1:
         return worker
     if launcher is None:  # workers share the cores

@@ -11,17 +11,17 @@ from collections import deque
 from pathlib import Path
 
 import netfall
-from netfall.ground.errors import Interrupted
-from netfall.ground.progress import Progress
-from netfall.job.memory import BESIDE
+from netfall.core.errors import Interrupted
+from netfall.core.progress import Progress
+from netfall.job.cache import BESIDE
 from netfall.job.read import read_job
+from netfall.results.locks import writing
 from netfall.results.outcomes import NOTHING
 from netfall.study.file import OWN, Member, Plan
 from netfall.study.files import Place, Watch
 from netfall.study.journal import Journal
 from netfall.study.pool import Pool, check_started, task_for, worker_command
 from netfall.study.table import Table
-from netfall.write.locks import writing
 
 UNFINISHED = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
 NET = -1  # number of the task that returns the net, instead of a sample's number

@@ -8,17 +8,17 @@ command continues.
 import os
 from pathlib import Path
 
-from netfall.ground.progress import Progress
-from netfall.ground.room import memory_line
-from netfall.ground.sources import TELLING, program_digest
-from netfall.net.build import build_net
-from netfall.net.defaults import default_warnings
+from netfall.core.machine_memory import memory_line
+from netfall.core.progress import Progress
+from netfall.core.sources import TELLING, program_digest
+from netfall.geometry.build import build_net
+from netfall.geometry.defaults import default_warnings
+from netfall.results.locks import check_place, claim, release
 from netfall.study.file import Plan, read_plan
 from netfall.study.files import Place, Watch, place_of
 from netfall.study.journal import read_journal
 from netfall.study.runs import Runs, part_of, write_study
 from netfall.study.table import Table, check_digests, digests_of, text_of
-from netfall.write.locks import check_place, claim, release
 
 FORMAT = 2  # version of the layout of journals
 

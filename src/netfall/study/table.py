@@ -7,11 +7,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
+from netfall.results.locks import h5_whole, sync, writing
 from netfall.results.outcomes import BY_NAME, OF_RUN, OUTCOMES
 from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.measures import failure_section
-from netfall.write.locks import h5_whole, sync, writing
 
 FORMAT = 1  # version of the layout of a study file
 MARK = "netfall_study"  # attribute of the root that identifies a study file
@@ -177,7 +177,7 @@ def text_of(path: Path) -> str:
 
 
 def _unpacked(packed: dict) -> np.ndarray:
-    """Decode an array from `program.worker.packed`."""
+    """Decode an array from `run.worker.packed`."""
     return np.frombuffer(base64.b64decode(packed["bytes"]), packed["type"]).reshape(packed["shape"])
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.exchange.drawings.drawing import Drawing, alike, edges_of, is_among
-from netfall.ground.errors import InputError
 
 SUPPORTS = ("is_anchor", "is_fixed", "is_support", "fixed", "anchor", "support")
 GROUPS = ("group", "layer", "category")

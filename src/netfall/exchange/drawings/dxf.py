@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.exchange.drawings.drawing import Drawing, alike, counted
-from netfall.ground.errors import InputError
 
 POLYLINES = ("LWPOLYLINE", "POLYLINE")
 ROUND = ("ARC", "CIRCLE", "ELLIPSE")

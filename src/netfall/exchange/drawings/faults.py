@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from netfall.net.parts import unjoined_pairs
+from netfall.geometry.connected_parts import unjoined_pairs
 
 NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the median length, of the tolerance; nearer was meant as joined
 AT_ONCE = 4096  # elements per search for neighbours, which limits its memory

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.exchange.drawings.reading import Options, Reading, read_net
-from netfall.ground.errors import InputError
-from netfall.job.table import write_table
+from netfall.job.csv_table import write_table
 from netfall.job.toml_text import toml_name, toml_value
-from netfall.write.locks import whole_folder
+from netfall.results.locks import whole_folder
 
 UPRIGHT = 10.0  # degrees from the vertical
 LEVEL = 0.02  # sine of the angle to the horizontal, below which an element pulls neither up nor down
@@ -87,7 +87,7 @@ def import_file(path: Path, folder: Path, options: Options, say: Callable[[str],
 
 def _write(reading: Reading, folder: Path, target: Path) -> list[str]:
     """Write tables, picture, job and report of a folder to `target`; return lines on what was written."""
-    from netfall.plots.net import as_read
+    from netfall.post.plots.net import as_read
 
     net, drawing = reading.net, reading.drawing
     node_id, group = _node_ids(reading), [drawing.layers[k] for k in drawing.layer[net.line].tolist()]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.net.parts import close_pairs, parts_of
+from netfall.geometry.connected_parts import close_pairs, parts_of
 
 
 @dataclass

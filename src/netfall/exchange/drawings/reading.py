@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.errors import InputError
 from netfall.exchange.drawings import faults
 from netfall.exchange.drawings.compas import read_json
 from netfall.exchange.drawings.curves import cut_curves
@@ -14,7 +15,6 @@ from netfall.exchange.drawings.drawing import METRES, Drawing, rows_called
 from netfall.exchange.drawings.dxf import read_dxf
 from netfall.exchange.drawings.join import Joined, join, parts_by_size, split
 from netfall.exchange.vtu import read_vtu
-from netfall.ground.errors import InputError
 from netfall.job.values import nearest
 
 READERS = {".dxf": read_dxf, ".json": read_json, ".vtu": read_vtu}

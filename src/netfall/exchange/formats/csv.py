@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
+from netfall.core.errors import InputError
+from netfall.core.rotation import to_own
 from netfall.exchange.job_again import job_again
 from netfall.exchange.state import AXES, MARK, RECORD, State
-from netfall.ground.errors import InputError
-from netfall.job.table import SEVERAL, write_table
-from netfall.numerics.rotation import to_own
-from netfall.results.result import Result
+from netfall.job.csv_table import SEVERAL, write_table
+from netfall.results.locks import whole_folder
+from netfall.results.reader import Result
 from netfall.results.states import support_angles
-from netfall.write.locks import whole_folder
 
 HOLDS = None
 FOLDER, AT_REST, UNITS = True, False, False

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from netfall.exchange.state import MARK, State
-from netfall.results.result import Result
+from netfall.results.locks import whole
+from netfall.results.reader import Result
 from netfall.results.states import springs_of
-from netfall.write.locks import whole
 
 HOLDS = ("groups",)
 FOLDER, AT_REST, UNITS = False, False, True

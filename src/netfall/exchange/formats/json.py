@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from netfall.exchange.state import AXES, MARK, State, lengths
-from netfall.results.result import Result
-from netfall.write.locks import whole
+from netfall.results.locks import whole
+from netfall.results.reader import Result
 
 HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
 FOLDER, AT_REST, UNITS = False, False, False

@@ -5,16 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.checks.reactions import pull_at
+from netfall.core.errors import InputError
+from netfall.core.progress import one_line
+from netfall.core.rotation import directions
 from netfall.exchange.state import State, form_of, lengths
-from netfall.ground.errors import InputError
-from netfall.ground.progress import one_line
 from netfall.job.values import counted
-from netfall.mechanics.law.measures import elastic_forces, unstressed_length
-from netfall.numerics.rotation import directions
-from netfall.results.result import Result
+from netfall.physics.law.measures import elastic_forces, unstressed_length
+from netfall.post.checks.reactions import pull_at
+from netfall.results.locks import whole
+from netfall.results.reader import Result
 from netfall.results.states import Springs, springs_of, support_angles
-from netfall.write.locks import whole
 
 HOLDS = (
     *("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars"),

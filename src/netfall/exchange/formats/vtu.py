@@ -6,8 +6,8 @@ import numpy as np
 
 from netfall.exchange.state import MARK, State
 from netfall.exchange.vtu import write_vtu
-from netfall.results.result import Result
-from netfall.write.locks import whole
+from netfall.results.locks import whole
+from netfall.results.reader import Result
 
 HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
 FOLDER, AT_REST, UNITS = False, False, False

@@ -1,1 +1,1 @@
-"""Evaluation of a study: outcomes of samples, fragility, correlations, member removals."""
+"""Evaluation of a study: outcomes of samples, fragility, correlations, consequences of member removal."""

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.results.loss_lines import RESTS, STATIC_CHANGE
-from netfall.results.notes import LARGEST_BALANCE
+from netfall.results.removal_text import RESTS, STATIC_CHANGE
+from netfall.results.warning_text import LARGEST_BALANCE
 from netfall.study.answers.correlation import rank_correlations
 from netfall.study.answers.info_hazard import tell_hazard
 from netfall.study.answers.intervals import binned, half_width, narrower, wilson, with_interval

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.results.loss_lines import WITHOUT
+from netfall.results.removal_text import WITHOUT
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import inputs_of, is_seed
 

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.results.loss_lines import WITHOUT
 from netfall.results.outcomes import BY_NAME
+from netfall.results.removal_text import WITHOUT
 
 COUNTED = ("finished", "no_rest")  # states of runs that decide whether the roof failed
 LOST_ROOF = (0.0, 0.05, 0.10, 0.25, 0.50)  # lost shares of the roof above which a run counts as failed

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.ground.errors import InputError
+from netfall.core.errors import InputError
 from netfall.job.schema import SECTIONS
 from netfall.results.outcomes import BY_NAME, OUTCOMES
 from netfall.study.table import MARK, read_columns

@@ -1,0 +1,27 @@
+"""Optional packages, absent on compute nodes, and the extra of netfall that installs each."""
+
+from contextlib import contextmanager
+
+from netfall.core.errors import InputError
+
+EXTRAS = {
+    "plot": ("matplotlib", "mpl_toolkits", "PIL", "adjustText", "imageio_ffmpeg", "markdown_it"),
+    "cad": ("ezdxf", "vtkmodules"),
+    "view": ("k3d",),
+    "study": ("openturns",),
+}
+BRINGS = {package: extra for extra, packages in EXTRAS.items() for package in packages}
+
+
+@contextmanager
+def naming_extras():
+    """Name the extra to install if one of its packages is missing. Raises InputError."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in BRINGS:
+            raise
+        raise InputError(
+            f"needs {package}, which is not installed; get it with: pip install 'netfall[{BRINGS[package]}]'"
+        ) from error

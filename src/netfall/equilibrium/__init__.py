@@ -1,1 +1,0 @@
-"""Static equilibria of a net by Newton's method, an interior point method and relaxation. Knows no job."""

@@ -1,0 +1,1 @@
+"""Explicit time integration: the compiled time loop, energy check, history rows and envelope."""

@@ -1,0 +1,206 @@
+"""Work identity and physical energy balance (paper Eq. 8 to 11) at a step n. The state is not changed.
+
+Work identity: the kinetic energy equals the external work less the work against internal forces and damping.
+With half-step velocities this holds to rounding at any step, so that an error indicates a fault of the code.
+Physical balance: the stored and dissipated energies of the elements replace the work against them. Its error
+depends on the time step; it is the error that users should see. Both errors are reported relative to the
+energy that takes part (`history.energy_in_play`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.core.records import empty, f8, f8_2, u1
+from netfall.core.vectors import LANES
+from netfall.explicit.energy_check import Room, Subject, observe
+from netfall.explicit.plan import make_scratch, traits_of
+from netfall.parallel.mpi import MPI
+from netfall.parallel.sums import LIMBS, rounded_of_all
+from netfall.physics.air import RelativeWind
+from netfall.physics.bending import Joints
+from netfall.physics.elements import ElementState
+from netfall.physics.fields import OTHER_WORKS
+from netfall.physics.slip.motion import Places
+from netfall.physics.state import State
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies [J] at one time, or at several. `internal` is the work done against the elements' forces.
+
+    air, band : work of aerodynamic damping, and against damping branches
+    support : work of the ground on moving supports
+    slip : friction heat of sliding cables, whose motion and forces are in kinetic, external and internal;
+        0 without sliding cables
+    attached : kinetic energy, and stored energy including prestress, of the parts attached to a support
+    """
+
+    kinetic: float
+    strain: float
+    plastic: float
+    damping: float
+    external: float
+    internal: float
+    air: float = 0.0
+    band: float = 0.0
+    support: float = 0.0
+    slip: float = 0.0
+    attached: float = 0.0
+
+    @property
+    def given(self) -> float:
+        """Work [J] of loads and of the ground as the sum of absolute values."""
+        return np.abs(self.external) + np.abs(self.support)
+
+
+@dataclass
+class Snapshot:
+    """The state at a step n for reports: owned particles (rows) and all elements of a rank."""
+
+    rows: np.ndarray
+    room: Room
+    subject: Subject | None = None
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Velocity (r, 3) [m/s]"""
+        return self.room.velocity[:, : len(self.rows)].T
+
+    @property
+    def N(self) -> np.ndarray:
+        """Axial force (m,) [N]"""
+        return self.room.now.N
+
+    @property
+    def eps(self) -> np.ndarray:
+        """Strain (m,)"""
+        return self.room.now.eps
+
+    @property
+    def eps_p(self) -> np.ndarray:
+        """Plastic strain (m,)"""
+        return self.room.now.eps_p
+
+    @property
+    def heat(self) -> np.ndarray:
+        """Dissipated energy (m,) [J]"""
+        return self.room.heat
+
+    @property
+    def slack(self) -> int:
+        """Number of slack unbroken cables of this rank."""
+        return int(self.room.slack[0])
+
+    def fits(self, state: State) -> bool:
+        """Return whether the arrays of this snapshot have the size of a state."""
+        return self.room.terms.shape[1] == len(state.x)
+
+    def look_at(self, state: State) -> Subject:
+        """Refer to the arrays of a state of fitting size, as long as they stay in place."""
+        self.subject = subject_of(state)
+        return self.subject
+
+    def take(self, state: State, before_dt: float, dt: float, zeta: float, share: float) -> "Snapshot":
+        """Compute the present step of the state; arguments as in `take_snapshot`."""
+        if len(self.rows) != state.n_local - state.n_halo:
+            self.rows = state.owned_rows()
+        observe(float(before_dt), float(dt), float(zeta), float(share), True, self.subject, self.room)
+        return self
+
+
+def make_room(state: State) -> Snapshot:
+    """Allocate a snapshot for a state of this size, without values."""
+    f, n, m = state.features, len(state.x), state.m
+    N, eps, eps_p, L, stored, heat = (np.zeros(m) for _ in range(6))
+    vectors = (3, n + LANES)
+    terms = np.zeros((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
+    extra_sums = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
+    room = Room(
+        f_int=np.zeros(vectors),
+        velocity=np.zeros(vectors),
+        now=ElementState(N, eps, eps_p, L),
+        heat=heat,
+        terms=terms,
+        stored=stored,
+        sprung=np.zeros(n) if f.springs else empty(f8),
+        attached=np.zeros(n, np.uint8) if f.detaches else empty(u1),
+        attached_elements=np.zeros(m, np.uint8) if f.detaches else empty(u1),
+        sums=np.zeros((len(terms) + 2 + extra_sums, LIMBS), np.int64),
+        slack=np.zeros(1, np.int64),
+        f_band=np.zeros(vectors) if f.band else empty(f8_2),
+        scratch=make_scratch(state),
+    )
+    return Snapshot(np.zeros(0, np.int64), room)
+
+
+def subject_of(state: State) -> Subject:
+    """Return the arrays of a state that a snapshot reads."""
+    return Subject(
+        state.n_owned,
+        state.first_split,
+        state.rows,
+        traits_of(state),
+        state.particles,
+        state.elements,
+        state.law,
+        state.joints or Joints.absent(),
+        state.places or Places.absent(),
+        state.relative_wind() or RelativeWind.absent(),
+    )
+
+
+def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share: float) -> Snapshot:
+    """Compute forces, velocities and energies at the present step.
+
+    before_dt, dt : [s] the steps before and after it
+    zeta, share : see `energy_check.observe`
+    """
+    snapshot = make_room(state)
+    snapshot.look_at(state)
+    return snapshot.take(state, before_dt, dt, zeta, share)
+
+
+def energies_of(state: State, sums: np.ndarray) -> Energies:
+    """Return the energies of sums (..., k) [J] in the order of `explicit.energy_check.Room`."""
+    kinetic, damping, external, internal, *others = np.moveaxis(sums, -1, 0)
+    slip = others.pop() if state.features.sliding else 0.0
+    attached = others.pop() if state.features.detaches else None
+    sprung = others.pop() if state.features.springs else None
+    *others, stored, heat = others
+    stored = stored if sprung is None else stored + sprung
+    attached = kinetic + stored if attached is None else attached
+    if not others and not state.features.energy:
+        others = [np.full_like(kinetic, np.nan)] * len(OTHER_WORKS)
+    others = dict(zip(OTHER_WORKS, others))
+    slip = slip if state.features.energy else np.nan * slip
+    return Energies(
+        kinetic=kinetic,
+        strain=stored,
+        plastic=heat,
+        damping=damping,
+        external=external,
+        internal=internal,
+        slip=slip,
+        attached=attached,
+        **others,
+    )
+
+
+def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
+    """Sum the energies over all ranks; the result is bitwise the same on any number of ranks. Collective."""
+    return energies_of(state, rounded_of_all(comm, snapshot.room.sums.copy()))
+
+
+def most_extreme(state: State, element_gid: np.ndarray, snapshot: Snapshot) -> tuple:
+    """Return speed and number of this rank's fastest particle, and its largest strain and the element."""
+    speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
+    held = ~state.free[snapshot.rows].any(1)
+    speed[held] = -1.0  # nan of a neighbour would propagate to a support
+    strain = np.nan_to_num(np.abs(snapshot.eps), nan=np.inf)
+    return (
+        speed.max(initial=-1.0),
+        int(state.gid[snapshot.rows[speed.argmax()]]) if len(speed) else -1,
+        strain.max(initial=-1.0),
+        int(element_gid[strain.argmax()]) if len(strain) else -1,
+    )

@@ -1,0 +1,320 @@
+"""Observation of the state at a step n: forces, velocities and both energy checks (paper Eq. 8 to 11).
+
+Nothing here changes the state. The velocity at time n lies within the velocity update of the step; the works
+count up to n. All of this is one compiled call, because a call costs about as much as any of its parts.
+"""
+
+import math
+
+import numpy as np
+
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, u1, whole
+from netfall.core.vectors import LANES, fma, load, load_truths, put, where, zeros
+from netfall.explicit.forces import Scratch
+from netfall.explicit.motion import (
+    damped_mass,
+    force_along_guides,
+    free_force,
+    total_forces,
+)
+from netfall.parallel.sums import add_exactly, add_term
+from netfall.physics.air import RelativeWind, set_air, set_drag
+from netfall.physics.bending import Joints, bend, joint_energy
+from netfall.physics.elements import ElementState, element_energies, find_state, pull
+from netfall.physics.fields import Elements, Particles
+from netfall.physics.law.branches import add_branches, set_branches
+from netfall.physics.law.law import Law
+from netfall.physics.slip.motion import Places, slip_energies
+from netfall.physics.supports import spring_back
+from netfall.physics.targets import particle
+
+kicked, works_of_motion = particle.kicked, particle.works_of_motion
+
+
+class Subject(Record):
+    """Input of `observe` on one rank; fields that the problem lacks are absent.
+
+    n_owned, first_split : particle rows; rows : (1,) number of rows in use; traits : bits of
+        `explicit.motion`
+    joints : of bending chains; places : slip points; relative : wind at detached particles
+    """
+
+    n_owned: whole
+    first_split: whole
+    rows: i8
+    traits: whole
+    particles: Particles
+    elements: Elements
+    law: Law
+    joints: Joints
+    places: Places
+    relative: RelativeWind
+
+
+class Room(Record):
+    """Output arrays of `observe`: owned particles in row order, then the particles that split off.
+
+    f_int : (3, n) [N]; velocity : (3, n) [m/s]; now : `ElementState`; heat : (m,) dissipated [J]
+    terms : (4 or 7, n) [J] kinetic, damping, external, internal, and OTHER_WORKS; stored : (m,) [J]
+    sprung : (n,) [J] in elastic supports; absent if there are none
+    attached, attached_elements : (n,), (m,) 1 if connected to a support; absent if nothing can be cut free
+    sums : (k, LIMBS) exact sums of this rank: terms, stored, heat, sprung, kinetic and stored energy of the
+        attached part, friction of slips
+    slack : (1,) number of unbroken slack cables of this rank
+    f_band : (3, n) [N] of the Maxwell branches alone; absent if there are none
+    scratch : for a span of particles
+    """
+
+    f_int: f8_2
+    velocity: f8_2
+    now: ElementState
+    heat: f8
+    terms: f8_2
+    stored: f8
+    sprung: f8
+    attached: u1
+    attached_elements: u1
+    sums: i8_2
+    slack: i8
+    f_band: f8_2
+    scratch: Scratch
+
+
+@inner_kernel
+def particle_energies(first, last, before, part, kick_dt, zeta, share, observed, observation):
+    """Compute velocity and energy terms of the owned particles first to last; output row = particle - before.
+
+    part : share of the velocity update that comes before n, 1/2 between equal steps
+    """
+    particles, scratch = observed.particles, observation.scratch
+    length = scratch.near.shape[0] - LANES
+    for low in range(first, last, length):
+        high = min(low + length, last)
+        for k in range(3):
+            for p in range(low, high):
+                scratch.f[k, p - low] = observation.f_int[k, p]
+        total_forces(low, high, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
+        energies_of_stretch(low, high, before, part, kick_dt, zeta, observed, observation)
+
+
+@inner_kernel
+def energies_of_stretch(low, high, before, part, kick_dt, zeta, observed, observation):
+    """Compute velocity and energy terms of particles low to high, whose forces are in the scratch."""
+    particles, velocity, terms = observed.particles, observation.velocity, observation.terms
+    h = 0.5 * zeta * kick_dt
+    c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
+    ground, scratch, other = has(particles.ground), observation.scratch, particles.other_work
+    for p in range(low, high, LANES):
+        i, row, mass = p - low, p - before, load(particles.mass, 0, p)
+        per_mass = where(mass > 0.0, 1.0 / mass, zeros())
+        kinetic, external, internal, damping, support = zeros(), zeros(), zeros(), zeros(), zeros()
+        air_work, band_work = zeros(), zeros()
+        along = force_along_guides(p, i, scratch.total, particles)
+        if has(particles.work):
+            external, internal = load(particles.work, 0, p), load(particles.work, 1, p)
+            damping = load(particles.work, 2, p)
+        if has(other):
+            support = load(other, 2, p)
+        for k in range(3):
+            f_int, f_ext, old = load(scratch.f, k, i), load(scratch.external, k, i), load(particles.v, k, p)
+            total, free = (
+                free_force(k, p, i, scratch.total, along, particles),
+                load_truths(particles.free, k, p),
+            )
+            fixed = load(particles.ground, k, p) if ground else old
+            new = where(free, kicked(old, total * per_mass, c_v, c_a), fixed)
+            now, mean = fma(part, new - old, old), 0.5 * (old + new)
+            path, v_sum = duration * (0.5 * (old + now)), old + now
+            damped = damped_mass(p, particles)
+            external_sum, internal_sum = fma(path, f_ext, external), fma(path, f_int, internal)
+            if ground:
+                v_ground = load(particles.ground, k, p)
+                f_damp, path_rel, dE_kin = works_of_motion(
+                    mass, damped, zeta, v_ground, old, now, old + new, duration
+                )
+                external, internal = external_sum, internal_sum
+                damping = where(free, fma(f_damp, path_rel, damping), damping)
+                fixed, drawn = (
+                    fma(-path, f_ext + f_int, dE_kin) + support,
+                    fma(-f_damp * duration, v_ground, support),
+                )
+                support = where(free, drawn, fixed)
+            else:
+                external, internal = where(free, external_sum, external), where(free, internal_sum, internal)
+                damping = where(free, fma(path, zeta * damped * mean, damping), damping)
+            if has(observation.f_band):
+                band_work = fma(v_sum, load(observation.f_band, k, p), band_work)
+            if has(particles.air):
+                air_work = fma(load(particles.air, k, p), v_sum, air_work)
+            kinetic = fma(0.5 * mass, now * now, kinetic)
+            put(row, end, velocity, k, now)
+        if not has(particles.work):
+            external = internal = damping = zeros() + math.nan
+        put(row, end, terms, 0, kinetic)
+        put(row, end, terms, 1, damping)
+        put(row, end, terms, 2, external)
+        put(row, end, terms, 3, -internal)
+        if has(other):
+            air = load(other, 0, p)
+            if has(particles.air):
+                air = fma(0.5 * duration * load(scratch.pull, 0, i), air_work, air)
+            put(row, end, terms, 4, air)
+            put(row, end, terms, 5, fma(-0.5 * duration, band_work, load(other, 1, p)))
+            put(row, end, terms, 6, support)
+
+
+@inner_kernel
+def spring_energies(first, last, before, particles, energy):
+    """Write the energy [J] in elastic supports of particles first to last; output row = particle - before."""
+    x, start, spring, rest = particles.x, particles.x_start, particles.spring, particles.spring_rest
+    for p in range(first, last):
+        total = 0.0
+        for k in range(3):
+            elongation = (x[k, p] - start[k, p]) - rest[k, p]
+            total += spring[k, p] * elongation * elongation
+        energy[p - before] = 0.5 * total
+        if has(particles.turned):
+            elongation, across = (x[0, p] - start[0, p]) - rest[0, p], (x[1, p] - start[1, p]) - rest[1, p]
+            energy[p - before] += particles.turned[2, p] * elongation * across
+
+
+@inner_kernel
+def add_joint_energies(x, joints, limbs):
+    """Add the energies [J] of the joints that this rank owns to the fixed-point number in limbs."""
+    for k in range(joints.stiffness.shape[0]):
+        if joints.owned[k]:
+            add_term(joint_energy(x, joints, k), limbs)
+
+
+@inner_kernel
+def find_attached(owned, observed, observation):
+    """Mark the attached ones among the first `owned` particle rows and the elements of this rank."""
+    detached, elements = observed.particles.detached, observed.elements
+    for i in range(owned):
+        p = i if i < observed.n_owned else observed.first_split + i - observed.n_owned
+        observation.attached[i] = 1 - detached[p]
+    for e in range(observation.attached_elements.shape[0]):
+        loose = detached[elements.ends[e, 0]] & detached[elements.ends[e, 1]]
+        observation.attached_elements[e] = elements.owned[e] & (1 - loose)
+
+
+@inner_kernel
+def add_attached(owned, observed, observation, limbs):
+    """Add kinetic and stored energies [J] of the attached part to the fixed-point number in limbs.
+
+    `add_slip_energies` adds the share of the slips.
+    """
+    find_attached(owned, observed, observation)
+    add_exactly(observation.terms[0, :owned], observation.attached, limbs)
+    add_exactly(observation.stored, observation.attached_elements, limbs)
+    joints = observed.joints
+    for k in range(joints.stiffness.shape[0]):
+        if joints.owned[k] and not observed.particles.detached[joints.particles[k, 1]]:
+            add_term(joint_energy(observed.particles.x.T, joints, k), limbs)
+    if has(observation.sprung):  # at supports
+        add_exactly(observation.sprung[:owned], observation.attached[:0], limbs)
+
+
+@inner_kernel
+def add_slip_energies(part, kick_dt, share, observed, sums):
+    """Add the slip energies of this rank to sums, and the heat of friction to the last of them."""
+    places, particles, previous = observed.places, observed.particles, np.int64(-1)
+    for i in range(places.node.shape[0]):
+        kinetic, external, internal, heat = slip_energies(
+            i, part, kick_dt, share, places, particles, observed.elements, observed.law
+        )
+        add_term(kinetic, sums[0])
+        if has(particles.detached) and not particles.detached[places.node[i]]:
+            add_term(kinetic, sums[-2])
+        if has(particles.slip_work):
+            p = places.node[i]
+            if p != previous:  # once for all cables at the node
+                add_term(particles.slip_work[0, p], sums[2])
+                add_term(-particles.slip_work[1, p], sums[3])
+                add_term(particles.slip_work[2, p], sums[-1])
+            previous = p
+            add_term(external, sums[2])
+            add_term(-internal, sums[3])
+            add_term(heat, sums[-1])
+
+
+@inner_kernel
+def count_slack(now, elements):
+    """Count the unbroken slack cables of this rank."""
+    slack = 0
+    for e in range(np.uint64(now.N.shape[0])):
+        intact = (elements.bar[e] == 0) & (elements.broken[e] == 0) & (elements.owned[e] == 1)
+        slack += np.int64((now.N[e] == 0.0) & intact)
+    return slack
+
+
+@inner_kernel
+def observe_particles(part, kick_dt, zeta, share, observed, observation):
+    """Compute velocities and energy terms of all owned particles; arguments as in `particle_energies`."""
+    n_owned, first_split, particles = observed.n_owned, observed.first_split, observed.particles
+    if has(particles.air):
+        set_air(kick_dt, zeta, particles)
+    if has(particles.drag):
+        set_drag(kick_dt, share, observed.relative, particles)
+    halo = first_split - n_owned
+    particle_energies(halo - halo, n_owned, halo - halo, part, kick_dt, zeta, share, observed, observation)
+    particle_energies(first_split, observed.rows[0], halo, part, kick_dt, zeta, share, observed, observation)
+
+
+@inner_kernel
+def internal_forces(before_dt, dt, observed, observation):
+    """Compute f_int, f_band and the energy of elastic supports for the element state in `observation.now`."""
+    particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
+    n_owned, first_split, x, f_int = (
+        observed.n_owned,
+        observed.first_split,
+        particles.x.T,
+        observation.f_int.T,
+    )
+    f_int[:] = 0.0
+    pull(x, elements.ends, now.N, now.L, f_int)
+    if has(law.branches):
+        set_branches(before_dt, dt, law)
+        add_branches(x, elements, now, law, f_int, observation.f_band.T)
+    if has(observed.joints.stiffness):
+        bend(x, observed.joints, f_int)
+    if has(particles.spring):
+        halo, supports = first_split - n_owned, (particles.spring.T, particles.spring_rest.T)
+        spring_back(x, particles.x_start.T, *supports, particles.turned.T, f_int)
+        spring_energies(0, n_owned, 0, particles, observation.sprung)
+        spring_energies(first_split, observed.rows[0], halo, particles, observation.sprung)
+
+
+@kernel
+def observe(before_dt, dt, zeta, share, with_energies, observed, observation):
+    """Fill the output arrays; without `with_energies` the element state alone.
+
+    before_dt, dt : [s] the steps before and after n; zeta : [1/s]; share : position between two load samples
+    """
+    particles, elements, law = observed.particles, observed.elements, observed.law
+    find_state(particles.x.T, elements, law, observation.now)
+    if not with_energies:
+        return
+    heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums
+    owned = observed.n_owned + observed.rows[0] - observed.first_split
+    part, kick_dt = before_dt / (before_dt + dt), 0.5 * (before_dt + dt)
+    internal_forces(before_dt, dt, observed, observation)
+    observe_particles(part, kick_dt, zeta, share, observed, observation)
+    element_energies(elements, observation.now, law, stored, heat)
+    sums[:] = 0
+    last, unmasked = terms.shape[0], elements.owned[:0]
+    for k in range(last):
+        add_exactly(terms[k, :owned], unmasked, sums[k])
+    add_exactly(stored, elements.owned, sums[last])
+    add_joint_energies(particles.x.T, observed.joints, sums[last])
+    add_exactly(heat, elements.owned, sums[last + 1])
+    row = last + 2
+    if has(observation.sprung):
+        add_exactly(observation.sprung[:owned], unmasked, sums[row])
+        row += 1
+    if has(particles.detached):
+        add_attached(owned, observed, observation, sums[row])
+    if has(observed.places.node):
+        add_slip_energies(part, kick_dt, share, observed, sums)
+    observation.slack[0] = count_slack(observation.now, elements)

@@ -1,0 +1,284 @@
+"""First pass over a chunk of particles: element forces at each particle.
+
+A vector holds LANES consecutive particles. Each particle sums over its incident elements in ascending global
+number, so the sum has the same bits on any number of ranks. An element is computed at both ends, from the
+same bits. The forces stay in a scratch array, in the first-level cache, for the second pass (`motion`).
+
+Three variants are compiled with literal arguments. The elastic one serves a chunk while none of its elements
+is near a limit. A second one serves cables that yield, and a general one every other kind of element. All
+other features are checked at run time.
+"""
+
+import numpy as np
+
+from netfall.core.kernels import inner_kernel, part_of_kernel
+from netfall.core.records import Record, f8, f8_2, has, u1
+from netfall.core.vectors import (
+    LANES,
+    any_of,
+    are_consecutive,
+    fma,
+    gather,
+    load,
+    load_truths,
+    maximum,
+    minimum,
+    nowhere,
+    put,
+    store,
+    store_truths,
+    where,
+    zeros,
+)
+from netfall.physics.fields import SLOTS
+from netfall.physics.targets import element
+
+INFINITE = float("inf")
+inverse_length, elastic_density = element.inverse_length, element.elastic_density
+logarithmic_density, logarithmic_strain = element.logarithmic_density, element.logarithmic_strain
+engineering_strain = element.engineering_strain
+grown, shrunk, branch = element.grown, element.shrunk, element.branch
+
+
+class Scratch(Record):
+    """Forces on the particles of a chunk, (3, c) [N] each.
+
+    f : internal forces; band : of the Maxwell branches alone, absent if there are none
+    near : (c,) limit flag: 1 if an element of the particle is near a limit
+    external, total : forces; pull : (c,) of the aerodynamic damping (`motion.total_forces`)
+    """
+
+    f: f8_2
+    band: f8_2
+    near: u1
+    external: f8_2
+    total: f8_2
+    pull: f8
+
+
+@part_of_kernel
+def of_slot(array, s, p, common):
+    """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `common`."""
+    value = zeros() + common
+    if has(array):
+        value = load(array, s, p)
+    return value
+
+
+@part_of_kernel
+def far_ends(s, p, in_line, x, other):
+    """Return the x, y and z [m] of the far ends in slot s of LANES particles from p on.
+
+    in_line : whether the far ends are consecutive rows; other : their rows
+    """
+    if in_line:
+        first = np.int64(other[s, p])
+        return load(x, 0, first), load(x, 1, first), load(x, 2, first)
+    return gather(x, 0, other, s, p), gather(x, 1, other, s, p), gather(x, 2, other, s, p)
+
+
+@part_of_kernel
+def general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
+    """Return N / L [N/m] of elements of any kind, their limit flags and their new plastic strain.
+
+    eps_p : plastic strain before; bar : whether they carry compression
+    """
+    EA = of_slot(slots.EA, s, p, law.EA)
+    if law.logarithmic:
+        q = logarithmic_density(per_L, L, per_L0, eps_p, EA)
+    else:
+        q = elastic_density(per_L, per_L0, eps_p, EA)
+    highest = of_slot(slots.yield_force, s, p, law.yield_force) * per_L
+    stretch_limit, limit_flags, new_eps_p = of_slot(slots.reach, s, p, law.reach), nowhere(), eps_p
+    if law.plastic:
+        yield_strain = of_slot(slots.yield_strain, s, p, law.yield_strain)
+        eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
+        new_eps_p = grown(eps, eps_p, yield_strain)
+        if has(slots.bar):  # the heat of bars does not follow from eps_p, so `look_closer` treats them
+            yields = bar & (of_slot(slots.euler, s, p, INFINITE) == INFINITE)
+            limit_flags = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
+            new_eps_p = where(bar, eps_p, new_eps_p)
+    limit_flags = limit_flags | (fma(stretch_limit, per_L, -per_L0) < 0.0)
+    lowest = where(bar, -highest, zeros())
+    if has(slots.euler):
+        limit_flags = limit_flags | (bar & (fma(stretch_limit, per_L0, -per_L) < 0.0))
+        buckling_density = -load(slots.euler, s, p) * per_L
+        lowest = where(buckling_density > lowest, buckling_density, lowest)
+    q = where(q > highest, highest, q)
+    return where(q > lowest, q, lowest), limit_flags, new_eps_p
+
+
+@part_of_kernel
+def elastic_forces(s, p, per_L, per_L0, slots, law):
+    """Return N / L [N/m] of elements without plastic strain, and their limit flags.
+
+    The strain is the engineering strain.
+    """
+    q = elastic_density(per_L, per_L0, zeros(), of_slot(slots.EA, s, p, law.EA))
+    force_limit = of_slot(slots.near, s, p, law.near)
+    if has(slots.bar):
+        bar = load_truths(slots.bar, s, p)
+        q = where(bar | (q > 0.0), q, zeros())
+        return q, fma(force_limit, per_L, -abs(q)) < 0.0
+    limit_flags = fma(force_limit, per_L, -q) < 0.0
+    return where(q > 0.0, q, zeros()), limit_flags
+
+
+@part_of_kernel
+def yielding_cable(s, p, per_L, L, per_L0, eps_p, slots, law):
+    """Return N / L [N/m] of cables that may yield, flags of those near fracture, and the new plastic strain.
+
+    The strain is the engineering strain.
+    """
+    q = elastic_density(per_L, per_L0, eps_p, of_slot(slots.EA, s, p, law.EA))
+    new_eps_p = grown(
+        engineering_strain(L, per_L0), eps_p, of_slot(slots.yield_strain, s, p, law.yield_strain)
+    )
+    limit_flags = fma(of_slot(slots.reach, s, p, law.reach), per_L, -per_L0) < 0.0
+    highest = of_slot(slots.yield_force, s, p, law.yield_force) * per_L
+    q = where(q > highest, highest, q)
+    return where(q > 0.0, q, zeros()), limit_flags, new_eps_p
+
+
+@part_of_kernel
+def are_repeated(slots, law):
+    """Return whether elements near a limit may yield or buckle, so that the elastic result is discarded."""
+    return law.plastic > 0 or has(slots.euler)
+
+
+@part_of_kernel
+def keep_extremes(N, skipped, s, p, slots):
+    """Update the extremes of the axial forces N [N] of the elements in slot s, except the skipped ones.
+
+    It also writes lanes beyond the end of the chunk. They hold broken elements or none, and nothing reads
+    them.
+    """
+    highest = load(slots.highest, s, p)
+    store(slots.highest, s, p, where(skipped, highest, maximum(N, highest)))
+    if has(slots.lowest):
+        lowest = load(slots.lowest, s, p)
+        store(slots.lowest, s, p, where(skipped, lowest, minimum(N, lowest)))
+
+
+@part_of_kernel
+def with_branches(q, per_L, L, s, p, high, bar, slots, law):
+    """Add the Maxwell branches of axial damping to q = N / L [N/m], and advance their state to n + 1."""
+    factors, N = law.branches, q * L
+    a, b = load(slots.branch_a, s, p), load(slots.branch_b, s, p)
+    state_sum = a + b
+    put(p, high, slots.branch_a, s, branch(a, N, factors[2, 0], factors[3, 0]))
+    put(p, high, slots.branch_b, s, branch(b, N, factors[2, 1], factors[3, 1]))
+    if has(slots.branch_c):
+        c = load(slots.branch_c, s, p)
+        state_sum = state_sum + c
+        put(p, high, slots.branch_c, s, branch(c, N, factors[2, 2], factors[3, 2]))
+    total = fma(-state_sum, per_L, factors[4, 0] * q)
+    return where(bar | (total > 0.0), total, zeros())
+
+
+@part_of_kernel
+def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, scratch):
+    """Compute `add_forces` for LANES particles from p on into place i, and return their limit flags."""
+    peaks, branches = has(slots.highest), general and has(law.branches)
+    px, py, pz = load(x, 0, p), load(x, 1, p), load(x, 2, p)
+    fx, fy, fz, particle_flags = zeros(), zeros(), zeros(), nowhere()
+    bx, by, bz, bar = zeros(), zeros(), zeros(), nowhere()
+    repeated = not general and not yields and are_repeated(slots, law)
+    for s in range(width):
+        ox, oy, oz = far_ends(s, p, in_line, x, slots.other)
+        dx, dy, dz = ox - px, oy - py, oz - pz
+        per_L, L = inverse_length(dx, dy, dz)
+        per_L0, eps_p = load(slots.inv_L0, s, p), zeros()
+        if yields:
+            eps_p = load(slots.eps_p, s, p)
+        if general:
+            if has(slots.bar):
+                bar = load_truths(slots.bar, s, p)
+            q, slot_flags, new_eps_p = general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
+        elif yields:
+            q, slot_flags, new_eps_p = yielding_cable(s, p, per_L, L, per_L0, eps_p, slots, law)
+        else:
+            q, slot_flags = elastic_forces(s, p, per_L, per_L0, slots, law)
+            new_eps_p = eps_p
+        if yields and any_of(new_eps_p != eps_p):
+            put(p, high, slots.eps_p, s, new_eps_p)
+        particle_flags = particle_flags | slot_flags
+        if peaks:  # `repeated` elements are computed again, and update their extremes then
+            keep_extremes(q * L, slot_flags if repeated else nowhere(), s, p, slots)
+        if branches:
+            total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
+            branch_density, q = total - q, total
+            bx, by, bz = fma(branch_density, dx, bx), fma(branch_density, dy, by), fma(branch_density, dz, bz)
+        fx, fy, fz = fma(q, dx, fx), fma(q, dy, fy), fma(q, dz, fz)
+    store(scratch.f, 0, i, fx)
+    store(scratch.f, 1, i, fy)
+    store(scratch.f, 2, i, fz)
+    if branches:
+        store(scratch.band, 0, i, bx)
+        store(scratch.band, 1, i, by)
+        store(scratch.band, 2, i, bz)
+    return particle_flags
+
+
+@part_of_kernel
+def add_forces(low, high, width, general, yields, x, slots, law, scratch):
+    """Sum the element forces on particles low to high into the scratch; return whether one is near a limit.
+
+    width : largest number of elements at one particle; general : whether they are not all cables of one
+        section
+    yields : whether they may have plastic strains, which are advanced to x (3, n) [m]
+    """
+    any_flags = nowhere()
+    for p in range(low, high, LANES):
+        in_line = not general
+        for s in range(width):
+            in_line = in_line and are_consecutive(slots.other, s, p)
+        if in_line:
+            flags = vector_forces(p, high, p - low, width, True, general, yields, x, slots, law, scratch)
+        else:
+            flags = vector_forces(p, high, p - low, width, False, general, yields, x, slots, law, scratch)
+        store_truths(scratch.near, 0, p - low, flags)
+        any_flags = any_flags | flags
+    return any_of(any_flags)
+
+
+@inner_kernel
+def elastic_elements(low, high, width, x, slots, law, scratch):
+    """Sum the forces of elements without plastic strain; the result is invalid if one is near yield."""
+    if width == SLOTS:  # a literal trip count, which LLVM unrolls
+        return add_forces(low, high, SLOTS, False, False, x, slots, law, scratch)
+    return add_forces(low, high, width, False, False, x, slots, law, scratch)
+
+
+@inner_kernel
+def yielding_cables(low, high, width, x, slots, law, scratch):
+    """Sum the forces of cables that may have plastic strains."""
+    if width == SLOTS:
+        return add_forces(low, high, SLOTS, False, True, x, slots, law, scratch)
+    return add_forces(low, high, width, False, True, x, slots, law, scratch)
+
+
+@inner_kernel
+def elements_of_any_kind(low, high, width, x, slots, law, scratch):
+    """Sum the forces of cables and bars that may yield or buckle, for any strain measure."""
+    return add_forces(low, high, width, True, has(slots.eps_p), x, slots, law, scratch)
+
+
+@inner_kernel
+def chunk_forces(c, plain, x, chunks, slots, law, scratch):
+    """Sum the element forces on the particles of chunk c, with yield; return whether one is near a limit.
+
+    plain : whether the strain is the engineering strain and there are no Maxwell branches
+    """
+    low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
+    if not plain:
+        chunks.has_yielded[c] = law.plastic
+        return elements_of_any_kind(low, high, width, x, slots, law, scratch)
+    if not chunks.has_yielded[c]:
+        at_limit = elastic_elements(low, high, width, x, slots, law, scratch)
+        if not (at_limit and are_repeated(slots, law)):
+            return at_limit
+    chunks.has_yielded[c] = 1
+    if has(slots.bar):
+        return elements_of_any_kind(low, high, width, x, slots, law, scratch)
+    return yielding_cables(low, high, width, x, slots, law, scratch)

@@ -1,0 +1,78 @@
+"""Fractures within the time loop: elements break, and the affected slots and chunks are updated.
+
+A broken element leaves an empty slot at the particle it separates from and a new far end at the particle it
+stays with. The new particle has one element and belongs to a chunk of such particles.
+"""
+
+import numpy as np
+
+from netfall.core.kernels import inner_kernel
+from netfall.core.records import has
+from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
+from netfall.physics.fracture import break_element, decide, lengthen, owns
+
+
+@inner_kernel
+def break_elements(count, when, chunks, elements, slots, law, fractures):
+    """Break the `count` elements in elements.pending; lengthen fragments that exceed their strength.
+
+    when : `events.StepDone`
+    """
+    pending = elements.pending
+    sort(pending, count)
+    for k in range(count):
+        decide(pending[k], elements, fractures.particles)
+    for k in range(count):
+        e = pending[k]
+        if elements.broken[e]:
+            lengthen(e, when.dt, elements, fractures.particles, law)
+            for end in range(2):
+                p = np.int64(elements.ends[e, end])
+                if owns(p, fractures.rules):  # without a split one end may be a halo particle
+                    slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
+            continue
+        collect_element(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
+        a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
+        break_element(e, when, elements, law, fractures)
+        follow_end(e, 0, a, chunks, elements, slots, fractures)
+        follow_end(e, 1, b, chunks, elements, slots, fractures)
+
+
+@inner_kernel
+def sort(numbers, count):
+    """Sort the first `count` of some numbers in place (Shell sort)."""
+    gap = 1
+    while 3 * gap < count:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for k in range(gap, count):
+            value, index = numbers[k], k
+            while index >= gap and numbers[index - gap] > value:
+                numbers[index] = numbers[index - gap]
+                index -= gap
+            numbers[index] = value
+        gap //= 3
+
+
+@inner_kernel
+def follow_end(e, end, before, chunks, elements, slots, fractures):
+    """Update the slots at an end (0, 1) of the broken element e. before : the particle there until then"""
+    rules = fractures.rules
+    now, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])
+    removed = elements.EA[e] == 0.0  # removed, or held by another rank
+    if owns(before, rules) and (removed or now != before):
+        empty_slot(slot_of(e, before, slots), before, slots)
+    elif owns(before, rules):
+        s = slot_of(e, before, slots)
+        if has(slots.reach):
+            slots.reach[s, before] = elements.reach[e]
+        slots.other[s, before] = far
+    if not removed and now != before:
+        for s in range(slots.other.shape[0]):
+            slots.other[s, now] = now
+            empty_slot(s, now, slots)
+        fill_slot(e, 0, now, far, elements, slots)
+        c = chunks.owned + (now - rules.first_split) // chunks.size
+        chunks.high[c] = max(chunks.high[c], now + 1)
+        if has(slots.eps_p):
+            chunks.has_yielded[c] = 1

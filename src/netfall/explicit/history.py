@@ -1,0 +1,179 @@
+"""History of a dynamic stage: rows by name, and those of the probes. The same on every rank.
+
+To add a column, extend `COLUMNS` and `columns_at`, and add a row to results/README.md with unit and meaning.
+The file, Python and checkpoints follow from these.
+"""
+
+import numpy as np
+
+from netfall.explicit.energy import Energies
+from netfall.explicit.sampling import MOST_STRAIN
+from netfall.model.probes import Probes
+from netfall.parallel.mpi import MPI
+from netfall.physics.fields import Features
+from netfall.physics.state import State
+
+AT_REST = 1e-4  # of the initial stored energy: below it motion is negligible and rounding errors dominate
+DAMPING = ("damping_work", "air_work", "band_damping_work")
+PROBE_ROWS = "probe_rows"
+COLUMNS = (
+    *("time", "time_step", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work"),
+    *("air_work", "band_damping_work", "slip_dissipation", "support_work", "external_work"),
+    *("attached_energy", "identity_error", "balance_error", "balance_error_attached", "slack", "broken"),
+)
+COUNTS = ("slack", "broken")
+# Columns that need a feature of `physics.fields.Features`.
+NEEDS = {
+    "air_work": "air",
+    "band_damping_work": "band",
+    "slip_dissipation": "sliding",
+    "support_work": "motion",
+}
+
+
+def columns_at(time: np.ndarray, time_step: np.ndarray, e: Energies, start: tuple[float, float]) -> dict:
+    """Compute the columns of rows (k,) from energies [J], with errors in [J], not yet relative.
+
+    time, time_step : (k,) [s]; start : strain energy and dissipation [J] at the start
+    """
+    strain, plastic = e.strain - start[0], e.plastic - start[1]
+    expended = e.kinetic + strain + plastic + e.damping + e.air + e.band + e.slip
+    balance = expended - e.external - e.support
+    return {
+        "time": time,
+        "time_step": time_step,
+        "kinetic_energy": e.kinetic,
+        "strain_energy": strain,
+        "plastic_dissipation": plastic,
+        "damping_work": e.damping,
+        "air_work": e.air,
+        "band_damping_work": e.band,
+        "slip_dissipation": e.slip,
+        "support_work": e.support,
+        "external_work": e.external,
+        "attached_energy": e.attached,
+        "identity_error": e.kinetic + e.internal + e.damping + e.air + e.slip - e.external - e.support,
+        "balance_error": balance,
+        "balance_error_attached": balance,
+    }
+
+
+def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
+    """Compute the energy [J] that takes part at each row.
+
+    This is the external work, or the expended energy if that is larger. Expended energy is motion, strain,
+    plastic dissipation and damping. It exceeds external work if it comes from the initial strain energy.
+    """
+    expended = rows["kinetic_energy"] + np.maximum(rows["strain_energy"], 0.0) + rows["plastic_dissipation"]
+    damped = sum(rows[name] for name in DAMPING if name in rows)
+    given = np.maximum(np.abs(rows["external_work"]), np.abs(rows.get("support_work", 0.0)))
+    energy = np.maximum(given, expended + damped)
+    return np.where(np.isnan(energy), 0.0, energy)  # nan without the energy check
+
+
+# Reference energies [J] per row: an error is relative to the largest value up to its row.
+SCALES = {"in_play": energy_in_play, "attached": lambda rows: np.nan_to_num(rows["attached_energy"])}
+SHARES = {"identity_error": "in_play", "balance_error": "in_play", "balance_error_attached": "attached"}
+NOT_STRAINED = (0.0, 0.0, -1)
+
+
+def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid: np.ndarray) -> tuple:
+    """Find the largest strain above MOST_STRAIN of this rank's elements that have no fracture limit.
+
+    Return it with its time and its element. time : [s]; eps, N : (m,) strains and axial forces [N]
+    gid : (m,) global numbers of the elements
+    """
+    if max(eps.max(initial=0.0), -eps.min(initial=0.0)) <= MOST_STRAIN:
+        return NOT_STRAINED
+    unbreakable = np.ones(len(eps), bool) if state.eps_u is None else ~np.isfinite(state.eps_u)
+    unbreakable &= state.broken == 0
+    # The strain of a slack cable has no meaning.
+    strain = np.where(unbreakable & (N != 0.0), np.abs(eps), 0.0)
+    e = int(np.argmax(strain))
+    return (float(strain[e]), time, int(gid[e])) if strain[e] > MOST_STRAIN else NOT_STRAINED
+
+
+def most_strained_of_all(comm: MPI.Comm, local: tuple) -> tuple:
+    """Return the result of `most_strained` with the largest strain of all ranks. Collective."""
+    return max(comm.allgather(local), key=lambda candidate: (candidate[0], -candidate[2]))
+
+
+class History:
+    """The rows so far. Each has a value for all of COLUMNS that the problem has.
+
+    scales : [J] largest reference energies so far, by name, to which errors are relative
+    """
+
+    def __init__(self, probes: Probes, features: Features):
+        self.probes, self.scales = probes, dict.fromkeys(SCALES, 0.0)
+        self.names = [name for name in COLUMNS if name not in NEEDS or getattr(features, NEEDS[name])]
+        self.blocks: list[dict[str, np.ndarray]] = []  # blocks of rows, with those of the probes
+        self.most_strained = NOT_STRAINED  # of this rank; of all ranks for the time before a checkpoint
+
+    def begin(self, stored: float) -> None:
+        """Set the initial reference energy from the energy [J] stored in the elements at the start."""
+        self.scales["in_play"] = AT_REST * stored
+
+    def __len__(self) -> int:
+        return sum(len(block["time"]) for block in self.blocks)
+
+    def add(self, probe_rows: np.ndarray, columns: dict[str, np.ndarray]) -> None:
+        """Append rows (k,); columns : those of `columns_at`, and COUNTS.
+
+        probe_rows : (k, p), in the layout of `explicit.sampling.Table`
+        """
+        block = {name: np.asarray(columns[name]) for name in self.names}
+        scales = {
+            name: np.maximum.accumulate(np.append(self.scales[name], energy(block)))
+            for name, energy in SCALES.items()
+        }
+        for name, share in SHARES.items():
+            scale = scales[share][1:]
+            block[name] = block[name] / np.where(scale > 0.0, scale, 1.0)
+        self.scales = {name: float(scale[-1]) for name, scale in scales.items()}
+        self.blocks.append(block | {PROBE_ROWS: probe_rows})
+
+    def largest(self, name: str) -> float:
+        """Return the largest absolute value of a column; nan if it contains nan."""
+        return float(np.abs(self.columns()[name]).max())
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Return the rows as columns, for the result file and for checkpoints."""
+        return {name: self._whole(name, np.int64 if name in COUNTS else np.float64) for name in self.names}
+
+    def _whole(self, name: str, dtype=np.float64) -> np.ndarray:
+        """Concatenate the values of a name over all rows."""
+        return np.concatenate([block[name] for block in self.blocks]) if self.blocks else np.zeros(0, dtype)
+
+    def probe_columns(self) -> dict[str, np.ndarray]:
+        """Return the values of probed nodes and elements as datasets of /history."""
+        probes, rows = self.probes, len(self)
+        node_values, tensions = 3 * len(probes.particles), len(probes.elements)
+        values = self._whole(PROBE_ROWS).reshape(rows, -1)[:, : node_values + tensions + len(probes.named)]
+        columns = {"probe_displacement": values[:, :node_values].reshape(rows, len(probes.particles), 3)}
+        if node_values:
+            columns |= {
+                "probe_tension": values[:, node_values : node_values + tensions],
+                "probe_particle": probes.particles,
+                "probe_element": probes.elements,
+            }
+        if len(probes.named):
+            named = {"element": probes.named, "element_id": probes.named_id}
+            columns |= {"element_tension": values[:, node_values + tensions :], **named}
+        return columns
+
+    def slip_columns(self) -> dict[str, np.ndarray]:
+        """Return slip and force difference (t, k) of all slip points, as datasets of /slide."""
+        probes = self.probes
+        first = 3 * len(probes.particles) + len(probes.elements) + len(probes.named)
+        slip, difference = np.hsplit(self._whole(PROBE_ROWS).reshape(len(self), -1)[:, first:], 2)
+        return {"slip": slip, "difference": difference}
+
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """Return the data for `restore`."""
+        return {"scales": self.scales}, self.columns() | {PROBE_ROWS: self._whole(PROBE_ROWS)}
+
+    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+        """Restore the rows of an earlier run."""
+        self.scales = small["scales"]
+        self.blocks = [{name: arrays[name] for name in (*self.names, PROBE_ROWS)}]

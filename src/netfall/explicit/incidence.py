@@ -1,0 +1,209 @@
+"""Incident element ends (slots): each particle lists its own elements and sums over them.
+
+The slots of a particle are in ascending global element number. So the sum has the same order, and the same
+bits, on any number of ranks. Each element is computed at both ends, from the same bits: this doubles the
+arithmetic but avoids scattered writes.
+"""
+
+import math
+
+import numpy as np
+
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.records import has
+from netfall.physics.fields import EMPTY, fields_of
+from netfall.physics.law.element import yield_energy
+from netfall.physics.slip.law import slipped_length
+from netfall.physics.slip.motion import is_whole
+from netfall.physics.state import State
+
+
+def fill_slots(state: State) -> None:
+    """Fill the slots of the particles that this rank steps from the present connectivity."""
+    s = state
+    filled = np.zeros(s.n_local, np.int32)
+    element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
+    attach_elements(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, element, filled)
+    fill_lengths(s.n_local, element, s.L0, s.inv_L0)
+    if s.slot_highest is not None:
+        s.slot_highest[:] = -np.inf
+    if s.slot_lowest is not None:
+        s.slot_lowest[:] = np.inf
+    for field in fields_of("slot"):
+        slot = getattr(s, field.name)
+        if field.slot_of and slot is not None:
+            copy = copy_marks_to_slots if slot.dtype == np.uint8 else copy_to_slots
+            copy(s.n_local, element, getattr(s, field.slot_of), slot)
+
+
+@kernel
+def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element, filled):
+    """Put every element into a slot of each of its ends that this rank steps, in ascending order.
+
+    ends, EA : of the elements
+    other : (slots, n), out, far ends, the particle itself in an empty slot; slot_element : (slots, n), out,
+        EMPTY in an empty slot; filled : (n,), out, number of slots in use, which come first
+    """
+    for s in range(other.shape[0]):
+        for p in range(n_local):
+            other[s, p], slot_element[s, p] = p, EMPTY
+    filled[:n_local] = 0
+    for e in range(ends.shape[0]):
+        if EA[e] == 0.0:
+            continue  # held by another rank since it broke, or removed
+        for end in range(2):
+            p = ends[e, end]
+            if n_owned <= p and p < first_split:
+                continue
+            other[filled[p], p], slot_element[filled[p], p] = ends[e, 1 - end], e
+            filled[p] += 1
+
+
+@kernel
+def fill_lengths(n_local, slot_element, L0, inv_L0):
+    """Write 1 / L0 [1/m] of elements with L0 (m,) [m] to inv_L0 (slots, n); 0 in empty slots."""
+    for s in range(inv_L0.shape[0]):
+        for p in range(n_local):
+            e = slot_element[s, p]
+            inv_L0[s, p] = 0.0 if e == EMPTY else 1.0 / L0[e]
+
+
+@part_of_kernel
+def _copy_to_slots(n_local, slot_element, values, slot):
+    """Copy a field of the elements (m,) to the slots (slots, n); empty slots get 0."""
+    for s in range(slot.shape[0]):
+        for p in range(n_local):
+            e = slot_element[s, p]
+            if e == EMPTY:
+                slot[s, p] = 0
+            else:
+                slot[s, p] = values[e]
+
+
+@kernel
+def copy_to_slots(n_local, slot_element, values, slot):
+    """Copy a float field of the elements (m,) to the slots (slots, n)."""
+    _copy_to_slots(n_local, slot_element, values, slot)
+
+
+@kernel
+def copy_marks_to_slots(n_local, slot_element, values, slot):
+    """Copy a byte field to the slots; separate because a kernel cached on disk has one signature."""
+    _copy_to_slots(n_local, slot_element, values, slot)
+
+
+@inner_kernel
+def follow_slips(places, n_owned, first_split, particles, elements, slots):
+    """Update unstressed lengths, also in slots, after slips moved. places : `slip.motion.Places`"""
+    for g in range(places.start.shape[0] - 1):
+        first = places.element[places.start[g]]
+        if not has_moved(first, particles, elements) or not is_whole(g, places, elements):
+            continue
+        for j in range(places.start[g], places.start[g + 1]):
+            e = places.element[j]
+            elements.L0[e] = slipped_length(e, particles.slip, elements)
+            for end in range(2):
+                p = np.int64(elements.ends[e, end])
+                if p < n_owned or p >= first_split:
+                    slots.inv_L0[slot_of(e, p, slots), p] = 1.0 / elements.L0[e]
+
+
+@inner_kernel
+def has_moved(e, particles, elements):
+    """Return whether a slip point at an end of the segment of element e moved in this step."""
+    for end in range(2):
+        c = elements.slip_place[e, end]
+        if c >= 0 and particles.slip_v[c, elements.slip_at[e, end]] != 0.0:
+            return True
+    return False
+
+
+@inner_kernel
+def slot_of(e, p, slots):
+    """Return the slot of element e at particle p; the particle must have the element."""
+    s = 0
+    while slots.element[s, p] != np.uint32(e):
+        s += 1
+    return s
+
+
+@inner_kernel
+def own_slot(e, n_owned, first_split, elements, slots):
+    """Return the slot, and its particle, that holds the extremes of element e until it breaks.
+
+    It is the end with the lower row. If that is a halo row, it is the other end, which may be a fragment.
+    """
+    a, b = elements.ends[e, 0], elements.ends[e, 1]
+    p = min(a, b)
+    if n_owned <= p and p < first_split:
+        p = max(a, b)
+    return slot_of(e, p, slots), p
+
+
+@inner_kernel
+def collect_element(e, n_owned, first_split, elements, slots, law):
+    """Update element e from its slots: plastic strain and heat, extremes, branches.
+
+    The heat of a cable follows from its plastic strain, which only grows; that of a bar is already up to
+    date. Extremes count until the element breaks: its fragments have no strength and ring numerically at
+    light ends.
+    """
+    s, p = own_slot(e, n_owned, first_split, elements, slots)
+    if has(slots.eps_p):
+        elements.eps_p[e] = slots.eps_p[s, p]
+        if not elements.bar[e] and elements.eps_p[e] != 0.0:
+            elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
+    if has(slots.highest) and elements.broken[e] == 0:
+        elements.highest[e] = max(elements.highest[e], slots.highest[s, p])
+        if has(elements.lowest):
+            elements.lowest[e] = min(elements.lowest[e], slots.lowest[s, p])
+    if has(slots.branch_a):
+        elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
+        if has(elements.branch_c):
+            elements.branch_c[e] = slots.branch_c[s, p]
+
+
+@kernel
+def collect_elements(n_owned, first_split, elements, slots, law):
+    """Update all elements that this rank steps from their slots."""
+    for e in range(elements.ends.shape[0]):
+        if elements.EA[e] != 0.0:
+            collect_element(e, n_owned, first_split, elements, slots, law)
+
+
+@inner_kernel
+def empty_slot(s, p, slots):
+    """Empty a slot of particle p, so that it adds no force."""
+    slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
+    if has(slots.bar):
+        slots.bar[s, p] = 0
+
+
+@inner_kernel
+def fill_slot(e, s, p, far, elements, slots):
+    """Put element e, whose far end is particle `far`, into a slot of particle p."""
+    slots.other[s, p], slots.element[s, p], slots.inv_L0[s, p] = far, e, 1.0 / elements.L0[e]
+    if has(slots.EA):
+        slots.EA[s, p] = elements.EA[e]
+    if has(slots.bar):
+        slots.bar[s, p] = elements.bar[e]
+    if has(slots.euler):
+        slots.euler[s, p] = elements.euler[e]
+    if has(slots.yield_force):
+        slots.yield_force[s, p] = elements.yield_force[e]
+    if has(slots.yield_strain):
+        slots.yield_strain[s, p] = elements.yield_strain[e]
+    if has(slots.eps_p):
+        slots.eps_p[s, p] = elements.eps_p[e]
+    if has(slots.reach):
+        slots.reach[s, p] = elements.reach[e]
+    if has(slots.near):
+        slots.near[s, p] = elements.near[e]
+    if has(slots.highest):
+        slots.highest[s, p] = -math.inf
+    if has(slots.lowest):
+        slots.lowest[s, p] = math.inf
+    if has(slots.branch_a):
+        slots.branch_a[s, p], slots.branch_b[s, p] = elements.branch_a[e], elements.branch_b[e]
+    if has(slots.branch_c):
+        slots.branch_c[s, p] = elements.branch_c[e]

@@ -1,0 +1,303 @@
+"""The compiled time loop: central difference in half-step velocities, including the halo exchange.
+
+Step n starts from x(n) and v(n-1/2). If a history row is due, it is computed first (`rows.py`). Then the
+velocities of sliding cables are updated. The particles follow in chunks that fit the cache:
+    1. internal forces f_int(x(n)) of a chunk, and an exact check of yield and fracture near a limit
+    2. external force, velocity update to v(n+1/2), work; x(n+1) goes to a second array, so that the order of
+       chunks does not matter
+    3. after the chunks with boundary particles, which come first: their total forces are sent
+    4. the halo's total forces arrive; halo particles get the same velocity and position update; then the
+       positions of slips and the unstressed lengths are updated
+    5. elements that reached their fracture strain break at x(n+1) (`fracture.py`); the loop returns if there
+       is no room for the fragments
+
+One compilation serves all problems: array presence decides at run time, a few times per chunk, which features
+apply.
+"""
+
+from typing import NamedTuple
+
+from netfall.core.kernels import call, inner_kernel, kernel, routine
+from netfall.core.records import Record, f8, f8_2, has, i8, real, u1, whole
+from netfall.explicit.forces import Scratch, chunk_forces
+from netfall.explicit.fracture import break_elements
+from netfall.explicit.incidence import collect_elements, follow_slips
+from netfall.explicit.limits import is_any_over, look_closer
+from netfall.explicit.motion import PLAIN_LAW, move_chunk, move_halo
+from netfall.explicit.sampling import Rows, is_due
+from netfall.parallel.halo import (
+    HaloBuffers,
+    buffer_in_use,
+    pack_forces,
+    send_buffer,
+    unpack_forces,
+    wait_for_neighbours,
+)
+from netfall.parallel.mpi_calls import lap
+from netfall.physics.air import RelativeWind, set_air, set_drag
+from netfall.physics.base_motion import Ground, move_ground
+from netfall.physics.bending import Joints, bend, clear_bending_forces
+from netfall.physics.events import StepDone
+from netfall.physics.fields import Elements, Particles, Slots
+from netfall.physics.fracture import Fractures
+from netfall.physics.law.branches import set_branches
+from netfall.physics.law.law import Law
+from netfall.physics.slip.motion import Places, drift_slips, kick_slips
+
+FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # timed phases; the velocity update counts with the forces
+
+
+class Interval(NamedTuple):
+    """Steps between two samples of the time-dependent loads, or fewer.
+
+    first : number of the first step, at time first * dt; steps : number of steps; dt : [s] their length
+    stride : number of counted steps that each of them covers
+    before_dt : [s] length of the step before the first, 0 at the start
+    zeta : [1/s] damping; sample_time : [s] of the sample before; sample_dt : [s] from it to the one after
+    trial : whether nothing breaks yet: the steps are reverted if an element reaches its fracture strain
+    pending : elements still to break in the step before the first, if there are no steps
+    row : whether only the row of the first step is made, if it is due
+    """
+
+    first: int
+    steps: int
+    before_dt: float
+    dt: float
+    zeta: float
+    sample_time: float
+    sample_dt: float
+    stride: int = 1
+    trial: bool = False
+    pending: int = 0
+    row: bool = False
+
+
+class Chunks(Record):
+    """Spans of particles, each small enough for the cache, in the order in which they are stepped.
+
+    Chunks of owned particles come first; the first `boundary` of them hold the boundary particles. From chunk
+    `owned` on follow chunks of the particles that split off, `size` in each, some still empty.
+    low, high : (chunks,) particles of each; width : (chunks,) largest number of elements at one of them
+    has_yielded : (chunks,) whether any of its elements may have plastic strain
+    """
+
+    n_owned: whole
+    n_halo: whole
+    boundary: whole
+    owned: whole
+    size: whole
+    low: i8
+    high: i8
+    width: i8
+    has_yielded: u1
+
+
+class Spare(Record):
+    """Capacity for fragments and fracture events.
+
+    rows : (1,) particle rows in use, of `most_rows`; events : (1,) logged events, of `most_events`
+    """
+
+    rows: i8
+    most_rows: whole
+    events: i8
+    most_events: whole
+
+
+class Work(Record):
+    """Everything that the loop reads and writes, see `plan.Plan`; features that the problem lacks are absent.
+
+    traits : feature bits of the rank, of `motion`
+    y : (3, n) [m] second position array, swapped with that of `particles`
+    bends : joints of bending chains; breaks : 1 if elements may break
+    seconds : (4,) [s] accumulated time of FORCES, EXCHANGE, INTEGRATION, ROWS; absent: not measured
+    step_chunks, make_row, tear : addresses of these routines
+    """
+
+    traits: whole
+    chunks: Chunks
+    particles: Particles
+    y: f8_2
+    elements: Elements
+    slots: Slots
+    law: Law
+    scratch: Scratch
+    spare: Spare
+    fractures: Fractures
+    breaks: whole
+    bends: Joints
+    places: Places
+    ground: Ground
+    relative: RelativeWind
+    rows: Rows
+    buffers: HaloBuffers
+    seconds: f8
+    step_chunks: whole
+    make_row: whole
+    tear: whole
+
+
+@inner_kernel
+def has_room(count, spare):
+    """Return whether `count` fractures fit: each leaves up to two particles and two events."""
+    enough = spare.rows[0] + 2 * count <= spare.most_rows
+    return enough and spare.events[0] + 2 * count <= spare.most_events
+
+
+@inner_kernel
+def copy_positions(particles, x, y):
+    """Copy positions x (3, n) of the first `particles` rows to y."""
+    for k in range(3):
+        for p in range(particles):
+            y[k, p] = x[k, p]
+
+
+@inner_kernel
+def collect(work):
+    """Update the elements from the quantities that only their slots hold."""
+    chunks, slots = work.chunks, work.slots
+    changed = has(slots.eps_p) and chunks.has_yielded.any()
+    if changed or has(slots.highest) or has(slots.branch_a):
+        collect_elements(chunks.n_owned, chunks.n_owned + chunks.n_halo, work.elements, slots, work.law)
+
+
+@kernel
+def collect_now(work):
+    """Call `collect` from Python."""
+    collect(work)
+
+
+@inner_kernel
+def begin_step(time, before_dt, dt, kick_dt, zeta, share, changed, work):
+    """Prepare the forces at a time [s]: branches, air, bending, drag; update the velocities of slips.
+
+    before_dt, dt : [s] the steps before and after; kick_dt [s], share : of the velocity update
+    changed : whether its length, or a mass, differs from the step before
+    """
+    particles, law = work.particles, work.law
+    if has(law.branches):
+        set_branches(before_dt, dt, law)
+    if has(particles.air) and changed:
+        set_air(kick_dt, zeta, particles)
+    if has(work.bends.stiffness):
+        clear_bending_forces(work.bends, particles.bend.T)
+        bend(particles.x.T, work.bends, particles.bend.T)
+    if has(work.places.node):
+        kick_slips(time, kick_dt, share, work.places, particles, work.elements, law)
+    if has(particles.drag):
+        set_drag(kick_dt, share, work.relative, particles)
+
+
+@routine(whole, real, real, real, real, Work.kind)
+def step_chunks(turned, kick_dt, zeta, share, dt, work):
+    """Step the owned particles and send the boundary forces; return the number of breaking elements.
+
+    A negative result is minus MPI's error code.
+    turned : whether x(n) is in the second array, and x(n+1) goes to the first
+    """
+    x, y = work.particles.x, work.y
+    if turned:
+        x, y = y, x
+    chunks, particles, elements, slots, law = work.chunks, work.particles, work.elements, work.slots, work.law
+    scratch, traits, seconds = work.scratch, work.traits, work.seconds
+    count, lap_start = 0, lap(seconds, -1, 0.0, work.buffers)
+    for c in range(chunks.low.shape[0]):
+        low, high = chunks.low[c], chunks.high[c]
+        if high == low:
+            continue
+        at_limit = chunk_forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
+        keeps_forces = at_limit or c < chunks.boundary
+        move_chunk(low, high, keeps_forces, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
+        if at_limit:
+            count = look_closer(c, count, x, scratch.near, chunks, elements, slots, law)
+        if c == chunks.boundary - 1:
+            lap_start = lap(seconds, FORCES, lap_start, work.buffers)
+            pack_forces(particles, buffer_in_use(work.buffers), work.buffers)
+            error = send_buffer(work.buffers)
+            if error != 0:
+                return -error
+            lap_start = lap(seconds, EXCHANGE, lap_start, work.buffers)
+    lap(seconds, FORCES, lap_start, work.buffers)
+    return count
+
+
+@routine(whole, whole, real, whole, Work.kind)
+def tear(count, number, dt, stride, work):
+    """Break `count` of the elements in elements.pending, in the step with a number."""
+    when = StepDone(number * dt, number * stride, dt)
+    break_elements(count, when, work.chunks, work.elements, work.slots, work.law, work.fractures)
+    return 0
+
+
+@kernel
+def time_loop(
+    first, steps, before_dt, dt, zeta, sample_time, sample_dt, stride, trial, pending, only_row, work
+):
+    """Run the steps of an `Interval`; return steps done, elements still to break, and MPI's error code.
+
+    In a trial the second result is a step count instead. It includes the step at whose start an element first
+    exceeds its fracture strain. It is steps + 1 if that happens at the end of the last step, and 0 if none
+    does.
+
+    only_row : `Interval.row`; work : `Work`
+    """
+    chunks, particles, buffers, rows = work.chunks, work.particles, work.buffers, work.rows
+    seconds, n_owned = work.seconds, work.chunks.n_owned
+    x, y, in_second = particles.x, work.y, False  # in_second: whether x(n) is in the second array
+    needs_first = has(work.bends.stiffness) or has(work.places.node)
+    result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
+    if pending > 0:
+        call(work.tear, (pending, first - 1, dt, stride, work))
+    done = steps
+    for s in range(max(steps, int(only_row))):
+        kick_dt = 0.5 * (before_dt + dt)
+        n = first + s
+        due = is_due(n * stride, rows)
+        if in_second and (due or needs_first):
+            copy_positions(work.spare.rows[0], x, y)
+            x, y, in_second = y, x, False
+        if has(work.ground.start):
+            move_ground(n * dt, before_dt, (n + 1) * dt, zeta, work.ground, particles)
+        if due:
+            lap_start = lap(seconds, -1, 0.0, buffers)
+            collect(work)
+            call(work.make_row, (n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows))
+            lap(seconds, ROWS, lap_start, buffers)
+        if only_row:
+            break
+        # computed from the step number alone, so that restarts give the same bits
+        share = (n * dt - sample_time) / sample_dt
+        begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt, work)
+        before_dt, kicked_dt = dt, kick_dt
+        buffer = buffer_in_use(buffers)
+        count = call(work.step_chunks, (int(in_second), kick_dt, zeta, share, dt, work))
+        lap_start = lap(seconds, -1, 0.0, buffers)
+        error = -count if count < 0 else wait_for_neighbours(buffers)
+        lap_start = lap(seconds, EXCHANGE, lap_start, buffers)
+        if error != 0:
+            return s, 0, error
+        unpack_forces(n_owned, particles, buffer, buffers)
+        move_halo(n_owned, n_owned + chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
+        x, y, in_second = y, x, not in_second
+        if has(work.places.node):
+            drift_slips(dt, work.places, particles)
+            follow_slips(work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots)
+        lap(seconds, INTEGRATION, lap_start, buffers)
+        if count > 0:
+            if trial:
+                result = s + 1 if result == 0 else result
+                continue
+            if in_second:
+                copy_positions(work.spare.rows[0], x, y)
+                x, y, in_second = y, x, False
+            if not has_room(count, work.spare):
+                done = s + 1
+                result = count
+                break
+            call(work.tear, (count, n, dt, stride, work))
+            kicked_dt = -1.0  # masses have changed
+    if in_second:
+        copy_positions(work.spare.rows[0], x, y)
+    if trial and result == 0 and work.breaks and is_any_over(particles.x, work.elements, work.law):
+        result = steps + 1
+    return done, result, 0

@@ -1,0 +1,218 @@
+"""Arguments of the time loop on one rank, prepared from the state."""
+
+import numpy as np
+
+from netfall.core.arrays import columns
+from netfall.core.records import empty, f8, f8_2
+from netfall.core.vectors import LANES
+from netfall.explicit.forces import Scratch
+from netfall.explicit.incidence import fill_slots
+from netfall.explicit.loop import Chunks, Interval, Spare, Work, collect_now, step_chunks, tear, time_loop
+from netfall.explicit.motion import PART_HELD, PLAIN_LAW, RARE, SIDEWAYS
+from netfall.explicit.sampling import make_row, no_rows
+from netfall.parallel.halo import Halo, check
+from netfall.physics.air import RelativeWind
+from netfall.physics.base_motion import Ground
+from netfall.physics.bending import Joints
+from netfall.physics.events import events_with_room
+from netfall.physics.fracture import FractureRules, Fractures
+from netfall.physics.slip.motion import Places
+from netfall.physics.state import State
+
+MOVING = (  # fields that steps without fracture change
+    *("x", "v", "work", "other_work", "highest", "lowest", "eps_p", "dissipated"),
+    *("slot_eps_p", "slot_highest", "slot_lowest", "slot_branch_a", "slot_branch_b", "slot_branch_c"),
+)
+SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # also changed if cables slide
+CHUNK = 1024  # particles, a multiple of LANES: their forces fit the first-level cache
+FAR_OFF = 1 << 62  # particle rows; an unreachable capacity
+
+
+def halo_width(state: State) -> int:
+    """Return the count of numbers sent for each boundary particle, as `halo.pack_forces` packs them."""
+    if not state.features.fracture:
+        return 3 + state.features.sliding
+    return (6 if state.features.air_mass else 5) + state.features.sliding
+
+
+def traits_of(state: State) -> int:
+    """Return the features of a rank as bits of `motion`, which select the variant of a kernel."""
+    f, s, law = state.features, state, state.law
+    rare = f.varying or f.drags or f.springs or f.turned or f.motion or f.part_held
+    rare = rare or f.air or f.air_mass or f.bending or f.band
+    sideways = bool(s.load[:, :2].any())
+    part_held = f.part_held or f.motion
+    plain = not (f.band or law.logarithmic)
+    return PLAIN_LAW * plain | RARE * bool(rare) | SIDEWAYS * sideways | PART_HELD * part_held
+
+
+def make_scratch(state: State) -> Scratch:
+    """Allocate the force arrays for the particles of a chunk."""
+    rows = CHUNK + LANES
+    return Scratch(
+        f=columns(3, rows, float),
+        band=columns(3, rows, float) if state.features.band else empty(f8_2),
+        near=np.zeros(rows, np.uint8),
+        external=columns(3, rows, float),
+        total=columns(3, rows, float),
+        pull=np.zeros(rows),
+    )
+
+
+class Plan:
+    """Arguments of the time loop for a state, updated when anything outside the loop changes the state."""
+
+    def __init__(
+        self,
+        state: State,
+        halo: Halo,
+        rules: FractureRules | None = None,
+        rows=None,
+        ground: Ground | None = None,
+    ):
+        """Divide the owned particles into chunks and build the arguments.
+
+        rules : of fractures; None: nothing breaks; rows : as `explicit.rows.RowTable`, None: no history
+        ground : only if supports move
+        """
+        boundary = min(-(-halo.boundary // LANES) * LANES, state.n_owned)  # a vector lies in one chunk
+        before, after = np.arange(0, boundary, CHUNK), np.arange(boundary, state.n_owned, CHUNK)
+        self.halo, self.boundary, self.rules, self.rows, self.ground = halo, len(before), rules, rows, ground
+        self._low = np.concatenate([before, after])
+        self._high = np.append(self._low[1:], state.n_owned)[: len(self._low)]
+        self.scratch = make_scratch(state)
+        valence = np.bincount(state.ends.ravel(), minlength=state.n_local)[: state.n_owned]
+        self._width = np.zeros(len(self._low), np.int64)
+        chunk = np.searchsorted(self._low, np.arange(state.n_owned), side="right") - 1
+        np.maximum.at(self._width, chunk, valence)
+        self.events, self.state, self._works = events_with_room(0), None, {}
+        self.attach(state)
+
+    def attach(self, state: State, filled: bool = False) -> None:
+        """Update chunks, slots and masses after a change of connectivity.
+
+        filled : whether the slots are already up to date
+        """
+        if self.state is not None:
+            self.collect_yield()
+        self.state = state
+        state.renew_law()
+        if not filled:
+            fill_slots(state)
+        state.invert_masses()
+        state.place_springs()
+        self._works = {False: self._work(state)}
+
+    def _work(self, state: State) -> Work:
+        """Build the record that the loop works on."""
+        fragments = self.rules is not None and state.features.fragments
+        most_rows = len(state.x) if fragments else FAR_OFF
+        particles = state.particles
+        return Work(
+            traits=traits_of(state),
+            chunks=self._chunks_of(state),
+            particles=particles,
+            y=np.zeros(particles.x.shape),
+            elements=state.elements,
+            slots=state.slots,
+            law=state.law,
+            scratch=self.scratch,
+            spare=Spare(state.rows, most_rows, self.events.count, len(self.events.step)),
+            fractures=Fractures(self.rules, particles, state.rows, self.events)
+            if self.rules
+            else Fractures.absent(),
+            breaks=state.features.fracture,
+            bends=state.joints or Joints.absent(),
+            places=state.places or Places.absent(),
+            ground=self.ground or Ground.absent(),
+            relative=state.relative_wind() or RelativeWind.absent(),
+            rows=self.rows.of(state) if self.rows else no_rows(),
+            buffers=self.halo.buffers,
+            seconds=empty(f8),
+            step_chunks=step_chunks.address,
+            make_row=make_row.address,
+            tear=tear.address,
+        )
+
+    def _chunks_of(self, state: State) -> Chunks:
+        """Build the chunks for the present particles."""
+        new = np.arange(state.first_split, len(state.x), CHUNK)
+        low = np.concatenate([self._low, new])
+        high = np.concatenate([self._high, np.clip(state.n_local, new, new + CHUNK)])
+        has_yielded = np.zeros(len(low), np.uint8)
+        if state.slot_eps_p is not None:
+            has_yielded[:] = [state.slot_eps_p[:, a:b].any() for a, b in zip(low, high)]
+        return Chunks(
+            state.n_owned,
+            state.n_halo,
+            self.boundary,
+            len(self._low),
+            CHUNK,
+            low,
+            high,
+            np.concatenate([self._width, np.ones(len(new), np.int64)]),
+            has_yielded,
+        )
+
+    def collect_yield(self) -> None:
+        """Update plastic strain, heat and extremes of the elements, which the loop changes in slots alone."""
+        collect_now(self._works[False])
+
+    def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
+        """Advance the state by up to the steps of an interval; return the number of steps done.
+
+        It stops early if the fragments exceed the capacity. It then enlarges the capacity and breaks the
+        pending elements. Collective among neighbours.
+        """
+        done, count, error = self._steps(interval, seconds)
+        check(error)
+        if count:
+            if self.state.features.fragments:
+                self.state.sort_splits()
+                self.state.reserve(2 * count)
+            needed = int(self.events.count[0]) + 2 * max(count, len(self.state.x) - self.state.n_local)
+            if needed > len(self.events.step):
+                self.events = events_with_room(2 * needed, self.events)
+            self.attach(self.state, filled=True)
+            remainder = interval._replace(first=interval.first + done, steps=0, pending=count)
+            check(self._steps(remainder, seconds)[2])
+        return done
+
+    def try_out(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
+        """Run a trial; return the steps before the one in which an element fractures, or all of them."""
+        moving = MOVING + SLIPPING if self.state.features.sliding else MOVING
+        saved = {name: getattr(self.state, name) for name in moving}
+        saved = {name: array.copy(order="K") for name, array in saved.items() if array is not None}
+        rows = self.rows and self.rows.keep()
+        done, tried, error = self._steps(interval, seconds)
+        check(error)
+        self.before = saved, rows
+        return max(0, tried - 2) if tried else done  # it is checked a step later
+
+    def _steps(self, interval: Interval, seconds: np.ndarray | None) -> tuple[int, int, int]:
+        """Call `time_loop` for an interval, timed if `seconds` is given."""
+        timed = seconds is not None
+        if timed not in self._works:
+            self._works[timed] = self._works[False].replaced(seconds=seconds)
+        return time_loop(
+            interval.first,
+            interval.steps,
+            interval.before_dt,
+            interval.dt,
+            interval.zeta,
+            interval.sample_time,
+            interval.sample_dt,
+            interval.stride,
+            interval.trial,
+            interval.pending,
+            interval.row,
+            self._works[timed],
+        )
+
+    def take_back(self) -> None:
+        """Restore the state to the start of the last trial."""
+        moving, rows = self.before
+        for name, array in moving.items():
+            getattr(self.state, name)[:] = array
+        if self.rows:
+            self.rows.put_back(rows)

@@ -1,0 +1,164 @@
+"""Rows of the history between the time loop of each rank and the history, which is the same on all ranks."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.records import empty, f8, i8, i8_2
+from netfall.explicit.energy import make_room
+from netfall.explicit.envelope import Envelope
+from netfall.explicit.sampling import Local, Rows, Table
+from netfall.model.probes import Probes
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Subdomain
+from netfall.parallel.sums import LIMBS, rounded_of_all
+from netfall.physics.state import State
+
+MOST_ROWS = 128  # rows in the table: 400 KB
+
+
+class TakenUp(NamedTuple):
+    """Rows of `explicit.sampling.Table` over all ranks; sums : (k, s) [J], rounded."""
+
+    number: np.ndarray
+    time_step: np.ndarray
+    slack: np.ndarray
+    sums: np.ndarray
+    probes: np.ndarray
+    size: np.ndarray
+    who: np.ndarray
+
+
+class RowTable:
+    """Rows of one rank that the history does not contain yet, and the envelope that they update."""
+
+    def __init__(
+        self,
+        state: State,
+        due: np.ndarray,
+        dt: float,
+        every: int,
+        subdomain,
+        probes: Probes,
+        envelope: Envelope,
+        slips: tuple | None = None,
+    ):
+        """Allocate the table.
+
+        due : (rows,) step numbers of all rows; dt : [s] time step by which rows are counted
+        every : after so many steps without a row or an update, the envelope is updated
+        slips : global number of each of the rank's `State.places`, and their count; None: no sliding cables
+        """
+        self.due, self.dt, self.gid, self.envelope = due, dt, subdomain.element_gid, envelope
+        self.made, self.last, self.every = np.zeros(2, np.int64), np.zeros(1, np.int64), every
+        k, values = MOST_ROWS, 3 * len(probes.particles) + len(probes.elements) + len(probes.named)
+        self.local = local_probes(subdomain, probes)
+        if slips:
+            number, count = slips
+            self.local = self.local.replaced(slip=values + number, difference=values + count + number)
+            values += 2 * count
+        self.snapshot = make_room(state)
+        integers, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
+        self.table = Table(
+            integers(k),
+            np.zeros(k),
+            integers(k),
+            integers(k, sums, LIMBS),
+            np.zeros((k, values)),
+            np.zeros((k, 3)),
+            integers(k, 3),
+        )
+
+    def of(self, state: State) -> Rows:
+        """Return the rows for the time loop. They stay valid as long as the arrays of the state do."""
+        if not self.snapshot.fits(state):
+            self.snapshot = make_room(state)
+        return Rows(
+            due=self.due,
+            dt=self.dt,
+            made=self.made,
+            every=self.every,
+            last=self.last,
+            element_gid=self.gid,
+            tension=self.envelope.tension,
+            displacement=self.envelope.displacement,
+            moment=empty(f8) if self.envelope.moment is None else self.envelope.moment,
+            joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,
+            local=self.local,
+            table=self.table,
+            subject=self.snapshot.look_at(state),
+            room=self.snapshot.room,
+        )
+
+    def is_due(self, number: int) -> bool:
+        """Return whether a row is due at a step that is not computed yet."""
+        k = self.made[0]
+        return k < len(self.due) and self.due[k] == number
+
+    @property
+    def full_at(self) -> int:
+        """Step number of the first row that the table cannot hold; beyond the last step if it holds all."""
+        made, waiting = self.made.tolist()
+        k = made + MOST_ROWS - waiting
+        return int(self.due[k]) if k < len(self.due) else int(self.due[-1]) + 1
+
+    @property
+    def full(self) -> bool:
+        """Whether the table cannot hold another row."""
+        return self.made[1] == MOST_ROWS
+
+    def take_up(self, comm: MPI.Comm) -> TakenUp:
+        """Remove the rows so far from the table and combine them over all ranks. Collective.
+
+        The result is the same on every rank, except size and who. Its sums are (k, s) [J] in the order of
+        `explicit.energy_check.Room`.
+        """
+        k = int(self.made[1])
+        number, time_step, slack, sums, probes, size, who = (
+            getattr(self.table, name)[:k] for name in self.table.kind.fields
+        )
+        self.made[1] = 0
+        comm.Allreduce(MPI.IN_PLACE, slack, MPI.SUM)
+        probes = probes.copy()
+        comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # exact: one rank has the value, the others 0
+        total = rounded_of_all(comm, sums.reshape(-1, LIMBS)).reshape(sums.shape[:2])
+        return TakenUp(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
+
+    def keep(self) -> tuple:
+        """Return copies for `put_back`, if the following steps have to be undone."""
+        return tuple(array.copy() for array in self._changing())
+
+    def put_back(self, copies: tuple) -> None:
+        """Restore the rows from copies of `keep`."""
+        for array, before in zip(self._changing(), copies):
+            array[:] = before
+
+    def _changing(self) -> list[np.ndarray]:
+        """Return all arrays other than the table that a new row changes.
+
+        The table needs no copy: rows beyond the counter `made` are never read.
+        """
+        envelope = self.envelope
+        arrays = self.made, self.last, envelope.tension, envelope.displacement, envelope.moment
+        return [array for array in arrays if array is not None]
+
+
+def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
+    """Return the probes of a rank, and the positions of their values in a row."""
+    elements = np.concatenate([probes.elements, probes.named])
+    matches = []
+    for numbers, sought in (
+        (subdomain.particle_gid[: subdomain.n_owned], probes.particles),
+        (subdomain.element_gid, elements),
+    ):
+        pairs = [(row, k) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)]
+        matches.append(np.array(pairs, np.int64).reshape(-1, 2).T.copy())  # contiguous also without pairs
+    (particle, particle_column), (element, element_column) = matches
+    return Local(
+        particle,
+        3 * particle_column,
+        element,
+        3 * len(probes.particles) + element_column,
+        empty(i8),
+        empty(i8),
+    )

@@ -1,0 +1,274 @@
+"""History rows, computed within the time loop and buffered until Python collects them.
+
+If rows are far apart, the envelope is also updated between them, so that it does not depend on their spacing.
+
+A row stores all that is known of its step. Contributions to global sums stay in exact parts (limbs) until the
+rows are collected (`explicit.rows`). So the bits of a row do not depend on when that happens.
+"""
+
+import math
+
+import numpy as np
+
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel, routine
+from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, i8_3, real, whole
+from netfall.core.vectors import bits_of, number_of
+from netfall.explicit.energy_check import Room, Subject, observe
+from netfall.physics.bending import joint_moment
+
+MOST_STRAIN = 0.1  # strain; a larger one without a fracture strain is reported
+NO_BENDING = -2  # joint number of elements without bending, as in `geometry.cables`
+INFINITE = np.int64(0x7FF) << 52  # bits of infinity; as integers the bits of nan are larger
+SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits but the sign
+
+
+class Table(Record):
+    """Computed rows of this rank that are not yet collected, (k, ...) each.
+
+    number : of the step; time_step : [s] the one before; slack : number of slack cables; sums : (k, s, LIMBS)
+    probes : (k, p) displacements [m] and tensions [N], 0 if another rank has them; then slip values
+    size, who : (k, 3) largest speed [m/s], largest strain, and largest strain beyond MOST_STRAIN of elements
+        that never break, with the global numbers of the particle and the elements; -1: none
+    """
+
+    number: i8
+    time_step: f8
+    slack: i8
+    sums: i8_3
+    probes: f8_2
+    size: f8_2
+    who: i8_2
+
+
+class Local(Record):
+    """Probes of this rank: rows of particles and elements, and the columns of their values.
+
+    slip, difference : (points,) columns of slips and of tension differences across slip points; absent: none
+    """
+
+    particle: i8
+    particle_place: i8
+    element: i8
+    element_place: i8
+    slip: i8
+    difference: i8
+
+
+class Rows(Record):
+    """Schedule of the rows and the arrays they are computed from.
+
+    due : (rows,) step numbers of all rows of the stage; dt : [s] length of the steps as counted
+    made : (2,) rows made so far, and rows now in the table
+    every : counted steps after which the envelope is updated if no row is made
+    last : (1,) number of the step of the last envelope update
+    element_gid : (m,); joint_at : (m, 2) joints at both ends of elements, as in `State`
+    tension : (4, m), displacement : (2, n_owned), moment : (m,), as in `explicit.envelope`
+    """
+
+    due: i8
+    dt: real
+    made: i8
+    every: whole
+    last: i8
+    element_gid: i8
+    tension: f8_2
+    displacement: f8_2
+    moment: f8
+    joint_at: i8_2
+    local: Local
+    table: Table
+    subject: Subject
+    room: Room
+
+
+def no_rows() -> Rows:
+    """Return a schedule without rows."""
+    return Rows.absent().replaced(
+        made=np.zeros(2, np.int64), every=1 << 62, last=np.zeros(1, np.int64), dt=1.0
+    )
+
+
+@part_of_kernel
+def has_row(number, rows):
+    """Return whether a row is due at a step and not yet made."""
+    k = rows.made[0]
+    return k < rows.due.shape[0] and rows.due[k] == number
+
+
+@part_of_kernel
+def is_due(number, rows):
+    """Return whether a row is due at a step, or an update of the envelope."""
+    return has_row(number, rows) or number - rows.last[0] >= rows.every
+
+
+@routine(whole, real, real, real, real, real, Rows.kind)
+def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
+    """Observe a step within the time loop; update the envelope, and append a row if one is due.
+
+    The arguments are those of `loop.Interval`.
+    """
+    due = has_row(number, rows)
+    share = (number * rows.dt - sample_time) / sample_dt
+    observe(before_dt, dt, zeta, share, due, rows.subject, rows.room)
+    take_row(number, before_dt if before_dt > 0.0 else dt, due, rows)
+    return 0
+
+
+@inner_kernel
+def take_row(number, step, due, rows):
+    """Update the envelope with the observed step; if a row is due, append it to the table.
+
+    step : [s] length of the step before
+    """
+    widen(number, rows)
+    if not due:
+        return
+    made, table, k, sums = rows.made, rows.table, rows.made[1], rows.room.sums
+    table.number[k], table.slack[k] = number, rows.room.slack[0]
+    table.time_step[k] = step
+    for i in range(sums.shape[0]):
+        for j in range(sums.shape[1]):
+            table.sums[k, i, j] = sums[i, j]
+    read_probes(rows, table.probes[k])
+    find_fastest(rows, table.size[k], table.who[k])
+    find_most_strained(rows, table.size[k], table.who[k])
+    made[0] += 1
+    made[1] += 1
+
+
+@inner_kernel
+def widen(number, rows):
+    """Update the envelope with axial forces, displacements and moments at a step."""
+    time = number * rows.dt
+    since = time - rows.last[0] * rows.dt
+    rows.last[0] = number
+    tension, displacement, N = rows.tension, rows.displacement, rows.room.now.N
+    particles, elements = rows.subject.particles, rows.subject.elements
+    for e in range(tension.shape[1]):
+        if N[e] > tension[0, e]:
+            tension[0, e], tension[1, e] = N[e], time
+        tension[2, e] = min(tension[2, e], N[e])
+        if N[e] == 0.0 and elements.bar[e] == 0 and elements.broken[e] == 0:
+            tension[3, e] += since
+    x, start = particles.x, particles.x_start
+    for p in range(displacement.shape[1]):
+        dx, dy, dz = x[0, p] - start[0, p], x[1, p] - start[1, p], x[2, p] - start[2, p]
+        u = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if u > displacement[0, p]:
+            displacement[0, p], displacement[1, p] = u, time
+    if has(elements.highest):
+        widen_to_extremes(time, elements.highest, elements.lowest, tension)
+    if has(rows.moment):
+        widen_moments(rows)
+
+
+@kernel
+def widen_to_extremes(time, highest, lowest, tension):
+    """Update the tension envelope (4, m) with extremes (m,) up to a time [s]; lowest may be absent."""
+    for e in range(tension.shape[1]):
+        if highest[e] > tension[0, e]:
+            tension[0, e], tension[1, e] = highest[e], time
+        if has(lowest):
+            tension[2, e] = min(tension[2, e], lowest[e])
+
+
+@inner_kernel
+def widen_moments(rows):
+    """Update the envelope of bending moments [N m] at element ends; the moment is 0 at the end of a chain."""
+    joints, joint_at, moment = rows.subject.joints, rows.joint_at, rows.moment
+    for e in range(moment.shape[0]):
+        for end in range(2):
+            k = joint_at[e, end]
+            if k != NO_BENDING:
+                magnitude = 0.0 if k < 0 else joint_moment(rows.subject.particles.x.T, joints, k)
+                if magnitude > moment[e] or math.isnan(moment[e]):
+                    moment[e] = magnitude
+
+
+@inner_kernel
+def read_probes(rows, values):
+    """Write displacements [m] and tensions [N] of the probes of this rank into one row of values."""
+    local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
+    for i in range(local.particle.shape[0]):
+        p, column = local.particle[i], local.particle_place[i]
+        for k in range(3):
+            values[column + k] = x[k, p] - start[k, p] + 0.0  # no negative zeros
+    for i in range(local.element.shape[0]):
+        e = local.element[i]
+        N = rows.room.now.N[e] + 0.0
+        values[local.element_place[i]] = N if rows.subject.elements.owned[e] else 0.0
+    if has(local.slip):
+        read_slips(rows, values)
+
+
+@inner_kernel
+def read_slips(rows, values):
+    """Write slips [m] and tension differences [N] (after minus before) of slip points.
+
+    Broken elements count as 0.
+    """
+    places, broken, N = rows.subject.places, rows.subject.elements.broken, rows.room.now.N
+    for i in range(places.node.shape[0]):
+        before, after = places.before[i], places.after[i]
+        T_before = N[before] if broken[before] == 0 else 0.0
+        T_after = N[after] if broken[after] == 0 else 0.0
+        values[rows.local.slip[i]] = rows.subject.particles.slip[places.column[i], places.node[i]] + 0.0
+        values[rows.local.difference[i]] = T_after - T_before + 0.0
+
+
+@inner_kernel
+def size_of(bits):
+    """Return the magnitude of the number with these bits (sign cleared); infinity for nan."""
+    return math.inf if bits >= INFINITE else number_of(bits)
+
+
+@inner_kernel
+def find_fastest(rows, size, who):
+    """Write the largest speed along an axis of the movable particles, and its particle, to place 0."""
+    subject, velocity, free = rows.subject, rows.room.velocity, rows.subject.particles.free
+    halo, best, fastest = subject.first_split - subject.n_owned, np.int64(-1), np.int64(-1)
+    for i in range(subject.rows[0] - halo):
+        p = i if i < subject.n_owned else i + halo
+        bits = np.int64(0)
+        for k in range(3):
+            bits = max(bits, bits_of(velocity[k, i]) & SIZE)
+        if bits > best and (free[0, p] or free[1, p] or free[2, p]):
+            best, fastest = bits, p
+    size[0], who[0] = -1.0, -1
+    if fastest >= 0:
+        size[0], who[0] = size_of(best), subject.particles.gid[fastest]
+
+
+@inner_kernel
+def find_most_strained(rows, size, who):
+    """Write the largest strain and its element to place 1; that of elements that never break to place 2."""
+    eps, best, element = rows.room.now.eps, np.int64(-1), np.int64(-1)
+    for e in range(eps.shape[0]):
+        bits = bits_of(eps[e]) & SIZE
+        if bits > best:
+            best, element = bits, e
+    size[1], size[2], who[1], who[2] = -1.0, 0.0, -1, -1
+    if element >= 0:
+        size[1], who[1] = size_of(best), rows.element_gid[element]
+    if size[1] > MOST_STRAIN:
+        element = endless_strain(rows.subject.elements, rows.room.now)
+        if element >= 0:
+            size[2], who[2] = abs(eps[element]), rows.element_gid[element]
+
+
+@inner_kernel
+def endless_strain(elements, now):
+    """Return the element with the largest strain beyond MOST_STRAIN among those that never break; -1: none.
+
+    Slack cables are excluded, as their strain has no meaning, and fragments, which have no limit after a
+    fracture.
+    """
+    largest, element = MOST_STRAIN, -1
+    for e in range(now.N.shape[0]):
+        limit = math.inf
+        if has(elements.eps_u):
+            limit = elements.eps_u[e]
+        counts = limit == math.inf and elements.broken[e] == 0 and now.N[e] != 0.0
+        if counts and abs(now.eps[e]) > largest:
+            largest, element = abs(now.eps[e]), e
+    return element

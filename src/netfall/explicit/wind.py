@@ -1,0 +1,74 @@
+"""Statistics of the wind for /wind, gust factor and number of gust lengths."""
+
+import math
+
+import numpy as np
+
+from netfall.core.functions import integral
+from netfall.job.job import Job
+from netfall.loads.loads import mean_pressure
+from netfall.loads.wind.errors import coherence_errors
+from netfall.model.model import Model
+from netfall.physics.wind_spectra import Gust, gust_of, intensity
+
+EULER = 0.5772  # Euler-Mascheroni constant
+
+
+def expected_gust_factor(gust: Gust, dt: float, duration: float) -> float:
+    """Compute the expected ratio of the largest to the mean speed at 10 m in a duration [s].
+
+    1 + g I, g = sqrt(2 ln nu T) + 0.577 / sqrt(2 ln nu T) (Davenport 1964), nu the rate of upward crossings
+    of the mean. dt : [s] between samples
+    """
+    n = np.geomspace(1e-4 * gust.speed / gust.length, 0.5 / dt, 2000)
+    S = gust.spectrum(n)
+    rate = math.sqrt(integral(n**2 * S, n) / integral(S, n))
+    root = math.sqrt(2.0 * math.log(max(rate * duration, math.e)))
+    return 1.0 + (root + EULER / root) * gust.deviation / gust.speed
+
+
+def negative_share(mean: np.ndarray, deviation: float) -> float:
+    """Compute the expected share of negative speeds, normally distributed about means (c,) [m/s]."""
+    return float(np.mean([0.5 * math.erfc(u / (math.sqrt(2.0) * deviation)) for u in mean]))
+
+
+def gust_lengths(job: Job, gust: Gust) -> float:
+    """Compute how many gusts of the spectrum's length pass in the duration."""
+    return job.dynamics.duration * gust.speed / gust.length
+
+
+def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the datasets of /wind from gusts (t, c) [m/s] at times (t,) [s]."""
+    if job.wind.pressures:
+        return {
+            "tap": model.wind_field.control_point,
+            "time": time,
+            "pressure": gust,
+            "mean_pressure": mean_pressure(job, None, model.wind_field, model.history.mean_gust),
+        }
+    speed = model.wind_field.control_mean + gust
+    mean = model.wind_field.control_mean + model.history.mean_gust
+    section = {
+        "control_point": model.wind_field.control_point,
+        "time": time,
+        "speed": speed,
+        "mean_speed": mean,
+        "gust_factor": speed.max(0) / np.where(mean > 0.0, mean, np.nan),
+        "negative_share": np.mean(speed < 0.0, axis=0),
+        "shape_coefficient": model.layout.shape_coefficient,
+        "mean_pressure": mean_pressure(
+            job, model.layout.shape_coefficient, model.wind_field, model.history.mean_gust
+        ),
+    }
+    spectrum = gust_of(job.wind)
+    if spectrum:
+        losses = model.wind_field.model.losses
+        section |= {
+            "turbulence": np.float64(intensity(job.wind)),
+            "variance_beyond": np.float64(losses.beyond),
+            "variance_between": np.float64(losses.between),
+            "spectrum_misfit": np.float64(losses.misfit),
+            "coherence_error": coherence_errors(model.x, model.wind_field, job.wind, spectrum),
+            "gust_lengths": np.float64(gust_lengths(job, spectrum)),
+        }
+    return section

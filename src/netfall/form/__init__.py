@@ -1,1 +1,0 @@
-"""Form finding of a net: by tensions, by force densities, or the given geometry with its self-stress."""

@@ -1,0 +1,225 @@
+"""Roof areas of the particles; pressure and wind act on the vector areas."""
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+
+from netfall.core.errors import InputError
+from netfall.core.functions import lengths
+from netfall.core.sets import among, distinct
+from netfall.geometry.connected_parts import parts_of
+from netfall.geometry.faces import Faces, double_area, find_faces, no_faces, turned_triangles
+from netfall.geometry.given_faces import faces_are_given, given_faces
+from netfall.geometry.net import Net, pair_key
+from netfall.geometry.plan import Plan, draw_plan
+from netfall.geometry.shares import Shares, shares_of
+from netfall.job.derived import along_normals, loads_the_roof, roof_groups
+from netfall.job.job import Job
+from netfall.job.values import listed
+
+REMEDY = (
+    "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
+    "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
+)
+GIVEN_AREAS = "areas and normals of the roof are those of nodes.csv"
+# generators of nets of one layer whose elements meet only at their ends
+PLAIN = ("saddle", "stadium", "ring")
+
+
+class Areas(NamedTuple):
+    """Roof areas of the particles, and the shares of faces that they are sums of.
+
+    surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
+    """
+
+    surface: np.ndarray
+    plan: np.ndarray
+    vector: np.ndarray
+    shares: Shares
+
+
+@dataclass(frozen=True)
+class Roofing:
+    """Faces of the roof, the share of its outline in plan that they cover, and notes.
+
+    given : the areas in the given geometry
+    """
+
+    faces: Faces
+    given: Areas
+    covered: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+
+def roof_of(job: Job, net: Net) -> Roofing:
+    """Find the faces that carry loads and wind. Raises InputError if loads need faces that do not exist."""
+    groups = roof_groups(job)
+    chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
+    carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
+    if faces_are_given(job):
+        faces, plan = given_faces(job, net)
+        return _roofing(job, net, faces, plan, carries)
+    lines = bool(job.roof and job.roof.lines)
+    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
+    if plan.errors and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
+    if plan.errors:
+        notes = [f"the net has no faces: {error}" for error in plan.errors]
+        if areas_are_given(net):
+            notes = [GIVEN_AREAS] * loads_the_roof(job)
+        return Roofing(no_faces(), tributary_areas(net.x, net, no_faces()), notes=notes)
+    faces = _faces_but_openings(job, net, plan)
+    unconnected = _unconnected(net, plan, faces)
+    if unconnected and _needs_faces(job, net):
+        raise InputError([f"{job.path}: {error}" for error in unconnected])
+    return _roofing(job, net, faces, plan, carries, unconnected)
+
+
+def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> Roofing:
+    """Build the roof of known faces; carries : (m / parts,) bool; loose : notes that come last."""
+    roofing = Roofing(faces, tributary_areas(net.x, net, faces), _covered(plan, faces))
+    notes = _notes(job, net, plan, roofing, carries) if loads_the_roof(job) else []
+    return replace(roofing, notes=[*notes, *loose])
+
+
+def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
+    """Return an error for each ring inside a face of the plan that no element connects to the outer ring."""
+    rings = faces.rings
+    if len(rings) == faces.count:
+        return []
+    label = parts_of(np.concatenate([net.elements, plan.segment]), len(plan.points))
+    of_ring = label[rings.corner[rings.start[:-1]]]
+    outer = rings.first_rings()[rings.face]
+    lines = []
+    for r in np.flatnonzero(of_ring != of_ring[outer]):
+        corners = (rings.corner[rings.start[k] : rings.start[k + 1]] for k in (outer[r], r))
+        outside, inside = (listed(np.sort(net.node_id[nodes[nodes < net.n]])) for nodes in corners)
+        lines.append(
+            f"the face of the roof between the nodes {outside} has inside it a ring with the nodes {inside} "
+            "that is connected to it by nothing, so it is not known what lies between; join the two with "
+            "elements, give the edges of panels between them in [roof] lines, or leave the ring's group out "
+            "of [roof] groups"
+        )
+    return lines
+
+
+def _faces_but_openings(job: Job, net: Net, plan: Plan) -> Faces:
+    """Find the faces outside the [roof] openings. Raises InputError for an opening in no face."""
+    try:
+        return find_faces(net, plan, list(job.roof.openings) if job.roof else [])
+    except ValueError as error:
+        raise InputError(
+            f"{job.path}: [roof] openings: [{x:g}, {y:g}] lies in no face of the net in plan; expected "
+            "points [x, y] in m within the closed rings of elements that are to be left out"
+            for x, y in error.args
+        ) from None
+
+
+def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, np.ndarray] | None:
+    """Return the plan areas [m2] of the largest and the median face, and a point [m] in the largest.
+
+    x : (n, 3) [m]; None without faces
+    """
+    if not len(faces):
+        return None
+    points = np.concatenate([x, net.corners])[:, :2]
+    area = np.bincount(faces.face_of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    f, rings = int(np.argmax(area)), faces.rings
+    first = rings.first_rings()
+    around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
+    outer, *holes = (points[rings.corner[rings.start[r] : rings.start[r + 1]]] for r in around)
+    point = shapely.point_on_surface(shapely.Polygon(outer, holes))
+    return float(area[f]), float(np.median(area)), np.array([point.x, point.y])
+
+
+def areas_are_given(net: Net) -> bool:
+    """Tell whether nodes.csv gives the area of every node, so that no area comes from faces."""
+    return bool(np.isfinite(net.area).all())
+
+
+def _needs_faces(job: Job, net: Net) -> bool:
+    """Tell whether a load acts on areas, or along normals, that the tables do not give."""
+    bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
+    return loads_the_roof(job) and bool(not areas_are_given(net) or (along_normals(job) and bare.any()))
+
+
+def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray) -> list[str]:
+    """Return notes on the areas that loads act on. Raises InputError if there are none."""
+    faces, area, notes = roofing.faces, roofing.given.surface, list(plan.notes)
+    if not (area > 0).any():
+        raise InputError(
+            f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing "
+            "to act on; close the outline with elements between the supports, or give `area` in nodes.csv"
+        )
+    free = ~net.fixed.all(1)
+    in_roof = np.zeros(net.n, bool)
+    in_roof[net.elements[np.repeat(carries, net.parts)]] = True
+    without_area = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
+    if len(without_area):
+        text = f"{len(without_area)} free nodes carry no roof area: {listed(without_area)}"
+        notes.append(f"{text}; `area` in nodes.csv would give it")
+    lines, points = plan.segment[plan.element < 0], len(plan.points)
+    unused_lines = lines[~among(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
+    unused_lines = [f"{a} to {b}" for a, b in net.node_id[unused_lines[(unused_lines < net.n).all(1)]]]
+    if unused_lines:
+        notes.append(
+            f"{len(unused_lines)} edges of the roof without an element bound no face: {listed(unused_lines)}"
+        )
+    rim = faces.open_rim[faces.open_rim < net.n]
+    rim = rim[free[rim] & np.isnan(net.area[rim])]
+    if len(rim):
+        notes.append(
+            f"at {len(rim)} free nodes on the edge of the faces elements go on without closing a face: "
+            f"{listed(net.node_id[rim])}; closed faces cover {roofing.covered:.1%} of the outline "
+            "in plan; if the roof goes on to the supports, close it with elements between these"
+        )
+    return notes
+
+
+def _covered(plan: Plan, faces: Faces) -> float:
+    """Compute the area of the faces over that of the convex outline of the plan."""
+    if not len(faces):
+        return 0.0
+    outline = shapely.convex_hull(shapely.linestrings(plan.points[distinct(plan.segment)]))
+    return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
+
+
+def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
+    """Compute the areas of the particles at x (n, 3) [m], by the shares of the faces (`geometry.shares`).
+
+    Shares of points without a particle go to the rigid boundary. A given `area` is an area of surface. With a
+    given
+    area or normal the vector is surface times unit normal; the other of the two comes from the faces.
+    """
+    points = np.concatenate([x, net.corners])
+    shares = shares_of(points, faces)
+
+    def at_nodes(values):
+        return np.bincount(shares.node, values, len(points))[: net.n].astype(float)
+
+    surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())
+    vector = np.stack([at_nodes(values) for values in shares.vectors().T], -1)
+    of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
+    given = of_area | of_normal
+    if not given.any():
+        return Areas(surface, plan, vector, shares)
+    normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
+    slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
+    surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
+    return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector), shares)
+
+
+def unit_normals(vector: np.ndarray) -> np.ndarray:
+    """Compute the upward unit normals (n, 3) of vector areas (n, 3); zero without an area."""
+    length = lengths(vector)[:, None]
+    return np.divide(vector, length, out=np.zeros_like(vector), where=length > 0)
+
+
+def normals(net: Net, vector: np.ndarray) -> np.ndarray:
+    """Return the upward unit normals (n, 3) of the particles; zero if a particle meets no face.
+
+    Normals of the tables take precedence over those of the vector areas (n, 3).
+    """
+    return np.where(np.isfinite(net.normal), net.normal, unit_normals(vector))

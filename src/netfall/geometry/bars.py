@@ -1,0 +1,115 @@
+"""Properties of compressed bars in addition to an area: second moment, buckling length and curve; Euler load.
+
+N_cr = pi^2 E I / L_k^2. [cable] gives them for all bars, [cable.GROUP] for the bars of a group.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from netfall.geometry.net import Net
+from netfall.job.job import Job
+from netfall.job.schema import CURVES
+from netfall.job.values import counted
+
+OF_BARS = ("second_moment", "buckling_length")
+FLAGS = ("bending", "buckling")
+MOST_SECOND_MOMENT = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
+KEYS = (*OF_BARS, "buckling_curve", *FLAGS)
+
+
+def set_bars(job: Job, net: Net) -> None:
+    """Set second moments and buckling properties of the bars of a net, if any bar has one."""
+    tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
+    given = {name: [np.nan if table[name] is None else table[name] for table in tables] for name in OF_BARS}
+    rows = {name: np.where(net.bar, np.array(row, float)[net.group], np.nan) for name, row in given.items()}
+    if np.isfinite(rows["second_moment"]).any():
+        net.second_moment, net.buckling_length = rows.values()
+        net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
+    for name in FLAGS:
+        flags = np.array([table[name] for table in tables])[net.group] & net.bar
+        if flags.any():
+            setattr(net, name, flags)
+
+
+def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
+    """Return the buckling lengths (m,) [m]: given ones, otherwise the length of the element of the table.
+
+    L0 : (m,) [m], unstressed; the length of an element of the table is the sum over all its parts
+    """
+    total = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
+    return np.where(np.isnan(net.buckling_length), total, net.buckling_length)
+
+
+def euler_load(net: Net, L0: np.ndarray) -> np.ndarray:
+    """Compute the Euler load (m,) [N] of bars of unstressed lengths L0 (m,) [m]; nan: no second moment."""
+    if net.second_moment is None:
+        return np.full(net.m, np.nan)
+    with np.errstate(divide="ignore"):  # zero length: form finding collapsed, and `check_tensions` reports it
+        return np.pi**2 * net.modulus * net.second_moment / buckling_lengths(net, L0) ** 2
+
+
+def bar_errors(job: Job, net: Net) -> Iterator[str]:
+    """Yield errors: keys of bars in groups of cables, unknown moduli, bars that cannot bend or buckle."""
+    absent = np.zeros(net.m, bool)
+
+    def first_id(rows):
+        return net.element_id[np.flatnonzero(rows)[:1]]
+
+    for g, name in enumerate(net.group_names):
+        if not net.bar[net.group == g].any():
+            for key in (key for key in KEYS if job.groups.get(name, {}).get(key) is not None):
+                yield (
+                    f"[cable.{name}] {key} = {job.groups[name][key]}: of bars alone, for a cable carries no "
+                    'compression; give the group kind = "bar", or remove the key'
+                )
+    moment = np.full(net.m, np.nan) if net.second_moment is None else net.second_moment
+    for e in np.flatnonzero(np.isfinite(moment) & net.nominal)[:1]:
+        yield (
+            f"element {net.element_id[e]}: second_moment = {moment[e]:g}: needs the modulus, which "
+            "axial_stiffness alone does not tell; give modulus, or area beside it"
+        )
+    bending, buckling = (absent if flags is None else flags for flags in (net.bending, net.buckling))
+    for name, flags in (("bending", bending), ("buckling", buckling)):
+        for e in first_id(flags & np.isnan(moment)):
+            yield (
+                f"element {e}: {name} = true: needs the second moment of its section; give second_moment "
+                f"[m4], or leave {name} out"
+            )
+    for e in first_id(bending & buckling):
+        yield (
+            f"element {e}: bending and buckling exclude each other: a chain of bars that bend buckles by "
+            "itself; keep one of them"
+        )
+    bent = {net.group_names[g] for g in np.unique(net.group[bending])}
+    missing = [stage.name for stage in job.stages if stage.active is not None and bent - set(stage.active)]
+    for present, problem in (
+        (missing, f"[[stage]] {', '.join(missing)}: bars that bend are not there; name them in active"),
+        (job.targets, "[[target]]: lengths are not changed where bars bend; remove the targets"),
+        (net.length_error.any(), "[cable] length_deviation: not where bars bend; remove it"),
+    ):
+        if bent and present:
+            yield f"{problem}, or bending = true"
+    for e in first_id(bending & np.isfinite(net.fracture_strain) & (job.dynamics is not None)):
+        yield (
+            f"element {e}: bending = true, and it can break: a chain that breaks is not computed in the "
+            "dynamic stage; give fracture_strain and breaking_load in the groups of cables alone, and "
+            "yield_stress here"
+        )
+
+
+def bar_notes(job: Job, net: Net) -> list[str]:
+    """Return notes on buckling keys without effect and on implausibly large second moments."""
+    if net.second_moment is None:
+        given = job.given() & {f"cable.{key}" for key in KEYS}
+        given |= {f"cable.{name}.{key}" for name, table in job.groups.items() for key in KEYS if key in table}
+        return [f"{key}: no effect: no bar has a second_moment" for key in sorted(given)]
+    stout = np.flatnonzero(net.second_moment > MOST_SECOND_MOMENT * net.section**2)
+    if not len(stout):
+        return []
+    e = stout[0]
+    return [
+        f"second_moment = {net.second_moment[e]:g} m4 of {counted('element', net.element_id[stout])}: no "
+        f"section of {net.section[e]:g} m2 has so much: its radius of gyration would be "
+        f"{np.sqrt(net.second_moment[e] / net.section[e]):.4g} m; was mm4 or cm4 meant?"
+    ]

@@ -1,0 +1,180 @@
+"""Net of a job, from a generator or from tables, with sections, checked as a whole."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from netfall.core.errors import InputError, refuse
+from netfall.geometry import sections
+from netfall.geometry.bars import bar_errors, bar_notes, set_bars
+from netfall.geometry.cables import cables_of, same_names
+from netfall.geometry.connected_parts import part_has, parts_of
+from netfall.geometry.generators import generate as generators
+from netfall.geometry.net import Net, nearest_group, subdivide
+from netfall.geometry.sections import strength_errors, strength_notes
+from netfall.geometry.tables import read_lines, read_tables
+from netfall.geometry.turned import is_turned
+from netfall.job.derived import air_damps, carries_permanent, load_steps, roof_groups
+from netfall.job.job import Job
+from netfall.job.values import counted, shown
+
+STEEP = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
+MOST_ELEMENTS = 50_000_000  # limit of elements; each takes some 900 bytes on rank 0 at set-up
+
+
+def build_net(job: Job) -> Net:
+    """Build the net that a job describes, subdivided, with sections and areas.
+
+    Raises InputError with all errors in the tables, or in the net as a whole.
+    """
+    net, columns = read_tables(job) if job.net.nodes else (_from_generator(job), None)
+    own_prestress = net.prestress  # the generator's own equilibrium
+    _set_sections(job, net, columns)
+    net.prestress = net.prestress if own_prestress is None else own_prestress
+    if net.m * job.net.subdivide > MOST_ELEMENTS:
+        raise InputError(
+            f"{job.path}: [net] subdivide = {job.net.subdivide}: gives {net.m * job.net.subdivide:.3g} "
+            f"elements; at most {MOST_ELEMENTS:.0e} fit"
+        )
+    lines, notes = read_lines(job, net.node_id)
+    net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes + _held_whole(job, net)
+    net = subdivide(net, job.net.subdivide)
+    net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
+    sections.set_strengths(job, net)
+    sections.set_length_errors(job, net)
+    errors = [f"{job.path}: {line}" for line in _whole_net_errors(job, net)] + _table_errors(job, net)
+    errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
+    refuse(errors)
+    net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
+    return net
+
+
+def _held_whole(job: Job, net: Net) -> list[str]:
+    """Return a note on elements whose new nodes `subdivide` holds, so that they cannot sag."""
+    between = net.fixed[net.elements].all((1, 2))
+    if job.net.subdivide == 1 or not (job.net.nodes and between.any()):
+        return []
+    return [
+        f"[net] subdivide: {counted('element', net.element_id[between])} between two fixed nodes: new nodes "
+        "there are fixed too, so nothing sags, swings or bends between them, and no load there changes a "
+        "force; what is to hang freely needs a node of nodes.csv between its ends"
+    ]
+
+
+def _from_generator(job: Job) -> Net:
+    """Generate the net from the dimensions of [net]. Raises InputError."""
+    problem = generators.wrong_dimensions(job.net, MOST_ELEMENTS)
+    if problem:
+        raise InputError(f"{job.path}: [net] {problem}")
+    return generators.generate(job.net)
+
+
+def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
+    """Set the sections of the elements; errors of group names come before errors of missing keys."""
+    errors = _wrong_groups(job, net)
+    try:
+        sections.set_sections(job, net, columns)
+    except InputError as error:
+        raise InputError(errors + error.lines) from None
+    refuse(errors)
+    set_bars(job, net)
+
+
+def _wrong_groups(job: Job, net: Net) -> list[str]:
+    """Return an error for each section or list that names a group without elements."""
+    group_names = [(name, f"[cable.{name}]: no element is of this group") for name in job.groups]
+    group_names += [
+        (name, f"[roof] groups: no element is of group {shown(name)}") for name in roof_groups(job)
+    ]
+    return [
+        f"{job.path}: {problem}; {nearest_group(net, name)}"
+        for name, problem in group_names
+        if name not in {*net.group_names} - {""}
+    ]
+
+
+def _whole_net_errors(job: Job, net: Net) -> Iterator[str]:
+    """Yield the errors of the net as a whole."""
+    form = job.form_finding
+    short = np.flatnonzero(~(net.lengths() > 0))
+    for e in short[:5]:
+        a, b = net.node_id[net.elements[e]]
+        yield (
+            f"element {net.element_id[e]} between nodes {a} and {b} has no length; nodes that coincide must "
+            "be one"
+        )
+    lonely = np.flatnonzero(np.bincount(net.elements.ravel(), minlength=net.n) == 0)
+    for p in lonely[:5]:
+        yield f"node {net.node_id[p]} belongs to no element; remove it or connect it"
+    if (form is not None or load_steps(job) > 0) and not len(short) and not len(lonely):
+        label = parts_of(net.elements, net.n)
+        held = part_has(label, net.held.any(1))
+        for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
+            members = net.node_id[label == part]
+            yield (
+                f"the part of the net with node {members[0]} ({len(members)} nodes) has no support; fix a "
+                "node of it: form finding and statics need an equilibrium"
+            )
+    compressed = (net.prestress < 0) & ~net.bar & ~np.isfinite(net.force_density).any()
+    for e in np.flatnonzero(compressed)[:1]:
+        yield (
+            f"element {net.element_id[e]}: prestress = {net.prestress[e]:g}: a cable carries no compression; "
+            'expected >= 0, or kind = "bar" for its group'
+        )
+    for e in np.flatnonzero(np.abs(net.prestress) > net.yield_force)[:1]:
+        yield (
+            f"element {net.element_id[e]}: prestress = {net.prestress[e]:g} N: above the yield force "
+            f"{net.yield_force[e]:g} N; lower it or choose a larger area"
+        )
+    if form is not None and np.isfinite(net.unstressed_length).any():
+        yield (
+            f"unstressed_length in {job.net.elements} and [form_finding] exclude each other: form finding "
+            "computes the unstressed lengths"
+        )
+    if form is not None and net.spring_rest.any():
+        yield (
+            f"spring_rest_x, y, z in {job.net.nodes} and [form_finding] exclude each other: springs begin "
+            "with the reaction of the form"
+        )
+    moving = ~net.held[net.elements].all((1, 2))
+    tensioned = net.prestress[moving].any() or carries_permanent(job)
+    if (
+        form is not None and form.method == "fpm" and moving.any() and not tensioned
+    ):  # any shape is in equilibrium
+        alternative = ', or method = "force_density", which takes the force densities of the table'
+        yield (
+            '[form_finding] method = "fpm": no element that can move has a prestress, and without tension '
+            "there is no form; give prestress in [cable], a number of N > 0, or as a column"
+            + alternative
+            * bool(np.isfinite(net.force_density).any())
+        )
+
+
+def _table_errors(job: Job, net: Net) -> list[str]:
+    """Return errors: springs on fixed axes, unsupported angles of supports, duplicate cable names."""
+    nodes, elements = (job.path.parent / str(path) for path in (job.net.nodes, job.net.elements))
+    turned, form = net.node_id[is_turned(net)], job.form_finding
+    refused = {
+        '[form_finding] method = "force_density"': form and form.method == "force_density",
+        '[form_finding] start = "force_density"': form and form.start == "force_density",
+        "[[slide]]": bool(job.slides),
+        "[wind] air_damping": air_damps(job),
+    }
+    return [
+        *(
+            f"{nodes}: node {net.node_id[p]}: spring_{'xyz'[k]} = {net.spring[p, k]:g}: the axis is fixed "
+            "too; keep one of the two"
+            for p, k in np.argwhere(net.fixed & (net.spring > 0))[:5]
+        ),
+        *(
+            f"{nodes}: angle: {counted('node', turned)}: {key} does not know supports in axes of their own; "
+            "expected angle = 0 there, supports alike along both axes in plan, or a job without it"
+            for key, active in refused.items()
+            if active and len(turned)
+        ),
+        *(
+            f"{elements}: cable = {name}: so a piece without a name is called, by the least id of its "
+            "elements; rename it, or name that piece too"
+            for name in same_names(net.cable_names)
+        ),
+    ]

@@ -1,0 +1,174 @@
+"""Cables and bending chains: elements of the table that continue each other.
+
+The column `cable` of elements.csv names the cable of each element. If it is empty or absent, a cable is a
+chain
+of elements of one group that run straight through. At a node two of them belong together if each is the
+straightest continuation of the other, and the bend is at most `LARGEST_BEND` in the given geometry. A cable
+ends at a node that is held rigidly on all axes, where it is anchored. The parts of one subdivided element
+always belong together.
+
+Bending chains are made of bars. At a node two bars with bending are joined if only these two of one cable,
+named in the column `cable`, meet there, or otherwise only these two of their group. The node may be held or
+free, the angle is arbitrary. A chain has no moment at its ends.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.geometry.connected_parts import parts_of
+from netfall.geometry.net import Net
+
+LARGEST_BEND = 30.0  # degrees; a ring of 12 or more sides is one cable
+DIGITS = 9  # digits of the cosine of a bend; equal ones are equally straight, and the earlier rows win
+
+
+def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
+    """Return the cable (m,) of each element, and the names of the cables by these numbers.
+
+    in_plan : bends are measured in plan, for nets whose heights are only a start for form finding
+
+    Cables are numbered in the order in which they first appear in the rows of the net. A cable without a name
+    in
+    the table is called by the lowest id of its elements, "e17". All elements with the same name form one
+    cable.
+    """
+    names = np.array(net.cable_given) if net.cable_given else np.zeros(net.m // net.parts, "U1")
+    label = _chains(net, np.array([1.0, 1.0, 0.0 if in_plan else 1.0]), names != "")
+    if net.cable_given:
+        _, first_row, row = np.unique(names, return_index=True, return_inverse=True)
+        label = np.where(names != "", len(label) + first_row[row], label)
+    _, first, piece = np.unique(label, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    number = rank[piece]
+    least = np.full(len(first), np.iinfo(np.int64).max)
+    np.minimum.at(least, number, net.element_id[:: net.parts])
+    cable_names = [names[row] or f"e{least[k]}" for k, row in enumerate(np.sort(first))]
+    return np.repeat(number, net.parts), [str(name) for name in cable_names]
+
+
+def same_names(names: list[str]) -> list[str]:
+    """Return names of two cables: one given in the table, the other generated for an unnamed cable."""
+    values, times = np.unique(names, return_counts=True) if names else ([], np.zeros(0))
+    return [str(name) for name, count in zip(values, times) if count > 1]
+
+
+def _chains(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
+    """Return a number (m / parts,) for each given element, the same along a chain; as in `_bends`."""
+    pairs = _matched(_bends(net, axes, named), 2 * net.m // net.parts) // 2
+    return parts_of(pairs, net.m // net.parts)
+
+
+def _bends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
+    """Return pairs (k, 2) of ends that may continue each other, the straightest first.
+
+    axes : (3,) 1 if the axis counts; named : (m / parts,) bool, elements with a name, which are left out
+
+    The ends of element e are 2 e (its start) and 2 e + 1.
+    """
+    ends = net.undivided()
+    along = axes * (net.x[ends[:, 1]] - net.x[ends[:, 0]])
+    length = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
+    unit = along / np.where(length > 0, length, 1.0)[:, None]
+    direction = np.stack([unit, -unit], axis=1).reshape(-1, 3)  # from the node of each end into its element
+    node, group = ends.ravel(), np.repeat(net.group[:: net.parts], 2)
+    free = np.flatnonzero(~net.fixed[node].all(1) & ~np.repeat(named, 2))
+    order = free[np.argsort(node[free] * len(net.group_names) + group[free], kind="stable")]
+    candidates, cosines, offset = [np.zeros((0, 2), np.int64)], [np.zeros(0)], 1
+    while offset < len(order):
+        a, b = order[:-offset], order[offset:]
+        meet = (node[a] == node[b]) & (group[a] == group[b])
+        if not meet.any():
+            break
+        a, b = a[meet], b[meet]
+        u, v = direction[a], direction[b]
+        cosine = np.round(-(u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1] + u[:, 2] * v[:, 2]), DIGITS)
+        straight = cosine >= np.round(np.cos(np.radians(LARGEST_BEND)), DIGITS)
+        candidates.append(np.column_stack([a, b])[straight])
+        cosines.append(cosine[straight])
+        offset += 1
+    pairs, cosine = np.concatenate(candidates), np.concatenate(cosines)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0], -cosine))]
+
+
+def _matched(pairs: np.ndarray, ends: int) -> np.ndarray:
+    """Match pairs (k, 2) of ends greedily, best first: each end is in at most one of the returned pairs."""
+    matched = [np.zeros((0, 2), np.int64)]
+    used = np.zeros(ends, bool)
+    while len(pairs):
+        rank = np.arange(len(pairs))
+        first = np.full(ends, len(pairs))
+        np.minimum.at(first, pairs.ravel(), np.repeat(rank, 2))
+        best = (first[pairs] == rank[:, None]).all(1)
+        matched.append(pairs[best])
+        used[pairs[best]] = True
+        pairs = pairs[~used[pairs].any(1)]
+    return np.concatenate(matched)
+
+
+CHAIN_END, NO_BENDING = -1, -2
+
+
+class Chains(NamedTuple):
+    """Joints (k,) of a net: particles (k, 3) in a row; elements (k, 2) between them.
+
+    at : (m, 2) joint at start and end of each element; CHAIN_END: none; NO_BENDING: the element has none
+    chain : (k,) number of the chain that contains each joint, the lowest of its joints
+    """
+
+    particles: np.ndarray
+    elements: np.ndarray
+    at: np.ndarray
+    chain: np.ndarray
+
+
+def chains_of(net: Net) -> Chains | None:
+    """Return the joints of a net by their middle particle; None if no bar resists bending."""
+    if net.bending is None:
+        return None
+    bars = np.flatnonzero(net.bending)
+    ends = 2 * np.repeat(bars, 2) + np.tile([0, 1], len(bars))  # the ends of element e are 2 e and 2 e + 1
+    name, node = pieces_named(net), net.elements.ravel()
+    pairs = pairs_meeting(ends[name[ends // 2] >= 0], node, name)
+    free = ~np.isin(ends, pairs)
+    by_group = pairs_meeting(ends, node, net.group)
+    pairs = np.concatenate([pairs, by_group[np.isin(by_group, ends[free]).all(1)]])
+    pairs = pairs[np.lexsort((pairs[:, 0], node[pairs[:, 0]]))]
+    middle, first, second = node[pairs[:, 0]], node[pairs[:, 0] ^ 1], node[pairs[:, 1] ^ 1]
+    joint_at = np.full(2 * net.m, NO_BENDING)
+    joint_at[ends] = CHAIN_END
+    joint_at[pairs.T] = np.arange(len(pairs))
+    joint_at = joint_at.reshape(net.m, 2)
+    chain = parts_of(joint_at[(joint_at >= 0).all(1)], len(pairs))
+    return Chains(np.column_stack([first, middle, second]), pairs // 2, joint_at, chain)
+
+
+def chain_notes(chains: Chains) -> list[str]:
+    """Return a note if no bar continues in another."""
+    if len(chains.particles):
+        return []
+    return [
+        "bending: no effect: nowhere do exactly two bars with bending of one group, or of one piece of the "
+        "column cable, meet; [net] subdivide, or nodes along a bar, make chains"
+    ]
+
+
+def pieces_named(net: Net) -> np.ndarray:
+    """Return the number of the name (m,) that the column `cable` gives each element; -1: none."""
+    if not net.cable_given:
+        return np.full(net.m, -1)
+    names, number = np.unique(np.array(net.cable_given), return_inverse=True)
+    return np.repeat(np.where(names[number] == "", -1, number), net.parts)
+
+
+def pairs_meeting(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
+    """Return pairs (k, 2) of element ends at nodes where exactly two elements of one kind meet.
+
+    ends : (e,) ascending, 2 e and 2 e + 1 of element e; node : (2 m,) of each end; kind : (m,) of elements
+    """
+    key = node[ends] * (int(kind.max(initial=0)) + 1) + kind[ends // 2]
+    order = np.argsort(key, kind="stable")
+    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+    first_of_two = first[count == 2]
+    return np.column_stack([ends[order[first_of_two]], ends[order[first_of_two + 1]]])

@@ -1,0 +1,37 @@
+"""Connected parts of a graph, and pairs of points close to each other."""
+
+import numpy as np
+
+from netfall.core.sets import among
+from netfall.geometry.net import pair_key
+
+
+def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
+    """Return the lowest member of the part of each of `count` things; pairs (k, 2) join two of them."""
+    from scipy.sparse import coo_array  # here: it takes 0.2 s to load
+    from scipy.sparse.csgraph import connected_components
+
+    joined = coo_array((np.ones(len(pairs)), tuple(pairs.T)), (count, count))
+    _, part = connected_components(joined, directed=False)
+    return np.unique(part, return_index=True)[1][part]
+
+
+def part_has(label: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Tell whether the part of each thing, by label (n,) of `parts_of`, contains one of some (n,) bool."""
+    has = np.zeros(len(label), bool)
+    has[label[some]] = True
+    return has[label]
+
+
+def unjoined_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> np.ndarray:
+    """Return the pairs of `close_pairs` that no element of elements (m, 2) joins."""
+    pairs = close_pairs(x, distance)
+    return pairs[~among(pair_key(pairs, len(x)), pair_key(elements, len(x)))]
+
+
+def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:
+    """Return the pairs (k, 2) of points x (n, 3) within `distance` of each other, lower number first."""
+    from scipy.spatial import cKDTree  # here: it takes 0.2 s to load
+
+    pairs = cKDTree(x).query_pairs(distance, output_type="ndarray")
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]

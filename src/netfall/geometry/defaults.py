@@ -1,0 +1,77 @@
+"""Defaults that changed in this version, and warnings for jobs that relied on the old ones.
+
+Each changed default is a row of CHANGED. Every command that starts a run or describes a job prints the
+warnings.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.geometry.net import Net
+from netfall.geometry.sections import are_other_bars, strength_of_cable
+from netfall.job.derived import has_gusts, load_steps
+from netfall.job.entries import LISTS
+from netfall.job.job import Job, tables_of
+from netfall.job.schema import REMOVED, SINCE
+from netfall.job.values import counted, shown
+
+
+class ChangedDefault(NamedTuple):
+    """Key of a section, or of the entries of a list, whose default changed from `old` to `new`.
+
+    affects : whether the results of a job that does not set the key depend on its default
+    """
+
+    section: str
+    key: str
+    new: object
+    old: object
+    affects: Callable[[Job, Net], bool]
+
+
+def _breaks_in_wind(job: Job, net: Net) -> bool:
+    """Tell whether elements can break or are removed in a dynamic stage with wind."""
+    return bool(job.wind and job.dynamics and (np.isfinite(net.fracture_strain).any() or job.removes))
+
+
+def _cuts_by_default(job: Job, net: Net) -> bool:
+    """Tell whether a zone with a polygon does not set `cut`."""
+    return any(zone.polygon is not None and zone.cut is None for zone in job.zones)
+
+
+CHANGED: tuple[ChangedDefault, ...] = (
+    ChangedDefault("load", "self_weight", True, False, lambda job, net: job.load is not None),
+    ChangedDefault("load", "steps", 1, 0, lambda job, net: load_steps(job) == 1),
+    ChangedDefault("zone", "cut", True, False, _cuts_by_default),
+    ChangedDefault("wind", "gusts", "means", "points", lambda job, net: has_gusts(job)),
+    ChangedDefault("wind", "after_fracture", "detached", "particle", _breaks_in_wind),
+)
+
+
+def default_warnings(job: Job, net: Net) -> list[str]:
+    """Return a warning for each key with a changed default that affects a job and that it does not set."""
+    return [f"warning: {line}" for line in _warnings(job, net)]
+
+
+def _warnings(job: Job, net: Net) -> Iterator[str]:
+    """Yield the warnings of a job without their prefix."""
+    given = tables_of(job.text, job.overrides)
+    for section, key, new, old, affects in CHANGED:
+        entries = given.get(section, []) if section in LISTS else [given.get(section, {})]
+        place = f"[[{section}]]" if section in LISTS else f"[{section}]"
+        if any(key not in table for table in entries) and affects(job, net):
+            yield f"{place} {key} is not set: {shown(new)} since version {SINCE} ({shown(old)} before)"
+    inherited = strength_of_cable(job)
+    bars = are_other_bars(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
+    for g in np.unique(net.group[bars]):  # these took the breaking force of [cable] before
+        name, ids = net.group_names[g], net.element_id[bars & (net.group == g)]
+        yield (
+            f"{f'[cable.{name}]' if name else 'elements.csv:'} breaking_load of {counted('bar', ids)} is not "
+            f"set: none since version {SINCE} ({inherited:g} N of [cable] before)"
+        )
+    for section, keys in REMOVED.items():
+        for key, (_, why) in keys.items():
+            if f"{section}.{key}" in job.given():
+                yield f"[{section}] {key}: removed in version {SINCE}, {why}. Remove the key."

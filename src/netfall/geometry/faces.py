@@ -1,0 +1,283 @@
+"""Faces of the net in plan: the smallest closed rings of elements and outline.
+
+A face with holes, or one that is not star-shaped about its centroid, is cut into cells.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+
+from netfall.core.functions import lengths
+from netfall.core.sets import among, distinct
+from netfall.geometry.net import Net, pair_key
+from netfall.geometry.plan import Plan, draw_plan
+
+FLAT = 1e-12  # share of a face's area: a smaller inverted triangle about its centroid is rounding
+COCIRCULAR = 1e-6  # sum of two cotangents below which four corners lie on one circle
+
+
+@dataclass(frozen=True)
+class Faces:
+    """Corner numbers of the cells of faces, anticlockwise in plan, each star-shaped about its centroid.
+
+    A face that is not star-shaped about its centroid, or has holes, has several cells; any other is one cell.
+
+    start : (k + 1,) rows of `corner` at which each cell starts
+    corner : numbers, from n on points without a particle
+    open_rim : points at the edge of the faces from which an element of the roof continues
+    face : (k,) the face of each cell, ascending; None: each cell is a face
+    whole : the rings of the faces, holes clockwise; None: as the cells
+    """
+
+    start: np.ndarray
+    corner: np.ndarray
+    open_rim: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    face: np.ndarray | None = None
+    whole: "Faces | None" = None
+
+    def __len__(self):
+        return len(self.start) - 1
+
+    @property
+    def count(self) -> int:
+        """Number of faces."""
+        return len(self) if self.face is None else int(self.face[-1]) + 1
+
+    @property
+    def rings(self) -> "Faces":
+        """Rings of the faces, the outer ring of each face first."""
+        return self if self.whole is None else self.whole
+
+    def next_corner(self) -> np.ndarray:
+        """Return for each corner the row of the next one around its ring."""
+        after = np.arange(1, len(self.corner) + 1)
+        if len(self):
+            after[self.start[1:] - 1] = self.start[:-1]
+        return after
+
+    def sides(self) -> np.ndarray:
+        """Return both ends (c, 2) of the side that starts at each corner."""
+        return np.column_stack([self.corner, self.corner[self.next_corner()]])
+
+    def of_corner(self) -> np.ndarray:
+        """Return for each corner the number of its ring."""
+        return np.repeat(np.arange(len(self)), np.diff(self.start))
+
+    def face_of_corner(self) -> np.ndarray:
+        """Return for each corner the number of its face."""
+        return self.of_corner() if self.face is None else self.face[self.of_corner()]
+
+    def first_rings(self) -> np.ndarray:
+        """Return the first ring (f,) of each face."""
+        number = np.arange(self.count)
+        return number if self.face is None else np.searchsorted(self.face, number)
+
+    def of_faces(self, mask: np.ndarray) -> "Faces":
+        """Return the rings of some faces, mask (f,), renumbered."""
+        selected = mask if self.face is None else mask[self.face]
+        part = _selected(self, selected)
+        face = None if self.face is None else (np.cumsum(mask) - 1)[self.face[selected]]
+        return Faces(part.start, part.corner, face=face)
+
+
+def no_faces() -> Faces:
+    """Return the faces of a net that has none."""
+    return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
+
+
+def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
+    """Find the faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
+
+    A face that is not star-shaped about its centroid, or has holes, gets the cells of its constrained
+    Delaunay
+    tessellation. These do not depend on the order of nodes and elements.
+
+    openings : points (k, 2) [m] in faces to be left out. Raises ValueError with the points that are in no
+    face.
+    """
+    plan = plan or draw_plan(net)
+    if not len(plan.segment):
+        return no_faces()
+    polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
+    rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
+    open_rim = _open_rim(rings, plan)
+    closed = ~np.isin(polygon, _open_faces(polygons, openings))
+    rings, polygon = _selected(rings, closed), polygon[closed]
+    faces = faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points)
+    return replace(faces, open_rim=open_rim)
+
+
+def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Faces:
+    """Build the faces that rings bound, star-shaped faces of one ring first.
+
+    polygon : (r,) number of the face that each ring bounds, its outer ring first; points : (k, 2) [m]
+    """
+    single = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
+    plain = single[polygon] & _seen_whole(rings, points)
+    simple = _selected(rings, plain)
+    if plain.all():
+        return simple
+    corners = np.split(rings.corner, rings.start[1:-1])
+    cut = [[corners[r] for r in np.flatnonzero(polygon == f)] for f in np.unique(polygon[~plain])]
+
+    def as_rings(shapes):
+        return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
+
+    whole = _joined(simple, [as_rings(shapes) for shapes in cut])
+    return replace(_joined(simple, [_delaunay_cells(points, shapes) for shapes in cut]), whole=whole)
+
+
+def _joined(plain: Faces, others: list[Faces]) -> Faces:
+    """Join the rings of faces that have one each with those of faces that have several."""
+    parts = [plain, *others]
+    sizes = np.concatenate([np.diff(part.start) for part in parts])
+    number = np.repeat(np.arange(len(others)), [len(other) for other in others])
+    face = np.concatenate([np.arange(len(plain)), len(plain) + number])
+    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
+
+
+def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
+    """Return the rings of polygons between points `used`, each polygon's outer one first, and their polygons.
+
+    Holes run clockwise.
+    """
+    rings, polygon = shapely.get_rings(shapely.orient_polygons(polygons), return_index=True)
+    xy, ring = shapely.get_coordinates(rings, return_index=True)
+    last = np.append(ring[1:] != ring[:-1], True) if len(ring) else np.zeros(0, bool)
+    xy, ring = xy[~last], ring[~last]  # a ring repeats its first point at its end
+    order = used[np.lexsort((points[used, 1], points[used, 0]))]
+    key = points[order, 0] + 1j * points[order, 1]
+    corner = order[np.searchsorted(key, xy[:, 0] + 1j * xy[:, 1])]
+    start = np.concatenate([[0], np.cumsum(np.bincount(ring, minlength=len(rings)))]).astype(np.int64)
+    return Faces(start, corner), polygon
+
+
+def _open_faces(polygons, openings) -> np.ndarray:
+    """Return the numbers of the polygons that contain points `openings` (k, 2). Raises ValueError."""
+    points = shapely.points(np.reshape(openings, (-1, 2)))
+    hit, polygon = shapely.STRtree(polygons).query(points, predicate="within")
+    outside = np.setdiff1d(np.arange(len(points)), hit)
+    if len(outside):
+        raise ValueError(*(openings[k] for k in outside))
+    return np.unique(polygon)
+
+
+def _selected(faces: Faces, mask) -> Faces:
+    """Return the rings in mask."""
+    sizes = np.diff(faces.start)
+    start = np.concatenate([[0], np.cumsum(sizes[mask])]).astype(np.int64)
+    return Faces(start, faces.corner[np.repeat(mask, sizes)])
+
+
+def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
+    """Return the points at which segments that bound no face meet sides with a face on one side only."""
+    sides = rings.sides()
+    key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
+    values, row, times = np.unique(key, return_inverse=True, return_counts=True)
+    rim, unbounded = sides[times[row.ravel()] == 1], plan.segment[~among(bounded, values)]
+    return np.intersect1d(rim, unbounded)
+
+
+def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
+    """Return the rings with the particles of subdivision on their sides as additional corners."""
+    if net.parts == 1 or not len(rings):
+        return rings
+    sides, key = rings.sides(), pair_key(plan.segment, len(plan.points))
+    order = np.argsort(key)
+    row = order[np.searchsorted(key[order], pair_key(sides, len(plan.points)))]
+    turned = plan.segment[row, 0] != sides[:, 0]
+    element, span = plan.element[row], plan.span[row]
+    inner = net.inner_particles()[element]  # wrong for segments of the outline, which `on_side` drops
+    ends = plan.points[net.undivided()[element]]
+    t, distance = np.arange(1, net.parts) / net.parts, lengths(ends[:, 1] - ends[:, 0])
+    margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(distance, 1e-300), 0.0)[:, None]
+    on_side = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
+
+    def flip(values):
+        return np.where(turned[:, None], values[:, ::-1], values)
+
+    keep = np.column_stack([np.ones(len(sides), bool), flip(on_side)])
+    corner = np.column_stack([rings.corner, flip(inner)])[keep]
+    return Faces(np.concatenate([[0], np.cumsum(keep.sum(1))])[rings.start], corner)
+
+
+def _seen_whole(rings: Faces, points) -> np.ndarray:
+    """Tell whether each ring is star-shaped about its centroid; holes are not."""
+    if not len(rings):
+        return np.zeros(0, bool)
+    double = turned_triangles(points, rings, double_area)
+    total = np.bincount(rings.of_corner(), double, len(rings))
+    return (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
+
+
+def double_area(u, v) -> np.ndarray:
+    """Compute twice the signed area of triangles in plan with sides u, v (k, 2)."""
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+
+
+def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
+    """Compute twice the areas (c,) of the triangles from the centroids to the sides, by `double`.
+
+    weigh : twice the areas, inverted ones negative, that weight the centroid; default: `double`
+    """
+    p, middle = points[faces.corner], centroids(points, faces, weigh or double)[faces.of_corner()]
+    return double(p - middle, points[faces.corner[faces.next_corner()]] - middle)
+
+
+def centroids(points, faces: Faces, double) -> np.ndarray:
+    """Compute the centroids (k, d) of the cells, from triangles about their mean corner, by `double`."""
+    of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
+
+    def mean_by_cell(values, weight):
+        return np.stack(
+            [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
+        )
+
+    p = points[faces.corner]
+    middle = mean_by_cell(p, np.maximum(counts, 1))
+    u, v = p - middle[of_corner], p[nxt] - middle[of_corner]
+    cross = 0.5 * double(u, v)
+    area = np.bincount(of_corner, cross, len(faces))
+    return middle + mean_by_cell(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
+
+
+def quarters(points, faces: Faces) -> np.ndarray:
+    """Return the quarters (c, 4, 2) [m] of the cells in plan: corner, side midpoints and centroid."""
+    corner, after = points[faces.corner], faces.next_corner()
+    middle = centroids(points, faces, double_area)[faces.of_corner()]
+    side = 0.5 * (corner + corner[after])
+    before = np.empty_like(side)
+    before[after] = side
+    return np.stack([corner, side, middle, before], 1)
+
+
+def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
+    """Compute the vector areas (f, 3) [m2] of the faces, half the sum of x_k x x_(k+1) from one corner."""
+    face = rings.face_of_corner()
+    start = points[rings.corner[rings.start[:-1]]][rings.first_rings()][face]
+    p, q = points[rings.corner] - start, points[rings.corner[rings.next_corner()]] - start
+    return np.stack([np.bincount(face, part, rings.count) for part in 0.5 * np.cross(p, q).T], -1)
+
+
+def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
+    """Build the cells of the constrained Delaunay tessellation of a polygon.
+
+    shapes : outer ring and holes as corner numbers
+
+    Triangles with corners on one circle form one cell, because the diagonal between them is arbitrary.
+    """
+    polygon = shapely.Polygon(points[shapes[0]], [points[ring] for ring in shapes[1:]])
+    used = np.unique(np.concatenate(shapes))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    triangles = _rings(parts, points, used)[0].corner.reshape(-1, 3)
+    a, b, c = (points[np.roll(triangles, -k, axis=1)] for k in range(3))  # c: opposite the side from a to b
+    u, v = (a - c).reshape(-1, 2), (b - c).reshape(-1, 2)
+    cotangent = np.sum(u * v, axis=1) / np.maximum(double_area(u, v), 1e-300)
+    sides = np.column_stack([triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()])
+    pairs, row, times = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+    arbitrary = (times == 2) & (np.abs(np.bincount(row.ravel(), cotangent)) < COCIRCULAR)
+    cells = shapely.get_parts(shapely.polygonize(shapely.linestrings(points[pairs[~arbitrary]])))
+    cells = cells[shapely.contains(polygon, shapely.point_on_surface(cells))]  # drops cells in holes
+    return _rings(cells, points, used)[0]

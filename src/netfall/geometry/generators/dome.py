@@ -1,0 +1,98 @@
+"""Cable dome after Levy, in equilibrium under its prestress: rings of struts that float between cables.
+
+From the central ring (level 0) to the supports (level h + 1) a level has n nodes at the radius r_j, rotated
+by
+half a sector from level to level. Each strut stands between a ridge node at z_j and a lower node at z_j - L.
+From a node of level j two ridge cables (force density q_j) and from its lower node two diagonals (d_j) run to
+the ridge nodes, or supports, of level j + 1. With
+
+    fall_j = z_j - z_(j+1)                 climb_j = L - fall_j           vertical parts of ridge, diagonal
+    out_j = r_(j+1) cos(pi/n) - r_j        in_j = r_(j+1) - r_j cos(pi/n) radial parts at level j, at j + 1
+
+the equilibrium of ridge and lower nodes is, radially and vertically,
+
+    q_(j+1) out_(j+1) = (q_j + d_j) in_j          P_j = 2 q_j fall_j      P_j the force of a strut
+    c_j r_j (1 - cos(2 pi/n)) = d_j out_j         P_j = 2 d_j climb_j     c_j the force density of a hoop
+
+Hence d_j = q_j fall_j / climb_j, and everything follows from q_0. The upper ring of level 0 has q_0 in place
+of
+d_0.
+"""
+
+import numpy as np
+
+from netfall.core.functions import cos, sin
+from netfall.geometry.generators.prestressed import closed_rings, prestressed_net
+from netfall.geometry.net import Net
+
+GROUPS = ["ridge", "diagonal", "hoop", "ring_upper", "ring_lower", "strut"]
+
+
+def dome(
+    diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_force, ring_groups=False
+) -> Net:
+    """Generate the net with its prestress, by the keys of the job. Its supports are the outermost nodes."""
+    r, z, q, d, c, ring, P = profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force)
+    above = np.arange((hoops + 2) * spokes).reshape(-1, spokes)  # the supports are the last row
+    below = above.size + np.arange((hoops + 1) * spokes).reshape(-1, spokes)
+    angle = 2.0 * np.pi / spokes * (np.arange(spokes) + 0.5 * (np.arange(hoops + 2)[:, None] % 2))
+    upper = np.stack([r[:, None] * cos(angle), r[:, None] * sin(angle), 0.0 * angle + z[:, None]], -1)
+    x = np.concatenate([upper.reshape(-1, 3), (upper[:-1] - [0.0, 0.0, strut]).reshape(-1, 3)])
+    kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS
+        (_both_ways(above[:-1], above[1:]), q[:, None, None]),
+        (_both_ways(below, above[1:]), d[:, None, None]),
+        (closed_rings(below[1:]), c[1:, None]),
+        (closed_rings(above[0]), ring),
+        (closed_rings(below[0]), c[0]),
+        (np.stack([below, above[:-1]], -1), (-P / strut)[:, None]),
+    )
+    fixed = np.zeros((len(x), 3), bool)
+    fixed[above[-1]] = True
+    net = prestressed_net(x, fixed, kinds, GROUPS, ring_groups)
+    net.outline = closed_rings(above[-1])
+    return net
+
+
+def _both_ways(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
+    """Return elements (h + 1, 2, n, 2) from each node (h + 1, n) to its two neighbours of the next level."""
+    even = np.arange(len(inner))[:, None] % 2 == 0
+    before = np.where(even, np.roll(outer, 1, 1), outer)
+    after = np.where(even, outer, np.roll(outer, -1, 1))
+    return np.stack([np.stack([inner, before], -1), np.stack([inner, after], -1)], 1)
+
+
+def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
+    """Return radii, heights (h + 2,) [m] of levels; q, d, c (h + 1,) and upper ring [N/m]; P (h + 1,) [N]."""
+    r, z = levels(diameter, opening, dome_height, hoops)
+    cosine = cos(np.pi / spokes)
+    fall, out, inwards = -np.diff(z), r[1:] * cosine - r[:-1], r[1:] - r[:-1] * cosine
+    share = fall / (strut - fall)  # d / q
+    growth = (1.0 + share[:-1]) * inwards[:-1] / out[1:]
+    q = 0.5 * spoke_force / out[0] * np.concatenate([[1.0], np.cumprod(growth)])
+    d, bend = q * share, r[:-1] * (1.0 - cos(2.0 * np.pi / spokes))
+    return r, z, q, d, d * out / bend, q[0] * out[0] / bend[0], 2.0 * q * fall
+
+
+def levels(diameter, opening, dome_height, hoops):
+    """Return radii and heights (h + 2,) [m] of ridge nodes on a paraboloid, from the ring to the supports."""
+    r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
+    return r, dome_height * (r[-1] ** 2 - r**2) / (r[-1] ** 2 - r[0] ** 2)
+
+
+def wrong_dome(net) -> str:
+    """Describe the error in the dimensions of a dome: no cable may be in compression; "": none."""
+    r, z = levels(net.diameter, net.opening, net.dome_height, net.hoops)
+    if not (r[1:] * cos(np.pi / net.spokes) > r[:-1]).all():
+        return (
+            f"hoops = {net.hoops}: the rings are too close for {net.spokes} spokes; expected each "
+            "cos(pi / spokes) of the next one's radius at most: fewer hoops or more spokes"
+        )
+    fall = float(-np.diff(z).max())
+    if not net.dome_height > 0.0:
+        return f"dome_height = {net.dome_height:g}: expected more than 0 m"
+    if not net.strut > fall:
+        return (
+            f"strut = {net.strut:g}: expected more than {fall:.4g} m, by which the ridge falls from "
+            "ring to ring: its diagonals must rise outwards"
+        )
+    return ""

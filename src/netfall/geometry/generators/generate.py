@@ -1,0 +1,164 @@
+"""Nets from dimensions: saddle (4.1) and stadium (4.2) of the paper; ring, wheel and dome."""
+
+import numpy as np
+
+from netfall.geometry.generators.dome import dome, wrong_dome
+from netfall.geometry.generators.ellipse import SNAP, around, cables_in_ellipse, in_order
+from netfall.geometry.generators.wheel import largest_brace_force, wheel
+from netfall.geometry.net import Net, pair_key
+from netfall.job.schema import GENERATOR_KEYS
+
+
+def saddle(side: float, rise: float, cells: int) -> Net:
+    """Generate a square net on a rigid boundary z = rise ((x/a)^2 - (y/a)^2), a = side / 2.
+
+    Free particles are on z = 0. The corners of the square carry no cable and are no particles.
+    """
+    a, count = 0.5 * side, cells + 1
+    line = np.linspace(-a, a, count)
+    X, Y = np.meshgrid(line, line)
+    on_edge = np.zeros((count, count), bool)
+    on_edge[[0, -1]] = on_edge[:, [0, -1]] = True
+    corner = np.zeros_like(on_edge)
+    corner[np.ix_([0, -1], [0, -1])] = True
+    Z = np.where(on_edge, rise * ((X / a) ** 2 - (Y / a) ** 2), 0.0)
+    points = np.stack([X, Y, Z], -1)
+    number = np.where(corner, -1, np.cumsum(~corner).reshape(corner.shape) - 1)
+    n = int((~corner).sum())
+    number[corner] = n + np.arange(4)
+    ring = np.concatenate([number[0], number[1:, -1], number[-1, -2::-1], number[-2:0:-1, 0]])
+    inner = slice(1, -1)
+    along_x = np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2)
+    along_y = np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2)
+    elements, group = in_order(along_x, along_y)
+    fixed = np.repeat(on_edge[~corner][:, None], 3, 1)
+    return Net(
+        points[~corner],
+        fixed,
+        elements,
+        group,
+        ["x", "y"],
+        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        corners=points[corner],
+    )
+
+
+def stadium(length: float, width: float, arch_rise: float, spacing: float, halves: int = 1) -> Net:
+    """Generate a stadium roof: one half as in the paper, or both halves, which share the arch."""
+    half = half_stadium(length, width, arch_rise, spacing)
+    return half if halves == 1 else mirrored(half)
+
+
+def mirrored(half: Net) -> Net:
+    """Join a net on one side of its supports on y = 0 with its mirror image on the other side."""
+    away = np.flatnonzero(half.x[:, 1] > 0)
+    away = away[np.lexsort((half.x[away, 0], -half.x[away, 1]))]
+    k, corners = len(away), len(half.corners)
+    own = k + np.arange(half.n + corners)
+    image = own.copy()
+    image[away] = np.arange(k)
+    along_x, along_y = (half.elements[half.group == group] for group in (0, 1))
+    elements, group = in_order(
+        np.concatenate([image[along_x], own[along_x]]),
+        np.concatenate([image[along_y][:, ::-1], own[along_y]]),
+    )
+    outline = np.concatenate([image[half.outline], own[half.outline]])
+    first = np.sort(
+        np.unique(pair_key(outline, len(own) + k), return_index=True)[1]
+    )  # both halves have the arch
+    return Net(
+        np.concatenate([half.x[away] * [1.0, -1.0, 1.0], half.x]),
+        np.concatenate([half.fixed[away], half.fixed]),
+        elements,
+        group,
+        half.group_names,
+        outline=outline[first],
+        corners=half.corners,
+    )
+
+
+def half_stadium(length: float, width: float, arch_rise: float, spacing: float) -> Net:
+    """Generate half of a stadium roof, from a rigid parabolic arch (y = 0) to a rigid elliptic edge (z = 0).
+
+    Cables run along x and y at multiples of `spacing` and end on the arch or the ellipse. The start geometry
+    is
+    the ruled surface that is straight in the y direction from arch to edge.
+    """
+    a, b = 0.5 * length, 0.5 * width
+    xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
+    height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
+    to_edge = b * np.sqrt(np.maximum(0.0, 1 - (xy[:, 0] / a) ** 2))
+    z = np.where(support & (xy[:, 1] > 0), 0.0, height * (1 - xy[:, 1] / np.maximum(to_edge, SNAP * spacing)))
+    elements, group = in_order(along_x, along_y)
+    n = len(xy)
+    arch = np.flatnonzero(support & (xy[:, 1] == 0))
+    edge = around(np.flatnonzero(support & (xy[:, 1] > 0)), xy, a, b)
+    ring = np.concatenate([[n], arch, [n + 1], edge])  # from (-a, 0) to (a, 0), then back along the ellipse
+    return Net(
+        np.column_stack([xy, z]),
+        np.repeat(support[:, None], 3, 1),
+        elements,
+        group,
+        ["x", "y"],
+        outline=np.column_stack([ring, np.roll(ring, -1)]),
+        corners=np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]),
+    )
+
+
+def ring(length: float, width: float, rise: float, spacing: float) -> Net:
+    """Generate cables along x and y at multiples of `spacing` inside an elliptic ring, z = rise (u^2 - v^2).
+
+    u = x / a, v = y / b, with a and b half of length and width. The ring is `rise` above the middle at the
+    ends of
+    the long axis, and `rise` below it at the ends of the short axis.
+    """
+    a, b = 0.5 * length, 0.5 * width
+    plan, held, along_x, along_y = cables_in_ellipse(a, b, spacing)
+    elements, group = in_order(along_x, along_y)
+    x = np.column_stack([plan, rise * ((plan[:, 0] / a) ** 2 - (plan[:, 1] / b) ** 2)])
+    edge = around(np.flatnonzero(held), plan, a, b)
+    fixed = np.repeat(held[:, None], 3, 1)
+    outline = np.column_stack([edge, np.roll(edge, -1)])
+    return Net(x, fixed, elements, group, ["x", "y"], outline=outline)
+
+
+def generate(net) -> Net:
+    """Generate the net of a section [net] with a generator."""
+    makers = {"saddle": saddle, "stadium": stadium, "ring": ring, "wheel": wheel, "dome": dome}
+    make = makers[net.generator]
+    return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
+
+
+def wrong_dimensions(net, most: int) -> str:
+    """Describe the error in the dimensions of a section [net]: too many elements, or no roof; "": none."""
+
+    def half_roof():
+        return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
+
+    key, size = {
+        "saddle": ("cells", lambda: 2.0 * net.cells**2),
+        "stadium": ("spacing", lambda: net.halves * half_roof()),
+        "ring": ("spacing", lambda: 2.0 * half_roof()),
+        "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
+        "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
+    }[net.generator]
+    given = f"{key} = {getattr(net, key):g}:"
+    if not size() <= most:
+        return f"{given} asks for {size():.3g} elements; at most {most:.0e} fit"
+    if net.generator in ("stadium", "ring") and net.spacing > 0.25 * min(net.length, net.width):
+        return (
+            f"{given} too wide for the roof; expected at most {0.25 * min(net.length, net.width):g} m, "
+            "a quarter of the shorter axis"
+        )
+    if net.generator == "wheel" and net.spokes % 4:
+        return f"{given} expected a multiple of 4, for the supports a quarter of the ring apart"
+    if net.generator in ("wheel", "dome") and not net.opening < net.diameter:
+        return f"opening = {net.opening:g}: expected less than diameter = {net.diameter:g} m"
+    if net.generator == "wheel":
+        most = largest_brace_force(net.opening, net.ring_height, net.spokes, net.spoke_force)
+        if not net.brace_force < most:
+            return (
+                f"brace_force = {net.brace_force:g}: expected less than {most:.4g} N, with which the "
+                "diagonals alone would hold the radials and leave the tension rings slack"
+            )
+    return wrong_dome(net) if net.generator == "dome" else ""

@@ -1,0 +1,48 @@
+"""Net in equilibrium under its prestress, from the force densities of its groups."""
+
+import numpy as np
+
+from netfall.geometry.net import Net
+
+
+def prestressed_net(x, fixed, kinds, group_names: list[str], ring_groups: bool = False) -> Net:
+    """Build the net of groups of elements, in the order of their nodes.
+
+    x : (n, 3) [m]; fixed : (n, 3) bool
+    kinds : for each group the nodes (..., 2) of its elements and their force density [N/m], a number or (...)
+        (with more than two axes the first counts rings, from the middle)
+    ring_groups : whether each ring of a group is its own group, hoop1, hoop2, ... from the middle
+    """
+    elements = np.concatenate([pairs.reshape(-1, 2) for pairs, _ in kinds])
+    density = np.concatenate([np.broadcast_to(value, pairs.shape[:-1]).ravel() for pairs, value in kinds])
+    tier = np.concatenate([_tiers(pairs) for pairs, _ in kinds])
+    group = np.repeat(np.arange(len(kinds)), [pairs.size // 2 for pairs, _ in kinds])
+    order = np.lexsort((elements.max(1), elements.min(1)))
+    net = Net(x, fixed, elements[order], group[order], group_names, tier=tier[order])
+    if ring_groups:
+        _by_ring(net)
+    net.prestress = density[order] * net.lengths()
+    return net
+
+
+def _by_ring(net: Net) -> None:
+    """Make each ring of a group its own group."""
+    rings = 1 + int(net.tier.max(initial=0))
+    pairs, group = np.unique(net.group * rings + net.tier, return_inverse=True)
+    several = np.bincount(pairs // rings) > 1
+    net.group_names = [
+        net.group_names[pair // rings] + str(pair % rings + 1) * bool(several[pair // rings])
+        for pair in pairs
+    ]
+    net.group, net.tier = group, np.zeros_like(group)
+
+
+def _tiers(pairs: np.ndarray) -> np.ndarray:
+    """Return the ring of each of the elements between nodes (..., 2)."""
+    rings = len(pairs) if pairs.ndim > 2 else 1
+    return np.repeat(np.arange(rings), pairs.size // 2 // rings) if rings else np.zeros(0, int)
+
+
+def closed_rings(nodes: np.ndarray) -> np.ndarray:
+    """Return the elements (..., k, 2) of the rings through nodes (..., k)."""
+    return np.stack([nodes, np.roll(nodes, -1, -1)], -1)

@@ -1,0 +1,137 @@
+"""Spoked-wheel roof of two layers, in equilibrium under its prestress.
+
+It has a compression ring of bars, two tension rings around the opening, radial cables above and below with
+struts between them, and hoops in the upper layer.
+
+A spoke k at level j (0: at the opening) has the radius r_j. By equilibrium of each node, with n spokes:
+
+    in plan, upper      H_(j+1) = H_j + 2 T sin(pi / n)      T the tension of a hoop, none at level 0
+    in plan, lower      G_(j+1) = G_j = H_0                  H_0 the force of a spoke at the tension ring
+    vertical, both      V_(j+1) = V_j + P = (j + 1) P        all struts push with P (see below)
+    slope of a radial   V / H above, V / G below             so P follows from the height of the rings
+    rings               H_0 / (2 sin(pi / n)), in compression (H + G) / (2 sin(pi / n))
+    diagonals, each q   in plan they pull as the rings do, so the rings' force density is less by q; and each
+                        strut between the rings, of the height h, pushes with 2 q h more
+
+The radials of both layers end in the same compression ring, at z = 0, where their vertical forces cancel.
+Bars have no bending stiffness. A ring of bars alone would ovalise without resistance. The ring is therefore
+the inner chord of a flat ring truss, whose outer chord and web have no prestress.
+
+The layers could rotate against each other about the axis, because radials resist sideways motion only by
+their
+tension, and struts in compression tip over. Snow reduces the tension of the upper radials. Roofs of this kind
+therefore have crossed, prestressed diagonals between the tension rings.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from netfall.core.functions import cos, sin
+from netfall.geometry.generators.prestressed import closed_rings, prestressed_net
+from netfall.geometry.net import Net
+
+GROUPS = ["ring_outer", "ring_upper", "ring_lower", "upper", "lower", "hoop", "strut", "ring_truss"]
+BRACE = "brace"
+
+
+def wheel(
+    diameter,
+    opening,
+    ring_height,
+    ring_depth,
+    spokes: int,
+    hoops: int,
+    spoke_force,
+    hoop_force,
+    brace_force=0.0,
+    ring_groups=False,
+) -> Net:
+    """Generate the net with its prestress, by the keys of the job. Without brace_force it has no diagonals.
+
+    The ring truss is held vertically at each spoke. Its inner chord is also held along itself at four spokes,
+    a
+    quarter apart, so that it is free to shrink, as on bearings.
+    """
+    r, upper, lower, H, G, P = profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force)
+    number = np.arange((2 * hoops + 4) * spokes).reshape(-1, spokes)
+    outer, chord = number[[1, 0]]
+    above, below = number[hoops + 2 : 1 : -1], number[: hoops + 2 : -1]
+    angle = 2.0 * np.pi * np.arange(spokes) / spokes
+    x = np.zeros((number.size, 3))
+    for nodes, radius, height in (
+        (chord, 0.5 * diameter + ring_depth, 0.0),
+        (outer, 0.5 * diameter, 0.0),
+        *zip(above, r, upper),
+        *zip(below, r, lower),
+    ):
+        x[nodes] = np.column_stack([radius * cos(angle), radius * sin(angle), np.full(spokes, height)])
+    step, sine = np.diff(np.append(r, 0.5 * diameter)), sin(np.pi / spokes)
+
+    def ring_density(force, radius):
+        return force / (2.0 * radius * sine)
+
+    def radials(nodes):
+        return np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
+
+    brace = brace_force / sqrt(_side(opening, spokes) ** 2 + ring_height**2)
+    push = P / (upper - lower)
+    push[0] += 2.0 * brace
+    kinds = (  # nodes (..., 2) and force density of each group, in the order of GROUPS, then the diagonals
+        (closed_rings(outer), -ring_density((H[-1] + G) / (2.0 * sine), 0.5 * diameter)),
+        (closed_rings(above[0]), ring_density(H[0] / (2.0 * sine), r[0]) - brace),
+        (closed_rings(below[0]), ring_density(G / (2.0 * sine), r[0]) - brace),
+        (radials(above), (H / step)[:, None]),
+        (radials(below), (G / step)[:, None]),
+        (closed_rings(above[1:]), ring_density(hoop_force, r[1:])[:, None]),
+        (np.stack([below, above], -1), -push[:, None]),
+        (_truss(outer, chord), 0.0),
+        *([(_crossed(above[0], below[0]), brace)] if brace_force else []),
+    )
+    return prestressed_net(x, _supports(number, spokes), kinds, [*GROUPS, BRACE][: len(kinds)], ring_groups)
+
+
+def _truss(outer, chord) -> np.ndarray:
+    """Return the outer chord, posts, and two diagonals in each bay (4 n, 2), without the inner chord."""
+    sides = [np.column_stack(pair) for pair in ((chord, np.roll(chord, -1)), (outer, chord))]
+    return np.concatenate([*sides, _crossed(outer, chord)])
+
+
+def _crossed(one, other) -> np.ndarray:
+    """Return two diagonals in each bay between two rings of nodes, (2 n, 2)."""
+    pairs = ((one, np.roll(other, -1)), (np.roll(one, -1), other))
+    return np.concatenate([np.column_stack(pair) for pair in pairs])
+
+
+def _side(opening, spokes) -> float:
+    """Compute the length [m] of a side of a tension ring."""
+    return opening * sin(np.pi / spokes)
+
+
+def largest_brace_force(opening, ring_height, spokes, spoke_force) -> float:
+    """Compute the force [N] of the diagonals at which they carry the whole load of the tension rings."""
+    side = _side(opening, spokes)
+    return spoke_force / (2.0 * sin(np.pi / spokes) * side) * sqrt(side**2 + ring_height**2)
+
+
+def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force):
+    """Compute radii and heights (h + 1,) [m] of the levels above and below; H (h + 1,), G, P [N] as above."""
+    r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
+    step, count = np.diff(r), np.arange(hoops + 1)
+    H, G = spoke_force + 2.0 * hoop_force * sin(np.pi / spokes) * count, spoke_force
+    fall_above, fall_below = (count + 1) / H * step, (count + 1) / G * step  # for P = 1
+    P = ring_height / (fall_above + fall_below).sum()
+
+    def heights(falls):
+        return P * falls[::-1].cumsum()[::-1]
+
+    return r[:-1], heights(fall_above), -heights(fall_below), H, G, P
+
+
+def _supports(number: np.ndarray, spokes: int) -> np.ndarray:
+    """Return the held axes (n, 3); the supports along the ring are at 0, 90, 180 and 270 degrees."""
+    fixed = np.zeros((number.size, 3), bool)
+    fixed[number[:2], 2] = True
+    fixed[number[1, [0, spokes // 2]], 1] = True
+    fixed[number[1, [spokes // 4, 3 * spokes // 4]], 0] = True
+    return fixed

@@ -1,0 +1,108 @@
+"""Faces of the roof from a table, for nets whose faces do not follow from the plan."""
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.core.functions import lengths
+from netfall.geometry.faces import Faces, corners_on_sides, faces_of_rings, vector_areas
+from netfall.geometry.net import Net, pair_key
+from netfall.geometry.plan import Plan
+from netfall.job.csv_table import Table
+from netfall.job.job import Job
+
+AXES = ("x", "y", "z")
+UPRIGHT = 1e-6  # ratio of plan to surface area below which a face has no orientation in plan
+
+
+def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
+    """Read the faces of the table `[roof] faces`, and their sides as a plan. Sets `net.corners`.
+
+    Rows of one face are consecutive: its corners in order, anticlockwise in plan, then those around each of
+    its
+    holes, clockwise; `ring` counts the rings, 0 for the outer one. A node is given by its id, a point without
+    a
+    node by its position [m]. Raises InputError with all errors.
+    """
+    table = Table(job.path.parent / job.roof.faces, ("face", "ring", "node", *AXES), ("face", "node"))
+    corner, net.corners = _corners(table, net)
+    face = table.integers("face")
+    ring = table.integers("ring") if "ring" in table else np.zeros(len(table), np.int64)
+    start = np.flatnonzero(np.append(True, (face[1:] != face[:-1]) | (ring[1:] != ring[:-1])))
+    space = np.concatenate([net.x, net.corners])
+    rings, points = Faces(np.append(start, len(face)), corner), space[:, :2]
+    _check(table, face[start], ring[start], rings, space)
+    table.finish()
+    plan = _sides(net, rings, points)
+    polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))
+    return faces_of_rings(corners_on_sides(rings, plan, net), polygon, points), plan
+
+
+def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point (c,) of each row, from n on without a node, and positions (k, 3) [m] of the others."""
+    ids = net.node_id[: net.given]  # nodes of `subdivide` are added later
+    rows = {str(number): row for row, number in enumerate(ids.tolist())}
+    place = table.stacked(AXES, unit="m")
+    corner, extra = np.zeros(len(table), np.int64), {}
+    for row, word in enumerate(table.words("node")):
+        if word:
+            corner[row] = rows.get(word, 0)
+            if word not in rows:
+                table.wrong(f"{table.at(row)}: node = {word[:40]}: no such node; expected the id of one")
+        elif np.isnan(place[row]).any():
+            table.wrong(f"{table.at(row)}: node is empty; expected an id, or x, y, z of a point without one")
+        else:
+            corner[row] = net.n + extra.setdefault(tuple(place[row].tolist()), len(extra))
+    return corner, np.array(list(extra)).reshape(-1, 3)
+
+
+def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, points: np.ndarray) -> None:
+    """Report faces that are not consecutive, have too few corners, or run the wrong way.
+
+    number, ring : (r,) of the rings `faces`; points : (k, 3) [m]
+    """
+    first = np.append(True, number[1:] != number[:-1])
+    values, times = np.unique(number[first], return_counts=True)
+    for value in values[times > 1]:
+        table.wrong(f"face = {value}: its rows stand apart; expected one after another")
+    expected = np.arange(len(ring)) - np.maximum.accumulate(np.where(first, np.arange(len(ring)), 0))
+    for f in np.flatnonzero(ring != expected):
+        table.wrong(f"face = {number[f]}: ring = {ring[f]}; expected 0 around it, then its holes from 1")
+    vector = vector_areas(points, faces)
+    area, upright = vector[:, 2], np.abs(vector[:, 2]) < UPRIGHT * lengths(vector)
+    for f in np.flatnonzero(upright)[:1]:
+        table.wrong(
+            f"{upright.sum()} upright faces, the first is face = {number[f]}: {area[f]:.4g} m2 in plan, "
+            f"{lengths(vector[f]):.4g} m2 of surface; faces of the roof have an area in plan. Leave upright "
+            "faces out of the table, and give their nodes area, normal_x, normal_y and normal_z in nodes.csv"
+        )
+    for f, corners in enumerate(np.split(faces.corner, faces.start[1:-1])):
+        direction = "clockwise around a hole" if ring[f] else "anticlockwise"
+        if len(np.unique(corners)) < max(3, len(corners)):
+            table.wrong(f"face = {number[f]}: expected three corners or more, each once")
+        elif not (upright[f] or (area[f] < 0.0 if ring[f] else area[f] > 0.0)):
+            problem = f"{area[f]:.4g} m2 in plan; expected its corners {direction}, seen from above"
+            table.wrong(f"face = {number[f]}: {problem}")
+
+
+def _sides(net: Net, faces: Faces, points: np.ndarray) -> Plan:
+    """Return the sides of the faces, each once, with the undivided element that lies on it."""
+    side = faces.sides()
+    side = side[np.unique(pair_key(side, len(points)), return_index=True)[1]]
+    key = pair_key(net.undivided(), len(points))
+    order = np.argsort(key, kind="stable")
+    row = np.minimum(np.searchsorted(key[order], pair_key(side, len(points))), len(key) - 1)
+    has_element = key[order][row] == pair_key(side, len(points))
+    return Plan(points, side, np.where(has_element, order[row], -1), np.tile([0.0, 1.0], (len(side), 1)))
+
+
+def faces_are_given(job: Job) -> bool:
+    """Tell whether a table gives the faces. Raises InputError if other keys of [roof] also define them."""
+    if getattr(job.roof, "faces", None) is None:
+        return False
+    keys = [key for key in ("groups", "openings", "lines") if getattr(job.roof, key)]
+    if keys:
+        raise InputError(
+            f"{job.path}: [roof] faces and {' and '.join(keys)} exclude each other: the table has the faces; "
+            "keep one of the two"
+        )
+    return True

@@ -1,0 +1,341 @@
+"""Net: nodes and cables as given, before any computation, as plain arrays in global order.
+
+Nodes and cables of the net are the particles and elements of the solver: the same rows, in the same order,
+after subdivision.
+"""
+
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.job.values import nearest, shown
+
+GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
+SAME_PLACE = 1e-3  # m: largest distance of two nodes that were meant as one; the smaller limit applies
+SAME_SHARE = 0.01  # the same as a share of the median length of the elements
+
+
+def _node(empty=None, inner=None):
+    """Declare a column of the nodes; empty : default of a row; inner : value of nodes from subdivision."""
+    return field(default=None, metadata={"entity": "node", "empty": empty, "inner": inner})
+
+
+def _element(divided: str = "each", empty=None, key: str = "", absent: float | None = None):
+    """Declare a column of the elements.
+
+    divided : value of each part of a subdivided element: the whole ("each"), or the whole divided ("split")
+    or
+    multiplied ("multiplied") by the number of parts
+    empty : default of a row; key : key of [cable] that fills the column; absent : value if the job has no
+    such key
+    """
+    row = {"entity": "element", "empty": empty, "divided": divided, "key": key, "absent": absent}
+    return field(default=None, metadata=row)
+
+
+NOTHING, UNKNOWN = (0.0, 0.0, 0.0), (np.nan, np.nan, np.nan)
+
+
+@dataclass
+class Net:
+    """Particles and elements of a net with their sections.
+
+    This class is the table of columns. Each row states the default of its column and how subdivision
+    continues
+    it. The digest of a run covers every column.
+
+    x : (n, 3) [m] start geometry; fixed : (n, 3) bool, per axis
+    load : (n, 3) [N]; mass : (n,) [kg] carried; area : (n,) [m2] of surface, tributary, nan: from the faces
+    normal : (n, 3) upward unit normal of the surface, nan: from the faces
+    spring : (n, 3) [N/m] of an elastic support, 0: none; spring_rest : (n, 3) [m], displacement at which it
+        carries nothing, of a net without form finding
+    angle : (n,) [degrees] about z, of the axes of `fixed` and `spring`; None: x and y
+    zone : (n,) row of zone_names that the table gives, -1: none; for a node in several zones, one of them
+    zone_share : (n, z) share of each node's area in each of zone_names, if the table gives shares; None:
+    whole
+    elements : (m, 2) particle numbers; group : (m,) row of group_names
+    section : (m,) [m2]; nominal : (m,) bool, no area was given, the section is that of steel
+    modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]; expansion : (m,) [1/K]
+    fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], breaking force, inf: none
+    strength_deviation : (m,) scatter; strength : (m,) random factor, already applied to the strengths above
+    length_deviation : (m,) [m] scatter of the length of the cable; length_error : (m,) [m], random draw
+    type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
+    second_moment : (m,) [m4] of the area of bars, nan: none, None: no element has one; then the next two are
+        None too
+    buckling_length : (m,) [m], nan: length of the element of the table; buckling_curve : (m,) row of CURVES
+    bending, buckling : (m,) bool, bars of bending chains, bars that buckle; None: none
+    tier : (m,) ring of a generated net, from the middle, that the element belongs to within its group;
+    otherwise 0
+    prestress : (m,) [N]; force_density : (m,) [N/m], nan: none; unstressed_length : (m,) [m], nan: none
+    outline : (s, 2) segments of the rigid boundary in plan, which close faces but are no elements; numbers
+        from n on are rows of `corners` (k, 3) [m], points of the boundary without a particle
+    cable : (m,) row of cable_names, the cable that the element is part of (`geometry.cables`)
+    cable_given : name of the cable of each element of the table, "": none
+    parts : elements per given element; notes : plausible but unusual input
+    """
+
+    x: np.ndarray
+    fixed: np.ndarray
+    elements: np.ndarray
+    group: np.ndarray
+    group_names: list[str]
+    node_id: np.ndarray = None
+    element_id: np.ndarray = _element()
+    load: np.ndarray = _node(NOTHING, NOTHING)
+    mass: np.ndarray = _node(0.0, 0.0)
+    area: np.ndarray = _node(np.nan)
+    normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
+    spring: np.ndarray = _node(NOTHING, NOTHING)
+    spring_rest: np.ndarray = _node(NOTHING, NOTHING)
+    angle: np.ndarray | None = _node(inner=0.0)
+    zone: np.ndarray = _node(-1)
+    zone_share: np.ndarray = _node()
+    zone_names: list[str] = field(default_factory=list)
+    force_density: np.ndarray = _element("multiplied", np.nan)
+    unstressed_length: np.ndarray = _element("split", np.nan)
+    section: np.ndarray = _element()
+    modulus: np.ndarray = _element()
+    density: np.ndarray = _element()
+    expansion: np.ndarray = _element(key="expansion")
+    prestress: np.ndarray = _element(key="prestress")
+    yield_stress: np.ndarray = _element(key="yield_stress", absent=np.inf)
+    fracture_strain: np.ndarray = _element(key="fracture_strain", absent=np.inf)
+    nominal: np.ndarray = _element()
+    breaking_load: np.ndarray = _element()
+    strength_deviation: np.ndarray = _element(key="strength_deviation")
+    strength: np.ndarray = _element(empty=1.0)
+    length_deviation: np.ndarray = _element(key="length_deviation")
+    length_error: np.ndarray = _element(empty=0.0)
+    type: np.ndarray = _element(empty=-1)
+    type_names: list[str] = field(default_factory=list)
+    bar: np.ndarray = _element()
+    second_moment: np.ndarray | None = _element()
+    buckling_length: np.ndarray | None = _element()
+    buckling_curve: np.ndarray | None = _element()
+    bending: np.ndarray | None = _element()
+    buckling: np.ndarray | None = _element()
+    tier: np.ndarray = _element(empty=0)
+    cable: np.ndarray = None
+    cable_names: list[str] = field(default_factory=list)
+    cable_given: list[str] = field(default_factory=list)
+    outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    parts: int = 1
+    notes: list[str] = field(default_factory=list)
+
+    def __post_init__(self):
+        if self.node_id is None:
+            self.node_id = np.arange(self.n)
+        if self.element_id is None:
+            self.element_id = np.arange(self.m)
+        for column in fields(self):
+            empty = column.metadata.get("empty")
+            if getattr(self, column.name) is None and empty is not None:
+                rows = self.n if column.metadata["entity"] == "node" else self.m
+                setattr(self, column.name, np.full((rows, *np.shape(empty)), empty))
+
+    @property
+    def held(self) -> np.ndarray:
+        """(n, 3) bool, axes with a rigid or elastic support."""
+        return self.fixed | (self.spring > 0)
+
+    @property
+    def moves(self) -> np.ndarray:
+        """(n,) bool, nodes that can move along at least one axis."""
+        return ~self.fixed.all(1)
+
+    @property
+    def valence(self) -> np.ndarray:
+        """(n,) number of attached elements that exist."""
+        return np.bincount(self.elements[self.is_there].ravel(), minlength=self.n)
+
+    @property
+    def support(self) -> np.ndarray:
+        """(n,) [N/m], stiffness of the elastic supports along their stiffest axis."""
+        return self.spring.max(1)
+
+    @property
+    def n(self) -> int:
+        """Number of particles."""
+        return len(self.x)
+
+    @property
+    def given(self) -> int:
+        """Number of given nodes; the particles of subdivision follow them."""
+        return self.n - self.inner_particles().size
+
+    @property
+    def m(self) -> int:
+        """Number of elements."""
+        return len(self.elements)
+
+    @property
+    def tolerance(self) -> float:
+        """Distance [m] below which two points are the same."""
+        return min(SAME_PLACE, SAME_SHARE * self.parts * float(np.median(self.lengths()))) if self.m else 0.0
+
+    @property
+    def is_there(self) -> np.ndarray:
+        """(m,) bool, elements that exist; those that an erection stage took out have no density."""
+        return self.density > 0.0
+
+    @property
+    def EA(self) -> np.ndarray:
+        """(m,) [N], axial stiffness."""
+        return self.modulus * self.section
+
+    @property
+    def yield_force(self) -> np.ndarray:
+        """(m,) [N], axial force at yield; inf: elastic."""
+        return self.yield_stress * self.section
+
+    @property
+    def own_weight(self) -> np.ndarray:
+        """(m,) [N/m], self weight of the elements."""
+        return GRAVITY * self.density * self.section
+
+    def undivided(self) -> np.ndarray:
+        """Return the two particles (m / parts, 2) of each given element, before subdivision."""
+        first, last = self.elements[:: self.parts], self.elements[self.parts - 1 :: self.parts]
+        return np.column_stack([first[:, 0], last[:, 1]])
+
+    def inner_particles(self) -> np.ndarray:
+        """Return the inner particles (m / parts, parts - 1) of each given element, from start to end."""
+        return self.elements[:, 1].reshape(-1, self.parts)[:, :-1]
+
+    def lengths(self) -> np.ndarray:
+        """Compute the lengths of the elements (m,) [m] in the start geometry."""
+        return lengths(self.x[self.elements[:, 1]] - self.x[self.elements[:, 0]])
+
+
+def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
+    """Return one number for each pair (k, 2) of points 0 to count - 1, the same in either order."""
+    return pairs.min(1) * count + pairs.max(1)
+
+
+def nearest_group(net: Net, name: str) -> str:
+    """Suggest a group for a name that no group of the net has."""
+    known = [group for group in net.group_names if group]
+    return nearest(name, known) if known else "the net has no groups"
+
+
+def elements_of_group(net: Net, name: str) -> tuple[np.ndarray, list[str]]:
+    """Return the elements (k,) of a group, and the errors in its name."""
+    rows = np.flatnonzero(np.isin(net.group, [g for g, group in enumerate(net.group_names) if group == name]))
+    return rows, [] if len(rows) else [f"no such group of elements; {nearest_group(net, name)}"]
+
+
+def elements_of_cables(net: Net, names: list[str]) -> tuple[np.ndarray, list[str]]:
+    """Return the elements (k,) of cables, and the errors in their names."""
+    unknown = sorted(set(names) - set(net.cable_names))
+    numbers = [net.cable_names.index(name) for name in names if name not in unknown]
+    errors = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown]
+    return np.flatnonzero(np.isin(net.cable, numbers)), errors
+
+
+def subdivide(net: Net, parts: int) -> Net:
+    """Divide each element of a net into `parts` equal ones; new particles follow the nodes, without load.
+
+    New particles are free, except in an element between two fixed nodes, where they are fixed. Such an
+    element
+    closes a face or stays in place. A free middle would sag or flap, which no cable there does.
+    """
+    if parts == 1:
+        return net
+    n, m = net.n, net.m
+    inner = n + np.arange(m * (parts - 1)).reshape(m, parts - 1)
+    chain = np.column_stack([net.elements[:, :1], inner, net.elements[:, 1:]])
+    new = _evenly(net.x[net.elements], parts)
+    k = len(new)
+    held = np.repeat(net.fixed[net.elements].all((1, 2)), parts - 1)
+    columns = {column.name: _continued(net, column, k, parts) for column in fields(net) if column.metadata}
+    return replace(
+        net,
+        x=np.concatenate([net.x, new]),
+        fixed=np.concatenate([net.fixed, np.repeat(held[:, None], 3, 1)]),
+        parts=net.parts * parts,
+        node_id=np.concatenate([net.node_id, net.node_id.max() + 1 + np.arange(k)]),
+        elements=np.stack([chain[:, :-1], chain[:, 1:]], -1).reshape(-1, 2),
+        group=np.repeat(net.group, parts),
+        outline=np.where(net.outline >= n, net.outline + k, net.outline),
+        **columns,
+    )
+
+
+def joined(net: Net) -> Net:
+    """Undo `subdivide`; the positions of inner particles are lost."""
+    if net.parts == 1:
+        return net
+    n = net.given
+    columns, undo = {}, {"split": np.multiply, "multiplied": np.divide}
+    for column in fields(net):
+        values, row = getattr(net, column.name), column.metadata
+        if row and values is not None:
+            columns[column.name] = values[:n] if row["entity"] == "node" else values[:: net.parts]
+            if row.get("divided") in undo:
+                columns[column.name] = undo[row["divided"]](columns[column.name], net.parts)
+    return replace(
+        net,
+        x=net.x[:n],
+        fixed=net.fixed[:n],
+        parts=1,
+        node_id=net.node_id[:n],
+        elements=net.undivided(),
+        group=net.group[:: net.parts],
+        outline=np.where(net.outline >= net.n, net.outline - (net.n - n), net.outline),
+        cable=None if net.cable is None else net.cable[:: net.parts],
+        **columns,
+    )
+
+
+def spaced(net: Net, x: np.ndarray) -> np.ndarray:
+    """Return positions (n, 3) [m] of all particles: given nodes at x, the others evenly spaced in between."""
+    return np.concatenate([x, _evenly(x[net.undivided()], net.parts)])
+
+
+def _evenly(ends: np.ndarray, parts: int) -> np.ndarray:
+    """Return points (m (parts - 1), 3) that divide the lines between ends (m, 2, 3) evenly."""
+    share = (np.arange(1, parts) / parts)[None, :, None]
+    return ((1 - share) * ends[:, :1] + share * ends[:, 1:]).reshape(-1, 3)
+
+
+def ends_of_inner(net: Net) -> np.ndarray:
+    """Return the two end nodes (n, 2) of the given element around each particle; of a given node, itself."""
+    ends = np.column_stack([np.arange(net.n)] * 2)
+    if net.parts > 1:
+        ends[net.inner_particles()] = net.undivided()[:, None]
+    return ends
+
+
+def with_inner(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Extend displacements (n, 3) of supports to the fixed inner particles between two supports.
+
+    These particles stay evenly spaced between their ends. fixed : (n, 3) bool
+    """
+    if net.parts == 1:
+        return moved
+    spaced_evenly = spaced(net, moved[: net.given])
+    inner = (ends_of_inner(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
+    return np.where((inner & ~moved.any(1))[:, None], spaced_evenly, moved)
+
+
+def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
+    """Return a column of a net with k more nodes and each element in `parts`, by its row in `Net`."""
+    values, row = getattr(net, column.name), column.metadata
+    if values is None:
+        return None
+    if row["entity"] == "node":
+        inner = row["inner"]
+        if column.name == "area":  # given areas cover the roof without the inner nodes
+            inner = np.nan if np.isnan(values).any() else 0.0
+        if column.name == "zone":  # an inner node is in a zone if both ends are
+            start, end = values[net.elements].T
+            inner = np.repeat(np.where(start == end, start, -1), parts - 1)
+        if column.name == "zone_share":
+            inner = np.repeat(values[net.elements].min(axis=1), parts - 1, axis=0)
+        return np.concatenate([values, np.broadcast_to(inner, (k, *values.shape[1:]))])
+    repeated = np.repeat(values, parts, axis=0)
+    if row["divided"] == "each":
+        return repeated
+    return repeated / parts if row["divided"] == "split" else repeated * parts

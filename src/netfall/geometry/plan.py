@@ -1,0 +1,172 @@
+"""Roof in plan: segments that meet only at their ends, or the errors that prevent such a drawing."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+
+from netfall.core.functions import lengths
+from netfall.core.sets import distinct
+from netfall.geometry.net import Net, pair_key
+from netfall.job.values import MOST_NAMED, listed, more_of
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Segments between points, each pair of points once.
+
+    points : (N, 2) [m] particles, then corners without one; segment : (s, 2) points
+    element : (s,) row of the undivided net that it lies on, -1: outline
+    span : (s, 2) start and end on that element, 0 to 1
+    notes : plausible but unusual drawing; errors : reasons for which the drawing has no faces
+    """
+
+    points: np.ndarray
+    segment: np.ndarray
+    element: np.ndarray
+    span: np.ndarray
+    notes: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+
+def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True) -> Plan:
+    """Draw the elements that carry the roof and the outline in plan; vertical elements are left out.
+
+    carries : (m,) bool of the undivided net, default all; checked : whether to look for nodes within
+    elements,
+    nodes above one another and crossings, which the net of a generator does not have
+    """
+    points = np.concatenate([net.x, net.corners])[:, :2]
+    ends = net.undivided()
+    element = np.arange(len(ends)) if carries is None else np.flatnonzero(carries)
+    segment = np.concatenate([ends[element], net.outline])
+    element = np.concatenate([element, np.full(len(net.outline), -1)])
+    length = lengths(points[segment[:, 1]] - points[segment[:, 0]])
+    long_enough = length > (net.tolerance if checked else 0.0)
+    segment, element = segment[long_enough], element[long_enough]
+    span = np.tile([0.0, 1.0], (len(segment), 1))
+    if not checked or not len(segment):
+        segment, element, span = _once(points, segment, element, span)
+        return Plan(points, segment, element, span)
+    errors, notes = _stacked(net, points, segment, element), []
+    if not errors:
+        segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
+        segment, element, span = _once(points, segment, element, span)
+        errors = _crossings(net, points, segment, element)
+    return Plan(points, segment, element, span, notes, errors)
+
+
+def _once(points, segment, element, span):
+    """Keep each pair of points once, with the element that comes first."""
+    first = np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])
+    return segment[first], element[first], span[first]
+
+
+def _near(points, others, distance):
+    """Return rows (i, k) of the pairs of points i and shapes k within `distance` of each other."""
+    return shapely.STRtree(others).query(points, predicate="dwithin", distance=distance)
+
+
+def _stacked(net, points, segment, element) -> list[str]:
+    """Return an error for nodes above one another in plan that both have elements in the roof."""
+    used = distinct(segment)
+    positions = shapely.points(points[used])
+    pairs = used[_near(positions, positions, net.tolerance)]
+    pairs = pairs[:, pairs[0] < pairs[1]].T
+
+    def describe(p):
+        return f"{_node_name(net, p)} ({_at_node(net, segment, element, p)})"
+
+    pair_names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
+    return [
+        f"{len(pairs)} pairs of nodes lie above one another in plan, or were meant as one, so it is not "
+        f"known which carry the roof: {pair_names}{'; ...' * (len(pairs) > MOST_NAMED)}"
+    ] * (len(pairs) > 0)
+
+
+def _cut_at_nodes(net, points, segment, element, span):
+    """Cut segments at nodes of the roof within them, uncut ones first; also return notes on these nodes."""
+    used = distinct(segment)
+    rank, row = _near(shapely.points(points[used]), shapely.linestrings(points[segment]), net.tolerance)
+    node = used[rank]
+    inner = (node[:, None] != segment[row]).all(1)
+    node, row = node[inner], row[inner]
+    start, end = points[segment[row, 0]], points[segment[row, 1]]
+    t = np.sum((points[node] - start) * (end - start), axis=1) / np.sum((end - start) ** 2, axis=1)
+    cut = np.unique(row)
+    owner = np.concatenate([cut, row, cut])
+    along = np.concatenate([np.zeros(len(cut)), t, np.ones(len(cut))])
+    stop = np.concatenate([segment[cut, 0], node, segment[cut, 1]])
+    order = np.lexsort((along, owner))
+    owner, along, stop = owner[order], along[order], stop[order]
+    same_owner = owner[1:] == owner[:-1]
+    uncut = np.ones(len(segment), bool)
+    uncut[cut] = False
+
+    def successive(values):
+        return np.column_stack([values[:-1], values[1:]])[same_owner]
+
+    notes = [
+        f"node {_node_name(net, p)} lies within {_member(net, segment[s], element[s])} in plan without being "
+        f"an end of it{_height_over(net, p, segment[s], share)}; it counts as a corner of the roof there"
+        for p, s, share in list(zip(node, row, t))[:MOST_NAMED]
+    ]
+    notes += more_of("nodes lie within elements in plan", len(node))
+    return (
+        np.concatenate([segment[uncut], successive(stop)]),
+        np.concatenate([element[uncut], element[owner[:-1][same_owner]]]),
+        np.concatenate([span[uncut], successive(along)]),
+        notes,
+    )
+
+
+def _height_over(net, p: int, ends, share: float) -> str:
+    """Describe the height of node p over an element between `ends`, at a share of its length."""
+    z = np.append(net.x[:, 2], net.corners[:, 2])
+    height = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
+    if abs(height) <= net.tolerance:
+        return ""
+    word = "above" if height > 0 else "below"
+    return f", {abs(height):.3g} m {word} it (of another layer? name the roof's groups in [roof] groups)"
+
+
+def _crossings(net, points, segment, element) -> list[str]:
+    """Return an error for elements, or edges without one, that cross in plan without a node."""
+    lines = shapely.linestrings(points[segment])
+    first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
+    key = np.where(element >= 0, element, len(net.elements) + np.arange(len(element)))
+    pairs, first_row = np.unique(
+        np.sort(key[np.column_stack([first, second])], axis=1), axis=0, return_index=True
+    )
+
+    def describe(s):
+        return _member(net, segment[s], element[s]).removeprefix("element ")
+
+    sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
+    names = [" and ".join(map(describe, ends)) for ends in sorted_pairs]
+    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(names)}"] * (
+        len(pairs) > 0
+    )
+
+
+def _node_name(net, p: int) -> str:
+    """Name a point by the id of its node, or by its position on the boundary."""
+    if p < net.n:
+        return str(net.node_id[p])
+    x, y, _ = net.corners[p - net.n]
+    return f"at [{x:.4g}, {y:.4g}] of the boundary"
+
+
+def _member(net, ends, e: int) -> str:
+    """Name an element by its id, an edge without one by its ends."""
+    if e >= 0:
+        return f"element {net.element_id[net.parts * e]}"
+    return "the line " + " to ".join(_node_name(net, p) for p in ends)
+
+
+def _at_node(net, segment, element, p: int) -> str:
+    """Name the elements of the roof at a node."""
+    at_node = element[(segment == p).any(1)]
+    if not (at_node >= 0).any():
+        return "lines of [roof] lines"
+    return f"elements {listed(net.element_id[net.parts * at_node[at_node >= 0]])}"

@@ -1,0 +1,316 @@
+"""Sections and strengths of the elements.
+
+Sections are given by modulus, area and density, by axial stiffness, mass per length and breaking force, or by
+a type of a catalogue. [cable] holds for all elements, [cable.GROUP] for a group, and a row of elements.csv
+for
+one element; the most specific value counts. Within one of these places, explicit values take precedence over
+`type`. The net always has modulus, section and density. Without an area the section is that of steel of the
+same mass, and the modulus reproduces the given axial stiffness.
+
+An element breaks at its breaking force F_u whatever the law, N = EA (eps - eps_p) up to the yield force N_y:
+at the total strain F_u / EA, in either strain measure, if F_u <= N_y. Tension never exceeds N_y, so an
+element
+with F_u > N_y breaks at its fracture_strain.
+"""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import refuse
+from netfall.core.functions import exp, log1p
+from netfall.core.normal import quantile
+from netfall.geometry.net import Net
+from netfall.job.csv_table import Table
+from netfall.job.job import Job
+from netfall.job.schema import EITHER
+from netfall.job.validate import wanted
+from netfall.job.values import counted, nearest, shown
+
+OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
+OF_SECTION = (*OF_TYPE, "modulus", "density")
+OF_ROW = ("prestress", "yield_stress", "fracture_strain", "expansion")
+STEEL = 7850.0  # kg/m3, density of nominal sections
+ROUNDING = 1e-9  # relative excess up to which a breaking force equals the yield force
+DRAWN_DIGITS = 9  # digits of random draws: logarithms of different libraries agree in more
+LENGTHS = 1 << 192  # Philox counter of the first length error; the strengths start at 0
+
+
+def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
+    """Set sections and strengths of the elements of a net. Raises InputError.
+
+    rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words
+    """
+    rows = rows or {}
+    tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
+    for column in fields(Net):
+        key = column.metadata.get("key")
+        if key and key not in OF_SECTION:
+            values = [column.metadata["absent"] if t[key] is None else t[key] for t in tables]
+            setattr(net, column.name, np.array(values, float)[net.group])
+    net.bar = np.array([t["kind"] == "bar" for t in tables])[net.group]
+    for name in OF_ROW:
+        if name in rows:
+            setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
+    if "kind" in rows:
+        net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
+    resolved = _found(job, net, rows)
+    errors = _missing(job, net, resolved)
+    refuse(errors)
+    net.breaking_load = np.where(np.isnan(resolved["breaking_load"]), np.inf, resolved["breaking_load"])
+    area, stiffness, mass = resolved["area"], resolved["axial_stiffness"], resolved["mass_per_length"]
+    net.nominal = np.isnan(area)
+    net.section = np.where(net.nominal, mass / STEEL, area)
+    net.modulus = np.where(np.isnan(stiffness), resolved["modulus"], stiffness / net.section)
+    net.density = np.where(np.isnan(mass), resolved["density"], mass / net.section)
+
+
+# --- values by level: [cable], group, row
+
+
+def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
+    """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
+    types, names = catalogue_of(job), net.group_names
+    common, common_types = _level([vars(job.cable)] * len(names))
+    groups, group_types = _level([job.groups.get(name, {}) for name in names])
+    resolved, own = ({name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")} for _ in range(2))
+
+    def in_group(k):
+        return f"{job.path}: [cable.{names[k]}]"
+
+    errors = _put(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
+    errors += _put(resolved, groups, group_types, types, in_group)
+    _put(own, groups, group_types, types, in_group)
+    resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
+    bars = are_other_bars(job, net)  # the breaking force of [cable] is meant for cables
+    resolved["breaking_load"] = np.where(bars, own["breaking_load"], resolved["breaking_load"])
+    if rows:
+        row_values = {name: rows[name] for name in OF_SECTION if name in rows}
+
+        def place(e):
+            return f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
+
+        errors += _put(resolved, row_values, np.array(rows.get("type") or [""] * net.m), types, place)
+    refuse(errors)
+    if types:
+        number = resolved["type"]
+        net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
+    return resolved
+
+
+def are_other_bars(job: Job, net: Net) -> np.ndarray:
+    """Tell which elements are bars although [cable] describes cables, (m,) bool."""
+    return net.bar & (job.cable.kind != "bar")
+
+
+def strength_of_cable(job: Job) -> float | None:
+    """Return the breaking force [N] that [cable] gives by itself or by its type; None: none."""
+    if job.cable.breaking_load is not None or job.cable.type is None:
+        return job.cable.breaking_load
+    value = dict(zip(OF_TYPE, catalogue_of(job)[job.cable.type]))["breaking_load"]
+    return None if np.isnan(value) else value
+
+
+def _level(tables: list[dict]) -> tuple[dict, np.ndarray]:
+    """Return the values of tables for OF_SECTION, (k,) nan: not given, and their types, "": none."""
+
+    def value_or_nan(table, name):
+        return np.nan if table.get(name) is None else table[name]
+
+    level = {name: np.array([value_or_nan(table, name) for table in tables], float) for name in OF_SECTION}
+    return level, np.array([table.get("type") or "" for table in tables])
+
+
+def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[str]]:
+    """Return the rows (k,) of the named types, -1: none, and an error for each unknown name."""
+    if not (words != "").any():  # saves one second of sorting for a million elements
+        return np.full(len(words), -1), []
+    names, first, inverse = np.unique(words, return_index=True, return_inverse=True)
+    number = {name: k for k, name in enumerate(types)}
+    errors = [
+        f"{place(e)} type = {shown(str(name))}: no such type in the catalogue; "
+        + (nearest(str(name), types) if types else "[cable] names none: add catalogue = a path")
+        for name, e in zip(names, first)
+        if name and name not in number
+    ]
+    return np.array([number.get(str(name), -1) for name in names])[inverse], errors
+
+
+def _put(resolved: dict, level: dict, words: np.ndarray, types: dict, place) -> list[str]:
+    """Override values with those of a more specific level: its types (k,) first, then its explicit values.
+
+    Returns an error for each unknown type; place(row) : text that locates a row
+    """
+    row, errors = _rows_of(words, types, place)
+    typed = row >= 0
+    if typed.any():
+        table = np.array(list(types.values()))
+        for name in OF_SECTION:
+            resolved[name][typed] = np.nan
+        for k, name in enumerate(OF_TYPE):
+            resolved[name][typed] = table[row[typed], k]
+        resolved["type"][typed] = row[typed]
+    for one, other in EITHER:
+        for name, alternative in ((one, other), (other, one)):
+            if name in level:
+                resolved[alternative][~np.isnan(level[name])] = np.nan
+    for name, values in level.items():
+        resolved[name] = np.where(np.isnan(values), resolved[name], values)
+    return errors
+
+
+def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
+    """Read the catalogue: the numbers of each type in the order of OF_TYPE, nan: none. Raises InputError."""
+    if job.cable.catalogue is None:
+        return {}
+    path = job.path.parent / Path(job.cable.catalogue)
+    table = Table(path, ("name", *OF_TYPE), ("name", *OF_TYPE[:3]))
+    least, units = 1e-12, ("kg/m", "N", "N", "m2")
+    columns = [table.numbers(name, low=least, unit=unit) for name, unit in zip(OF_TYPE, units)]
+    types: dict[str, tuple[float, ...]] = {}
+    for name in OF_TYPE[:2]:
+        table.full(name)
+    for k, name in enumerate(table.words("name")):
+        if name == "" or name in types:
+            table.wrong(f"{table.at(k)}: name = {name!r}: expected a name that stands once")
+        types[name] = tuple(float(column[k]) for column in columns)
+    table.finish()
+    return types
+
+
+def _missing(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
+    """Return an error for each key that the elements of a group lack."""
+    absent = {name: np.isnan(values) for name, values in resolved.items()}
+    lacking = (
+        (absent["modulus"] & absent["axial_stiffness"], "modulus"),
+        (absent["area"] & (~absent["modulus"] | (absent["mass_per_length"] & ~absent["density"])), "area"),
+        (absent["density"] & absent["mass_per_length"], "density"),
+    )
+
+    def label(group):
+        return f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+
+    return [
+        f"{label(net.group_names[group])} {wanted(name)}, for element "
+        f"{net.element_id[np.argmax(rows & (net.group == group))]}"
+        for rows, name in lacking
+        for group in np.unique(net.group[rows])
+    ]
+
+
+# --- strength
+
+
+def set_strengths(job: Job, net: Net) -> None:
+    """Draw the random strength of each cable, and set the fracture strains from the breaking forces."""
+    if net.strength_deviation.any():
+        net.strength = drawn_strength(net, job.cable.strength_seed)
+        for name in ("yield_stress", "breaking_load", "fracture_strain"):
+            setattr(net, name, getattr(net, name) * net.strength)
+    if np.isfinite(net.breaking_load).any():
+        reached = net.breaking_load <= net.yield_force * (1.0 + ROUNDING)
+        strain = np.where(reached, net.breaking_load / net.EA, np.inf)
+        net.fracture_strain = np.minimum(net.fracture_strain, strain)
+
+
+def drawn_strength(net: Net, seed: int) -> np.ndarray:
+    """Return the random strength (m,) of the elements over its mean: lognormal, one number per cable.
+
+    Number k of the Philox sequence of the seed belongs to cable k.
+    """
+    z = _drawn_normal(net, seed, 0)
+    spread = np.sqrt(log1p(net.strength_deviation**2))
+    return np.round(exp(spread * z - 0.5 * spread**2), DRAWN_DIGITS)
+
+
+def set_length_errors(job: Job, net: Net) -> None:
+    """Draw the random error [m] of the unstressed length of each cable, if lengths scatter."""
+    if net.length_deviation.any():
+        error = net.length_deviation * _drawn_normal(net, job.cable.length_seed, LENGTHS)
+        net.length_error = np.round(error, DRAWN_DIGITS)
+
+
+def _drawn_normal(net: Net, seed: int, first: int) -> np.ndarray:
+    """Return a standard normal number (m,) for the cable of each element.
+
+    first : position of the first cable in the random sequence of the seed
+    """
+    raw = np.random.Philox(key=seed, counter=first).random_raw(len(net.cable_names))
+    return quantile(((raw >> np.uint64(12)) + 0.5) * 2.0**-52)[net.cable]
+
+
+def strength_errors(job: Job, net: Net) -> Iterator[str]:
+    """Yield errors for elements that break at the start, or never at their breaking force."""
+    limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
+    drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
+
+    def label(e):
+        return f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
+
+    unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks
+    brittle = net.bar & np.isfinite(limit) & (net.breaking_load < limit * (1.0 - ROUNDING))
+    brittle &= True if net.buckling is None else ~net.buckling  # these may break in compression
+    for e in np.flatnonzero(net.prestress > net.breaking_load)[:1]:
+        yield (
+            f"{label(e)}: below its prestress {net.prestress[e]:g} N; lower the prestress or choose a "
+            "stronger cable"
+        )
+    for e in np.flatnonzero(unreachable)[:1]:
+        yield (
+            f"{label(e)}: above the yield force {limit[e]:g} N, which its tension never exceeds; expected "
+            "at most that, or fracture_strain beside it, at which it breaks as it yields"
+        )
+    for e in np.flatnonzero(brittle)[:1]:
+        yield (
+            f"{label(e)}: below the yield force {limit[e]:g} N of a bar, which may yield in compression; "
+            "that is not computed: leave out yield_stress, give a breaking_load of at least that, or "
+            "buckling = true, with which it breaks both ways"
+        )
+    if dynamics is not None and dynamics.mass_scaling and dynamics.fragments and breaks.any():
+        yield (
+            f"[dynamics] mass_scaling = {dynamics.mass_scaling:g}: a fragment would take the added inertia "
+            "along as mass; allowed with fragments = false, or where nothing can break"
+        )
+
+
+def strength_notes(job: Job, net: Net) -> Iterator[str]:
+    """Yield notes on strength keys without effect and on bars with a doubtful strength."""
+    yield from _bars_by_inheritance(job, net)
+    if np.isfinite(net.fracture_strain).any():
+        unlimited = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
+        for g in np.unique(net.group[unlimited]):
+            name, bars = net.group_names[g], net.element_id[unlimited & (net.group == g)]
+            yield (
+                f"{counted('bar', bars)}{f' of group {shown(name)}' if name else ''} without a strength, "
+                "while others can break: nothing yields or breaks there, whatever is carried; give "
+                "yield_stress, breaking_load or fracture_strain"
+            )
+    scatters = bool(net.strength_deviation.any())
+    if "cable.strength_seed" in job.given() and not scatters:
+        yield "[cable] strength_seed: no effect: strength_deviation = 0"
+    limits = (net.yield_stress, net.fracture_strain, net.breaking_load)
+    if scatters and not any(np.isfinite(limit).any() for limit in limits):
+        yield "strength_deviation: no effect: no cable has a strength"
+    for e in np.flatnonzero(net.nominal & np.isfinite(net.yield_stress))[:1]:
+        yield (
+            f"yield_stress of element {net.element_id[e]} and others without area: acts on that of steel of "
+            f"the same mass, {net.section[e]:.4g} m2; give the metallic area, in [cable] or in the catalogue"
+        )
+    if job.cable.catalogue and not (net.type >= 0).any():
+        yield "[cable] catalogue: no effect: no cable has a type"
+
+
+def _bars_by_inheritance(job: Job, net: Net) -> Iterator[str]:
+    """Yield a note for each group of bars that takes the yield stress of [cable], meant for cables."""
+    value = job.cable.yield_stress
+    for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):
+        own = job.groups.get(name, {})
+        given = net.yield_stress / net.strength  # values of a type or a row differ
+        bars = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
+        if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():
+            yield (
+                f"[cable.{name}]: {counted('bar', net.element_id[bars])} with yield_stress = {value:g} Pa "
+                f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
+            )

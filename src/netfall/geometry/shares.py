@@ -1,0 +1,213 @@
+"""Shares of the corners of a face in its surface, its area in plan and its vector area.
+
+Faces of three or four corners are shared out by triangles from their centroids. Faces of more corners are
+shared out by nearest corner, in the plane normal to their vector area. The part of a face that is nearest to
+one of its corners, its Voronoi cell, is the face clipped by the half-planes on the near side of the
+perpendicular bisectors to all others (Sutherland, Hodgman 1974). Clipping ring by ring keeps signed areas, so
+concave faces and holes need no special care.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.core.kernels import inner_kernel, kernel
+from netfall.geometry.faces import Faces, turned_triangles, vector_areas
+
+SAME = 1e-12  # share of a face's size: closer corners coincide and split their nearest area
+
+
+def nearest_areas(points, rings, vector: np.ndarray, windows: np.ndarray | None = None) -> np.ndarray:
+    """Compute the area (c,) [m2], in the plane of its face, that is nearest to each corner of some faces.
+
+    points : (k, 3) [m]; rings : `Faces` of f faces, all of their rings; vector : (f, 3) [m2], their areas
+    windows : (w, 3) half-planes a x + b y <= c in plan; only the area within all of them counts
+    """
+    face = rings.face_of_corner()
+    first, second = _axes(vector)
+    start = points[rings.corner[rings.start[:-1]]][rings.first_rings()]
+    relative = points[rings.corner] - start[face]
+    xy = np.column_stack([np.sum(relative * axes[face], axis=1) for axes in (first, second)])
+    windows = np.zeros((0, 3)) if windows is None else windows
+    slant = [np.sum(windows[:, None, :2] * axes[None, :, :2], axis=2) for axes in (first, second)]
+    offset = windows[:, 2:] - np.sum(windows[:, None, :2] * start[None, :, :2], axis=2)
+    planes = np.ascontiguousarray(np.stack([*slant, offset], -1).transpose(1, 0, 2))
+    area = np.zeros(len(xy))
+    of_face = np.append(rings.first_rings(), len(rings))
+    coincident = SAME * SAME * np.maximum(lengths(vector), 1e-300)
+    _clip_all(xy, rings.start, of_face, planes, coincident, area)
+    return area
+
+
+def _axes(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return two axes (f, 3) of the planes normal to vectors (f, 3); for a zero vector those of the plan."""
+    size = lengths(vector)[:, None]
+    normal = np.where(size > 0, vector, [0.0, 0.0, 1.0]) / np.where(size > 0, size, 1.0)
+    along = np.where(np.abs(normal[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    first = along - np.sum(along * normal, axis=1)[:, None] * normal
+    first /= lengths(first)[:, None]
+    return first, np.cross(normal, first)
+
+
+@inner_kernel
+def _clip(ring, count, a, b, c, out):
+    """Write the part of a ring of `count` corners in a x + b y <= c; return the number of its corners."""
+    written = 0
+    for k in range(count):
+        m = k + 1 if k + 1 < count else 0
+        at_k = a * ring[k, 0] + b * ring[k, 1] - c
+        at_m = a * ring[m, 0] + b * ring[m, 1] - c
+        if at_k <= 0.0:
+            out[written, 0], out[written, 1] = ring[k, 0], ring[k, 1]
+            written += 1
+        if (at_k <= 0.0) != (at_m <= 0.0):
+            t = at_k / (at_k - at_m)
+            out[written, 0] = ring[k, 0] + t * (ring[m, 0] - ring[k, 0])
+            out[written, 1] = ring[k, 1] + t * (ring[m, 1] - ring[k, 1])
+            written += 1
+    return written
+
+
+@inner_kernel
+def _bisectors(xy, begin, end, i, near, half):
+    """Write the half-planes (h, 3) nearer to corner i than to others of its face; the origin is corner i.
+
+    Neighbours come first: they leave few corners of the ring for the others to clip. Returns the number of
+    half-planes, and the number of corners at the position of corner i.
+    """
+    total, count, coincident = end - begin, 0, 1
+    for step in range(1, total):
+        away = (step + 1) // 2 if step % 2 else total - step // 2
+        j = begin + (i - begin + away) % total
+        a, b = xy[j, 0] - xy[i, 0], xy[j, 1] - xy[i, 1]
+        square = a * a + b * b
+        if square <= near:
+            coincident += 1
+            continue
+        half[count, 0], half[count, 1], half[count, 2] = a, b, 0.5 * square
+        count += 1
+    return count, coincident
+
+
+@inner_kernel
+def _signed_area(ring, count):
+    """Compute the area of a ring of `count` corners, anticlockwise positive."""
+    double = 0.0
+    for k in range(count):
+        m = k + 1 if k + 1 < count else 0
+        double += ring[k, 0] * ring[m, 1] - ring[k, 1] * ring[m, 0]
+    return 0.5 * double
+
+
+@kernel
+def _clip_all(xy, ring_start, of_face, planes, near, area):
+    """Write the area (c,) of each corner's cell; arguments as in `nearest_areas`, in the faces' planes.
+
+    ring_start : (r + 1,) rows of xy; of_face : (f + 1,) rows of rings; planes : (f, w, 3); near : (f,) [m2]
+    """
+    ring, other, windows = np.empty((64, 2)), np.empty((64, 2)), planes.shape[1]
+    for f in range(len(of_face) - 1):
+        begin, end = ring_start[of_face[f]], ring_start[of_face[f + 1]]
+        half = np.empty((windows + end - begin, 3))
+        for i in range(begin, end):
+            for w in range(windows):
+                a, b = planes[f, w, 0], planes[f, w, 1]
+                half[w, 0], half[w, 1], half[w, 2] = a, b, planes[f, w, 2] - a * xy[i, 0] - b * xy[i, 1]
+            halves, coincident = _bisectors(xy, begin, end, i, near[f], half[windows:])
+            for r in range(of_face[f], of_face[f + 1]):
+                count = ring_start[r + 1] - ring_start[r]
+                if count > len(ring):
+                    ring, other = np.empty((2 * count, 2)), np.empty((2 * count, 2))
+                for k in range(count):
+                    ring[k, 0] = xy[ring_start[r] + k, 0] - xy[i, 0]
+                    ring[k, 1] = xy[ring_start[r] + k, 1] - xy[i, 1]
+                for h in range(windows + halves):
+                    if 2 * count > len(other):  # a clip leaves at most twice as many corners
+                        other = np.empty((4 * count, 2))
+                    count = _clip(ring, count, half[h, 0], half[h, 1], half[h, 2], other)
+                    ring, other = other, ring
+                area[i] += _signed_area(ring, count)
+            area[i] /= coincident
+
+
+FEW = 4  # largest number of corners of a face that is shared out by triangles from its centroid
+
+
+class Shares(NamedTuple):
+    """Shares of c corners of faces; a corner may occur more than once. The shares of a face add to 1.
+
+    face, node : (c,), node from n on points without a particle; share : (c,)
+    surface : (f,) [m2]; vector : (f, 3) [m2], half the sum of x_k x x_(k+1): upward, its z the area in plan
+    """
+
+    face: np.ndarray
+    node: np.ndarray
+    share: np.ndarray
+    surface: np.ndarray
+    vector: np.ndarray
+
+    def surfaces(self) -> np.ndarray:
+        """Return the surface areas (c,) [m2]."""
+        return self.share * self.surface[self.face]
+
+    def plans(self) -> np.ndarray:
+        """Return the areas in plan (c,) [m2]."""
+        return self.share * np.abs(self.vector[self.face, 2])
+
+    def vectors(self) -> np.ndarray:
+        """Return the vector areas (c, 3) [m2]."""
+        return self.share[:, None] * self.vector[self.face]
+
+
+def shares_of(points: np.ndarray, faces: Faces) -> Shares:
+    """Share out the faces between points (k, 3) [m].
+
+    Faces of three or four corners use the triangles of their cells (`corner_areas`), others the nearest
+    corner.
+    """
+    rings, surface, vector = faces.rings, np.zeros(0), np.zeros((0, 3))
+    if not len(faces):
+        return Shares(faces.corner, faces.corner, surface, surface, vector)
+    corner_area, face = corner_areas(points, faces), faces.face_of_corner()
+    surface, vector = np.bincount(face, corner_area), vector_areas(points, rings)
+    corners = np.bincount(rings.face_of_corner())
+    has_few = corners <= FEW
+    parts = [_in_proportion(corner_area, face, faces.corner, has_few)]
+    if not has_few.all():
+        of_many = rings.of_faces(~has_few)
+        nearest = nearest_areas(points, of_many, vector[~has_few])
+        face_of_corner = np.flatnonzero(~has_few)[of_many.face_of_corner()]
+        parts.append(_in_proportion(nearest, face_of_corner, of_many.corner, ~has_few))
+    face, node, share = (np.concatenate(column) for column in zip(*parts))
+    return Shares(face, node, share, surface, vector)
+
+
+def _in_proportion(area, face, node, chosen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return face, node and share of the corners of chosen faces, in proportion to areas (c,).
+
+    The corners of a face without area have equal shares.
+    """
+    is_chosen = chosen[face]
+    area, face, node = np.maximum(area[is_chosen], 0.0), face[is_chosen], node[is_chosen]
+    total, count = np.bincount(face, area), np.bincount(face)
+    without_area = total == 0
+    share = np.where(without_area[face], 1.0 / count[face], area / np.where(without_area, 1.0, total)[face])
+    return face, node, share
+
+
+def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
+    """Compute the surface area (c,) [m2] of each corner of each cell; points : (k, 3) [m].
+
+    A cell is cut into triangles from its centroid to its sides; half of each goes to either end of a side.
+    """
+    upward = vector_areas(points, Faces(faces.start, faces.corner))[faces.of_corner()]
+
+    def turned(u, v):
+        cross = np.cross(u, v)
+        return np.copysign(lengths(cross), np.sum(cross * upward, axis=1))
+
+    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)), turned)
+    area = half.copy()
+    area[faces.next_corner()] += half
+    return area

@@ -1,0 +1,282 @@
+"""Slip points of [[slide]] and the free segments between them. Rank 0, global order.
+
+A cable runs through a node if exactly two elements of the group, or of the named cables, meet there. If more
+meet, those with the same name in the column `cable` continue each other.
+
+A free segment is a run of elements through nodes that only the cable occupies: nodes of `subdivide`, and
+nodes
+of the table without loads, supports or other elements. Between two slip points material passes through such
+nodes. Each element of a segment has a constant share of the unstressed length of the segment, its share in
+the
+given geometry. Results therefore depend on the subdivision only in second order.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.geometry.cables import pairs_meeting, pieces_named
+from netfall.geometry.connected_parts import parts_of
+from netfall.geometry.net import Net, elements_of_cables, elements_of_group
+from netfall.job.derived import loads_the_roof
+from netfall.job.job import Job
+from netfall.job.values import counted, listed, shown
+
+PLACES = 3  # largest number of cables that may slip over one node
+
+
+@dataclass(frozen=True)
+class Slides:
+    """Slip points: places at which a cable may slip over a node, in the order of cables, along each.
+
+    node : (k,) particle; column : (k,) 0, 1, 2: number of the cable over that node
+    before, after : (k,) the elements on both sides, in the direction of the cable
+    friction : (k,) of a saddle; resistance : (k,) [N] slip resistance of a clamp
+    cable : (k,) row of `Net.cable_names`, of the first element of the chain
+    along : (m,) 1 if an element runs from start to end in the direction of its cable, otherwise -1
+    segment : (m,) number of the free segment that contains an element, -1: none
+    share : (m,) of the unstressed length of the segment
+    place, at : (m, 2) column and particle of the slip points at the start and the end of the element's
+        segment, along the cable; -1: nothing slips there
+    """
+
+    node: np.ndarray
+    column: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    friction: np.ndarray
+    resistance: np.ndarray
+    cable: np.ndarray
+    along: np.ndarray
+    segment: np.ndarray
+    share: np.ndarray
+    place: np.ndarray
+    at: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of slip points."""
+        return len(self.node)
+
+    def sides(self, values: np.ndarray, power: int = 1) -> np.ndarray:
+        """Return sums (k,) over the two segments at each slip point of values (m,) times their shares.
+
+        power : of the shares; 0: plain sums
+        """
+        inside = self.segment >= 0
+        weighted = values[inside] * self.share[inside] ** power
+        total = np.bincount(self.segment[inside], weighted)
+        return total[self.segment[self.before]] + total[self.segment[self.after]]
+
+    def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
+        """Return values (k,) of the slip points by particle and column, (n, 3); 0 without a slip point."""
+        table = np.zeros((n, PLACES))
+        table[self.node, self.column] = values
+        return table
+
+
+class _Pair(NamedTuple):
+    """Two elements that continue each other through a node; first < second."""
+
+    node: int
+    first: int
+    second: int
+
+
+def slides_of(job: Job, net: Net) -> tuple[Slides | None, list[str]]:
+    """Return the slip points of all entries of [[slide]], None without entries, and the errors."""
+    if not job.slides:
+        return None, []
+    errors, pairs, slips = [], {}, {}
+    for number, entry in enumerate(job.slides, 1):
+        rows, entry_errors = _rows(net, entry)
+        through = [] if entry_errors else _through_all(net, entry, rows)
+        slipping = [] if entry_errors else _wanted(net, entry, through, entry_errors)
+        pairs |= dict.fromkeys(through)
+        for pair in slipping:
+            if pair in slips:
+                entry_errors.append(
+                    f"node {net.node_id[pair.node]}: entry {slips[pair][1]} says already how this cable "
+                    "slips there; keep one of the two"
+                )
+            slips.setdefault(pair, (entry, number))
+        errors += [f"{job.path}: [[slide]] {number}: {line}" for line in entry_errors]
+    errors += [f"{job.path}: [[slide]]: {line}" for line in _crowded(net, pairs, slips)]
+    return (None if errors else _along_cables(net, pairs, slips, _bare_nodes(job, net))), errors
+
+
+def _bare_nodes(job: Job, net: Net) -> np.ndarray:
+    """Tell whether only the cable is at a node, (n,): material then passes through it."""
+    bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
+    extent = np.zeros((net.n, 3))  # m: largest extent of the elements at a node along each axis
+    for end in range(2):
+        np.maximum.at(extent, net.elements[:, end], np.abs(np.diff(net.x[net.elements], axis=1)[:, 0]))
+    bare &= ~(net.held & (extent > net.tolerance)).any(1)  # a plane net may be held across its plane
+    bare &= (net.mass == 0.0) & ~net.load.any(1)
+    bare[: net.given] &= not loads_the_roof(job)  # areas are not known yet
+    staged = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
+    bare &= ~np.isin(net.node_id, [int(p) for ids in staged for p in ids])
+    bare[net.given :] = True  # nodes of `subdivide`, held or not
+    return bare
+
+
+def _wanted(net: Net, entry, through: list[_Pair], errors: list[str]) -> list[_Pair]:
+    """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `errors`."""
+    inside = [pair for pair in through if pair.node < net.given]
+    if not inside:
+        errors.append("nothing slips: nowhere do exactly two of these elements meet")
+    if entry.nodes is None or not inside:
+        return inside
+    chosen = set(np.flatnonzero(np.isin(net.node_id, entry.nodes)).tolist())
+    missing = sorted(chosen - {pair.node for pair in inside})
+    if missing:
+        errors.append(
+            f"nodes: {counted('node', net.node_id[missing])}: no cable of these runs through there, for "
+            "which exactly two of its elements have to meet; where more do, the column cable of the elements "
+            "says which go on"
+        )
+    return [pair for pair in inside if pair.node in chosen]
+
+
+def _crowded(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
+    """Yield errors: elements with two continuations, and nodes over which too many cables slip."""
+    continuations = Counter((pair.node, e) for pair in pairs for e in pair[1:])
+    if twice := sorted({net.element_id[e] for (_, e), count in continuations.items() if count > 1}):
+        yield f"element {listed(twice)}: two entries let it go on differently; name cables in both"
+    crowded = [p for p, count in Counter(pair.node for pair in slips).items() if count > PLACES]
+    if crowded:
+        ids = counted("node", net.node_id[crowded])
+        yield f"{ids}: more than {PLACES} cables slip there; name fewer in nodes or cables"
+
+
+def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
+    """Return the elements of an entry, and errors: wrong names, bars, elements that yield, unknown nodes."""
+    if entry.group is None:
+        name, source, (rows, errors) = "cables", "cables", elements_of_cables(net, entry.cables)
+    else:
+        name, source = f"group {shown(entry.group)}", f"group = {shown(entry.group)}"
+        rows, errors = elements_of_group(net, entry.group)
+    if errors:
+        return rows, [f"{source}: {line}" for line in errors]
+    ids = net.element_id
+    bars, soft = rows[net.bar[rows]], rows[np.isfinite(net.yield_stress[rows])]
+    unknown = sorted(set(entry.nodes or []) - set(net.node_id[: net.given].tolist()))
+    if unknown:
+        errors.append(f"nodes: no node {listed(unknown)}")
+    if len(bars):
+        errors.append(f'{name}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
+    if len(soft):
+        errors.append(
+            f"{name}: {counted('element', ids[soft])}: what slips may not yield; remove yield_stress of this "
+            "group (its strength may stand as fracture_strain or breaking_load)"
+        )
+    return rows, errors
+
+
+def _through_all(net: Net, entry, rows: np.ndarray) -> list[_Pair]:
+    """Return all pairs that continue each other in the group of an entry, or in each of its cables."""
+    if entry.group is not None:
+        return _through(net, rows)
+    return [
+        pair for cable in np.unique(net.cable[rows]) for pair in _through(net, rows[net.cable[rows] == cable])
+    ]
+
+
+def _through(net: Net, rows: np.ndarray) -> list[_Pair]:
+    """Return all pairs of the elements, ascending, that continue each other through a node."""
+    node, name = net.elements.ravel(), pieces_named(net)
+    ends = 2 * np.repeat(rows, 2) + np.tile([0, 1], len(rows))
+    crowded = np.bincount(node[ends], minlength=net.n)[node[ends]] > 2
+    named_ends = ends[crowded & (name[ends // 2] >= 0)]
+    pairs = [*pairs_meeting(ends, node, np.zeros(net.m, int)), *pairs_meeting(named_ends, node, name)]
+    return sorted(_Pair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
+
+
+def _along_cables(net: Net, pairs: dict, slips: dict, bare: np.ndarray) -> Slides:
+    """Build the slip points in the order in which cables go through them; bare : (n,) of `_bare_nodes`."""
+    label = parts_of(np.array([pair[1:] for pair in pairs], np.int64), net.m)
+    continuation: dict[tuple[int, int], int] = {}  # the next element after (node, element)
+    for node, e, f in pairs:
+        continuation[node, e], continuation[node, f] = f, e
+    along, points = np.ones(net.m, np.int8), []
+    for first in sorted({int(label[pair.first]) for pair in pairs}):  # the lowest row of its chain
+        for before, node, after in _walk(net, first, continuation, along):
+            pair = _Pair(node, min(before, after), max(before, after))
+            if pair in slips:
+                entry = slips[pair][0]
+                points.append((node, before, after, entry.friction, entry.resistance, net.cable[first]))
+    joined = [pair[1:] for pair in pairs if pair not in slips and bare[pair.node]]
+    return _as_arrays(net, points, along, parts_of(np.array(joined, np.int64).reshape(-1, 2), net.m))
+
+
+def _walk(net: Net, first: int, continuation: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
+    """Return (element before, node, element after) along a chain, in the direction of its first element."""
+
+    def go(direction: int) -> list[tuple[int, int, int]]:
+        e, steps = first, []
+        p = int(net.elements[e, 1 if direction > 0 else 0])
+        while (p, e) in continuation:
+            f = continuation[p, e]
+            steps.append((e, p, f) if direction > 0 else (f, p, e))
+            if f == first:
+                break
+            forward = int(net.elements[f, 0]) == p
+            along[f] = 1 if forward == (direction > 0) else -1
+            e, p = f, int(net.elements[f, 1] if forward else net.elements[f, 0])
+        return steps
+
+    steps_ahead = go(1)
+    closed = bool(steps_ahead) and steps_ahead[-1][2] == first
+    return steps_ahead if closed else go(-1)[::-1] + steps_ahead
+
+
+def _as_arrays(net: Net, points: list[tuple], along: np.ndarray, run: np.ndarray) -> Slides:
+    """Build the slip points with their columns at the nodes.
+
+    run : (m,) label of the elements of a free segment
+    """
+    node, before, after, friction, resistance, cable = map(np.array, zip(*points))
+    order = np.argsort(node, kind="stable")
+    column = np.empty(len(node), np.int64)
+    column[order] = np.arange(len(node)) - np.searchsorted(node[order], node[order])
+    label = np.unique(run[np.concatenate([before, after])])
+    row = np.minimum(np.searchsorted(label, run), len(label) - 1)
+    segment = np.where(label[row] == run, row, -1)
+    inside = segment >= 0
+    length = net.lengths()
+    share = np.zeros(net.m)
+    share[inside] = length[inside] / np.bincount(segment[inside], length[inside])[segment[inside]]
+    places = np.full((2, len(label)), -1)  # slip points at the start and the end of each segment
+    places[0, segment[after]] = places[1, segment[before]] = np.arange(len(node))
+    of_element = np.where(inside, places[:, segment], -1).T
+    slips = of_element >= 0
+    place = np.where(slips, column[of_element], -1).astype(np.int8)
+    at = np.where(slips, node[of_element], -1)
+    friction, resistance = friction.astype(float), resistance.astype(float)
+    return Slides(
+        node, column, before, after, friction, resistance, cable, along, segment, share, place, at
+    )  # fmt: skip
+
+
+def kept_together(part: np.ndarray, slides: Slides | None, net: Net) -> np.ndarray:
+    """Return the rank (n,) of each particle; a cable with segments of several elements stays on one rank.
+
+    part : (n,) rank before. The rank that owns a slip point needs the axial forces of both adjacent segments.
+    """
+    if slides is None:
+        return part
+    inside = slides.segment >= 0
+    count = np.bincount(slides.segment[inside])
+    adjacent = np.column_stack([slides.segment[slides.before], slides.segment[slides.after]])
+    cable = parts_of(adjacent, len(count))
+    tied = np.isin(cable, cable[count > 1])
+    rows = net.elements[inside & tied[slides.segment]]
+    if not len(rows):
+        return part
+    label, nodes = parts_of(rows, net.n), np.unique(rows)
+    result = part.copy()
+    result[nodes] = part[label[nodes]]
+    return result

@@ -1,0 +1,263 @@
+"""Net of two tables, nodes and elements: columns, units, ends, and plausibility."""
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.core.functions import log
+from netfall.core.rotation import from_own
+from netfall.geometry.connected_parts import unjoined_pairs
+from netfall.geometry.net import Net, pair_key
+from netfall.job.csv_table import LARGEST, SEVERAL, Table, number_in
+from netfall.job.job import Job
+from netfall.job.values import MOST_NAMED, more_of
+
+AXES = ("x", "y", "z")
+LEAST = 1e-12  # smallest value of a positive column
+NODE_COLUMNS = (
+    *("id", *AXES, "fixed", *(f"fixed_{k}" for k in AXES), *(f"load_{k}" for k in AXES), "mass", "area"),
+    *(f"{name}_{k}" for name in ("normal", "spring", "spring_rest") for k in AXES),
+    *("angle", "zone", "zone_share"),
+)
+ELEMENT_COLUMNS = (
+    *("start", "end", "id", "group", "prestress", "force_density", "unstressed_length", "area", "modulus"),
+    *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
+)
+OF_SECTIONS = {  # columns of the elements that override sections: smallest value and unit
+    "prestress": (-LARGEST, "N"),
+    "area": (1e-12, "m2"),
+    "modulus": (1.0, "Pa"),
+    "breaking_load": (LEAST, "N"),
+    "yield_stress": (LEAST, "Pa"),
+    "fracture_strain": (LEAST, ""),
+    "density": (LEAST, "kg/m3"),
+    "expansion": (-LARGEST, "1/K"),
+}
+TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
+UNIT = 4e-16  # rounding error of the length of a unit normal
+WHOLE = 1e-9  # rounding error of the sum of shares
+AS_LONG = 0.2  # |log(ratio of two lengths)| below which they are probably the same length
+
+
+def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
+    """Read the net of a job's tables, and the columns that override its sections, (m,) nan: not given.
+
+    Raises InputError with all errors in the tables.
+    """
+    nodes = Table(job.path.parent / job.net.nodes, NODE_COLUMNS, ("id", *AXES))
+    cables = Table(job.path.parent / job.net.elements, ELEMENT_COLUMNS, ("start", "end"))
+    of_nodes = _node_columns(job, nodes)
+    of_elements, names, columns = _element_columns(cables, nodes, of_nodes["node_id"])
+    nodes.finish(cables)
+    _lengths_in_metres(job, of_nodes["x"], of_elements)
+    net = Net(**of_nodes, **of_elements, group_names=names, notes=nodes.notes + cables.notes)
+    net.notes += _parallel_elements(net) + _unjoined_nodes(net)
+    return net, columns
+
+
+def read_lines(job: Job, node_id: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Read the edges of faces without an element (k, 2), [roof] lines, and notes. Raises InputError."""
+    if not (job.roof and job.roof.lines):
+        return np.zeros((0, 2), np.int64), []
+    table = Table(job.path.parent / job.roof.lines, ("start", "end"), ("start", "end"))
+    lines = _pairs(table, node_id, job.net.nodes or "the net")
+    table.finish()
+    return lines, table.notes
+
+
+def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
+    """Return the columns start and end (m, 2) as node rows; nodes : name of the table of nodes."""
+    rows = {number: row for row, number in reversed(list(enumerate(node_id.tolist())))}
+    ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
+    for row in np.flatnonzero((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)):
+        problem = f"start and end are both node {node_id[ends[row, 0]]}"
+        table.wrong(f"{table.at(row)}: {problem}; expected two nodes")
+    return ends
+
+
+def _ends(table: Table, name: str, rows: dict[int, int], nodes: str) -> list[int]:
+    """Return the rows of the nodes in one column, -1: unknown."""
+    numbers = table.integers(name).tolist()
+    for row, number in enumerate(numbers):
+        if number not in rows:
+            table.wrong(f"{table.at(row)}: {name} = {number}: no such node in {nodes}")
+    return [rows.get(number, -1) for number in numbers]
+
+
+def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
+    """Read the columns of the nodes that `Net` takes."""
+    unit = job.net.unit
+    factor, divisor = TO_METRES[unit]
+    x = nodes.stacked(AXES, unit=unit) * factor / divisor
+    node_id = nodes.integers("id")
+    for k in AXES:
+        nodes.full(k)
+    first: dict[int, int] = {}
+    for row, number in enumerate(node_id.tolist()):
+        if number in first:
+            nodes.wrong(
+                f"{nodes.at(row)}: id = {number}: stands on {nodes.at(first[number])} already; ids are unique"
+            )
+        first.setdefault(number, row)
+    angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
+
+    def vectors(name, low, unit):
+        return nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
+
+    return dict(
+        x=x,
+        fixed=_fixed(nodes),
+        node_id=node_id,
+        load=vectors("load", -LARGEST, "N"),
+        mass=nodes.numbers("mass", 0.0, low=0.0, unit="kg"),
+        area=nodes.numbers("area", low=0.0, unit="m2"),
+        normal=_normals(nodes),
+        spring=vectors("spring", 0.0, "N/m"),
+        spring_rest=from_own(vectors("spring_rest", -LARGEST, "m"), angle),
+        angle=angle,
+        **_zone_column(nodes),
+    )
+
+
+def _zone_column(nodes: Table) -> dict:
+    """Return the zone names, the row of each node's zone, -1: none, and shares if the table has them."""
+    if "zone_share" in nodes:
+        return _shared_zones(nodes)
+    if "zone" not in nodes:
+        return {}
+    names, row = np.unique(["", *nodes.words("zone")], return_inverse=True)
+    return {"zone": row[1:] - 1, "zone_names": [str(name) for name in names[1:]]}
+
+
+def _shared_zones(nodes: Table) -> dict:
+    """Return zone names, rows and shares for nodes in several zones: "edge/drift" with "0.25/0.5"."""
+    words = nodes.words("zone")
+    cells = [
+        (word.split(SEVERAL), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
+        for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
+    ]
+    names = sorted({name for zones, _ in cells for name in zones} - {""})
+    share = np.zeros((len(nodes), len(names)))
+    for row, (zones, values) in enumerate(cells):
+        for name, value in zip(zones, values):
+            if name:
+                share[row, names.index(name)] += value
+    zone = np.where(share.any(1), np.argmax(share, axis=1), -1) if names else np.full(len(nodes), -1)
+    return {"zone": zone, "zone_names": names, "zone_share": share}
+
+
+def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
+    """Return the shares of a cell, one per zone of the zone cell; reports cells that do not fit."""
+    values = [number_in(word) for word in cell.split(SEVERAL)]
+    names = zone.split(SEVERAL)
+    fit = len(values) == len(set(names)) == len(names) and all(names)
+    if not (fit and all(0.0 < value <= 1.0 for value in values) and sum(values) <= 1.0 + WHOLE):
+        nodes.wrong(
+            f"{nodes.at(row)}: zone_share = {cell[:40]!r} of zone = {zone[:40]!r}: expected a share above 0 "
+            'for each zone, at most 1 in all, as in "0.25/0.5" of "edge/drift"'
+        )
+        return []
+    return values
+
+
+def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
+    """Read the columns of the elements for `Net`, the group names, and the columns that override sections."""
+    ends = _pairs(cables, node_id, nodes.path.name)
+    element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
+    if len(np.unique(element_id)) < len(element_id):
+        values, counts = np.unique(element_id, return_counts=True)
+        cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
+    names, group = np.unique(cables.words("group"), return_inverse=True)
+    columns = {name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in OF_SECTIONS.items()}
+    columns |= {"type": cables.words("type") if "type" in cables else [], "kind": _kinds(cables)}
+    of_elements = dict(
+        elements=ends,
+        group=group,
+        element_id=element_id,
+        cable_given=cables.words("cable") if "cable" in cables else [],
+        force_density=cables.numbers("force_density", unit="N/m"),
+        unstressed_length=cables.numbers("unstressed_length", low=1e-9, unit="m"),
+    )
+    return of_elements, [str(name) for name in names], columns
+
+
+def _kinds(cables: Table) -> np.ndarray:
+    """Return 1 for a bar, 0 for a cable, nan for an empty cell (m,)."""
+    words = cables.words("kind")
+    for row, word in enumerate(words):
+        if word not in ("", "cable", "bar"):
+            cables.wrong(f'{cables.at(row)}: kind = {word[:40]!r}: expected "cable" or "bar"')
+    return np.array([{"cable": 0.0, "bar": 1.0}.get(word, np.nan) for word in words])
+
+
+def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
+    """Refuse unstressed lengths that match the elements in the unit of the coordinates. x : (n, 3) [m]"""
+    given, (factor, divisor) = of_elements["unstressed_length"], TO_METRES[job.net.unit]
+    distance = np.linalg.norm(np.diff(x[of_elements["elements"]], axis=1)[:, 0], axis=1)
+    known = np.isfinite(given) & (distance > 0.0)
+    if factor == divisor or not known.any():
+        return
+    ratio = float(np.median(log(given[known] / distance[known])))
+    if abs(ratio - float(log(divisor / factor))) < AS_LONG:
+        raise InputError(
+            f"{job.net.elements}: column unstressed_length: these are the lengths of the elements in "
+            f"{job.net.unit}; expected metres: [net] unit is that of the coordinates alone"
+        )
+
+
+def _fixed(nodes: Table) -> np.ndarray:
+    """Return the held axes (n, 3) of the nodes."""
+    if "fixed" in nodes and any(f"fixed_{k}" in nodes for k in AXES):
+        nodes.wrong("columns fixed and fixed_x, fixed_y, fixed_z exclude each other; keep one kind")
+    held = {}
+    for name in ("fixed", *(f"fixed_{k}" for k in AXES)):
+        if name in nodes:
+            words = nodes.words(name)
+            held[name] = np.array([number_in(word or "0") for word in words])
+            for row in np.flatnonzero((held[name] != 0) & (held[name] != 1)):
+                nodes.wrong(f"{nodes.at(row)}: {name} = {words[row]!r}: expected 0 or 1")
+    all_axes = held.get("fixed", np.zeros(len(nodes)))
+    return np.column_stack([held.get(f"fixed_{k}", all_axes) for k in AXES]) == 1
+
+
+def _normals(nodes: Table) -> np.ndarray:
+    """Return the upward unit normals (n, 3), nan if none is given."""
+    present = [f"normal_{k}" in nodes for k in AXES]
+    if any(present) and not all(present):
+        nodes.wrong("columns normal_x, normal_y, normal_z come together; one is missing")
+    normal = nodes.stacked([f"normal_{k}" for k in AXES])
+    given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
+    for row in np.flatnonzero(given.any(1) & ~given.all(1) & all(present)):
+        nodes.wrong(f"{nodes.at(row)}: normal_x, normal_y, normal_z: expected three numbers, or all empty")
+    for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
+        shown = ", ".join(f"{value:g}" for value in normal[row])
+        expected = "expected the upward normal, normal_z >= 0, not all 0"
+        nodes.wrong(f"{nodes.at(row)}: normal = ({shown}): {expected}")
+    length[np.abs(length - 1.0) <= UNIT] = 1.0  # a unit normal is read back bit by bit
+    return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
+
+
+def _parallel_elements(net: Net) -> list[str]:
+    """Return a note for elements between the same two nodes."""
+    key = pair_key(net.elements, net.n)
+    several, times = np.unique(key, return_counts=True)
+    several = several[times > 1]
+    notes = []
+    for k in several[:MOST_NAMED]:
+        rows = np.flatnonzero(key == k)
+        a, b = net.node_id[net.elements[rows[0]]]
+        notes.append(
+            f"elements {' and '.join(map(str, net.element_id[rows]))} both join nodes {a} and {b}; "
+            "they count as parallel cables, and once for the roof's faces"
+        )
+    return notes + more_of("pairs of nodes are joined by several elements", len(several))
+
+
+def _unjoined_nodes(net: Net) -> list[str]:
+    """Return a note for nodes so close that they were probably meant as one."""
+    pairs = unjoined_pairs(net.x, net.elements, net.tolerance)
+    notes = [
+        f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm "
+        "apart and are not joined; if they were meant as one, keep one of them"
+        for a, b in pairs[:MOST_NAMED]
+    ]
+    return notes + more_of("pairs of nodes lie as close", len(pairs))

@@ -1,0 +1,79 @@
+"""Supports with axes rotated about z by the column `angle`, expressed along x, y and z.
+
+With c and s, cosine and sine of the angle, springs k1 and k2 along the own axes in plan have the stiffness
+c^2 k1 + s^2 k2 in x, s^2 k1 + c^2 k2 in y, and c s (k1 - k2) between the two. A node held along one own axis
+in plan and free along the other is guided: it moves along a line and is held along neither x nor y.
+"""
+
+import numpy as np
+
+from netfall.core.rotation import directions, from_own, to_own
+from netfall.geometry.net import Net
+
+NIL = 1e-9  # component of a unit vector below which it is rounding
+
+
+def is_turned(net: Net) -> np.ndarray:
+    """Tell which supports differ from those without their angle, (n,) bool."""
+    if net.angle is None:
+        return np.zeros(net.n, bool)
+    anisotropic = (net.fixed[:, 0] != net.fixed[:, 1]) | (net.spring[:, 0] != net.spring[:, 1])
+    return (net.angle != 0.0) & anisotropic
+
+
+def is_guided(net: Net, held: np.ndarray) -> np.ndarray:
+    """Tell which nodes move along an own line, (n,) bool; held : (n, 3) bool, in the own axes."""
+    if net.angle is None:
+        return np.zeros(net.n, bool)
+    return (net.angle != 0.0) & (held[:, 0] != held[:, 1])
+
+
+def held_along(net: Net, held: np.ndarray) -> np.ndarray:
+    """Tell which nodes are held along x, y and z, (n, 3) bool; held : as in `is_guided`."""
+    along = held.copy()
+    along[is_guided(net, held), :2] = False
+    return along
+
+
+def borne_along(net: Net) -> np.ndarray:
+    """Tell along which of x, y and z rigid, elastic or guided supports have reactions, (n, 3) bool."""
+    along = net.held.copy()
+    if net.angle is not None:
+        first, second = net.held[:, 0], net.held[:, 1]
+        c, s = (np.abs(directions(net.angle)) > NIL).T
+        along[:, 0], along[:, 1] = first & c | second & s, first & s | second & c
+    return along
+
+
+def settles_along(net: Net, fixed: np.ndarray) -> np.ndarray:
+    """Tell which axes of a support, or of the foot of its springs, can settle, (n, 3) bool.
+
+    fixed : as `held` in `is_guided`
+    """
+    return held_along(net, fixed) | held_along(net, net.spring > 0.0)
+
+
+def springs_along(net: Net) -> np.ndarray:
+    """Compute the stiffness (n, 3) [N/m] of the springs along x, y and z."""
+    rows, k = np.flatnonzero(is_turned(net)), net.spring.copy()
+    if len(rows):
+        c2, s2 = (directions(net.angle[rows]) ** 2).T
+        first, second = net.spring[rows, 0], net.spring[rows, 1]
+        k[rows, 0], k[rows, 1] = c2 * first + s2 * second, s2 * first + c2 * second
+    return k
+
+
+def turned_column(net: Net, held: np.ndarray) -> np.ndarray:
+    """Compute the field `turned` (n, 3) of `physics.fields`; held : as in `is_guided`."""
+    column, rows = np.zeros((net.n, 3)), np.flatnonzero(is_turned(net))
+    c, s = directions(net.angle[rows]).T
+    guided, first = is_guided(net, held)[rows], held[rows, 0]
+    column[rows, 0] = np.where(guided, np.where(first, c, -s), 0.0)
+    column[rows, 1] = np.where(guided, np.where(first, s, c), 0.0)
+    column[rows, 2] = c * s * (net.spring[rows, 0] - net.spring[rows, 1])
+    return column
+
+
+def on_held(net: Net, held: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Return the forces (n, 3) that supports take, 0 along free own axes; held : as in `is_guided`."""
+    return from_own(np.where(held, to_own(force, net.angle), 0.0), net.angle)

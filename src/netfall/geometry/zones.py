@@ -1,0 +1,293 @@
+"""Zones of the roof: the nodes in each, and the values that hold there."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import numpy as np
+import shapely
+
+from netfall.core.errors import refuse
+from netfall.geometry.areas import Roofing
+from netfall.geometry.faces import Faces, quarters
+from netfall.geometry.net import Net, nearest_group
+from netfall.geometry.shares import FEW, Shares, nearest_areas
+from netfall.job.cases import split
+from netfall.job.job import Job
+from netfall.job.values import nearest, shown
+
+MUCH = 0.02  # share of a zone's area outside its polygon above which netfall reports it
+NOBODY = "no node lies in it; the polygon is in metres, in plan"
+LAST_BITS = 4e-16  # rounding error of the sum of shares of a whole node
+ROUNDING = 1e-9  # share of a node's area that counts as none
+
+
+@dataclass(frozen=True)
+class Zones:
+    """Zone of each node: one or none, or several with a share of its area each.
+
+    names : in order; a node in several whole zones belongs to the last of them
+    share : (n, z + 1) of each node's area in each zone, then in none
+    """
+
+    names: list[str]
+    share: np.ndarray
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def mixed(self) -> np.ndarray:
+        """(k,) nodes in several zones."""
+        return np.flatnonzero(((self.share > 0.0) & (self.share < 1.0)).any(1))
+
+    @property
+    def of_node(self) -> np.ndarray:
+        """(n,) row of names, -1: none; for a node in several zones the one with the largest share."""
+        last_first = np.append(np.arange(len(self.names))[::-1], -1)  # among equal shares the last zone wins
+        return last_first[np.argmax(self.share[:, last_first], axis=1)]
+
+    def at(self, rows: np.ndarray) -> "Zones":
+        """Return the zones of the nodes in some rows."""
+        return Zones(self.names, self.share[rows])
+
+    def by_node(self, base: float | None, own: dict[str, float]) -> np.ndarray:
+        """Return the value (n,) of each node: the own value of its zone, otherwise the base; None: 0.
+
+        A node in several zones has the mean by their shares.
+        """
+        values = [own.get(name, base) for name in self.names] + [base]
+        return sum(share * (0.0 if value is None else value) for share, value in zip(self.share.T, values))
+
+    def parts(self, section: SimpleNamespace, key: str) -> list[tuple[object, np.ndarray]]:
+        """Return each distinct value of a key, the section's own first, and the share (n,) of nodes with it.
+
+        section : with `zone`, the values that the zones override
+        """
+        base, own = getattr(section, key), _own(section, key)
+        values = [base, *(own.get(name, base) for name in self.names)]
+        shares = [self.share[:, k] for k in range(-1, len(self.names))]
+        distinct = [value for k, value in enumerate(values) if value not in values[:k]]
+        pairs = [(v, sum(share for share, other in zip(shares, values) if other == v)) for v in distinct]
+        return [(value, share) for value, share in pairs if share.any()]
+
+    def spread(self, section: SimpleNamespace, key: str) -> np.ndarray:
+        """Return the value (n,) of a key at each node; 0 without one."""
+        return self.by_node(getattr(section, key), _own(section, key))
+
+
+@dataclass(frozen=True)
+class Roof:
+    """Areas that loads act on: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones."""
+
+    area: np.ndarray
+    plan_area: np.ndarray
+    vector: np.ndarray
+    zones: Zones
+
+
+def _own(section: SimpleNamespace, key: str) -> dict:
+    """Return the own values of the zones that have one."""
+    return {name: values[key] for name, values in section.zone.items() if key in values}
+
+
+def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
+    """Build the zones of a job, by the positions of the nodes at the start. Raises InputError.
+
+    Zones of the column `zone` without an entry in the job follow the entries.
+    roofing : its faces are cut by polygons with `cut`; for the other polygons they only give notes on the
+    area
+    """
+
+    def of_column(name):
+        return SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+
+    names = [zone.name for zone in job.zones]
+    names += [name for name in net.zone_names if name not in names]
+    entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
+    refuse(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names)))
+    inside = [_members(zone, net) for zone in entries]
+    has_polygons = any(zone.polygon is not None for zone in entries)
+    cutter = Cutter(net, roofing.faces, roofing.given.shares) if has_polygons and len(roofing.faces) else None
+    zones = Zones(names, _shares(net, entries, inside, cutter))
+    notes = [
+        f"zone {shown(name)}: "
+        + ("all of its nodes lie in zones after it too, and belong to these" if members.any() else NOBODY)
+        for name, members, share in zip(names, inside, zones.share.T)
+        if not share.any()
+    ]
+    for zone, members in zip(entries, inside):
+        if cutter and zone.polygon is not None and not is_cut(zone):
+            notes += _astray(zone, members, cutter.inside(shapely.Polygon(zone.polygon)), roofing.given.plan)
+        elif zone.cut and not cutter:
+            notes.append(f"zone {shown(zone.name)}: cut: no effect: the net has no faces")
+    return replace(zones, notes=notes)
+
+
+def is_cut(zone: SimpleNamespace) -> bool:
+    """Tell whether an entry of [[zone]] takes the part of each node's area inside its polygon."""
+    return zone.polygon is not None and zone.cut is not False
+
+
+def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter | None") -> np.ndarray:
+    """Compute the share (n, z + 1) of each node's area in each zone, then in none.
+
+    inside : nodes (n,) bool of each zone. The rest of a node with parts in zones belongs to the zone that
+    contains
+    the whole node, or to none.
+    """
+    parts = {}  # zones with parts of nodes: share (n,) of each node
+    if net.zone_share is not None:
+        of_name = dict(zip(net.zone_names, net.zone_share.T))
+        parts = {k: of_name[zone.name] for k, zone in enumerate(entries) if zone.name in of_name}
+    cut = [k for k, zone in enumerate(entries) if is_cut(zone) and cutter]
+    of_node = np.full(net.n, -1)
+    for k, members in enumerate(inside):
+        if k not in (*cut, *parts):
+            of_node[members] = k
+    if cut and not parts:
+        polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
+        later = [
+            shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))
+        ]  # later zones take precedence
+        parts = dict(zip(cut, map(cutter.inside, map(shapely.difference, polygons, later))))
+    part = np.column_stack([np.zeros((net.n, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
+    whole_zone = of_node.copy()
+    for k, share in zip(parts, part.T):
+        whole_zone[share == 1.0] = k
+    shares, mixed = np.eye(len(entries) + 1)[whole_zone], np.flatnonzero(((part > 0.0) & (part < 1.0)).any(1))
+    shares[mixed] = 0.0
+    shares[np.ix_(mixed, list(parts))] = part[mixed]
+    remainder = 1.0 - shares[mixed].sum(1)
+    shares[mixed, of_node[mixed]] += np.where(remainder > LAST_BITS, remainder, 0.0)
+    return shares
+
+
+def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
+    """Return a note on a polygon that takes whole nodes, if these match its area badly.
+
+    inside : (n,) share of each node in the polygon; plan : (n,) [m2]
+    """
+    area = float(plan[members].sum())
+    outside = float((plan * (1.0 - inside))[members].sum())
+    remaining = float((plan * inside)[~members].sum())
+    if max(outside, remaining) <= MUCH * area:
+        return []
+    return [
+        f"zone {shown(zone.name)}: nodes belong to it whole: of its {area:.4g} m2 in plan {outside:.4g} m2 "
+        f"({outside / area if area else 0.0:.1%}) lie outside its polygon, and {remaining:.4g} m2 inside the "
+        "polygon are not in it; cut = true in its [[zone]] takes what lies inside"
+    ]
+
+
+def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
+    """Tell which nodes are in a zone, (n,) bool: by polygon, by elements of its groups, or by the column."""
+    if zone.polygon is not None:
+        polygon = shapely.Polygon(zone.polygon)
+        shapely.prepare(polygon)
+        return shapely.dwithin(polygon, shapely.points(net.x[:, :2]), net.tolerance)
+    if zone.groups is not None:
+        rows = [g for g, name in enumerate(net.group_names) if name in zone.groups]
+        members = np.zeros(net.n, bool)
+        members[net.elements[np.isin(net.group, rows)]] = True
+        return members
+    row = net.zone_names.index(zone.name)
+    return net.zone == row if net.zone_share is None else net.zone_share[:, row] > 0
+
+
+def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
+    """Yield an error for each entry whose nodes are not defined."""
+    for zone in entries:
+        place, in_column = f"[[zone]] {zone.name}:", zone.name in net.zone_names
+        polygon = shapely.Polygon(zone.polygon or ())
+        if zone.polygon is not None and not (polygon.is_valid and polygon.area > 0):
+            problem = "no area" if polygon.is_valid else shapely.is_valid_reason(polygon)
+            expected = "expected corners in order around an area, without sides that cross"
+            yield f"{place} polygon: {problem}; {expected}"
+        for name in zone.groups or ():
+            if name not in net.group_names:
+                yield f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
+        if in_column and (zone.polygon is not None or zone.groups is not None):
+            yield f"{place} the column zone of nodes.csv has nodes of it already; give the name alone"
+        elif is_cut(zone) and net.zone_share is not None:
+            yield (
+                f"{place} cut = true (the default) and the column zone_share of nodes.csv exclude each "
+                "other; set cut = false, with which the polygon takes whole nodes, or remove the column"
+            )
+        elif not in_column and zone.polygon is None and zone.groups is None:
+            yield (
+                f"{place} polygon or groups: missing; a name alone is for a zone of the column zone of "
+                "nodes.csv, which does not have it"
+                + (f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else "")
+            )
+
+
+def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
+    """Yield an error for each place that names an unknown zone."""
+    no_zones = "the job has none: give a [[zone]], or the column zone in nodes.csv"
+    for name, place in named_zones(job):
+        if name not in names:
+            yield f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else no_zones}"
+
+
+def named_zones(job: Job) -> list[tuple[str, str]]:
+    """Return the zones that sections and cases name, and the places that name them."""
+    named = []
+    for section in ("load", "wind"):
+        table = getattr(job, section)
+        named += [(name, f"[{section}.zone.{name}]") for name in (table.zone if table else ())]
+    for kind, case in [("case", case) for case in job.cases] + [("stage", stage) for stage in job.stages]:
+        of_zones = [(split(key)[1], key) for key in case.set]
+        named += [(zone, f"[[{kind}]] {case.name}: set: {key}") for zone, key in of_zones if zone]
+    return named
+
+
+# --- parts of the areas of nodes inside polygons, by the same shares of faces
+
+
+class Cutter:
+    """Intersection of polygons with the areas that nodes have of the faces of a net."""
+
+    def __init__(self, net: Net, faces: Faces, shares: Shares):
+        """shares : of the faces in the given geometry"""
+        self.net, self.faces, self.shares = net, faces, shares
+        self.points = np.concatenate([net.x, net.corners])
+        self.few = np.bincount(self.faces.rings.face_of_corner()) <= FEW
+        rings, xy = faces.rings, self.points[:, :2]
+        first = rings.start[rings.first_rings()]
+        low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
+        self.boxes = shapely.STRtree(shapely.box(*low.T, *high.T))  # around each face in plan
+
+    def inside(self, region) -> np.ndarray:
+        """Return the share (n,) of each node's area in plan inside a polygon, or several.
+
+        A node without a face is inside or outside as a whole, by its position.
+        """
+        shapely.prepare(region)
+        net, corner, plans = self.net, self.shares.node, self.shares.plans()
+        share = shapely.contains_xy(region, self.points[corner, :2]).astype(float)
+        crossed = np.zeros(self.faces.count, bool)
+        crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
+        few, many = crossed & self.few, crossed & ~self.few  # `shares` has faces with few corners first
+        parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[few[self.faces.face_of_corner()]])
+        area_inside, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
+        if many.any():
+            rings, vector = self.faces.rings.of_faces(many), self.shares.vector[many]
+            size = np.append(size, nearest_areas(self.points, rings, vector))
+            windows = (nearest_areas(self.points, rings, vector, window) for window in _windows(region))
+            area_inside = np.append(area_inside, sum(windows))
+        in_crossed = crossed[self.shares.face]
+        share[in_crossed] = np.divide(area_inside, size, out=np.zeros(len(size)), where=size > 0)
+        total, area_inside = (
+            np.bincount(corner, w, len(self.points))[: net.n] for w in (plans, share * plans)
+        )
+        at_position = shapely.dwithin(region, shapely.points(net.x[:, :2]), net.tolerance).astype(float)
+        result = np.where(total > 0, area_inside / np.where(total > 0, total, 1.0), at_position)
+        return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
+
+
+def _windows(region) -> np.ndarray:
+    """Return triangles that fill a region, each as three half-planes a x + b y <= c: (t, 3, 3)."""
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
+    corner = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)
+    start, along = corner[:, :3], np.diff(corner, axis=1)
+    outward = np.stack([along[:, :, 1], -along[:, :, 0]], -1)
+    return np.concatenate([outward, np.sum(outward * start, axis=2, keepdims=True)], 2)

@@ -1,1 +1,0 @@
-"""Services for all packages: errors, memory layout, timing, signals, progress, launchers, source digest."""

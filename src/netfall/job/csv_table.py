@@ -1,0 +1,205 @@
+"""Tables with a header: named columns of numbers or words, and errors with line numbers."""
+
+import csv
+import difflib
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from netfall.core.errors import InputError, refuse
+from netfall.job.values import nearest
+
+MOST_ERRORS = 20  # largest number of errors reported for one table
+LARGEST = 1e15  # largest number in a table; far above, products overflow
+DELIMITERS = ",;\t"
+SEVERAL = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
+FORMULA = re.compile(r"'*[=+\-@\t\r]")  # start of a formula in a spreadsheet, also behind '
+CLOSE = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
+
+
+class Table:
+    """Columns of a table by name, separated by commas, semicolons or tabs; lines with # are comments.
+
+    `numbers` and `integers` convert a column and record the cells that are invalid.
+    known : names of columns with a meaning, others are named in `notes`; required : columns that must exist
+
+    Raises InputError for a file that is no table; `finish` raises all other errors.
+    """
+
+    def __init__(self, path: Path, known: tuple[str, ...], required: tuple[str, ...]):
+        self.path = path
+        self.errors: list[str] = []
+        self.notes: list[str] = []
+        rows, self.delimiter = _rows_of(path)
+        if not rows:
+            raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
+        header = [bare(name.strip()).lower() for name in rows[0][1]]
+        self.lines = [line for line, _ in rows[1:]]
+        self._check_header(header, rows[0][0], known, required)
+        for line, row in rows[1:]:
+            if len(row) != len(header):
+                hint = "; numbers are written with a decimal point" if self.delimiter == "," else ""
+                self.wrong(f"line {line}: {len(row)} values, but the header has {len(header)} columns{hint}")
+        if not self.lines:
+            self.errors.append(f"{path}: no rows below the header")
+        self.finish()
+        self.columns = {name: [bare(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)}
+
+    def _check_header(self, header, line, known, required) -> None:
+        """Record errors of the header, and notes on unknown columns."""
+        unknown = [name for name in dict.fromkeys(header) if name not in known]
+        for name in unknown:
+            if difflib.get_close_matches(name, known, n=1, cutoff=CLOSE):
+                self.wrong(f"line {line}: {name[:40]!r}: unknown column; {nearest(name, known)}")
+        if unknown:
+            names = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]]
+            text = f"columns not known and left alone: {', '.join(names)}; known: {', '.join(known)}"
+            self.notes.append(f"{self.path}: {text}")
+        for name in [name for name in dict.fromkeys(header) if name in known and header.count(name) > 1]:
+            self.wrong(f"column {name} stands twice")
+        for name in [name for name in required if name not in header]:
+            self.wrong(f"column {name} is missing; expected {', '.join(required)}")
+
+    def __len__(self):
+        return len(self.lines)
+
+    def __contains__(self, name):
+        return name in self.columns
+
+    def wrong(self, what: str) -> None:
+        """Record an error; only the first few are reported."""
+        self.errors.append(f"{self.path}: {what}")
+
+    def at(self, row: int) -> str:
+        """Name a row in a message."""
+        return f"line {self.lines[row]}"
+
+    def words(self, name: str) -> list[str]:
+        """Return a column as written; empty cells if the table does not have it."""
+        return self.columns.get(name, [""] * len(self))
+
+    def numbers(self, name: str, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
+        """Return a column of numbers from low to LARGEST; an empty cell gives `default`, also an array."""
+        default = np.broadcast_to(np.asarray(default, float), len(self)).copy()
+        if name not in self.columns:
+            return default
+        words = self.columns[name]
+        values = np.array([number_in(word) for word in words])
+        empty = np.array([word == "" for word in words])
+        invalid = ~empty & ~((values >= low) & (values <= LARGEST))
+        for row in np.flatnonzero(invalid)[:MOST_ERRORS]:
+            limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
+            of = f" of {unit}" if unit else ""
+            comma = words[row].count(",") == 1 and np.isfinite(number_in(words[row].replace(",", ".")))
+            comma = "; a decimal comma is not read, write a point" if comma else ""
+            self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
+        return np.where(empty, default, values)
+
+    def stacked(self, names, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
+        """Return columns of numbers side by side; arguments as in `numbers`."""
+        return np.column_stack([self.numbers(name, default, low, unit) for name in names])
+
+    def full(self, name: str, most: int | None = None) -> None:
+        """Record the first empty cells of a column, all of them by default."""
+        for row in [row for row, word in enumerate(self.words(name)) if word == ""][:most]:
+            self.wrong(f"{self.at(row)}: {name} is empty; expected a number")
+
+    def no_gaps(self, *columns: np.ndarray) -> None:
+        """Raise all recorded errors, with one for empty cells in columns that were read."""
+        if any(np.isnan(values).any() for values in columns):
+            self.wrong("empty cells; expected a number in each")
+        self.finish()
+
+    def integers(self, name: str) -> np.ndarray:
+        """Return a column of integers, as 64-bit numbers."""
+        values = np.zeros(len(self), np.int64)
+        for row, word in enumerate(self.columns[name]):
+            try:
+                values[row] = int(_plain(word))
+            except (ValueError, OverflowError):
+                self.wrong(f"{self.at(row)}: {name} = {word[:40]!r}: expected an integer")
+        return values
+
+    def ascending(self, name: str, values: np.ndarray) -> None:
+        """Record errors for values of a column that do not ascend."""
+        for row in np.flatnonzero(np.diff(values) <= 0)[:3]:
+            self.wrong(
+                f"{self.at(row + 1)}: {name} = {values[row + 1]:g}: not after the row before "
+                f"({values[row]:g}); expected ascending {name}s"
+            )
+
+    def finish(self, *others: "Table") -> None:
+        """Raise all recorded errors, of other tables too."""
+        lines = []
+        for table in (self, *others):
+            excess = len(table.errors) - MOST_ERRORS
+            lines += table.errors[:MOST_ERRORS] + [f"{table.path}: and {excess} more errors"] * (excess > 0)
+        refuse(lines)
+
+
+def number_in(word: str) -> float:
+    """Parse a number; nan: the word is none."""
+    try:
+        return float(_plain(word))
+    except ValueError:
+        return np.nan
+
+
+def _plain(word: str) -> str:
+    """Return a word that Python parses only if other programs do; Python reads 1_0 as ten."""
+    return word.replace("_", "?")
+
+
+def _rows_of(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
+    """Return rows that are neither empty nor comments, with lines, and the delimiter. Raises InputError."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            lines = ["\n" if line.lstrip().startswith("#") else line for line in file]
+        header = next((line for line in lines if line.strip()), "")
+        delimiter = max(DELIMITERS, key=header.count)
+        reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+        return [(reader.line_num, row) for row in reader if any(c.strip() for c in row)], delimiter
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start}: not text in UTF-8; save the table as that") from None
+    except csv.Error as error:
+        raise InputError(f"{path}: not a CSV table ({error})") from None
+
+
+def write_table(path: Path, columns: dict, note: str = "", digits: int | None = None) -> None:
+    """Write columns of one length by name as a table that `Table` reads; nan is an empty cell.
+
+    note : a comment above the header; digits : of numbers, None: all, so that they are read back exactly
+    """
+    cells = [[_cell(value, digits) for value in np.asarray(values).tolist()] for values in columns.values()]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        file.write(f"# {note}\n" if note else "")
+        # csv quotes cells with characters of its line terminator, here both \r and \n
+        ended = SimpleNamespace(write=lambda line: file.write(line.removesuffix("\r\n") + "\n"))
+        writer = csv.writer(ended, lineterminator="\r\n")
+        writer.writerow([guarded(name) for name in columns])
+        writer.writerows(zip(*cells))
+
+
+def guarded(text: str) -> str:
+    """Return a text for a cell, with a ' before text that a spreadsheet would take for a formula."""
+    return f"'{text}" if FORMULA.match(text) and not np.isfinite(number_in(text)) else text
+
+
+def bare(text: str) -> str:
+    """Return the text of a cell that `guarded` wrote."""
+    return text[1:] if text.startswith("'") and FORMULA.match(text) else text
+
+
+def _cell(value, digits: int | None):
+    """Return the text of a value in a cell."""
+    if isinstance(value, str):
+        return guarded(value)
+    if not isinstance(value, float):
+        return value
+    if value != value:
+        return ""
+    return f"{value + 0.0:.{digits}g}" if digits else value

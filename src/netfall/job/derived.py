@@ -1,0 +1,135 @@
+"""Questions that a job answers by itself: its stages, its loads, and whether anything can break."""
+
+from types import SimpleNamespace
+
+from netfall.job.cases import blows
+from netfall.job.job import Job
+from netfall.job.schema import defaults
+from netfall.physics.wind_spectra import gust_of
+
+
+def carries_permanent(job: Job) -> bool:
+    """Tell whether the form-found geometry carries the permanent loads."""
+    return job.form_finding is not None and job.form_finding.loads == "permanent"
+
+
+def rests_in_wind(job: Job) -> bool:
+    """Tell whether the dynamic stage starts from the equilibrium under the mean wind."""
+    return job.wind is not None and job.wind.onset == "static"
+
+
+def rests_at_loss(job: Job) -> bool:
+    """Tell whether the dynamic stage starts from the loaded equilibrium: removals, but no wind."""
+    return bool(job.removes and job.dynamics) and job.wind is None
+
+
+def load_steps(job: Job) -> int:
+    """Return the number of load steps: as given, otherwise 1 for a job without other uses of its loads.
+
+    0 without [load].
+    """
+    if job.load is None:
+        return 0
+    if job.load.steps is None:
+        return int(not (job.dynamics or job.cases or job.combinations))
+    return job.load.steps
+
+
+def has_statics(job: Job) -> bool:
+    """Tell whether equilibria are computed before the dynamic stage."""
+    rests = rests_in_wind(job) or rests_at_loss(job)
+    return bool(job.cases or job.combinations or load_steps(job) or rests)
+
+
+def own_weight(job: Job) -> float:
+    """Return the factor of self weight in the permanent loads: 1, or 0 without self weight."""
+    return float(bool(job.load and job.load.self_weight))
+
+
+def grows(job: Job) -> bool:
+    """Tell whether the pressure of [load] grows in the dynamic stage."""
+    load = job.load
+    has_pressure = any(value is not None for value in job.loads("pressure"))
+    return bool(job.dynamics and has_pressure and load and load.ramp and not load_steps(job))
+
+
+def varies(job: Job) -> bool:
+    """Tell whether forces other than those of the wind vary in the dynamic stage."""
+    return grows(job) or any(entry.duration for entry in job.removes)
+
+
+def carries_weight(job: Job) -> bool:
+    """Tell whether particles carry weight in addition to the elements: dead load or snow."""
+    load = job.load
+    tables = [vars(load), *load.zone.values()] if load else []
+    return any(table.get(key) for table in tables for key in ("dead", "snow"))
+
+
+def has_gusts(job: Job) -> bool:
+    """Tell whether gusts are generated."""
+    return job.wind is not None and gust_of(job.wind) is not None
+
+
+def air_damps(job: Job) -> bool:
+    """Tell whether the air damps the motion of the roof."""
+    wind = job.wind
+    zone_values = (
+        [zone["air_damping"] for zone in wind.zone.values() if "air_damping" in zone] if wind else []
+    )
+    return wind is not None and any([wind.air_damping, *zone_values])
+
+
+def drags(job: Job) -> bool:
+    """Tell whether the relative wind drags detached fragments, which needs a known wind speed."""
+    wind = job.wind
+    return wind is not None and wind.after_fracture == "detached" and bool(wind.speed or wind.file)
+
+
+def air_moves(job: Job) -> bool:
+    """Tell whether air moves with the roof."""
+    return any(job.loads("air_mass"))
+
+
+def has_second_moments(job: Job) -> bool:
+    """Tell whether any bar has a second moment."""
+    return any(keys.get("second_moment") for keys in (vars(job.cable), *job.groups.values()))
+
+
+def moves_supports(job: Job) -> bool:
+    """Tell whether supports move in the dynamic stage."""
+    return bool(job.motions and job.dynamics)
+
+
+def roof_groups(job: Job) -> list[str]:
+    """Return the groups whose faces carry the roof; empty: all groups."""
+    return list(job.roof.groups or ()) if job.roof else []
+
+
+def presses(job: Job) -> bool:
+    """Tell whether a wind blows, also a static wind of a case, or a table of pressures acts."""
+    return job.wind is not None or any(blows(case) or case.pressure_table for case in job.cases)
+
+
+def loads_the_roof(job: Job) -> bool:
+    """Tell whether anything acts on the areas of the roof."""
+    weighs = any(job.loads("dead") + job.loads("snow") + job.loads("air_mass"))
+    return weighs or presses(job) or any(value is not None for value in job.loads("pressure"))
+
+
+def along_normals(job: Job) -> bool:
+    """Tell whether anything acts along the normals of the roof."""
+    return presses(job) or any(isinstance(value, int | float) for value in job.loads("pressure"))
+
+
+def tears(job: Job, kind: str, factor: float) -> bool:
+    """Tell whether an exceeded strength means that a load has no equilibrium.
+
+    This holds for [load] breaking, and for the equilibrium that the dynamic stage starts from.
+    """
+    starts = kind in ("at once", "rest") or (kind == "step" and factor == 1.0)
+    return kind != "loss" and (settings_of(job).breaking or bool(starts and job.dynamics))
+
+
+def settings_of(job: Job) -> SimpleNamespace:
+    """Return the keys of [load]; without [load] their defaults, but without self weight."""
+    return job.load or SimpleNamespace(**vars(defaults("load")) | {"self_weight": False})

@@ -1,0 +1,332 @@
+"""Motion of supports, [[motion]]: records of displacements or accelerations, and the supports they move.
+
+A displacement is linear between the rows of its table and constant after the last row. An acceleration is
+linear between its rows, integrated twice in closed form, and zero after the last row. A record of PEER (.AT2)
+is corrected first: the least-squares parabola through zero, c1 t + c2 t^2, is subtracted from its velocity.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import InputError, refuse
+from netfall.core.functions import lengths
+from netfall.geometry.net import GRAVITY, Net, ends_of_inner
+from netfall.geometry.turned import is_turned
+from netfall.job.csv_table import Table
+from netfall.job.job import Job
+from netfall.job.validate import is_record
+from netfall.job.values import counted, listed
+
+AXES = ("x", "y", "z")
+AT_ZERO = 1e-9  # m: largest displacement at the start that counts as zero
+FARTHEST = 5.0  # m: displacement of a support above which netfall asks about the unit
+NEAR = 256  # particles per block in the search for the nearest support: bounds the memory
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of supports: the arrays of `physics.base_motion.Ground`, and the course (n,) of each
+    particle."""
+
+    time: np.ndarray
+    first: np.ndarray
+    place: np.ndarray
+    parts: np.ndarray
+    record: np.ndarray
+    delay: np.ndarray
+    start: np.ndarray
+    course: np.ndarray
+    notes: list[str]
+
+
+def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
+    """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors."""
+    errors, notes, records, courses_of = [], [], [], {}
+    for number, entry in enumerate(job.motions, 1):
+        label, record_notes = f"[[motion]] {number}:", []
+        try:
+            time, rows, record_notes = _record(job, entry)
+            records.append((time, rows))
+        except InputError as error:
+            errors += error.lines
+        nodes = _nodes(net, entry)
+        notes += [f"{label} {line}" for line in (*record_notes, *_half_moved(net, nodes))]
+        errors += [f"{job.path}: {label} {problem}" for problem in _wrong_nodes(net, entry, nodes)]
+        for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
+            courses_of.setdefault(p, []).append((number - 1, delay))
+    refuse(errors)
+    courses = sorted(set(map(tuple, courses_of.values())))
+    row_of = {course: k for k, course in enumerate(courses)}
+    course = np.full(net.n, -1, np.int32)
+    for p, parts in courses_of.items():
+        course[p] = row_of[tuple(parts)]
+    start = _start(net, course, courses, records)
+    if start.any():
+        speed = ", ".join(f"{v:.4g}" for v in start[0])
+        notes.append(f"[[motion]]: the ground moves at {speed} m/s at the start, and the net with it")
+    parts = [part for course_parts in courses for part in course_parts]
+    return Motion(
+        np.concatenate([time for time, _ in records]),
+        np.cumsum([0, *(len(time) for time, _ in records)]),
+        np.concatenate([rows for _, rows in records]),
+        np.cumsum([0, *map(len, courses)]),
+        np.array([record for record, _ in parts], np.int64),
+        np.array([delay for _, delay in parts], np.float64),
+        start,
+        _nearest(net, x, course),
+        notes,
+    )
+
+
+# --- which supports
+
+
+def _nodes(net: Net, entry) -> np.ndarray:
+    """Return the rows of the supports that an entry moves."""
+    held = net.fixed.any(1)
+    chosen = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
+    return np.flatnonzero(chosen | (chosen[ends_of_inner(net)].all(1) & held))
+
+
+def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
+    """Yield an error for each defect of the nodes of an entry, which are in these rows."""
+    held = net.fixed.any(1)
+
+    def ids(chosen):
+        return net.node_id[rows[chosen[rows]]]
+
+    if unknown := sorted(set(entry.nodes or ()) - set(net.node_id.tolist())):
+        yield f"nodes: no node {listed(unknown)} in the net"
+    if len(free := ids(~held)):
+        yield f"nodes: {listed(free)}: held on no axis; supports alone can be moved: hold it (fixed)"
+    sprung = net.spring.any(1)
+    if len(nodes := net.node_id[sprung] if entry.nodes is None else ids(sprung)):
+        yield (
+            f"nodes: {listed(nodes)}: on springs, whose feet cannot be moved; put an element with the "
+            "stiffness of the spring between the node and a support, and move that"
+        )
+    if len(turned := ids(is_turned(net))):
+        yield f"nodes: {listed(turned)}: with an angle, whose supports cannot be moved; expected 0"
+    if not held.any():
+        yield "the net has no supports that could be moved"
+
+
+def _half_moved(net: Net, rows: np.ndarray) -> Iterator[str]:
+    """Yield a note on subdivided elements between a support that moves, one of `rows`, and a fixed one."""
+    moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
+    half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
+    if half.any():
+        yield (
+            f"{counted('element', net.element_id[:: net.parts][half])} between a fixed node that moves and "
+            "one that does not: the new nodes of [net] subdivide stay, so the part at the end has all of the "
+            "stretch"
+        )
+
+
+def _delays(x: np.ndarray, entry) -> np.ndarray:
+    """Compute the times (k,) [s] at which a wave reaches supports at x (k, 3) [m], 0 at the first support."""
+    if entry.speed is None or entry.travel is None or not len(x):
+        return np.zeros(len(x))
+    along = x[:, 0] * entry.travel[0] + x[:, 1] * entry.travel[1] + x[:, 2] * entry.travel[2]
+    along /= lengths(np.array([entry.travel], float))[0]
+    return (along - along.min()) / entry.speed
+
+
+def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
+    """Return the course (n,) of the support that is nearest in plan to each particle."""
+    supports = np.flatnonzero(net.fixed.any(1))
+    nearest = course.copy()
+    free_particles = np.setdiff1d(np.arange(net.n), supports)
+    for first in range(0, len(free_particles), NEAR):
+        rows = free_particles[first : first + NEAR]
+        distance = lengths(x[rows, None, :2] - x[None, supports, :2])
+        nearest[rows] = course[supports[np.argmin(distance, axis=1)]]
+    return nearest
+
+
+def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.ndarray:
+    """Compute the velocity (courses, 3) [m/s] before the first step.
+
+    It is the initial velocity of the supports if all of them move with the same velocity, and zero otherwise.
+    """
+
+    def initial_velocity(parts):
+        return sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
+
+    start = np.array([initial_velocity(parts) for parts in courses]).reshape(-1, 3)
+    all_move = (course[net.fixed.any(1)] >= 0).all()
+    return start if all_move and (start == start[:1]).all() else np.zeros_like(start)
+
+
+# --- records
+
+
+def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Read times (r,) [s] from 0 on, their coefficients (r, 4, 3), and notes. Raises InputError."""
+    path = job.path.parent / (entry.displacement or entry.acceleration)
+    if entry.displacement:
+        table, time, x = _table(path, entry)
+        rows, peak = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
+        unit_note = [f"{entry.displacement}: displacements of up to {peak:.4g} m: were mm meant?"]
+        return *rows, table.notes + unit_note * bool(peak > FARTHEST)
+    if not is_record(entry):
+        table, time, a = _table(path, entry)
+        if time[0] > 0.0:
+            table.wrong(f"begins at {time[0]:g} s; expected a row at time 0 or before")
+            table.finish()
+        rows = _integrated(*_from_zero(time, entry.scale * a))
+        return *rows, table.notes + _drift(*rows)
+    time, a, unit = read_at2(path)
+    a = entry.scale * UNITS[unit] * a[:, None] * _unit(entry.direction)
+    notes = [] if unit == "g" else [f"{entry.acceleration}: read in {unit}, as its head says"]
+    if entry.baseline is not False:
+        slope = _parabola(time, _integrated(time, a)[1][:, 1])
+        change = slope[0] + 2.0 * time[:, None] * slope[1]
+        a = a - change
+        peak = np.abs(change).max()
+        notes.append(f"baseline correction: accelerations changed by at most {peak:.3g} m/s2")
+    rows = _integrated(time, a)
+    return *rows, notes + _drift(*rows)
+
+
+def _unit(vector) -> np.ndarray:
+    """Return the unit vector along a vector."""
+    return np.array(vector, float) / lengths(np.array(vector, float))
+
+
+def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
+    """Read a table, its times (r,) [s] and its values (r, 3). Raises InputError."""
+    known = ("time", *AXES) if entry.direction is None else ("time", "acceleration")
+    table = Table(path, known, known[:1] if entry.direction is None else known)
+    time = table.numbers("time", unit="s")
+    values = table.stacked(known[1:], 0.0 if entry.direction is None else np.nan)
+    columns = [name for name in known[1:] if name in table]
+    if not columns:
+        table.wrong("no column of values; expected x, y, z (or some of them)")
+    table.finish()
+    table.ascending("time", time)
+    table.no_gaps(time, *(table.numbers(name) for name in columns))
+    return table, time, values if entry.direction is None else values * _unit(entry.direction)
+
+
+def _from_zero(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows (r,), (r, 3) from time 0 on, with a row at 0; values before the first row equal it."""
+    first = np.array([np.interp(0.0, time, column) for column in values.T])
+    later = time > 0.0
+    return np.append(0.0, time[later]), np.vstack([first, values[later]])
+
+
+def _polyline(table: Table, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute coefficients (r, 4, 3) of a displacement x (r, 3) [m] that is linear between times (r,) [s]."""
+    time, x = _from_zero(time, x)
+    if np.abs(x[0]).max() > AT_ZERO:
+        position = ", ".join(f"{value:g}" for value in x[0])
+        table.wrong(f"{position} m at time 0; expected 0: displacements count from the start of the dynamics")
+        table.finish()
+    coefficients = np.zeros((len(time), 4, 3))
+    coefficients[:, 0] = x - x[0]
+    coefficients[:-1, 1] = np.diff(x, axis=0) / np.diff(time)[:, None]
+    return time, coefficients
+
+
+def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integrate accelerations a (r, 3) [m/s2], linear between times (r,), to position coefficients.
+
+    Returns the times and the coefficients (r, 4, 3).
+    """
+    h = np.diff(time)[:, None]
+    coefficients = np.zeros((len(time), 4, 3))
+    v = np.zeros_like(a)
+    v[1:] = np.cumsum(0.5 * h * (a[1:] + a[:-1]), axis=0)
+    coefficients[1:, 0] = np.cumsum(h * v[:-1] + h * h * (2.0 * a[:-1] + a[1:]) / 6.0, axis=0)
+    coefficients[:, 1] = v
+    coefficients[:-1, 2] = 0.5 * a[:-1]
+    coefficients[:-1, 3] = np.diff(a, axis=0) / h / 6.0
+    return time, coefficients
+
+
+def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Fit c1, c2 (2, 3) of c1 t + c2 t^2 to velocities v (r, 3) [m/s] at times (r,) [s] by least squares."""
+    t = time / (time[-1] or 1.0)
+    sums = [float(np.sum(t**k)) for k in (2, 3, 4)]
+    right = np.array([np.sum(t[:, None] * v, axis=0), np.sum((t * t)[:, None] * v, axis=0)])
+    det = sums[0] * sums[2] - sums[1] * sums[1]
+    if det <= 0.0:
+        return np.zeros((2, 3))
+    c1 = (sums[2] * right[0] - sums[1] * right[1]) / det
+    c2 = (sums[0] * right[1] - sums[1] * right[0]) / det
+    return np.array([c1 / time[-1], c2 / time[-1] ** 2])
+
+
+def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
+    """Describe the peak acceleration and displacement of an integrated record, and its drift at the end."""
+    x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
+    largest, a = (np.abs(place[:, k]).max() for k in (0, 2))
+    return [
+        f"accelerations of up to {2.0 * a:.3g} m/s2; drift after {time[-1]:g} s: {x:.3g} m, going on at "
+        f"{v:.3g} m/s; {largest:.3g} m at most"
+    ]
+
+
+# --- PEER's files (.AT2)
+
+HEAD = 4  # header lines before the numbers
+UNITS = {"g": GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048}  # m/s2
+SPELLINGS = (  # pattern, replacement: unify the spellings of a unit
+    (r"\*\*|\^", ""),
+    ("²", "2"),
+    (r"\s*(?:/|\bper\b)\s*", "/"),
+    (r"/\(?s(?:ec(?:ond)?s?)?\b\)?", "/s"),
+    (r"/\(?s(?:ec(?:ond)?s?)?\)?\s*2\b|/s/s\b|[\s.]*s-2\b", "/s2"),
+    (r"\bgals?\b", "cm/s2"),
+)
+NAMED = r"\bunits?\b[\s:=(\[]*(?:(?:of|in|is|are)\b[\s:=(\[]*)?"
+RATE = r"(?P<rate>(?:[mc]?m|in|ft)/s2)(?![\w/])"
+KNOWN = re.compile(rf"(?P<value>[\d.]\s*)?(?<![\w/]){RATE}|(?:{NAMED}|\bin\s+|[(\[,;]\s*)g(?:'s)?(?![\w/])")
+
+
+def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
+    """Read times (r,) [s], accelerations (r,) and their unit, one of UNITS. Raises InputError.
+
+    The fourth line of the header has "NPTS= 3000, DT= .0100 SEC", any line of it the unit.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
+    last = lines[HEAD - 1] if len(lines) >= HEAD else ""
+    points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", last, re.I) for name in ("NPTS", "DT"))
+    if not (points and step):
+        raise InputError(f'{path}: line 4: {last[:60]!r}: expected "NPTS= 3000, DT= .0100 SEC"')
+    try:
+        count, dt = int(float(points[1])), float(step[1])
+        a = np.array(" ".join(lines[HEAD:]).split(), float)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; expected numbers below four lines of head") from None
+    if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
+        problem = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
+        raise InputError(f"{path}: {problem}; expected NPTS of them, 2 or more, and DT > 0")
+    return dt * np.arange(count), a, _unit_of(path, "\n".join(lines[:HEAD]))
+
+
+def _unit_of(path: Path, head: str) -> str:
+    """Return the unit of acceleration in the head of a record. Raises InputError unless it names one.
+
+    A unit behind a number belongs to that number ("PGA 0.3 G"), not to the record.
+    """
+    head = head.lower()
+    for spelling, standard in SPELLINGS:
+        head = re.sub(spelling, standard, head)
+    units = {match["rate"] or "g" for match in KNOWN.finditer(head) if not match["value"]}
+    units |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
+    if len(units) == 1 and units <= UNITS.keys():
+        return units.pop()
+    problem = f"its head names the unit {' and '.join(sorted(units))}" if units else "its head names no unit"
+    raise InputError(
+        f"{path}: {problem}; expected one of {', '.join(UNITS)}. Write the unit of the values into the third "
+        "line, as in UNITS OF G, or give a table of time, acceleration in m/s2"
+    )

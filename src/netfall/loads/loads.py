@@ -1,0 +1,208 @@
+"""Constant loads of a job on its particles: permanent, live and growing loads.
+
+Permanent: self weight and superimposed dead load. Live: loads of nodes, snow, pressure. Statics applies the
+live loads in steps, and all of them act in the dynamic stage.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.functions import cos, sin
+from netfall.core.rotation import from_own, to_own
+from netfall.geometry.net import GRAVITY, Net
+from netfall.geometry.zones import Roof, Zones
+from netfall.job.derived import air_damps, air_moves, drags, grows
+from netfall.job.job import Job
+from netfall.loads.wind.coherence import mean_speed
+from netfall.loads.wind.field import WindField
+from netfall.loads.wind.sectors import Sectors, read_sectors
+from netfall.physics.air import rooted
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Constant loads, forces (n, 3) [N]; carried : (n,) [kg], mass of dead load and snow.
+
+    growing : load that grows over [load] ramp, None: none
+    """
+
+    permanent: np.ndarray
+    live: np.ndarray
+    growing: np.ndarray | None
+    carried: np.ndarray
+
+
+def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Loading:
+    """Compute the loads of a job.
+
+    own : (n,) [kg], mass of the elements; nodes : (n, 3) [N], loads of the nodes
+    """
+    load, permanent = job.load, np.zeros_like(nodes)
+    if load is None:
+        return Loading(permanent, nodes.copy(), None, np.zeros(len(nodes)))
+    if load.self_weight:
+        permanent[:, 2] -= GRAVITY * own
+    permanent += dead_load(load, roof)
+    carried = carried_mass(load, roof)
+    if grows(job):
+        return Loading(permanent, nodes + snow_load(load, roof), pressure_load(load, roof), carried)
+    return Loading(permanent, live_load(load, roof, nodes), None, carried)
+
+
+def carried_mass(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Compute the mass of dead load and snow, (n,) [kg]."""
+    dead = roof.zones.spread(load, "dead") * roof.area
+    return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
+
+
+def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
+    """Compute the live load of [load], (n, 3) [N]; nodes : as in `loading_of`."""
+    return nodes + snow_load(load, roof) + pressure_load(load, roof)
+
+
+def dead_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Compute the weight of the cladding on its surface, (n, 3) [N]."""
+    force = np.zeros_like(roof.vector)
+    force[:, 2] -= roof.zones.spread(load, "dead") * roof.area
+    return force
+
+
+def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Compute the weight of the snow on the area in plan, (n, 3) [N]."""
+    force = np.zeros_like(roof.vector)
+    force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
+    return force
+
+
+def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+    """Compute the force of the pressure, (n, 3) [N].
+
+    A scalar pressure acts against the vector areas, whose sum is exact. A pressure [x, y, z] acts on the
+    surface.
+    """
+    force = np.zeros_like(roof.vector)
+    for value, share in roof.zones.parts(load, "pressure"):
+        if value is not None:
+            is_scalar = isinstance(value, int | float)
+            zone_force = -value * roof.vector if is_scalar else roof.area[:, None] * np.array(value)
+            force += share[:, None] * zone_force
+    return force
+
+
+def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) -> np.ndarray:
+    """Compute the displacements (n, 3) [m] at which springs carry nothing.
+
+    Form finding holds the axes with springs. Each spring therefore starts with the reaction to the axial
+    forces
+    N (m,) [N] of elements of length L (m,) [m] and to the load (n, 3) [N] of form finding, None: none.
+    """
+    if not net.spring.any():
+        return np.zeros((net.n, 3))
+    force = np.zeros((net.n, 3)) if load is None else load.copy()
+    tension = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
+    np.add.at(force, net.elements[:, 0], tension)
+    np.subtract.at(force, net.elements[:, 1], tension)
+    force = to_own(force, net.angle)
+    displacement = np.divide(-force, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
+    return from_own(displacement, net.angle)
+
+
+def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
+    """Return the net pressure coefficient (n,) of each node for the wind's direction, and the sectors.
+
+    None without wind; the sectors are None without a table. Raises InputError for a wrong table.
+    """
+    wind = job.wind
+    sectors = read_sectors(job, zones.names) if wind and wind.sectors else None
+    if sectors is None:
+        return zones.spread(wind, "shape_coefficient") if wind else None, None
+    of_roof, of_zone = sectors.at(wind.direction)
+    own = {name: zone[key] for name, zone in wind.zone.items() if (key := "shape_coefficient") in zone}
+    return zones.by_node(of_roof, own | of_zone), sectors
+
+
+def by_node(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
+    """Return the section [wind] with the net pressure coefficient (n,) of each node."""
+    return SimpleNamespace(**(vars(job.wind) | {"shape_coefficient": coefficient}))
+
+
+def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
+    """Compute the pressure (n,) [N/m2] of the mean wind, positive onto the roof: c_p,net rho U^2 / 2.
+
+    coefficient : (n,); mean_gust : (c,) [m/s] at the control points, in addition to the mean of the field
+    """
+    square = field.mean_square(mean_gust)
+    return square if field.tapped else coefficient * (0.5 * job.wind.air_density) * square
+
+
+def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
+    """Build the datasets of /load that are present: snow and pressure (n,) [N/m2], temperature [K].
+
+    A pressure along axes is nan. A node in several zones has the mean by their shares.
+    """
+    if job.load is None:
+        return {}
+    datasets = {"temperature": np.float64(job.load.temperature)} if job.load.temperature else {}
+    if any(value for value, _ in zones.parts(job.load, "snow")):
+        datasets["snow"] = zones.spread(job.load, "snow")
+    parts = zones.parts(job.load, "pressure")
+    if any(isinstance(value, int | float) for value, _ in parts):
+        datasets["pressure"] = np.zeros(len(zones.of_node))
+        for value, share in parts:
+            along_axes = np.where(share > 0.0, np.nan, 0.0)
+            datasets["pressure"] += along_axes if isinstance(value, list) else share * (value or 0.0)
+    return datasets
+
+
+# --- air on the particles of a roof (`physics.air`): drag, aerodynamic damping and added mass
+
+
+class Drag(NamedTuple):
+    """Data of each node for the drag on detached fragments.
+
+    size : (n,) [kg/m] rho A / 2; speed : (n,) [m/s], mean wind speed; along : x, y of the wind's direction
+    """
+
+    size: np.ndarray
+    speed: np.ndarray
+    along: tuple[float, float]
+
+
+def drag_on(job: Job, x: np.ndarray, roof: Roof) -> Drag | None:
+    """Return the drag data at x (n, 3) [m]; None: no drag.
+
+    If the wind is given as pressures, the mean speed acts; otherwise the speed of the gusts acts.
+    """
+    if not drags(job):
+        return None
+    wind = job.wind
+    angle = wind.direction * (np.pi / 180.0)
+    speed = mean_speed(x[:, 2] + wind.base_height, wind.speed or 0.0, wind.profile_exponent)
+    return Drag(0.5 * wind.air_density * roof.area, speed, (float(cos(angle)), float(sin(angle))))
+
+
+def kappa_area(job: Job, roof: Roof) -> np.ndarray:
+    """Compute kappa rho A (n, 3) [kg/m] of vector areas A, kappa the aerodynamic damping coefficient."""
+    kappa = roof.zones.spread(job.wind, "air_damping")
+    return (kappa * job.wind.air_density)[:, None] * roof.vector
+
+
+def damping_air(job: Job, net: Net, x: np.ndarray, roof: Roof) -> np.ndarray | None:
+    """Compute c (n, 3) of `physics.air` at x (n, 3) [m]; None: no aerodynamic damping.
+
+    It is zero along held axes. If the wind is given as pressures, it is for the mean speed, which is steady.
+    """
+    if not air_damps(job):
+        return None
+    vector, wind = kappa_area(job, roof), job.wind
+    if wind.pressures:
+        vector *= mean_speed(x[:, 2] + wind.base_height, wind.speed, wind.profile_exponent)[:, None]
+    return np.where(net.fixed, 0.0, rooted(vector))
+
+
+def moving_air(job: Job, roof: Roof) -> np.ndarray | None:
+    """Compute the added mass (n,) [kg] of the air; None: there is none."""
+    return roof.zones.spread(job.load, "air_mass") * roof.area if air_moves(job) else None

@@ -1,0 +1,1 @@
+"""Wind: mean profile, gusts and pressures at points in time. Arrays, no MPI."""

@@ -1,0 +1,316 @@
+"""Coherent gust histories at a few control points by a vector autoregressive (AR) model, advanced in time.
+
+    u(t) = sum_j Psi_j u(t - l_j dt) + w(t),    w ~ N(0, Sigma)
+
+Psi and Sigma follow from the covariances R(tau) = integral S(n) coh(n) cos(2 pi n tau) dn, up to the highest
+frequency that the samples carry, by the Yule-Walker equations at the lags l_j. Consecutive lags of 0.05 s
+would
+cover a fraction of a second of a process with a memory of half a minute. The lags therefore grow
+geometrically,
+from one step to the memory of the gust. The equations hold only between the lags, so the variance of the
+model
+is not exactly R(0). It is computed from the spectrum of the model, and Sigma is scaled to give R(0).
+
+All results are smooth functions of the wind speed, except the lags, whose rounding to steps changes little.
+The
+noise is a function of (seed, step). Similar speeds therefore give nearly the same gusts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.core.functions import cos, geometric, integral, log, sin
+from netfall.core.kernels import kernel
+from netfall.core.linear import eliminate, factorised, product, solve_columns
+from netfall.loads.wind.coherence import davenport_coherence
+from netfall.loads.wind.means import Means
+from netfall.loads.wind.noise import standard_normal
+from netfall.physics.wind_spectra import Gust
+
+PER_OCTAVE = 24  # nodes of the integral over frequencies
+LOWEST = 1e-3  # share of U0 / memory: frequency below which the spectrum is linear
+SOME_POINTS = 6  # control points at which variance and spectrum of the model are judged
+NUGGET = 1e-9  # share of the variance added to the diagonal: close control points make R nearly singular
+BELOW_BANDS = 0.03  # share of the variance below the half octaves that judge the spectrum
+FAINTEST = 1e-12  # share of the largest spectrum: lower bound of the target that gusts are judged by
+BURN_IN = 2.0  # memories of the gust after which less than 1e-3 of the zero start remains
+BLOCK = 64  # steps per draw of noise
+
+
+def frequency_nodes(gust: Gust, dt: float) -> np.ndarray:
+    """Return frequencies [Hz] in geometric progression from 0 to half of 1 / dt."""
+    high = 0.5 / dt
+    low = min(LOWEST * gust.speed / gust.memory, 0.01 * high)
+    octaves = float(log(high / low) / log(2.0))
+    return np.append(0.0, geometric(low, high, max(2, int(np.ceil(PER_OCTAVE * octaves)))))
+
+
+def cosine_weights(n: np.ndarray, lags: np.ndarray, dt: float) -> np.ndarray:
+    """Return weights (lags, nodes) of values at nodes n that give their integral with cos(2 pi n lag dt).
+
+    The integral is exact for values that are linear between the nodes: by parts, with the slopes. At the last
+    node,
+    1 / 2 dt, the sine of the boundary term is zero.
+    """
+    h, omega = np.diff(n), 2.0 * np.pi * dt * np.asarray(lags, float)[:, None]
+    weight = np.zeros((len(lags), len(n)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise = -2.0 * sin(0.5 * omega * (n[1:] + n[:-1])) * sin(0.5 * omega * h) / (omega * omega * h)
+    flat = np.asarray(lags) == 0
+    weight[:, 1:] += np.where(flat[:, None], 0.5 * h, rise)
+    weight[:, :-1] += np.where(flat[:, None], 0.5 * h, -rise)
+    return weight
+
+
+@dataclass(frozen=True)
+class AtPoints:
+    """Gusts at points (c, 3) [m], axes of the wind. mean : (c,) [m/s] there; decay : (Cx, Cy, Cz)"""
+
+    points: np.ndarray
+    mean: np.ndarray
+    decay: tuple
+
+    def covariances(self, n, weight) -> np.ndarray:
+        """Compute sums (w, c, c) of their coherence over frequencies n (f,) [Hz] with weights (w, f)."""
+        points, mean = self.points, self.mean
+        i, j = np.triu_indices(len(points))
+        coherence = davenport_coherence(n, points[i] - points[j], self.decay, 0.5 * (mean[i] + mean[j]))
+        sums = np.empty((len(weight), len(i)))
+        product(weight, coherence, sums)
+        R = np.empty((len(weight), len(points), len(points)))
+        R[:, i, j] = sums
+        R[:, j, i] = R[:, i, j]
+        return R
+
+    def kept(self, n, some) -> np.ndarray:
+        """Return the share (f,) of the spectrum at n (f,) [Hz] in gusts at points, which is 1."""
+        return np.ones(len(n))
+
+
+def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the coefficients Psi (p, c, c) at the lags and the covariance Sigma (c, c) of the noise.
+
+    R : (l, c, c) at the lags `known`. The coherence is real, so R(tau) = R(-tau) = R(tau)^T.
+    """
+    p, c = len(lags), R.shape[1]
+    between = np.searchsorted(known, np.abs(lags[:, None] - lags))
+    matrix = R[between].transpose(0, 2, 1, 3).reshape(p * c, p * c)
+    right = R[np.searchsorted(known, lags)].reshape(p * c, c)
+    stacked, predicted = right.copy(), np.empty((c, c))  # (p c, c): Psi_j^T stacked
+    factorise(matrix)
+    solve_columns(matrix, stacked)
+    product(np.ascontiguousarray(right.T), stacked, predicted)
+    sigma = R[0] - predicted
+    return stacked.reshape(p, c, c).transpose(0, 2, 1), 0.5 * (sigma + sigma.T)
+
+
+def factorise(matrix: np.ndarray) -> None:
+    """Compute the Cholesky factor in place, as `linear.factorised`.
+
+    Raises InputError for a singular matrix.
+    """
+    if factorised(matrix):
+        raise InputError(
+            "[wind] the equations of the gusts are singular to rounding; expected fewer control_points, "
+            "a lower ar_order or a longer time_step"
+        )
+
+
+def root_of(sigma: np.ndarray) -> np.ndarray:
+    """Compute the lower Cholesky factor (c, c) of a covariance."""
+    upper = sigma.copy()
+    factorise(upper)
+    return np.triu(upper).T
+
+
+def model_spectrum(n: np.ndarray, lags, psi, sigma, dt: float) -> np.ndarray:
+    """Compute one-sided spectra (f,) [m2/s2/Hz] of an AR model at n (f,) [Hz], mean over its points."""
+    root, total = root_of(sigma).astype(complex), np.empty(len(n))
+    phase = 2.0 * np.pi * dt * np.multiply.outer(n, lags)
+    waves = cos(phase) - 1j * sin(phase)
+    for k, wave in enumerate(waves):
+        system = np.eye(len(sigma)) - np.add.reduce(wave[:, None, None] * psi, axis=0)
+        response = root.copy()
+        eliminate(system, response)
+        total[k] = np.add.reduce((response.real**2 + response.imag**2).ravel())
+    return 2.0 * dt * total / len(sigma)
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Deficits of the generated gusts against the target, as shares.
+
+    beyond : share of the variance at frequencies above those that samples dt apart carry
+    between : share of the rest lost by linear interpolation between samples, mean over time
+    misfit : signed error of the spectrum in the worst half octave, which starts at `misfit_low` [Hz]
+    slow_below : [Hz], start of these half octaves; slow : share of the carried variance below it; slow_asked
+    : the
+        same share of the target. A model of so few lags is constant as n goes to zero; Davenport's spectrum
+        is zero
+    """
+
+    beyond: float
+    between: float
+    misfit: float
+    misfit_low: float
+    slow_below: float
+    slow: float
+    slow_asked: float
+
+
+@dataclass(frozen=True)
+class GustModel:
+    """Coefficients of the vector AR model.
+
+    lags : (p,) [steps]; psi : (p c, c), Psi_j^T stacked
+    noise_root : (c, c), upper, Sigma = noise_root^T noise_root
+    covariance : (c, c) [m2/s2], of simultaneous gusts; burn_in : [steps]
+    """
+
+    lags: np.ndarray
+    psi: np.ndarray
+    noise_root: np.ndarray
+    covariance: np.ndarray
+    burn_in: int
+    losses: Losses
+
+
+def covariances(gusts: AtPoints | Means, gust: Gust, dt, lags) -> np.ndarray:
+    """Compute the covariances R(lag dt) (lags, c, c) of the gusts. lags : ascending from 0 [steps]"""
+    n = frequency_nodes(gust, dt)
+    R = gusts.covariances(n, cosine_weights(n, lags, dt) * gust.spectrum(n))
+    R[0] += NUGGET * R[0, 0, 0] * np.eye(R.shape[1])
+    return R
+
+
+def fit_gust_model(gusts: AtPoints | Means, gust: Gust, dt: float, order: int) -> GustModel:
+    """Fit the AR model to a spectrum and Davenport's coherence by the Yule-Walker equations.
+
+    dt : [s] time step of the histories; order : number of lags
+    """
+    memory = max(2.0, gust.memory / (gust.speed * dt))  # of the gust, in steps
+    lags = np.unique(np.round(geometric(1.0, memory, order)).astype(int))
+    known = np.unique(np.abs(np.append([0, *lags], lags[:, None] - lags)))
+    R = covariances(gusts, gust, dt, known)
+    psi, sigma = yule_walker(R, known, lags)
+    gain, losses = _judge(R, known, lags, gusts, gust, dt)
+    root = root_of(gain * sigma).T.copy()  # unique and smooth, so neighbouring speeds have the same gusts
+    burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
+    return GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
+
+
+def _judge(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]:
+    """Return the factor on Sigma that gives the variance R(0), and the deficits, judged at a few points."""
+    points = np.unique(np.linspace(0, R.shape[1] - 1, SOME_POINTS).astype(int))
+    R = R[:, points[:, None], points]
+    psi, sigma = yule_walker(R, known, lags)
+    n = frequency_nodes(gust, dt)[1:]
+    model = model_spectrum(n, lags, psi, sigma, dt)
+    variance = integral(model, n) + model[0] * n[0]
+    variance_given = _own(R[0])
+    gain = variance_given / variance
+    between = (variance_given - _own(R[1])) / (3.0 * variance_given)
+    kept_share, octaves = gusts.kept(n, points), _half_octaves(n, gust)
+    target = np.maximum(gust.spectrum(n) * kept_share, FAINTEST * gust.spectrum(n).max())
+    error = (gain * model / target)[octaves].mean(1) - 1.0
+    worst, first = int(np.argmax(np.abs(error))), int(octaves[0, 0])
+    slow = (integral(model[: first + 1], n[: first + 1]) + model[0] * n[0]) / variance
+    low, misfit, start = float(n[octaves[worst, 0]]), float(error[worst]), float(n[first])
+    beyond = gust.share_above(0.5 / dt)
+    spectrum = gust.spectrum(n)
+    kept_share = float(integral(spectrum * kept_share, n) / integral(spectrum, n))
+    slow_target = (1.0 - gust.share_above(start)) / (1.0 - beyond) / kept_share
+    return gain, Losses(beyond, between, misfit, low, start, float(slow), slow_target)
+
+
+def _own(R: np.ndarray) -> float:
+    """Compute the mean of the diagonal of R (c, c), exactly R[0, 0] if all of it is equal."""
+    return R[0, 0] * float(np.mean(np.diagonal(R) / R[0, 0]))
+
+
+def _half_octaves(n, gust: Gust) -> np.ndarray:
+    """Return rows (bands, nodes) of n: the half octaves, without the slowest, that judge the spectrum."""
+    power = n * gust.spectrum(n)
+    first = int(np.searchsorted(np.cumsum(power), BELOW_BANDS * power.sum()))  # nodes are geometric
+    per = PER_OCTAVE // 2
+    bands = max(1, (len(n) - first) // per)
+    return np.arange(len(n))[-bands * per :].reshape(bands, -1)
+
+
+@kernel
+def step_gusts(noise, noise_root, lags, psi, first, speeds, terms):
+    """Advance the gusts by as many steps from `first` on as noise (s, c) has rows.
+
+    noise_root, lags, psi : as in `GustModel`
+    speeds : (r, c) [m/s], out, ring of past speeds, row s % r has those of step s; terms : (2, c),
+    overwritten
+    """
+    ring, c = speeds.shape
+    for s in range(noise.shape[0]):
+        for j in range(c):
+            terms[0, j] = terms[1, j] = 0.0
+        for k in range(c):
+            for j in range(c):
+                terms[0, j] += noise[s, k] * noise_root[k, j]
+        for i in range(lags.shape[0]):
+            row = (first + s - lags[i]) % ring
+            for k in range(c):
+                for j in range(c):
+                    terms[1, j] += speeds[row, k] * psi[i * c + k, j]
+        for j in range(c):
+            speeds[(first + s) % ring, j] = terms[0, j] + terms[1, j]
+
+
+class GustRecursion:
+    """AR recursion with its state: the ring of past speeds and the step count.
+
+    Steps count from time 0; those of the burn-in are negative. The noise of step s is a function of (seed, s)
+    alone
+    (counter-based Philox), whatever the length of the burn-in and the draws before.
+    """
+
+    def __init__(self, model: GustModel, seed: int):
+        self.model = model
+        self.past = np.zeros((int(model.lags[-1]), len(model.noise_root)))  # row s % len: speeds of step s
+        self._bits = np.random.Philox(key=seed)
+        self._start = self._bits.state  # before the first draw
+        self._block, self._noise, self._terms = None, None, np.empty((2, self.past.shape[1]))
+        self.step = -model.burn_in
+        while self.step < 0:
+            self._take(self.noise(self.step)[: -self.step])
+
+    def record(self) -> tuple[dict, dict]:
+        """Return the state for `restore`: numbers and arrays."""
+        return {"step": self.step}, {"past": self.past}
+
+    def restore(self, numbers: dict, arrays: dict) -> None:
+        """Restore the state of an earlier run."""
+        self.past[:], self.step = arrays["past"], int(numbers["step"])
+
+    def noise(self, step: int) -> np.ndarray:
+        """Return standard normal numbers (s, c) of a step and the later steps of its block."""
+        block, row = divmod(step, BLOCK)
+        if block != self._block:
+            c = self.past.shape[1]
+            self._block, self._noise = block, self._drawn(block, BLOCK * c).reshape(BLOCK, c)
+        return self._noise[row:]
+
+    def _drawn(self, block: int, count: int) -> np.ndarray:
+        """Draw the independent standard normal numbers (count,) of a block of steps."""
+        self._start["state"]["counter"][:] = 0
+        self._start["state"]["counter"][3] = np.int64(block).astype(np.uint64)
+        self._bits.state = self._start
+        return standard_normal(self._bits, count)
+
+    def _take(self, noise: np.ndarray) -> None:
+        """Advance by as many steps as there are rows of noise."""
+        model = self.model
+        step_gusts(noise, model.noise_root, model.lags, model.psi, self.step, self.past, self._terms)
+        self.step += len(noise)
+
+    def advance(self) -> np.ndarray:
+        """Return the gust speeds (c,) [m/s] of the next step."""
+        self._take(self.noise(self.step)[:1])
+        return self.past[(self.step - 1) % len(self.past)].copy()

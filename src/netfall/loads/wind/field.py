@@ -1,0 +1,200 @@
+"""Wind on a roof: control points, histories in time, forces on the particles (paper 3, Eq. 5 to 7).
+
+Histories exist only at a few control points; the gust at a particle is interpolated from the four around it.
+With `means`, histories are means over the surface around points in the space of the nodes. With `points` they
+are gusts at the points of a grid over the plan, as in the paper, or in space if heights matter more than
+plan.
+Interpolation between partly correlated points would weaken these gusts. Its weights are therefore scaled to
+keep the variance, which makes gusts of neighbours more alike than their coherence.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from netfall.core.kernels import kernel
+from netfall.loads.wind.autoregressive import AtPoints, GustModel, GustRecursion, fit_gust_model
+from netfall.loads.wind.clusters import cluster_points, cluster_weights
+from netfall.loads.wind.coherence import along_wind, mean_speed
+from netfall.loads.wind.grid import is_resolved, plan_points
+from netfall.loads.wind.means import means_over
+from netfall.loads.wind.measured import TableHistory, place_weights, read_measured, read_taps
+from netfall.loads.wind.surface import surface_of
+from netfall.physics.wind_spectra import gust_of
+
+
+@dataclass(frozen=True)
+class WindField:
+    """Wind data of each particle, computed once on rank 0.
+
+    control_point : (c, 3) [m]; control_mean : (c,) [m/s]; model : of the gusts, None without gusts
+    mean : (n,) [m/s]; corner : (n, 4) control points around; weight : (n, 4)
+    force : (n, 3) [N s2/m2] on each particle at 1 m/s
+    tapped : whether pressures [N/m2] at taps replace speeds and their squares; force is then at 1 N/m2
+    """
+
+    control_point: np.ndarray
+    control_mean: np.ndarray
+    model: GustModel | None
+    mean: np.ndarray
+    corner: np.ndarray
+    weight: np.ndarray
+    force: np.ndarray
+    tapped: bool = False
+
+    @property
+    def varies(self) -> bool:
+        """Whether the wind has gusts: generated ones, or those of a table, for which a field has no mean."""
+        return self.model is not None or not self.control_mean.any()
+
+    @cached_property
+    def deviation(self) -> np.ndarray:
+        """Standard deviation (n,) [m/s] of the gusts on each particle."""
+        return interpolated_deviation(self.corner, self.weight, self.model.covariance)
+
+    def mean_square(self, mean_gust: np.ndarray) -> np.ndarray:
+        """Compute the square (n,) [m2/s2] of the mean speed; mean_gust : (c,) [m/s], mean of the history."""
+        speed = np.empty(len(self.mean))
+        particle_speeds(self.mean, self.corner, self.weight, mean_gust, speed)
+        return speed if self.tapped else speed * speed
+
+
+def force_factor(settings) -> np.ndarray | float:
+    """Return the force on an upward vector area of 1 m2 at 1 m/s, -c_p,net rho / 2 [N s2/m2].
+
+    For pressures at taps it is -1, the force at 1 N/m2.
+    """
+    if settings.pressures:
+        return -1.0
+    return -np.asarray(settings.shape_coefficient) * 0.5 * settings.air_density
+
+
+def still_force(x: np.ndarray, vector: np.ndarray, settings) -> np.ndarray:
+    """Compute the force (n, 3) [N] of the mean wind from its speed at 10 m; as in `make_wind_field`."""
+    mean = mean_speed(x[:, 2] + settings.base_height, settings.speed, settings.profile_exponent)
+    return np.reshape(force_factor(settings), (-1, 1)) * vector * (mean * mean)[:, None]
+
+
+def make_wind_field(
+    x: np.ndarray, vector: np.ndarray, settings, places: np.ndarray | None = None
+) -> WindField:
+    """Build the field for a roof at its start: x (n, 3) [m], upward vector areas A (n, 3) [m2].
+
+    places : (c, 3) [m], of a table of speeds at several points, or (c, 2) of pressures at taps
+    The force at speed U is -c_p,net rho U^2 / 2 A: suction (c_p,net < 0) lifts (Eq. 6, 7).
+    """
+    force = np.reshape(force_factor(settings), (-1, 1)) * vector
+    if settings.pressures:
+        corner, weight = place_weights(x, places)
+        zero_speed, zero_mean = np.zeros(len(places)), np.zeros(len(x))
+        return WindField(places, zero_speed, None, zero_mean, corner, weight, force, tapped=True)
+    if settings.file:
+        return _measured_field(x, force, settings, places)
+    y, up = along_wind(x, settings.direction), along_wind(vector, settings.direction)
+
+    def profile(z):
+        return mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
+
+    mean, gust, model = profile(x[:, 2]), gust_of(settings), None
+    if gust is None:
+        points, corner, weight = plan_points(y, up.any(1), settings.control_points)[:3]
+    elif settings.gusts == "points":
+        points, corner, weight = _points(y, up, mean, settings)
+        gusts = AtPoints(points, profile(points[:, 2]), settings.coherence_decay)
+        model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
+        correlation = model.covariance / model.covariance[0, 0]
+        weight = weight / interpolated_deviation(corner, weight, correlation)[:, None]
+    else:
+        surface, points, corner, weight = _clusters(y, up, mean, settings)
+        gusts = means_over(surface, corner, weight, len(points), settings.coherence_decay)
+        model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
+    points = along_wind(points, -settings.direction)  # back to the axes of the net
+    return WindField(points, profile(points[:, 2]), model, mean, corner, weight, force)
+
+
+def _points(y, vector, mean, settings) -> tuple:
+    """Place the control points of `points`: on a grid in plan unless the net rises too steeply for it."""
+    loaded = vector.any(1) if vector.any() else np.ones(len(y), bool)
+    points, corner, weight, cell = plan_points(y, loaded, settings.control_points)
+    if is_resolved(y[loaded], points, corner[loaded], weight[loaded], cell, settings.coherence_decay):
+        return points, corner, weight
+    return _clusters(y, vector, mean, settings)[1:]
+
+
+def _clusters(y, vector, mean, settings) -> tuple:
+    """Return the loaded surface, control points in its space, those near each node, and their weights."""
+    decay, limit = np.array(settings.coherence_decay), settings.control_points
+    surface = surface_of(y, vector, mean, decay, limit)
+    points = cluster_points(surface, decay, limit)
+    corner, weight = cluster_weights(y, points, decay)
+    return surface, points, corner, weight
+
+
+def _measured_field(x, force, settings, points) -> WindField:
+    """Build the field of a table; the profile transfers its speeds to the height of each particle.
+
+    The table has one speed at 10 m, or several at their points (c, 3) [m].
+    """
+    rows = len(x)
+    corner, weight = np.zeros((rows, 4), np.int64), np.zeros((rows, 4))
+
+    def profile(z):
+        return mean_speed(z + settings.base_height, 1.0, settings.profile_exponent)
+
+    if points is None:
+        points = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
+        weight[:, 0] = profile(x[:, 2])
+    else:
+        corner, weight = place_weights(x, points)
+        weight *= profile(x[:, 2])[:, None] / profile(points[:, 2])[corner]
+    return WindField(points, np.zeros(len(points)), None, np.zeros(rows), corner, weight, force)
+
+
+def interpolated_deviation(corner, weight, covariance) -> np.ndarray:
+    """Compute the standard deviation (n,) of sums with weights (n, 4) at points with covariance (c, c)."""
+    pairs = covariance[corner[:, :, None], corner[:, None, :]]
+    return np.sqrt(np.sum(weight[:, :, None] * weight[:, None, :] * pairs, axis=(1, 2)))
+
+
+@kernel
+def particle_speeds(mean, corner, weight, gust, speed):
+    """Compute the total wind speed (n,) [m/s] of the particles from the gusts (c,) at the control points."""
+    for p in range(mean.shape[0]):
+        u = mean[p]
+        for k in range(4):
+            u += weight[p, k] * gust[corner[p, k]]
+        speed[p] = u
+
+
+def read_history(job) -> TableHistory | None:
+    """Read the history of measured speeds or tap pressures; None: generated. Raises InputError."""
+    wind = job.wind
+    if wind is None or not (wind.file or wind.pressures):
+        return None
+    if wind.file:
+        return read_measured(job)
+    folder = job.path.parent
+    return read_taps(folder / wind.taps, folder / wind.pressures, job.dynamics.duration)
+
+
+class GeneratedHistory:
+    """Gusts generated sample by sample, on rank 0."""
+
+    def __init__(self, field: WindField, settings):
+        self.dt = settings.time_step
+        self.mean_gust = np.zeros(len(field.control_mean))  # m/s, zero over the duration
+        self.recursion = GustRecursion(field.model, settings.seed) if field.model else None
+
+    def sample(self, k: int) -> tuple[float, np.ndarray]:
+        """Return time [s] and gusts (c,) [m/s] of sample k; samples must be requested in order."""
+        return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
+
+    def record(self) -> tuple[dict, dict]:
+        """Return the state for `restore`: numbers and arrays."""
+        return self.recursion.record() if self.recursion else ({}, {})
+
+    def restore(self, numbers: dict, arrays: dict) -> None:
+        """Restore the state of an earlier run."""
+        if self.recursion:
+            self.recursion.restore(numbers, arrays)

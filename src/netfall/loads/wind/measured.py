@@ -1,0 +1,239 @@
+"""Measured wind: tables of speeds or of pressures in time, and their interpolation to particles.
+
+One column `speed` is the speed at 10 m above ground everywhere. Several columns belong to the points of a
+second table, each the speed at that point and height. A particle uses the four nearest points in plan,
+weighted
+by distance; the power-law profile transfers each speed from its height to the particle's.
+
+Pressures of a wind tunnel are values in time at taps, pressures [N/m2] or coefficients as the caller takes
+them; positive presses on the roof. The taps are in a table name, x, y, in the axes of the net. The values are
+in a table with a column time and a column per tap, or in an HDF5 file with `time` (t,) and `value` (t, c),
+columns in the order of the taps, of which 64 rows are in memory at a time. Times are full-scale times of the
+roof, in s. A node uses the four nearest taps in plan, weighted by distance (`place_weights`). Between times
+values are linear.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.core.functions import integral, lengths
+from netfall.job.csv_table import LARGEST, Table
+from netfall.loads.wind.coherence import LOWEST_HEIGHT
+
+ROWS = 64  # rows of a long file that are read at once
+LEVEL = 1e-3  # relative difference up to which distances count as equal
+MOST_PAIRS = 1 << 21  # largest number of distances in memory at once
+TOGETHER = 1e-3  # m: distance in plan below which points coincide
+
+
+def place_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest points (n, 4) of each particle x (n, 3), and weights (n, 4) whose sum is 1.
+
+    axes : 2: in plan, 3: in space
+
+    Weights are ((R - d) / (R d))^2 at distance d, with R the distance of the fifth nearest point (Shepard
+    1968,
+    Franke and Little), so the weight of a point is zero when another replaces it. A particle at a point takes
+    its
+    value. With fewer than five points the weights are 1 / d^2.
+    """
+    order, distance = nearest_places(x[:, :axes], places[:, :axes])
+    d = np.maximum(distance, TOGETHER)
+    used = min(4, len(places))
+    weight = 1.0 / d[:, :used]
+    if len(places) > 4:
+        weight = weight - 1.0 / d[:, 4:5]
+    weight = np.where(weight.max(1, keepdims=True) > 0.0, weight, 1.0) ** 2  # five equal distances
+    corner = np.zeros((len(x), 4), np.int64)
+    weights = np.zeros((len(x), 4))
+    corner[:, :used], weights[:, :used] = order[:, :used], weight / weight.sum(1, keepdims=True)
+    return corner, weights
+
+
+def between_places(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.ndarray:
+    """Return rows of particles with five or more equally near points; arguments as in `place_weights`.
+
+    For these the order of the points, or rounding, decides which four count.
+    """
+    distance = nearest_places(x[:, :axes], places[:, :axes])[1]
+    return np.flatnonzero(distance[:, -1] <= (1.0 + LEVEL) * distance[:, 0] if len(places) > 4 else [])
+
+
+def nearest_places(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest points, at most five, of points x (n, a), and their distances [m]."""
+    size, blocks = max(1, MOST_PAIRS // len(places)), []
+    for first in range(0, len(x), size):
+        distance = lengths(x[first : first + size, None] - places)
+        order = np.argsort(distance, axis=1, kind="stable")[:, :5]
+        blocks.append((order, np.take_along_axis(distance, order, 1)))
+    return tuple(map(np.concatenate, zip(*blocks)))
+
+
+class TableHistory:
+    """Rows of a table in time, from time 0 on, of which a block is in memory at a time.
+
+    places : (c, 2 or 3) [m], positions of its columns; None: one column everywhere; notes : on the tables
+    mean_gust : (c,), the mean over the duration
+    """
+
+    def __init__(self, time, rows: Callable[[int, int], np.ndarray], mean_gust, places, notes):
+        """time : (t,) [s]; rows(first, end) : values (end - first, c) of these rows"""
+        self.first = int(np.searchsorted(time, 0.0, side="right")) - 1
+        self.time, self.mean_gust = time[self.first :], mean_gust
+        self.places, self.notes = places, notes
+        self._rows, self._begin, self._block = rows, -1, None
+
+    def sample(self, k: int) -> tuple[float, np.ndarray]:
+        """Return time [s] and values (c,) of row k; the last row holds for all later ones."""
+        k = min(k, len(self.time) - 1)
+        begin = k // ROWS * ROWS
+        if begin != self._begin:
+            end = min(begin + ROWS, len(self.time))
+            self._begin, self._block = begin, self._rows(self.first + begin, self.first + end)
+        return float(self.time[k]), self._block[k - begin]
+
+    def until(self, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (k,) [s] and values (k, c) of the rows up to the first at or after a time [s]."""
+        rows = int(np.searchsorted(self.time, end)) + 1
+        return self.time[:rows], self._rows(self.first, self.first + rows)
+
+    def record(self) -> tuple[dict, dict]:
+        """Return an empty state: a row depends only on its number."""
+        return {}, {}
+
+    def restore(self, numbers: dict, arrays: dict) -> None:
+        """Ignore the state of `record`."""
+
+
+def read_measured(job) -> TableHistory:
+    """Read the history of [wind] file, with columns time [s] and speed [m/s], or one per point.
+
+    Raises InputError unless times ascend from 0 or before to the end of the simulated time.
+    """
+    names, places, notes, duration = ["speed"], None, [], job.dynamics.duration
+    if job.wind.points:
+        need, path = (
+            "one height at each place, the profile does the rest",
+            job.path.parent / job.wind.points,
+        )
+        names, places, notes = read_places(path, "xyz", need)
+        height = places[:, 2] + job.wind.base_height
+        if (height < LOWEST_HEIGHT).any():
+            raise InputError(
+                f"{path}: name = {name!r}: {z:g} m above ground (z + base_height = "
+                f"{job.wind.base_height:g}); expected at least {LOWEST_HEIGHT:g} m"
+                for name, z in zip(names, height)
+                if z < LOWEST_HEIGHT
+            )
+    table, time, speed = read_rows(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
+    times = np.unique(np.clip(time, 0.0, duration))
+    course = (np.interp(times, time, column) for column in speed.T)
+    mean = np.array([integral(values, times) / duration for values in course])
+    return TableHistory(time, lambda first, end: speed[first:end], mean, places, notes + table.notes)
+
+
+def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGEST, unit: str = ""):
+    """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers from `low` on.
+
+    Raises InputError unless times ascend from 0 or before to a duration [s], and each cell has a number.
+    """
+    table = Table(path, ("time", *names), ("time", *names))
+    time = table.numbers("time", unit="s")
+    values = table.stacked(names, low=low, unit=unit)
+    table.finish()
+    table.ascending("time", time)
+    table.no_gaps(time, values)
+    if time[0] > 0 or time[-1] < duration:
+        table.wrong(f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {duration:g} s")
+    table.finish()
+    return table, time, values
+
+
+def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.ndarray, list[str]]:
+    """Read names, lower-case as in headers, positions (c, 2 or 3) [m] and notes of a table of points.
+
+    axes : required columns; expected : remedy for two points above one another
+
+    Raises InputError for points without a unique name, or above one another.
+    """
+    table = Table(path, ("name", "x", "y", "z"), ("name", *axes))
+    names = [name.lower() for name in table.words("name")]
+    places = table.stacked(axes, unit="m")
+    for row, name in enumerate(names):
+        label = f"{table.at(row)}: name = {name[:40]!r}"
+        if not name or name == "time" or name in names[:row]:
+            table.wrong(f"{label}: expected a name of its own, that of a column of values")
+        close = lengths(places[:row, :2] - places[row, :2]) < TOGETHER  # a particle would take the mean
+        if close.any():
+            table.wrong(f"{label}: at the same x, y as {names[int(close.argmax())]!r}; expected {expected}")
+    table.no_gaps(places)
+    return names, places, table.notes
+
+
+def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
+    """Read the history of two files, over at least a duration [s]. Raises InputError."""
+    remedy = "one tap at each place, with what presses and what lifts there added"
+    names, places, notes = read_places(taps, "xy", remedy)
+    if values.suffix in (".h5", ".hdf5"):
+        time, rows = _long_file(values, len(names))
+        _check_times(values, time, duration)
+    else:
+        table, time, value = read_rows(values, names, duration)
+        notes = notes + table.notes
+
+        def rows(first, end):
+            return value[first:end]
+
+    return TableHistory(time, rows, _mean(time, rows, duration), places, notes)
+
+
+def _mean(time: np.ndarray, rows, duration: float) -> np.ndarray:
+    """Compute mean values (c,) over the duration [s], linear between rows; arguments of `TableHistory`."""
+    begin, end = np.clip(time[:-1], 0.0, duration), np.clip(time[1:], 0.0, duration)
+    second = (end - begin) * (0.5 * (begin + end) - time[:-1]) / np.diff(time)
+    share = np.zeros(len(time))
+    share[:-1] += end - begin - second
+    share[1:] += second
+    share, blocks = share / duration, range(0, len(time), ROWS)
+    return sum(np.add.reduce(share[i : i + ROWS, None] * rows(i, i + ROWS), axis=0) for i in blocks)
+
+
+def _long_file(path: Path, count: int):
+    """Open an HDF5 file; return its times (t,) [s] and a function that reads rows. Raises InputError."""
+    try:
+        file = h5py.File(path)
+        time, value = file["time"][:], file["value"]
+        shape = value.shape
+    except (OSError, KeyError, AttributeError, ValueError) as error:
+        raise InputError(f"{path}: {error}; expected HDF5 with datasets time (t,) and value (t, c)") from None
+    if time.ndim != 1 or not len(time) or shape != (len(time), count):
+        raise InputError(
+            f"{path}: time has the shape {time.shape} and value {shape}; expected (t,) and (t, {count}), "
+            f"a column for each of the {count} taps"
+        )
+
+    def rows(first, end):
+        return value[first:end].astype(float)
+
+    for first in range(0, len(time), ROWS):
+        invalid = ~(np.abs(rows(first, first + ROWS)) <= LARGEST).all(1)
+        if invalid.any():
+            k = first + int(invalid.argmax())
+            raise InputError(
+                f"{path}: value: row {k} has what is no number up to {LARGEST:g}; expected one in each"
+            )
+    return time.astype(float), rows
+
+
+def _check_times(path: Path, time: np.ndarray, duration: float) -> None:
+    """Check that times ascend and cover the duration [s]. Raises InputError."""
+    for k in np.flatnonzero(~(np.diff(time) > 0))[:1]:
+        problem = f"time = {time[k + 1]:g} is not after the row before ({time[k]:g})"
+        raise InputError(f"{path}: {problem}; expected ascending times")
+    if not (time[0] <= 0 and time[-1] >= duration):
+        covered = f"covers {time[0]:g} to {time[-1]:g} s"
+        raise InputError(f"{path}: {covered}; expected 0 to duration = {duration:g} s")

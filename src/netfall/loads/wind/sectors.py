@@ -1,0 +1,68 @@
+"""Table of [wind] sectors: net pressure coefficients of the roof and its zones by wind direction.
+
+Coefficients are linear between two directions of the table, also across 360 degrees.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.job.csv_table import Table
+from netfall.job.job import Job
+
+ROOF = "shape_coefficient"  # column of nodes in no zone, or in a zone without a column
+
+
+def origin(direction: float) -> str:
+    """Describe the origin of a wind that blows to a direction [degrees], from x towards y."""
+    return f"from {(direction + 180.0) % 360.0:g} degrees"
+
+
+def bearing(direction: float) -> str:
+    """Describe the direction that a wind blows to, and its origin."""
+    return f"to {direction:g} degrees ({origin(direction)})"
+
+
+@dataclass(frozen=True)
+class Sectors:
+    """Coefficients by direction (d,) [degrees] that the wind blows to, ascending; of_zone : by zone."""
+
+    direction: np.ndarray
+    of_roof: np.ndarray
+    of_zone: dict[str, np.ndarray]
+    notes: list[str] = field(default_factory=list)
+
+    def at(self, direction: float) -> tuple[float, dict[str, float]]:
+        """Return the coefficients of the roof and of the zones for a wind to a direction [degrees]."""
+
+        def value(column):
+            return float(np.interp(direction, self.direction, column, period=360.0))
+
+        return value(self.of_roof), {name: value(column) for name, column in self.of_zone.items()}
+
+
+def read_sectors(job: Job, zones: list[str]) -> Sectors:
+    """Read the table of a job with columns direction, shape_coefficient, and one per zone name.
+
+    Raises InputError with all errors in it.
+    """
+    path = job.path.parent / job.wind.sectors
+    columns = {name.lower(): name for name in zones}  # as headers are read
+    if len(columns) < len(zones):
+        raise InputError(f"{path}: zones whose names differ in capital letters alone have the same column")
+    table = Table(path, ("direction", ROOF, *columns), ("direction", ROOF))
+    direction = table.numbers("direction", unit="degrees")
+    for row in np.flatnonzero(~((direction >= 0) & (direction < 360)))[:3]:
+        cell = table.words("direction")[row][:40]
+        table.wrong(f"{table.at(row)}: direction = {cell!r}: expected a number of degrees >= 0 and < 360")
+    table.ascending("direction", direction)
+    coefficients = {name: table.numbers(name) for name in (ROOF, *columns) if name in table}
+    for name in coefficients:
+        table.full(name, 3)
+        if ROOF in job.wind.zone.get(columns.get(name, ""), {}):
+            conflict = f"[wind.zone.{columns[name]}] {ROOF} exclude each other; keep one of the two"
+            table.wrong(f"column {name} and {conflict}")
+    table.finish()
+    of_roof = coefficients.pop(ROOF)
+    return Sectors(direction, of_roof, {columns[name]: v for name, v in coefficients.items()}, table.notes)

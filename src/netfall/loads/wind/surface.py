@@ -1,0 +1,179 @@
+"""Loaded surface of a net as patches, and sums of the coherence over pairs of patches.
+
+A patch is a node with its tributary area; in a large net, all nodes in a cube. Davenport's coherence is a
+function f of the delay alone, exp(-n delay). Its sum over pairs is therefore sum_a f(d_a) K_a with a table of
+delays d_a; between them f is a cubic through the nearest four.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.core.functions import geometric, lengths, log
+
+MOST_PATCHES = 400  # largest number of patches, unless PER_POINT asks for more
+PER_POINT = 4  # allowed patches per control point
+GROWTH = 1.2  # factor on the side of the cubes until there are few enough patches
+PER_E_FOLD = 8  # delays of the table per factor e; the error of a cubic of exp(-n d) is then 1e-5
+SHORTEST = 1e-5  # share of the longest delay; shorter delays count as this
+NEAR = 2.0  # sizes of two patches, in delays; closer patches are not treated as points
+BLOCK = 4096  # pairs per block: bounds the memory
+PLACES = 128  # point pairs per pair of patches: the mean error of exp(-n d) is 3 %
+STEPS = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # of a uniform sequence in a cube
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Patches of the loaded nodes, in axes of the wind.
+
+    node : (n,) rows of the loaded nodes, in an order that depends only on positions; patch : (n,) of each
+    area : (n,) [m2]
+    place : (q, 3) [m], centres of the patches; spread : (q, 3) [m2], variance of the positions in each
+    speed : (q,) [m/s], mean speed at each
+    """
+
+    node: np.ndarray
+    patch: np.ndarray
+    area: np.ndarray
+    place: np.ndarray
+    spread: np.ndarray
+    speed: np.ndarray
+
+    def over_patches(self, values: np.ndarray) -> np.ndarray:
+        """Sum values (n,) of the loaded nodes over each patch (q,)."""
+        return np.bincount(self.patch, values, len(self.place))
+
+    def pairs(self, shape: np.ndarray, decay) -> tuple[np.ndarray, np.ndarray]:
+        """Return delays d (a,) [s] and K (a, c, c) with sum_a f(d_a) K_a = shape^T f(delays) shape.
+
+        shape : (q, c), c loads on the patches
+        """
+        column, value = _packed(shape)
+        p, q = np.triu_indices(len(shape))
+        weight = np.where(p == q, 0.5, 1.0)
+        d, count = self._table(decay), shape.shape[1]
+        half = np.zeros(len(d) * count * count)
+        for first in range(0, len(p), BLOCK):
+            first_patch, second_patch = p[first : first + BLOCK], q[first : first + BLOCK]
+            pair, a, share = self._shares(d, first_patch, second_patch, decay)
+            first_patch, second_patch, share = (
+                first_patch[pair],
+                second_patch[pair],
+                share * weight[first : first + BLOCK][pair],
+            )
+            index = (a[:, None] * count + column[first_patch])[:, :, None] * count + column[second_patch][
+                :, None
+            ]
+            product = share[:, None, None] * value[first_patch][:, :, None] * value[second_patch][:, None]
+            half += np.bincount(index.ravel(), product.ravel(), len(half))
+        half = half.reshape(len(d), count, count)
+        return d, half + half.transpose(0, 2, 1)
+
+    def _shares(self, d, one, other, decay) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distribute pairs of patches over the delays of the table.
+
+        Returns the number of the pair (k,), the number of the delay (k,), and the weight (k,). Patches close
+        to each
+        other have the delays of points within them, on average; distant ones have the delay of their centres.
+        """
+        to_delay = np.asarray(decay) / (0.5 * (self.speed[one] + self.speed[other]))[:, None]
+        separation = (self.place[other] - self.place[one]) * to_delay
+        size = np.sqrt(6.0 * (self.spread[one] + self.spread[other])) * to_delay
+        far = lengths(separation) >= NEAR * lengths(size)
+        offsets, weight = _differences()
+        close_delays = lengths(separation[~far, None] + size[~far, None] * offsets)
+        pair = np.append(np.flatnonzero(far), np.repeat(np.flatnonzero(~far), PLACES))
+        first, share = _cubic(d, np.append(lengths(separation[far]), close_delays.ravel()))
+        share = share * np.append(np.ones(far.sum()), np.tile(weight, (~far).sum()))
+        index = np.concatenate([pair * len(d) + first + k for k in range(4)])
+        sums = np.bincount(index, share.ravel(), len(one) * len(d)).reshape(len(one), len(d))
+        number, a = np.nonzero(sums)
+        return number, a, sums[number, a]
+
+    def _table(self, decay) -> np.ndarray:
+        """Return delays (a,) [s] in geometric progression, up to the longest between two patches."""
+        extent = np.ptp(self.place, axis=0) + 2.0 * np.sqrt(3.0 * self.spread.max(0))
+        high = lengths((extent * decay)[None])[0] / self.speed.min()
+        high = high if high > 0.0 else 1.0
+        return geometric(SHORTEST * high, high, 1 + int(PER_E_FOLD * float(log(1.0 / SHORTEST))))
+
+
+def surface_of(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, points: int) -> Surface:
+    """Build the loaded surface of nodes y (n, 3) with vector areas (n, 3), in axes of the wind.
+
+    speed : (n,) [m/s], mean at the nodes; points : largest number of control points
+    If no node is loaded, all nodes count equally.
+    """
+    loaded = vector.any(1)
+    node = np.flatnonzero(loaded) if loaded.any() else np.arange(len(y))
+    vector = vector if loaded.any() else np.tile([0.0, 0.0, 1.0], (len(y), 1))
+    node = node[np.lexsort(np.column_stack([vector, y])[node].T)]
+    y, vector, speed = y[node], vector[node], speed[node]
+    area = lengths(vector)
+    patch = _cubes(y * stretch(decay), max(MOST_PATCHES, PER_POINT * points))
+    centre = by_area(patch, area, y)
+    own_spread = area[:, None] * (1.0 - (vector / area[:, None]) ** 2) / 12.0  # of a square along the surface
+    spread = by_area(patch, area, (y - centre[patch]) ** 2 + own_spread)
+    return Surface(node, patch, area, centre, spread, by_area(patch, area, speed[:, None])[:, 0])
+
+
+def stretch(decay) -> np.ndarray:
+    """Return scale factors (3,) along and across the wind and upward, after which patches are cubes.
+
+    They are roots of the decays: a compromise between cubes in space, for the shapes of loads, and cubes in
+    delays,
+    for gusts.
+    """
+    return np.sqrt(np.asarray(decay))
+
+
+def by_area(patch: np.ndarray, area: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Compute area-weighted means (q, k) over each patch of values (n, k)."""
+    sums = [np.bincount(patch, area * column) for column in values.T]
+    return np.column_stack(sums) / np.bincount(patch, area)[:, None]
+
+
+def _cubes(y: np.ndarray, most: int) -> np.ndarray:
+    """Number the patches (n,) of points y (n, 3): each point is one, or if there are too many, each cube."""
+    if len(y) <= most:
+        return np.arange(len(y))
+    low, extent = y.min(0), np.ptp(y, axis=0)
+    longest, second = sorted(extent)[:0:-1]
+    side = max(0.5 * float(np.sqrt(longest * second / most)), longest / most) or 1.0
+    while True:
+        i, j, k = np.floor((y - low) / side).astype(np.int64).T
+        cubes, number = np.unique((i * (j.max() + 1) + j) * (k.max() + 1) + k, return_inverse=True)
+        if len(cubes) <= most:
+            return number
+        side *= GROWTH
+
+
+def _differences() -> tuple[np.ndarray, np.ndarray]:
+    """Return differences (PLACES, 3) of two random points in a unit cube, and weights that sum to 1.
+
+    Their density along each axis is 1 - |t|. They concentrate at 0, where coherence peaks: t = u |u|, with u
+    uniformly spread (a sequence of Roberts 2018).
+    """
+    u = 2.0 * ((0.5 + np.arange(1, PLACES + 1)[:, None] * np.array(STEPS)) % 1.0) - 1.0
+    weight = np.abs(u) * (1.0 - u * u)
+    weight = weight[:, 0] * weight[:, 1] * weight[:, 2]
+    return u * np.abs(u), weight / weight.sum()
+
+
+def _packed(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return columns and values (q, k) of the non-zeros in rows (q, c), padded with zeros."""
+    width = np.count_nonzero(shape, axis=1).max()
+    column = np.argsort(shape == 0.0, axis=1, kind="stable")[:, :width]
+    return column, np.take_along_axis(shape, column, 1)
+
+
+def _cubic(d: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first of four delays (n,) of a table d around each value, and Lagrange weights (4, n)."""
+    values = np.clip(values, d[0], d[-1])
+    first = np.clip(np.searchsorted(d, values, side="right") - 2, 0, len(d) - 4)
+    share = np.ones((4, len(values)))
+    for k in range(4):
+        for other in range(4):
+            if other != k:
+                share[k] *= (values - d[first + other]) / (d[first + k] - d[first + other])
+    return first, share

@@ -1,1 +1,0 @@
-"""Measurements: run time against error, scaling, throughput."""

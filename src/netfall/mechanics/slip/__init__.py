@@ -1,1 +1,0 @@
-"""Sliding cables: the law of one slip point, and the motion of slips in the step."""

@@ -1,1 +1,0 @@
-"""Messages of run and check; no number is computed here."""

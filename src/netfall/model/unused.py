@@ -1,0 +1,205 @@
+"""Keys and columns that are given but have no effect in this job."""
+
+import difflib
+from collections.abc import Iterator
+
+import numpy as np
+
+from netfall.geometry.net import Net
+from netfall.geometry.turned import is_turned
+from netfall.geometry.zones import Zones, named_zones
+from netfall.job.derived import (
+    air_damps,
+    air_moves,
+    carries_permanent,
+    drags,
+    grows,
+    has_statics,
+    loads_the_roof,
+)
+from netfall.job.job import Job
+from netfall.job.values import shown
+from netfall.loads.wind.sectors import Sectors, origin
+from netfall.physics.wind_spectra import intensity
+
+ALIKE = 0.8  # similarity (difflib) from which two names of groups were probably meant to be the same
+OF_GUSTS = (
+    "time_step", "ar_order", "seed", "control_points", "gusts", "coherence_decay", "spectrum", "gust_length",
+)  # fmt: skip
+
+
+def without_effect(job: Job, net: Net) -> list[str]:
+    """Return a note for each key of the job file, or column of a table, that is given and has no effect."""
+    given = job.given()
+    notes = []
+    for section, keys, idle, why in _idle_keys(job, net):
+        idle_keys = [key for key in keys if f"{section}.{key}" in given]
+        if idle and idle_keys:
+            notes.append(f"[{section}] {', '.join(idle_keys)}: no effect: {why}")
+    return [*notes, *_idle_sections(job, net, given), *_idle_columns(job, net), *_unlike_groups(job, net)]
+
+
+def _idle_keys(job: Job, net: Net) -> list[tuple]:
+    """List rows of: section, keys, whether they have no effect, and the reason."""
+    breaks, form, load = bool(np.isfinite(net.fracture_strain).any()), job.form_finding, job.load
+    rows = _idle_in_motion(job, breaks)
+    if job.net.generator in ("wheel", "dome"):
+        reason = f"the {job.net.generator} has the prestress of its own equilibrium"
+        rows.append(("cable", ("prestress",), True, reason))
+    rows += _idle_of_load(job, breaks) if load else []
+    service = any(combination.kind == "service" for combination in job.combinations)
+    rows.append(("limits", ("displacement", "slack"), not service, "there is no [[combination]] for service"))
+    if form:
+        linear = f'method = "{form.method}" is one linear solve'
+        weightless = not (load and load.self_weight) and not any(job.loads("dead"))
+        none = "there is neither self weight nor dead load"
+        rows += [
+            ("form_finding", ("start", "modulus_factor", "max_iterations"), form.method != "fpm", linear),
+            ("form_finding", ("loads",), carries_permanent(job) and weightless, none),
+        ]
+    return rows + (_idle_of_wind(job, breaks) if job.wind else [])
+
+
+def _idle_in_motion(job: Job, breaks: bool) -> list[tuple]:
+    """List the rows of [output] and [dynamics]; breaks : whether any element can break."""
+    dynamics, of_motion = job.dynamics, ("frames", "history", "energy", "probes", "elements", "checkpoint")
+    if not dynamics:
+        return [("output", of_motion, True, "there is no [dynamics]")]
+    no_fragments, late = not dynamics.fragments, job.output.checkpoint >= dynamics.duration
+    fixed = dynamics.time_step != "auto" and (no_fragments or not breaks)
+    return [
+        ("output", ("checkpoint",), late, "it is not shorter than the duration"),
+        ("dynamics", ("safety",), fixed, "time_step is fixed"),
+        ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
+        (
+            "dynamics",
+            ("fragment_mass",),
+            breaks and no_fragments,
+            "with fragments = false nothing splits off",
+        ),
+    ]
+
+
+def _idle_of_load(job: Job, breaks: bool) -> list[tuple]:
+    """List the rows of [load]; breaks : whether any element can break."""
+    no_statics = job.dynamics and not has_statics(job)
+    no_inertia = not air_moves(job) or not (job.dynamics or job.output.modes)
+    reason = "it lets the pressure grow in a dynamic stage without load steps"
+    return [
+        ("load", ("tolerance", "max_iterations"), no_statics, "steps = 0: no statics"),
+        ("load", ("breaking",), not breaks, "nothing can break"),
+        ("load", ("air_mass",), no_inertia, "it is inertia, of what moves or has modes"),
+        ("load", ("ramp",), not grows(job), reason),
+    ]
+
+
+def _idle_of_wind(job: Job, breaks: bool) -> list[tuple]:
+    """List the rows of [wind]; breaks : whether any element can break."""
+    wind, by_taps = job.wind, "the wind comes from pressures"
+    generated = wind.speed and not wind.pressures
+    source = "file" if wind.file else "pressures"
+    of_speed = ("air_density", "direction", "profile_exponent", "base_height")
+    zero_key = "roughness" if wind.turbulence is None else "turbulence"
+    no_gusts = generated and intensity(wind) == 0
+    detaches = breaks or bool(job.removes)
+    drag = detaches and drags(job)
+    needs_speed = air_damps(job) or drag
+    return [
+        ("wind", ("roughness", "turbulence", *OF_GUSTS), not generated, f"the wind comes from {source}"),
+        ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
+        ("wind", ("direction",), wind.pressures and air_damps(job) and not drag, by_taps),
+        ("wind", OF_GUSTS, no_gusts, f"{zero_key} = 0: there are no gusts"),
+        ("wind", ("after_fracture",), not detaches, "nothing can break"),
+        ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
+    ]
+
+
+def _idle_sections(job: Job, net: Net, given: set[str]) -> Iterator[str]:
+    """Yield notes on whole sections without effect."""
+    load, wind, on_roof = job.load, job.wind, loads_the_roof(job)
+    for number, entry in enumerate(job.removes, 1):
+        if entry.time >= job.dynamics.duration:
+            yield f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end"
+    if load and not has_statics(job) and not job.dynamics and not job.stages and not carries_permanent(job):
+        yield "[load]: no effect: steps = 0 and there is no [dynamics]"
+    loaded = on_roof or (load and (load.self_weight or load.temperature)) or net.load.any() or job.removes
+    breaks = bool(np.isfinite(net.fracture_strain).any())
+    if job.dynamics and breaks and not loaded:
+        yield "elements can break, but no wind, load, temperature or loss acts on the net"
+    moves_air = wind and (air_damps(job) or (drags(job) and (breaks or job.removes)))
+    of_zones = wind and any(map(any, map(dict.values, wind.zone.values())))
+    if wind and wind.shape_coefficient == 0 and not moves_air and not of_zones:
+        yield "[wind]: no effect: shape_coefficient = 0"
+    if wind and wind.shape_coefficient is not None and "wind.direction" in given:
+        yield (
+            f"[wind] direction = {wind.direction:g} ({origin(wind.direction)}): the shape coefficients do "
+            "not follow it; sectors = a table gives them by direction"
+        )
+    idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
+    if idle:
+        why = "neither wind nor dead load nor pressure acts on the roof"
+        yield f"[roof] {', '.join(idle)}: no effect: {why}"
+
+
+def _unlike_groups(job: Job, net: Net) -> Iterator[str]:
+    """Yield notes on groups that take [cable] although a section has nearly their name."""
+    sections = {name.lower(): name for name in reversed(job.groups)}
+    for name in net.group_names:
+        close = difflib.get_close_matches(name.lower(), sections, 1, ALIKE)
+        if name and name not in job.groups and close:
+            yield (
+                f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; was '
+                f'"{sections[close[0]]}" meant?'
+            )
+
+
+def idle_zones(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:
+    """Return a note for each zone without any value; tables : sectors of [wind] and of the cases."""
+    named = {name for name, _ in named_zones(job)}.union(*(table.of_zone for table in tables if table))
+    return [
+        f"zone {shown(name)}: no effect: neither [wind] nor [load] nor a case has a value for it"
+        for name in zones.names
+        if name not in named
+    ]
+
+
+def bare_zones(zones: Zones, area: np.ndarray) -> list[str]:
+    """Return a note for each zone whose nodes have no area of the roof; area : (n,) [m2] of surface."""
+    return [
+        f"zone {shown(name)}: no effect: its nodes have no area of the roof, on which all of its values act; "
+        "[roof] groups and openings say which faces are the roof"
+        for name, share in zip(zones.names, zones.share.T)
+        if share.any() and not (share * area).any()
+    ]
+
+
+def _idle_columns(job: Job, net: Net) -> Iterator[str]:
+    """Yield notes on columns of the tables, and on the prestress, without effect."""
+    form_finding, has_density, prestressed = (
+        job.form_finding,
+        np.isfinite(net.force_density),
+        net.prestress.any(),
+    )
+    if has_density.any() and not (
+        form_finding and "force_density" in (form_finding.method, form_finding.start)
+    ):
+        yield "column force_density: no effect: there is no form finding by force density"
+    if prestressed and form_finding and form_finding.method == "force_density" and has_density.all():
+        yield "prestress: no effect: every element has a force_density"
+    if prestressed and np.isfinite(net.unstressed_length).all():
+        yield "prestress: no effect: every element has an unstressed_length"
+    if net.load.any() and not job.dynamics and not has_statics(job) and not job.stages:
+        yield "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
+    if net.mass.any() and not job.dynamics:
+        yield "column mass: no effect: it is inertia without weight, and there is no [dynamics]"
+    without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_turned(net))
+    if without_effect:
+        yield f"column angle of {without_effect} nodes: no effect: they are held alike along all axes in plan"
+    first_breaks = net.yield_stress >= net.fracture_strain * net.modulus
+    brittle = ~net.bar & np.isfinite(net.yield_stress) & first_breaks
+    for e in np.flatnonzero(brittle)[:1]:
+        yield (
+            f"yield_stress of {int(brittle.sum())} elements: no effect: element {net.element_id[e]} breaks "
+            f"at a strain of {net.fracture_strain[e]:g}, before it yields at "
+            f"{net.yield_stress[e] / net.modulus[e]:.3g}"
+        )

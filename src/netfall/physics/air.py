@@ -1,0 +1,151 @@
+"""Effects of the air on a moving roof: aerodynamic damping, added mass, and drag on detached parts.
+
+A surface that moves with v_n along its normal n turns the relative wind by v_n / U. So the wind pressure
+changes by kappa rho U v_n, where kappa is half the slope of the normal force coefficient over the angle of
+attack. With a vector area A and c = sqrt(kappa rho |A|) n the force on a particle is
+
+    f = -|U| c (c.v),     v = (v(n-1/2) + v(n+1/2)) / 2
+
+It is implicit in the mean velocity, and so stable at any step. It uses the size of U, since a gust may
+reverse the wind and damping never adds energy. The added mass of the air is inertia without weight; the
+mass-proportional damping does not act on it.
+
+Both are parts of the total force on a particle, which its owner sends; so halo copies do not store them.
+
+A part of the net that is cut free flies in the wind. With its surface A the drag on one of its particles is
+
+    f = 1/2 rho A |w| w,     w = u - v
+
+with the wind velocity u at its initial position in the net. Drag is an external force and does external work.
+"""
+
+import math
+
+import numpy as np
+
+from netfall.core.kernels import inner_kernel
+from netfall.core.records import Record, f8, has, i8, real
+from netfall.physics.loads import wind_speed
+from netfall.physics.motion import inverse_mass
+
+
+@inner_kernel
+def set_air(kick_dt, zeta, particles):
+    """Write the factor |U| / (1 + h + a) of `explicit.motion.add_air_damping`, with U's sign, at both
+    samples.
+
+    Between the samples it is linear in time, as U is. This equals implicit damping for some speed between
+    those of the samples, and so is stable too. jobs/METHOD.md gives the error. kick_dt : [s]
+    """
+    damping = particles.air_pull
+    for p in range(np.uint64(particles.per_mass.shape[0])):
+        half_dt_per_mass = 0.5 * kick_dt * particles.per_mass[p]
+        damped = 1.0 + half_dt_per_mass * zeta * damped_mass(p, particles)
+        cx, cy, cz = particles.air[0, p], particles.air[1, p], particles.air[2, p]
+        square, speed_before, speed_after = half_dt_per_mass * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
+        if not has(particles.tapped):  # with pressures, c includes the speed
+            speed_before, speed_after = particles.speed_before[p], particles.speed_after[p]
+        damping[0, p] = speed_before / (damped + square * abs(speed_before))
+        damping[1, p] = speed_after / (damped + square * abs(speed_after))
+
+
+class RelativeWind(Record):
+    """Particles on which the relative wind acts, and the data for their drag.
+
+    rows : (k,) local; size : (k,) [kg/m] rho A / 2; steady : (k,) [m/s] mean wind speed, absent: the gusts
+    along_x, along_y : horizontal direction of the wind, of length 1
+    """
+
+    rows: i8
+    size: f8
+    steady: f8
+    along_x: real
+    along_y: real
+
+
+@inner_kernel
+def set_drag(kick_dt, share, relative, particles):
+    """Write the drag [N] of a velocity update; kick_dt [s], share : as in `energy_check.observe`.
+
+    Drag alone changes w by M dw/dt = -k |w| w, k = rho A / 2. In a time dt this turns w into w / (1 + b) with
+    b = k |w| dt / M. The force k |w| w / (1 + b) has the same effect in one velocity update. So drag never
+    accelerates a particle beyond the wind, however long the step is.
+    """
+    v, drag = particles.v, particles.drag
+    for i in range(relative.rows.shape[0]):
+        p = relative.rows[i]
+        speed = relative.steady[i] if has(relative.steady) else wind_speed(p, particles, share)
+        wx, wy, wz = speed * relative.along_x - v[0, p], speed * relative.along_y - v[1, p], -v[2, p]
+        factor = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
+        factor /= 1.0 + factor * kick_dt * particles.per_mass[p]
+        drag[0, p], drag[1, p], drag[2, p] = factor * wx, factor * wy, factor * wz
+
+
+@inner_kernel
+def damped_mass(p, particles):
+    """Return the mass [kg] of particle p on which the mass-proportional damping acts."""
+    if not has(particles.air_mass):
+        return particles.mass[p]
+    return particles.mass[p] - particles.air_mass[p]
+
+
+@inner_kernel
+def lose_air(p, particles):
+    """Remove aerodynamic damping and added mass from particle p, which has lost its wind load.
+
+    The kinetic energy [J] of the added mass counts as negative external work.
+    """
+    if has(particles.air):
+        particles.air[0, p] = particles.air[1, p] = particles.air[2, p] = 0.0
+    if has(particles.air_mass):
+        mass, v = particles.air_mass[p], particles.v
+        if has(particles.work):
+            square = v[0, p] * v[0, p] + v[1, p] * v[1, p] + v[2, p] * v[2, p]
+            particles.work[0, p] -= 0.5 * mass * square
+        particles.air_mass[p] = 0.0
+        particles.mass[p] -= mass
+        if particles.per_mass[p] != 0.0:
+            particles.per_mass[p] = inverse_mass(particles.mass[p])
+
+
+def end_wind(state, rows=slice(None)) -> None:
+    """Remove wind, aerodynamic damping and added mass of particles: local rows (k,) or all.
+
+    Works count as in `lose_air`. state : `state.State`
+    """
+    state.wind[rows] = 0.0
+    if state.air is not None:
+        state.air[rows] = 0.0
+    if state.air_mass is not None:
+        if state.work is not None:
+            state.work[rows, 0] -= 0.5 * state.air_mass[rows] * np.sum(state.v[rows] ** 2, axis=1)
+        state.mass[rows] -= state.air_mass[rows]
+        state.air_mass[rows] = 0.0
+        state.invert_masses()
+
+
+def take_air(state, p: int, vector: np.ndarray, mass: float) -> None:
+    """Subtract part of the aerodynamic damping and added mass of particle p; works as in `lose_air`.
+
+    vector : (3,) [kg/m], kappa rho A; mass : [kg], at most all of the remaining added mass is taken
+    """
+    if state.air is not None:
+        remaining = squared(state.air[p]) - vector
+        state.air[p] = rooted(np.where(state.free[p] != 0, remaining, 0.0))
+    if state.air_mass is not None:
+        mass = min(mass, state.air_mass[p])
+        if state.work is not None:
+            state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p] ** 2))
+        state.air_mass[p] -= mass
+        state.mass[p] -= mass
+
+
+def rooted(vector: np.ndarray) -> np.ndarray:
+    """Return c (n, 3) of vectors kappa rho A (n, 3) [kg/m]; only the latter may be added."""
+    size = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
+    return np.divide(vector, np.sqrt(size), out=np.zeros_like(vector), where=size > 0.0)
+
+
+def squared(c: np.ndarray) -> np.ndarray:
+    """Return kappa rho A (n, 3) [kg/m] of vectors c (n, 3): the inverse of `rooted`."""
+    return c * np.sqrt(np.sum(c * c, axis=-1, keepdims=True))

@@ -1,0 +1,1 @@
+"""The law of an element: strain, axial force, stiffness, energies, limits, damping in a frequency band."""

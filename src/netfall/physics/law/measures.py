@@ -1,0 +1,81 @@
+"""Closed forms of strain, length, force and stiffness of element arrays, for each measure of strain."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.functions import exp, log
+
+
+class Measure(NamedTuple):
+    """Measure of strain, in closed form.
+
+    strain(L, L0) : strain of length L [m]; stretch(eps) : L / L0; unstressed(L, eps) : L0 [m]
+    over(L, L0) : [m], dN/dL is EA / over; largest : N / EA up to which the functions are finite
+    """
+
+    strain: Callable
+    stretch: Callable
+    unstressed: Callable
+    over: Callable
+    largest: float
+
+
+MEASURES = {  # by [cable] strain
+    "engineering": Measure(
+        strain=lambda L, L0: (L - L0) / L0,
+        stretch=lambda eps: 1.0 + eps,
+        unstressed=lambda L, eps: L / (1.0 + eps),
+        over=lambda L, L0: L0,
+        largest=np.inf,
+    ),
+    "logarithmic": Measure(
+        strain=lambda L, L0: log(L / L0),
+        stretch=exp,
+        unstressed=lambda L, eps: L * exp(-eps),
+        over=lambda L, L0: L,
+        largest=500.0,  # exp overflows above about 709
+    ),
+}
+
+
+def largest_stiffness(EA: np.ndarray, L0: np.ndarray) -> np.ndarray:
+    """Return the largest axial stiffness dN/dL (m,) [N/m] of elements, for the limits of the step."""
+    return EA / L0
+
+
+def unstressed_length(L: np.ndarray, N: np.ndarray, EA: np.ndarray, strain: str) -> np.ndarray:
+    """Return the unstressed length (m,) [m] of elements of length L (m,) [m] under N (m,) [N]."""
+    return MEASURES[strain].unstressed(L, N / EA)
+
+
+def stretched_length(L0: np.ndarray, N: np.ndarray, EA: np.ndarray, strain: str) -> np.ndarray:
+    """Return the length (m,) [m] under N (m,) [N] of elements of unstressed length L0 (m,) [m]."""
+    return L0 * MEASURES[strain].stretch(N / EA)
+
+
+def exceeds_stiffness(N: np.ndarray, EA: np.ndarray, strain: str) -> np.ndarray:
+    """Return whether no unstressed length exists at which an element carries N (m,) [N]."""
+    return (1.0 + N / EA <= 0) | (np.abs(N) > MEASURES[strain].largest * EA)
+
+
+def warm_length(L0: np.ndarray, expansion: np.ndarray, temperature: float) -> np.ndarray:
+    """Return the unstressed length (m,) [m] at a temperature [K] above that of L0 (m,) [m]."""
+    return L0 * (1.0 + expansion * temperature)
+
+
+def elastic_stiffness(EA: np.ndarray, L0: np.ndarray, L: np.ndarray, strain: str) -> np.ndarray:
+    """Return dN/dL (m,) [N/m] at lengths L (m,) [m] of elements that are taut and do not yield."""
+    return EA / MEASURES[strain].over(L, L0)
+
+
+def strains(L: np.ndarray, L0: np.ndarray, strain: str) -> np.ndarray:
+    """Return strains (m,) of lengths L (m,) [m] relative to unstressed lengths L0 (m,) [m]."""
+    return MEASURES[strain].strain(L, L0)
+
+
+def elastic_forces(L, L0, EA, bar, strain: str) -> np.ndarray:
+    """Return axial forces (m,) [N] without yield at lengths L (m,) [m]; bar : (m,) bool."""
+    N = EA * strains(L, L0, strain)
+    return np.where(bar, N, np.maximum(N, 0.0))

@@ -1,0 +1,1 @@
+"""Sliding cables: the friction law of a slip point, and its motion in the time step."""

@@ -1,0 +1,1 @@
+"""Accuracy and speed: run time against error, scaling, throughput."""

@@ -1,0 +1,89 @@
+"""Measured runs: one at a time on the workers of a study. Each result exists until it is read."""
+
+import math
+import shutil
+from collections.abc import Callable, Iterable
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+from netfall.core.errors import InputError
+from netfall.core.sources import TELLING, program_digest
+from netfall.core.stop import NEVER, StopRequest
+from netfall.job.job import Job
+from netfall.job.read import read_job
+from netfall.results.locks import claim, release
+from netfall.study.pool import Pool, check_started, task_for, worker_command
+
+
+@dataclass(frozen=True)
+class Series:
+    """Runs of a job on so many ranks. place : folder of their results; profile : time the parts of a step"""
+
+    job: Path
+    ranks: int
+    launcher: str
+    place: Path
+    profile: bool = False
+
+    def run(self, settings: Iterable[list[str]], done: Callable, stop: StopRequest = NEVER) -> None:
+        """Run the job with each of the settings, lists of overrides, one after another.
+
+        done(outcomes, file) : receives the outcomes of a run (`run.sample`) and its open result file,
+            None for a run that did not finish
+
+        Raises InputError if no worker can start.
+        """
+        remaining, result = iter(settings), self.place / "result.vtkhdf"
+
+        def take(_):
+            overrides = next(remaining, None)
+            shutil.rmtree(self.place, ignore_errors=True)  # files of the last run
+            if overrides is None:
+                return None
+            self.place.mkdir()
+            return "", 0, task_for(self.job, overrides, result=result, profile=self.profile)
+
+        def answered(_, outcomes):
+            if outcomes["state"] != "finished":
+                done(outcomes, None)
+                return
+            with h5py.File(result, "r") as file:
+                done(outcomes, file)
+
+        def died(_, why, again):
+            if not again:
+                done({"state": "failed", "exit_code": 1, "reason": why}, None)
+
+        def started(answer):
+            check_started(answer, self.ranks, program_digest(TELLING))
+
+        command = worker_command(self.launcher, self.ranks)
+        Pool(command, 1, math.inf, take, answered, died, started).run(stop)
+
+
+@contextmanager
+def place_of_series(table: Path):
+    """Yield a folder for the results of runs, and lock the name of their table meanwhile.
+
+    Raises InputError if another process measures for this table.
+    """
+    table.parent.mkdir(parents=True, exist_ok=True)
+    lock, place = claim(table), table.with_name(f".{table.stem}.runs")
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+        release(lock)
+
+
+def dynamic_job(path: Path, overrides: list[str]) -> Job:
+    """Read a job whose dynamic stage is measured. Raises InputError if it has none."""
+    job = read_job(path, overrides)
+    if job.dynamics is None:
+        raise InputError(
+            f"{path}: [dynamics] is missing: what is measured is the dynamic stage; add the section"
+        )
+    return job

@@ -1,0 +1,214 @@
+"""`netfall trade`: accuracy study of a job: error and run time of settings against a reference.
+
+Every setting is a run of the job with some keys changed. The reference is the job at a tenth of its automatic
+step (or of its own, if that is shorter), or what the user specifies. Errors refer to quantities that an
+engineer reads. Before the reference's first fracture a roof has one solution. After it a collapse is chaotic,
+and single values scatter. (The wind's time step and seed change the gusts themselves and are no settings of
+accuracy.)
+"""
+
+import itertools
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from netfall.core.errors import InputError, Interrupted
+from netfall.core.launch import check_launcher
+from netfall.core.sources import TELLING, program_digest
+from netfall.core.stop import StopRequest
+from netfall.job.job import Job
+from netfall.job.read import read_job
+from netfall.job.schema import may_break, row_of
+from netfall.post.accuracy.compare import Row, as_text, compare, draw, mark_best, write_table
+from netfall.post.accuracy.outcome import Outcome, Outcomes, end_of_comparison, outcome_of
+from netfall.post.accuracy.series import Series, dynamic_job, place_of_series
+from netfall.study.files import Watch
+
+FINER = 10.0  # automatic time step over that of the reference
+FORMAT = 3  # version of the layout of the journal
+NO_EFFECT = (
+    "note: --vary dynamics.safety: time_step is fixed, so it sets at most the mass of fragments; "
+    "with --set dynamics.time_step=auto it sets the step"
+)
+
+
+@dataclass(frozen=True)
+class Trade:
+    """A job, its runs and their outcomes. watch : of the input files; stop : requests an early end"""
+
+    runs: Series
+    overrides: list[str]
+    outcomes: Outcomes
+    watch: Watch
+    stop: StopRequest
+
+    def measure(
+        self,
+        settings: list[list[str]],
+        repeats: int,
+        until: float | None = None,
+        report: Callable[[int, Outcome], None] = lambda row, outcome: None,
+    ) -> list[Outcome]:
+        """Return the outcome of each setting, the fastest of its runs. Missing runs are made.
+
+        until : as of `outcome_of`; report : takes the number of a setting, from 0, and its outcome
+
+        Raises Interrupted if `stop` requests it, InputError if no run can start or a file has changed.
+        """
+        overrides = [[*self.overrides, *setting] for setting in settings]
+        keys = [
+            f"{read_job(self.runs.job, setting_overrides).digest()} until {until!r}"
+            for setting_overrides in overrides
+        ]
+        outcomes: list[Outcome] = []
+
+        def missing():
+            for row, key in enumerate(keys):
+                while (best := self.outcomes.best(key, repeats)) is None:
+                    yield overrides[row]
+                outcomes.append(best)
+                report(row, best)
+
+        def done(answer, file):
+            self.watch.check()
+            self.outcomes.add(keys[len(outcomes)], outcome_of(answer, file, until))
+
+        self.runs.run(missing(), done, self.stop)
+        remaining = len(settings) - len(outcomes)
+        if remaining:
+            raise Interrupted(
+                f"interrupted with {remaining} settings to be measured; the same command goes on"
+            )
+        return outcomes
+
+
+def trade(
+    path: Path,
+    overrides: list[str],
+    vary: list[str],
+    reference: list[str],
+    ranks: int,
+    launcher: str,
+    repeats: int,
+    tolerance: float,
+    folder: Path,
+    say: Callable[[str], None],
+    stop: StopRequest,
+) -> list[Path]:
+    """Run the settings, print the table, and write it and its plot into `folder`; return their paths.
+
+    vary : SECTION.KEY=VALUE,VALUE,...; every combination is run. Empty: one key at a time, of those that the
+    job has
+    reference : overrides of the reference, in addition to those of all runs
+    repeats : runs of each setting, of which the fastest counts (a first one may compile)
+    tolerance : of the largest relative error; stop : requests an early end
+
+    Raises InputError, Interrupted if `stop` requests it.
+    """
+    job = dynamic_job(path, overrides)
+    check_launcher(launcher)
+    settings = combinations(vary) if vary else usual_settings(job)
+    *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
+    safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
+    if safety and varied[-1].dynamics.time_step != "auto":
+        say(NO_EFFECT)
+    files = dict.fromkeys(file for used_job in (*varied, reference_job) for file in used_job.files())
+    header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
+    table = folder / f"{job.name}_trade.h5"
+    with (
+        place_of_series(table) as place,
+        closing(Outcomes(table.with_suffix(".journal"), header)) as outcomes,
+    ):
+        runs = Series(path, ranks, launcher, place)
+        study = Trade(runs, overrides, outcomes, Watch([path, *files]), stop)
+        reference = reference or shorter_step(study, job)
+        say(f"reference: {text_of(reference)}")
+        (exact,) = study.measure([reference], repeats)
+        if exact.state != "finished":
+            raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
+        rows = measure_rows(study, settings, repeats, exact, say)
+        mark_best(rows)
+        for line in as_text(rows, exact, tolerance):
+            say(line)
+        against = {"reference": text_of(reference), "reference_seconds": exact.seconds}
+        write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
+        return [table, draw(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png"))]
+
+
+def shorter_step(study: Trade, job: Job) -> list[str]:
+    """Return the default reference: a tenth of the automatic step, or of the job's own if that is shorter."""
+    coarse = automatic_step(study, job)
+    if job.dynamics.time_step != "auto":
+        coarse = min(coarse, job.dynamics.time_step)
+    return [f"dynamics.time_step={coarse / FINER:.6g}"]
+
+
+def automatic_step(study: Trade, job: Job) -> float:
+    """Return the shortest step [s] that "auto" takes, from a run of a single history row."""
+    setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
+    setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
+    (outcome,) = study.measure([setting], 1)
+    if outcome.state != "finished":
+        raise InputError(
+            f"{study.runs.job}: the run for the automatic step was {outcome.state}: {outcome.reason}"
+        )
+    return outcome.time_step
+
+
+def measure_rows(
+    study: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
+) -> list[Row]:
+    """Return the row of each setting, and print it as it is measured."""
+    rows = []
+
+    def report(row: int, outcome: Outcome) -> None:
+        rows.append(compare(text_of(settings[row]), outcome, exact))
+        finished = f"{outcome.seconds:.3g} s, error {rows[-1].error:.2g}"
+        summary = finished if outcome.state == "finished" else f"{outcome.state}: {outcome.reason}"
+        say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {summary}")
+
+    study.measure(settings, repeats, end_of_comparison(exact.first_fracture), report)
+    return rows
+
+
+def text_of(setting: list[str]) -> str:
+    """Return a setting as a user would type it."""
+    return ", ".join(setting) or "as it is"
+
+
+def combinations(vary: list[str]) -> list[list[str]]:
+    """Return every combination of the values of every key. Raises InputError."""
+    axes = []
+    for item in vary:
+        name, equals, values = item.partition("=")
+        if not equals or "." not in name or not all(value.strip() for value in values.split(",")):
+            raise InputError(
+                f"--vary {item}: expected SECTION.KEY=VALUE,VALUE,..., for example dynamics.safety=0.8,0.4"
+            )
+        axes.append([f"{name.strip()}={value.strip()}" for value in values.split(",")])
+    return [list(choice) for choice in itertools.product(*axes)]
+
+
+def usual_settings(job: Job) -> list[list[str]]:
+    """Return the default settings: the job unchanged, and with one key at a time changed."""
+    automatic = ["dynamics.time_step=auto"]
+    settings = [[]] + [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
+    scaled = automatic
+    if may_break(vars(job.cable) | job.groups):
+        settings += [[*automatic, f"dynamics.fragment_mass={share}"] for share in (0.0, 0.01, 0.02, 0.1)]
+        scaled = [*automatic, "dynamics.fragments=false"]
+        settings.append(scaled)
+    settings += [[*scaled, f"dynamics.mass_scaling={share}"] for share in (0.02, 0.05, 0.1)]
+    settings.append(
+        [
+            *scaled,
+            "dynamics.mass_scaling=0.05",
+            "dynamics.safety=0.95",
+            f"output.history={5.0 * job.output.history:g}",
+        ]
+    )
+    settings.append(["output.energy=false"])
+    measures = row_of("cable", "strain").choices
+    settings += [[f"cable.strain={other}"] for other in measures if other != job.cable.strain]
+    return [*settings, [f"net.subdivide={2 * job.net.subdivide}"]]

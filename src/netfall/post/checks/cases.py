@@ -1,0 +1,97 @@
+"""Tables of a report by case: forces, displacements, and the extremes of each group."""
+
+import numpy as np
+
+from netfall.post.checks.cables import groups_of, names_of_elements
+from netfall.results.cases import Case
+from netfall.results.states import ShownState, absent, equilibria, start_position
+
+NAN = np.nan
+
+
+def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
+    """Return extremes of forces [N] and displacements [m], one row for each case and group of elements.
+
+    slack : elements of cables without tension. A case without equilibrium has its reason and no numbers.
+    """
+    group, rows = groups_of(f), []
+    groups = {name: np.flatnonzero(group == name) for name in dict.fromkeys(group.tolist())}
+    for case in cases:
+        numbers = _extremes(f, case, groups) if case.carries else {name: [NAN] * 7 for name in groups}
+        outcome = [case.state, case.load_factor, case.reason]
+        rows += [[case.name, case.kind, name, *numbers[name], *outcome] for name in groups]
+    names = ["case", "kind", "group", "tension_min", "element_min", "tension_max", "element_max"]
+    names += ["displacement_max", "node_max", "slack", "state", "load_factor", "reason"]
+    columns = zip(*rows) if rows else [[]] * len(names)
+    return {name: np.array(values, object) for name, values in zip(names, columns)}
+
+
+def _extremes(f, case: Case, groups: dict[str, np.ndarray]) -> dict[str, list]:
+    """Compute the numbers of a row of `case_columns` by group; groups : elements (k,) of each group."""
+    ids, nodes, ends = f["net/element_id"][:], f["net/node_id"][:], f["net/elements"][:]
+    N, displacement = case.shown.tension(), np.linalg.norm(case.shown.position() - start_position(f), axis=1)
+    slack, by_group = (N <= 0.0) & ~f["net/bar"][:].astype(bool) & ~absent(f), {}
+    for name, rows in groups.items():
+        low, high, node = rows[np.argmin(N[rows])], rows[np.argmax(N[rows])], np.unique(ends[rows])
+        farthest = node[np.argmax(displacement[node])]
+        extremes = [N[low], ids[low], N[high], ids[high], displacement[farthest], nodes[farthest]]
+        by_group[name] = [*extremes, int(slack[rows].sum())]
+    return by_group
+
+
+def largest_displacements(f, cases: list[Case]) -> list[tuple[float, int]]:
+    """Find the largest displacement [m] from the form-found geometry in each case, and its node's id.
+
+    nan : the case has no equilibrium
+    """
+    x, nodes, largest = start_position(f), f["net/node_id"][:], []
+    for case in cases:
+        displacement = np.linalg.norm(case.shown.position() - x, axis=1)
+        node = int(np.argmax(displacement))
+        largest.append((float(displacement[node]) if case.carries else NAN, int(nodes[node])))
+    return largest
+
+
+def slack_cables(f, cases: list[Case]) -> list[int]:
+    """Count the cables of each case that have an element without tension."""
+    can_slacken, cable = ~f["net/bar"][:].astype(bool) & ~absent(f), f["net/cable"][:]
+    return [len(np.unique(cable[(case.shown.tension() <= 0.0) & can_slacken])) for case in cases]
+
+
+def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
+    """Return the forces [N], one row for each element and one column for each static state.
+
+    The columns are the form, the cases by their names, and other stages.
+    """
+    columns = names_of_elements(f)
+    for stage in equilibria(f):
+        columns[name_in(columns, cases, stage)] = stage.tension() * factor(cases, stage)
+    return columns
+
+
+def displacement_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
+    """Return the displacements [m] from the form-found geometry, one row for each node.
+
+    Each static state but the form has four columns: the magnitude and the three components.
+    """
+    x = start_position(f)
+    columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
+    for stage in list(equilibria(f))[1:]:
+        name, displacement = name_in(columns, cases, stage), (stage.position() - x) * factor(cases, stage)
+        columns[name] = np.linalg.norm(displacement, axis=1)
+        columns |= {f"{name} {axis}": displacement[:, k] for k, axis in enumerate("xyz")}
+    return columns
+
+
+def name_in(columns: dict, cases: list[Case], stage: ShownState) -> str:
+    """Return the name of a stage's column: the name of its case, unless a column has it already."""
+    own_names = [case.name for case in cases if case.shown.place == stage.place and stage.place]
+    return own_names[0] if own_names and own_names[0] not in columns else stage.name
+
+
+def factor(cases: list[Case], stage: ShownState) -> float:
+    """Return nan for a state of a case without equilibrium, 1 otherwise.
+
+    The state of such a case belongs to a smaller load, so its numbers must not appear as those of the case.
+    """
+    return NAN if any(case.shown.place == stage.place and not case.carries for case in cases) else 1.0

@@ -1,0 +1,149 @@
+"""Checks of cables by codes: resistances computed from strengths by factors, which codes.toml lists."""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.job.keys import keys_of
+from netfall.job.validate import Validation
+from netfall.job.values import nearest
+from netfall.results.cases import KINDS
+
+SHIPPED = Path(__file__).with_name("codes.toml")
+IN_TENSION, IN_COMPRESSION = ("breaking_load", "yield_force"), ("buckling", "euler_load")
+STRENGTHS = IN_TENSION + IN_COMPRESSION
+KEYS = keys_of(f"""
+[file]
+check | tables | | required | the checks
+[check]
+name | text | | required | of the check
+title | text | | required | what it is, in reports
+kind | choice {" ".join(KINDS)} | | "" | of the combinations that it is of; absent: of every state
+resistance | tables | | required | the least one counts
+[check.resistance]
+of | choice {" ".join(STRENGTHS)} | | required | strength that it begins with
+factor | tables | | [] | on that strength
+[factor]
+name | text | | required | of the factor
+use | choice multiply divide | | required | how it acts
+value | number | > 0 | required | the factor
+edition | text | | required | where it stands
+meaning | text | | "" | in words
+groups | values | > 0 | {{}} | values of groups of elements
+""")
+
+
+@dataclass(frozen=True)
+class Factor:
+    """Factor on a strength.
+
+    groups : values for groups of elements that differ from `value`
+    """
+
+    name: str
+    use: str
+    value: float
+    edition: str
+    meaning: str
+    groups: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Check:
+    """Check of tension or compression.
+
+    kind : one of KINDS, the kind of combinations that the check is for; "": every state
+    resistances : the strength that each resistance is computed from, and its factors; the smallest resistance
+        counts
+    """
+
+    name: str
+    title: str
+    kind: str
+    resistances: list[tuple[str, list[Factor]]]
+
+    @property
+    def compression(self) -> bool:
+        """Whether the check is of compression, not of tension."""
+        return self.resistances[0][0] in IN_COMPRESSION
+
+    @property
+    def of(self) -> str:
+        """Kind of force that is compared with the resistance: compression or tension."""
+        return "compression" if self.compression else "tension"
+
+    def resistance(self, strengths: dict[str, np.ndarray], groups: np.ndarray) -> np.ndarray:
+        """Compute the resistance (m,) [N], nan if the element has none of the strengths.
+
+        strengths : (m,) [N] by name, inf: none; groups : (m,) names
+        """
+        least = np.full(len(groups), np.inf)
+        for strength, factors in self.resistances:
+            value = strengths[strength].copy()
+            for factor in factors:
+                values = np.full(len(groups), factor.value)
+                for group, group_value in factor.groups.items():
+                    values[groups == group] = group_value
+                value = value * values if factor.use == "multiply" else value / values
+            least = np.minimum(least, value)
+        return np.where(np.isfinite(least), least, np.nan)
+
+
+def read_codes(path: Path | None = None) -> list[Check]:
+    """Read the checks of a file, by default the shipped one. Raises InputError with all that is wrong."""
+    path = path or SHIPPED
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise InputError(f"{path}: {reason}; expected a file in the form of {SHIPPED}") from None
+    validation, tables = Validation(str(path), []), data.get("check")
+    if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
+        raise InputError(f"{path}: no [[check]]; expected a file in the form of {SHIPPED}")
+    validation.table("", KEYS["file"], data)
+    checks = [_check(table, f"[[check]] {k}:", validation) for k, table in enumerate(tables, 1)]
+    if len({check.name for check in checks}) < len(checks):
+        validation.wrong("", "two checks have one name; names are unique")
+    if validation.errors:
+        raise InputError(validation.errors)
+    return checks
+
+
+def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> None:
+    """Refuse factors for groups that the net does not have.
+
+    names : groups of the net. Raises InputError.
+    """
+    groups, errors = sorted(set(names) - {""}), []
+    for k, check in enumerate(checks, 1):
+        for factor in (factor for _, factors in check.resistances for factor in factors):
+            for group in [name for name in factor.groups if name not in groups]:
+                errors.append(
+                    f"{path or SHIPPED}: [[check]] {k}: factor {factor.name}: groups: {group} = "
+                    f"{factor.groups[group]:g}: no such group of elements in the result; "
+                    f"{nearest(group, groups) if groups else 'its net has no groups'}"
+                )
+    if errors:
+        raise InputError(errors)
+
+
+def _factor(table: dict, place: str, validation: Validation) -> Factor:
+    """Read a factor, and collect its errors."""
+    return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))
+
+
+def _check(table: dict, place: str, validation: Validation) -> Check:
+    """Read a check, and collect its errors; place : prefix of the messages."""
+    check = validation.table(place, KEYS["check"], table)
+    given = [validation.table(place, KEYS["check.resistance"], item) for item in check.resistance or []]
+    if len({item.of in IN_COMPRESSION for item in given if item.of}) > 1:
+        names = " beside ".join(repr(item.of) for item in given)
+        remedy = "a check is of tension or of compression; make two of it"
+        validation.wrong(place, f"of = {names}: {remedy}")
+    resistances = [
+        (item.of, [_factor(factor, place, validation) for factor in item.factor]) for item in given
+    ]
+    return Check(check.name, check.title, check.kind, resistances)

@@ -1,0 +1,71 @@
+"""Reactions of a roof at its supports, in each stage.
+
+`force` is the pull of the elements along held axes; at an elastic support it is the force on the spring
+(`physics.supports`). `foundation` adds the loads on the node itself, which a spring force already includes.
+The foundation forces of a stage therefore add up to all its loads.
+"""
+
+import numpy as np
+
+from netfall.core.rotation import from_own, to_own
+from netfall.results.states import ShownState, equilibria, final, springs_of, support_angles
+
+
+def held_axes(f, place: str = "") -> np.ndarray:
+    """Return which own axes (n, 3) of the nodes have a support, rigid or elastic.
+
+    place : group of the state, which may have supports of its own
+    """
+    path = f"{place}/held"  # stages of erection and the form have one
+    held = f[path if place and path in f else "net/fixed"][:].astype(bool)
+    return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
+
+
+def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
+    """Sum the forces (points, 3) [N] with which elements pull at their ends.
+
+    x : (points, 3) [m]; ends : (m, 2) rows of these; N : (m,) [N] tension positive
+    """
+    d = x[ends[:, 1]] - x[ends[:, 0]]
+    L = np.linalg.norm(d, axis=1)
+    force = np.divide(N[:, None] * d, L[:, None], out=np.zeros_like(d), where=L[:, None] > 0)
+    pull = np.zeros_like(x)
+    np.add.at(pull, ends[:, 0], force)
+    np.subtract.at(pull, ends[:, 1], force)
+    return pull
+
+
+def reaction_columns(f) -> dict[str, np.ndarray]:
+    """Return the forces [N] on supports along the axes that they hold, one row for each support and stage."""
+    elements = f["net/elements"][:]
+    stages = [*equilibria(f), *([final_state] if (final_state := final(f)) else [])]
+    blocks = []
+    for stage in stages:
+        held = held_axes(f, stage.place)
+        nodes = np.flatnonzero(held.any(1))
+        blocks.append(_of_stage(f, stage, held[nodes], nodes, elements))
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+def _of_stage(f, stage: ShownState, held, nodes, elements) -> dict[str, np.ndarray]:
+    """Return the rows of one stage; held : (k, 3) bool, own axes of the supports at nodes (k,)."""
+    x, angle = stage.position(), support_angles(f)
+    pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
+    angle = None if angle is None else angle[nodes]
+    force = np.where(held, to_own(pull[nodes], angle), 0.0)
+    if "spring" in f["net"]:
+        carried = stage.reaction() if stage.reaction else 0.0 - springs_of(f).forces(x)  # feet may settle
+        force = np.where(f["net/spring"][:][nodes] > 0.0, to_own(carried[nodes], angle), force)
+    force = from_own(force, angle)
+    foundation = force if stage.unloaded else np.full_like(force, np.nan)  # snapshots store no nodal loads
+    if stage.reaction:
+        foundation = stage.reaction()[nodes]
+    return {
+        "node": f["net/node_id"][:][nodes],
+        "stage": np.full(len(nodes), stage.name, object),
+        **{axis: x[nodes, k] for k, axis in enumerate("xyz")},
+        **{f"force_{axis}": force[:, k] for k, axis in enumerate("xyz")},
+        "force": np.linalg.norm(force, axis=1),
+        **{f"foundation_{axis}": foundation[:, k] for k, axis in enumerate("xyz")},
+        "foundation": np.linalg.norm(foundation, axis=1),
+    }

@@ -1,0 +1,220 @@
+"""Shop list: what is made, in mm. Equal cables share a row, with end deductions and marks of clamps.
+
+A cable runs from node to node. Rigid parts at its ends, a plate up to the pin and the socket on it,
+are deducted from its length in the form-found geometry, under its force there. The remaining cable has the
+unstressed length L0. It measures L0 (1 + expansion T) (1 + N / EA) under the load N, at a temperature T above
+that of form finding. Marks are the positions of its inner nodes on it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.job.csv_table import Table
+from netfall.job.values import nearest
+from netfall.post.checks.cables import Cutting, groups_of, measured_lengths, types_of
+from netfall.results.states import absent, start_position
+
+MM = 1e3
+ALIKE = 0.5e-3  # m; cables are equal if no length and no mark differs by more
+COLUMNS = ("group", "type", "pin", "socket")  # columns of a table of deductions
+
+
+@dataclass(frozen=True)
+class Deduction:
+    """Rigid parts at each end of a cable [m]: from its node to the pin, and from the pin to the rope.
+
+    group, type : cables concerned; "": all
+    """
+
+    group: str
+    type: str
+    pin: float
+    socket: float
+
+
+class Chain(NamedTuple):
+    """Elements of a cable in order from one end to the other; closed : a ring.
+
+    in_order : False if the elements are no chain; they then stand in the order of the table
+    """
+
+    elements: np.ndarray
+    closed: bool
+    in_order: bool
+
+
+class Piece(NamedTuple):
+    """Cable as it is made, [m] under its measuring load.
+
+    system : from node to node; pins : from pin to pin; cut : of the rope; marks : (k,) on it, from its start
+    """
+
+    cable: int
+    group: str
+    type: str
+    chain: Chain
+    system: float
+    pins: float
+    cut: float
+    marks: np.ndarray
+    load: float
+    mass: float
+
+    def alike(self, other: "Piece") -> bool:
+        """Whether both cables have equal lengths and marks, in either direction."""
+        if len(self.marks) != len(other.marks) or abs(self.cut - other.cut) > ALIKE:
+            return False
+        if abs(self.pins - other.pins) > ALIKE or abs(self.system - other.system) > ALIKE:
+            return False
+        directions = other.marks, (other.cut - other.marks)[::-1]
+        return any(np.abs(self.marks - marks).max(initial=0.0) <= ALIKE for marks in directions)
+
+
+def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> list[Deduction]:
+    """Read a table of deductions given in mm. Raises InputError with all that is wrong in it."""
+    if path is None:
+        return []
+    if not path.is_file():
+        raise InputError(f"--deductions {path}: no such file")
+    table = Table(path, COLUMNS, ())
+    pin, socket = (table.numbers(name, 0.0, low=0.0, unit="mm") / MM for name in COLUMNS[2:])
+    words = {name: table.words(name) for name in COLUMNS[:2]}
+    for name, names in (("group", groups), ("type", types)):
+        for row, word in enumerate(words[name]):
+            if word and word not in names:
+                hint = nearest(word, names) if names else "the net has none"
+                table.wrong(f"{table.at(row)}: {name} = {word[:40]!r}: no such {name} in the result; {hint}")
+    table.finish()
+    return [Deduction(*row) for row in zip(words["group"], words["type"], pin.tolist(), socket.tolist())]
+
+
+def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, np.ndarray]:
+    """Return the shop list in mm: one row for each sort of cable, in each group the longest first.
+
+    Raises InputError for a cable that is no longer than its deductions.
+    """
+    names, count_of_group, rows = f["net/cable_names"].asstr()[:], {}, []
+    for equal in equal_pieces(pieces_of(f, cutting, deductions)):
+        first = equal[0]
+        number = count_of_group[first.group] = count_of_group.get(first.group, 0) + 1
+        rows.append(
+            {
+                "mark": f"{first.group or 'cable'}-{number}",
+                "count": len(equal),
+                "group": first.group,
+                "type": first.type,
+                "length_node_to_node": MM * first.system,
+                "deduction_pins": MM * (first.system - first.pins),
+                "length_pin_to_pin": MM * first.pins,
+                "deduction_sockets": MM * (first.pins - first.cut),
+                "cut_length": MM * first.cut,
+                "clamps": "; ".join(f"{MM * mark:.1f}" for mark in first.marks),
+                "form": "ring" if first.chain.closed else "" if first.chain.in_order else "no chain",
+                "measuring_load": first.load,
+                "temperature": float(cutting.temperature),
+                "mass": first.mass,
+                "cables": "; ".join(names[piece.cable] for piece in equal),
+            }
+        )
+    return {name: np.array([row[name] for row in rows], object) for name in rows[0]}
+
+
+def pieces_of(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
+    """Return every cable as it is made. Raises InputError if deductions leave nothing of a cable."""
+    cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
+    distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+    L = np.where(absent(f), f["net/unstressed_length"][:], distance)  # its nodes are elsewhere
+    load, _, measured = measured_lengths(f, cutting)
+    mass, group, kind = f["net/unstressed_length"][:] * f["net/mass_per_length"][:], groups_of(f), types_of(f)
+    order = np.argsort(cable, kind="stable")
+    pieces, errors = [], []
+    for k, elements in enumerate(np.split(order, np.cumsum(np.bincount(cable))[:-1])):
+        chain = chain_of(ends, elements)
+        e = chain.elements
+        rigid = _deducted(deductions, group[e[0]], kind[e[0]], chain)
+        if rigid[1] >= min(L[e[0]], L[e[-1]]) / (1 + (len(e) == 1)):
+            errors.append(_too_much(f["net/cable_names"].asstr()[k], group[e[0]], rigid[1], L[e].sum()))
+        end_count = np.bincount([0, len(e) - 1], minlength=len(e))  # cable ends at each element
+        rope = 1.0 - rigid[1] / L[e] * end_count  # share of each element that is rope
+        shortened = np.outer(rigid, measured[e[[0, -1]]] / L[e[[0, -1]]])
+        system = float(measured[e].sum())
+        pins, cut = system - shortened.sum(1)
+        marks = np.cumsum(measured[e])[: len(e) - 1] - shortened[1, 0]
+        pieces.append(
+            Piece(
+                cable=k,
+                group=group[e[0]],
+                type=kind[e[0]],
+                chain=chain,
+                system=system,
+                pins=float(pins),
+                cut=float(cut),
+                marks=marks if chain.in_order else np.zeros(0),
+                load=float(load[k]),
+                mass=float(rope @ mass[e]),
+            )
+        )
+    if errors:
+        raise InputError(errors)
+    return pieces
+
+
+def _too_much(name: str, group: str, rigid: float, length: float) -> str:
+    """Return the message on a cable whose deductions exceed its end segments."""
+    return (
+        f"--deductions: cable {name} ({group}) of {MM * length:.5g} mm: {MM * rigid:g} mm at each end are "
+        "more than its end segments; expected less"
+    )
+
+
+def _deducted(deductions: list[Deduction], group: str, kind: str, chain: Chain) -> np.ndarray:
+    """Return the deductions at each end of a cable [m]: up to the pin, and up to the rope; a ring has none.
+
+    The first row of the table that fits the cable counts.
+    """
+    rows = [] if chain.closed else deductions
+    fitting = (row for row in rows if row.group in ("", group) and row.type in ("", kind))
+    first = next(fitting, Deduction("", "", 0.0, 0.0))
+    return np.array([first.pin, first.pin + first.socket])
+
+
+def chain_of(ends: np.ndarray, elements: np.ndarray) -> Chain:
+    """Order the elements of a cable from one end to the other; ends : (m, 2) nodes of all elements.
+
+    elements : (k,) elements of the cable. An open cable begins at the end that comes first in the table, a
+        ring with its first element.
+    """
+    elements_at: dict[int, list[int]] = {}
+    for e in elements.tolist():
+        for node in ends[e].tolist():
+            elements_at.setdefault(node, []).append(e)
+    if any(len(incident) > 2 for incident in elements_at.values()):
+        return Chain(elements, False, False)
+    free_ends = [node for node, incident in elements_at.items() if len(incident) == 1]
+    node, e = free_ends[0] if free_ends else int(ends[elements[0], 0]), int(elements[0])
+    if free_ends:
+        e = elements_at[node][0]
+    order = []
+    while e is not None and (not order or e != order[0]):
+        order.append(e)
+        node = int(ends[e].sum()) - node
+        e = next((other for other in elements_at[node] if other != e), None)
+    complete = len(order) == len(elements)
+    return Chain(np.array(order) if complete else elements, complete and not free_ends, complete)
+
+
+def equal_pieces(pieces: list[Piece]) -> list[list[Piece]]:
+    """Group the cables that are equal, in the order of their groups, the longest first."""
+    sorts: dict[tuple, list[list[Piece]]] = {(p.group, p.type, p.chain.closed): [] for p in pieces}
+    for piece in sorted(pieces, key=lambda piece: (-round(piece.cut, 6), piece.cable)):
+        same = sorts[piece.group, piece.type, piece.chain.closed]
+        fitting = next((row for row in reversed(same) if row[0].alike(piece)), None)
+        if fitting is None:
+            same.append([piece])
+        else:
+            fitting.append(piece)
+    return [row for rows in sorts.values() for row in rows]

@@ -1,0 +1,125 @@
+"""Content of a page: net, static states and motion of a result, reduced to a size that opens fast."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.post.plots.net import whole_cables
+from netfall.results.frames import Frames
+from netfall.results.states import ShownState, absent, equilibria, shown_name, start_position
+
+MOST_VALUES = 3_500_000  # elements x states of a page
+MOST_ELEMENTS = 100_000  # elements of a page; of larger nets, some of the cables are shown
+AT_REST = 0.4  # share of these values for static states if there is a motion
+FEWEST = 12  # static states that are always shown
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Drawn part of a net: m of its elements, with p points.
+
+    rows : (m,) of /net; every : one cable in `every` is drawn
+    start : (p, 3) [m] points in the form; origin : (p,) nodes of /net that the points are, or split off from
+    ends : (m, 2) points; the last points are ends that split off
+    loose : (l, 2), element and end of each point that splits off
+    """
+
+    rows: np.ndarray
+    every: int
+    start: np.ndarray
+    origin: np.ndarray
+    ends: np.ndarray
+    loose: np.ndarray
+
+
+@dataclass(frozen=True)
+class States:
+    """States of a net: one static state, or the k snapshots of its motion.
+
+    time : (k,) [s], empty if static; displacement : (k, p, 3) [m] from the form
+    tension : (k, m) [N], nan: broken or removed; strain : (k, m), or None; slack, broken : (k,) of the whole
+        net
+    away : (m,) bool, elements that the erection has not installed
+    """
+
+    name: str
+    time: np.ndarray
+    displacement: np.ndarray
+    tension: np.ndarray
+    strain: np.ndarray | None
+    slack: np.ndarray
+    broken: np.ndarray
+    away: np.ndarray
+
+
+def drawn_part(f) -> Drawn:
+    """Select the part of the net of a result file that is drawn."""
+    x, elements = start_position(f), f["net/elements"][:]
+    rows, stride = whole_cables(x, elements, f["net/cable"][:], f["net/group"][:], MOST_ELEMENTS)
+    nodes, ends = np.unique(elements[rows], return_inverse=True)
+    ends, loose = ends.reshape(-1, 2), np.zeros((0, 2), int)
+    if moves(f):
+        frames = Frames(f)
+        loose = np.argwhere(frames.ends(len(frames.times) - 1)[rows] >= len(x))
+        ends[tuple(loose.T)] = len(nodes) + np.arange(len(loose))
+    origin = np.concatenate([nodes, elements[rows][tuple(loose.T)]])
+    return Drawn(rows, stride, x[origin], origin, ends, loose)
+
+
+def moves(f) -> bool:
+    """Whether the result file has snapshots of a motion."""
+    return "history" in f and len(f["VTKHDF/Steps/Values"]) > 1
+
+
+def states_shown(f, drawn: Drawn) -> tuple[list[States], list[str]]:
+    """Return the states that a page shows, the motion first, and its omissions in words."""
+    static_states, omissions = list(equilibria(f)), []
+    capacity = max(FEWEST, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
+    if len(static_states) > capacity:
+        omissions.append(f"the first {capacity} of {len(static_states)} states at rest")
+    shown = [_at_rest(f, drawn, state) for state in static_states[:capacity]]
+    if moves(f):
+        capacity = max(2, (MOST_VALUES // len(drawn.rows)) - len(shown))
+        stride = -(-len(f["VTKHDF/Steps/Values"]) // capacity)
+        if stride > 1:
+            omissions.append(f"one in {stride} of the frames")
+        shown.insert(0, _motion(f, drawn, stride))
+    if drawn.every > 1:
+        omissions.append(f"one in {drawn.every} of the cables")
+    return shown, omissions
+
+
+def _at_rest(f, drawn: Drawn, state: ShownState) -> States:
+    """Return an equilibrium for the page."""
+    N, bar, missing = state.tension(), f["net/bar"][:].astype(bool), absent(f, state.place)
+    displacement = state.position()[drawn.origin] - drawn.start
+    slack = np.array([((N == 0.0) & ~bar & ~missing).sum()])
+    none = np.zeros(1, int)
+    name, N, missing = shown_name(f, state), N[drawn.rows], missing[drawn.rows]
+    return States(name, np.zeros(0), displacement[None], N[None], None, slack, none, missing)
+
+
+def _motion(f, drawn: Drawn, stride: int) -> States:
+    """Return every `stride`-th snapshot of the dynamic stage for the page."""
+    frames, bar = Frames(f), f["net/bar"][:].astype(bool)
+    steps = np.arange(0, len(frames.times), stride)
+    displacement = np.empty((len(steps), *drawn.start.shape), np.float32)
+    tension, strain = (np.empty((len(steps), len(drawn.rows)), np.float32) for _ in range(2))
+    slack, broken = (np.empty(len(steps), int) for _ in range(2))
+    for k, (points, N, eps, failed) in enumerate(_read(frames, drawn, steps)):
+        displacement[k] = points - drawn.start
+        slack[k], broken[k] = ((N == 0.0) & ~bar & ~failed & frames.there).sum(), failed.sum()
+        tension[k], strain[k] = np.where(failed, np.nan, N)[drawn.rows], eps[drawn.rows]
+    missing = ~frames.there[drawn.rows]
+    return States("motion", frames.times[steps], displacement, tension, strain, slack, broken, missing)
+
+
+def _read(frames: Frames, drawn: Drawn, steps: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+    """Yield positions (p, 3) [m], tensions [N], strains and broken elements (m,) of each snapshot."""
+    nodes = drawn.origin[: len(drawn.origin) - len(drawn.loose)]
+    for step in steps:
+        x = frames.positions(step)
+        split_ends = frames.ends(step)[drawn.rows][tuple(drawn.loose.T)]
+        fields = [frames.cell(name, step) for name in ("tension", "strain")]
+        yield x[np.concatenate([nodes, split_ends])], *fields, frames.broken(step)

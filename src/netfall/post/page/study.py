@@ -1,0 +1,125 @@
+"""Page of a study: where it breaks, in space; with the motion of a sample whose result file exists."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.post.page.describe import Page, choice, net_data, page_of, states_data, to_ticks
+from netfall.post.page.numbers import Numbers
+from netfall.post.page.page import put
+from netfall.post.page.quantities import Quantity
+from netfall.post.page.states import MOST_ELEMENTS, Drawn, States
+from netfall.post.plots.net import whole_cables
+from netfall.results.file import reading
+from netfall.study.answers.losses import elements_lost, losses_of
+from netfall.study.answers.read import Study, read_study
+from netfall.study.files import place_of
+
+
+def write_study_page(path: Path, page: Path, member: int | None) -> str:
+    """Write the page of a study file, and return its description.
+
+    member : number of the sample; None: of those with a result file, the one that loses most of its roof
+
+    Raises InputError for a study without a net, and for a sample without a result file.
+    """
+    study = read_study(path)
+    if not len(study.net["elements"]):
+        raise InputError(
+            f"{path}: no net that is that of all members; view the result file of one that was kept"
+        )
+    folder = place_of(path, path, None).members
+    number = chosen(study, folder, member)
+    return put(page, net_page(study) if number is None else member_page(study, folder, number))
+
+
+def _file(folder: Path, member: int) -> Path:
+    """Return the path of a sample's result file; folder : of the result files."""
+    return folder / f"{member:06d}.vtkhdf"
+
+
+def chosen(study: Study, folder: Path, member: int | None) -> int | None:
+    """Return the sample to show, None: no sample has a result file."""
+    if member is not None:
+        if not _file(folder, member).exists():
+            raise InputError(
+                f'--member {member}: {_file(folder, member)} is not there; [run] keep = "broken" or "all" in '
+                "the study file keeps the result files of its members"
+            )
+        return member
+    saved = [int(file.stem) for file in folder.glob("[0-9]*.vtkhdf") if int(file.stem) < len(study.finished)]
+    lost = np.nan_to_num(study.members["roof_lost"])
+    return max(sorted(saved), key=lambda k: (lost[k], study.members["broken"][k]), default=None)
+
+
+def member_page(study: Study, folder: Path, member: int) -> Page:
+    """Assemble the page of a sample's result, with the study's results on its elements."""
+    with reading(_file(folder, member)) as f:
+        if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
+            raise InputError(f"{f.filename}: another net than that of the study; view it without the study")
+        page = page_of(f)
+    page.data["title"] = f"{study.title}, member {member}"
+    page.data["quantities"] = _choices(study, page) + page.data["quantities"]
+    return replace(page, words=f"member {member}: {page.words}")
+
+
+def net_page(study: Study) -> Page:
+    """Assemble the page of a study without result files of samples: its static net."""
+    x, elements = study.net["particles"], study.net["elements"]
+    group = np.zeros(len(elements), int)
+    rows, stride = whole_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
+    nodes, ends = np.unique(elements[rows], return_inverse=True)
+    drawn = Drawn(rows, stride, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
+    numbers, zero = Numbers(), np.zeros(1, int)
+    taut = np.ones((1, len(rows)))
+    displacement, missing = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
+    initial = States("as each member begins", np.zeros(0), displacement, taut, None, zero, zero, missing)
+    data = net_data(
+        numbers, drawn, study.title, study.net["element_id"], x, study.net["fixed"], np.zeros(len(x), bool)
+    )
+    data |= {
+        "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
+        "from": "the net as each member begins",
+        "left_out": [f"one in {stride} of the elements"] * (stride > 1),
+        "window": to_ticks(np.array([x.min(0), x.max(0)])).tolist(),
+        "group": numbers.add(group.astype(np.int16)[rows]),
+        "groups": [""],
+        "strokes": [],
+        "states": [states_data(numbers, initial, taut, 1.0)],
+    }
+    page = Page(data, numbers, drawn, f"{len(rows)} elements; no member was kept, so nothing moves")
+    data["quantities"] = _choices(study, page)
+    return page
+
+
+def _choices(study: Study, page: Page) -> list[dict]:
+    """Return the study's results on elements: frequency of breaks, and consequences of removals."""
+    broken_count, finished_count = max(int(study.first_breaks.sum()), 1), max(int(study.finished.sum()), 1)
+
+    def share(counts: np.ndarray, total: int) -> np.ndarray:
+        return np.where(counts > 0, counts / total, np.nan)
+
+    first, at_all = share(study.first_breaks, broken_count), share(study.breaks, finished_count)
+    rows = [
+        (f"first to break, share of the {broken_count} members that broke", "%", 100.0, first),
+        (f"breaks at all, share of the {finished_count} members that finished", "%", 100.0, at_all),
+    ]
+    losses = losses_of(study)
+    if losses is not None:
+        row = elements_lost(study, losses)
+        tension_ratio, dynamic_factor, roof_lost = (
+            np.where(row >= 0, values[row], np.nan)
+            for values in (losses.tension_ratio, losses.dynamic_factor, losses.roof_lost)
+        )
+        rows.append(("largest tension over that before its loss", "-", 1.0, tension_ratio))
+        rows.append(("largest dynamic factor after its loss", "-", 1.0, dynamic_factor))
+        rows.append(("share of the roof lost after its loss", "%", 100.0, roof_lost))
+    nothing = ("no member broke", "-", 1.0, np.full(len(study.net["elements"]), np.nan))
+    choices = []
+    for name, unit, factor, values in [row for row in rows if np.isfinite(row[3]).any()] or [nothing]:
+        ends = None if np.isnan(values).all() else (0.0, float(np.nanmax(values)) or 1.0)
+        quantity = Quantity(name, name, unit, factor, ends, None, values=values[page.drawn.rows])
+        choices.append(choice(page.numbers, quantity))
+    return choices

@@ -1,0 +1,232 @@
+"""Common parts of all pictures: sizes, fonts, colours; figures; nets in space and in plan."""
+
+from pathlib import Path
+from textwrap import fill
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.text import Text
+from matplotlib.ticker import LogFormatter, LogFormatterMathtext, NullLocator
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from netfall.core.progress import one_line, plain
+from netfall.results.locks import whole
+
+matplotlib.use("Agg")
+CYCLE = (  # colours of lines and groups, safe for colour blindness: Petroff 2021, arXiv 2107.02270
+    *("#3f90da", "#ffa90e", "#bd1f01", "#94a4a2", "#832db6"),
+    *("#a96b59", "#e76300", "#b9ac70", "#717581", "#92dadd"),
+)
+SMALL = 8  # points: legends, ticks, notes in a picture
+STYLE = {
+    "savefig.dpi": 130,
+    "text.parse_math": False,  # dollar signs in names are no formulas
+    "figure.titlesize": 11,
+    "axes.titlesize": 9,
+    "axes.labelsize": 9,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "legend.fontsize": SMALL,
+    "legend.frameon": False,
+    "grid.alpha": 0.3,
+    "axes.prop_cycle": matplotlib.cycler(color=CYCLE),
+}
+plt.rcParams.update(STYLE)
+NOTHING = "#b8b8b8"  # elements without a value
+BROKEN = "#d62728"  # broken, removed or faulty elements; no group has this red
+SUPPORT = "#111111"
+GUIDED = "#7a4b00"  # supports that are held along some axes
+SPRING = "#6a0dad"  # supports on springs
+LONGEST_TITLE = 90  # characters of a title
+CHARACTERS = 12.0  # characters per inch of a title
+MOST_MARKED = 2_000  # supports of a kind; of more, every k-th is marked
+MOST_DRAWN = 60_000  # elements in a picture; of more, every k-th is drawn
+ALONE, PANEL, NARROW = (9.0, 5.0), (5.5, 3.4), (4.2, 3.0)  # inches, of one, two or more panels in a row
+IN_TWOS, IN_THREES = 6, 12  # panels in space, up to which a row has two or three; above, four
+PLAN = 6.0  # inches; largest width and height of a panel in plan
+HEAD = 1.4  # inches for the title, scales and legends
+VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
+ROUND = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # round numbers for scales
+ZOOM = 1.15  # factor on nets in space, whose box has empty corners
+OVER = {"clip_on": False, "in_layout": False}  # artists in space, whose x layouts take for pixels
+THIN = 0.04  # share of the largest extent, below which an axis has no room for ticks
+
+
+def save(figure, path: Path) -> Path:
+    """Write a picture completely or not at all, close it, and return its path."""
+    for axes in figure.axes:  # matplotlib would write powers of ten as formulas
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
+                axis.set_major_formatter(LogFormatter())
+            if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
+                axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
+    write_out_controls(figure)
+    with whole(path) as temporary:
+        figure.savefig(temporary, bbox_inches="tight", pad_inches=0.2)
+    plt.close(figure)
+    return path
+
+
+def write_out_controls(figure) -> None:
+    """Replace the control characters of texts in a figure by readable ones, since fonts lack them."""
+    for text in figure.findobj(Text):
+        if plain(text.get_text()) != text.get_text():
+            text.set_text(plain(text.get_text()))
+
+
+def heading(figure, title: str, subtitle: str) -> None:
+    """Set the title of a figure: the job's title, shortened, then a subtitle, wrapped to the width."""
+    title = one_line(title)
+    title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
+    line_length = int(CHARACTERS * figure.get_figwidth())  # matplotlib's wrapping parses dollar signs
+    figure.suptitle("\n".join(fill(line, line_length) for line in f"{title}{subtitle}".split("\n")))
+
+
+def unit_of(largest: float, unit: str) -> tuple[float, str]:
+    """Return the factor and the name of a unit that keeps numbers readable: N, kN, MN."""
+    for factor, prefix in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if largest >= 2 * factor:
+            return 1 / factor, prefix + unit
+    return 1.0, unit
+
+
+def charts(rows: int, columns: int, width: float, height: float, **more):
+    """Open a figure of charts (rows, columns) with grids; width, height : [inch]; more : of subplots."""
+    figure, axes = plt.subplots(
+        rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **more
+    )
+    for chart in axes.flat:
+        chart.grid(True)
+        chart.set_axisbelow(True)
+    return figure, axes
+
+
+def legend_below(figure, *axes, ncols: int = 4) -> None:
+    """Add a legend of the lines of some charts, below all charts."""
+    handles = [handle for chart in axes for handle in chart.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
+
+
+def add_scale(axes, norm, palette, label: str, **more):
+    """Add a colour scale below one or several axes; more : arguments of matplotlib's colorbar."""
+    figure, colours = np.ravel(axes)[0].figure, plt.cm.ScalarMappable(norm, palette)
+    style = {
+        "location": "bottom",
+        "label": label,
+        "shrink": 0.5,
+        "aspect": 30,
+        "fraction": 0.08,
+        "pad": 0.01,
+    } | more
+    return figure.colorbar(colours, ax=axes, **style)
+
+
+def line_width(elements: int, largest: float = 1.4) -> float:
+    """Return the width of lines [pt] that keeps that many elements apart."""
+    return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, largest))
+
+
+def in_space(figure, position, points, zoom: float = 1.0):
+    """Add axes in space with equal scales around points (n, 3), labelled in metres.
+
+    zoom : factor on the size that fits. A net in an upright plane along x is seen from the front.
+    """
+    axes = figure.add_subplot(*position, projection="3d")
+    low, high = points.min(0), points.max(0)
+    extent = np.maximum(high - low, 0.02 * (high - low).max() + 1e-9)
+    middle, share = 0.5 * (low + high), extent / extent.max()
+    limits = zip(middle - 0.5 * extent, middle + 0.5 * extent)
+    axes.set(**{f"{name}lim": limit for name, limit in zip("xyz", limits)})
+    axes.set_box_aspect(extent, zoom=ZOOM * zoom)
+    axes.view_init(*VIEWS["front" if share[1] <= THIN < share[2] else "space"])
+    for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
+        ticks = plt.MaxNLocator(max(1, round(5 * share[k])))
+        axis.set_major_locator(ticks if share[k] > THIN else NullLocator())
+        axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN else "")
+    axes.tick_params(labelsize=7, pad=1)
+    return axes
+
+
+def space_panels(points, count: int):
+    """Open a figure with panels in space around the same points (n, 3) [m], at most four in a row."""
+    columns = min(2, count) if count <= IN_TWOS else 3 if count <= IN_THREES else 4
+    rows, (width, height) = -(-count // columns), {1: ALONE, 2: PANEL}.get(columns, NARROW)
+    figure = plt.figure(figsize=(columns * width, rows * height + HEAD), layout="constrained")
+    return figure, [in_space(figure, (rows, columns, k + 1), points) for k in range(count)]
+
+
+def set_plan(axes, points: np.ndarray, margin: float = 0.0) -> None:
+    """Make axes a plan with equal scales around points (n, 2) [m], with a margin [m] of at least 4 %."""
+    low, high = points.min(0), points.max(0)
+    margin = max(margin, 0.04 * (high - low).max() + 1e-9)
+    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def plan_panels(x: np.ndarray, held: np.ndarray, count: int, margin: float = 0.0):
+    """Open a figure with panels in plan, two in a row.
+
+    x : (n, 2) [m] nodes; held : (n,) bool, supports, drawn as dots; margin : see `set_plan`
+    """
+    columns, rows = min(2, count), -(-count // 2)
+    figure = plt.figure(figsize=(columns * PLAN, rows * PLAN), layout="compressed")
+    panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+    for axes in panels:
+        set_plan(axes, x, margin)
+        dot_supports(axes, x, held)
+    return figure, panels
+
+
+def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) -> None:
+    """Mark the supports of each kind, and count them in the legend.
+
+    x : (n, 2 or 3) [m]; fixed, spring : (n, 3) bool, axes
+    """
+    fully_fixed = fixed.all(1)
+    for selected, kind, marker, colour, word in (
+        (fully_fixed, None, "s", SUPPORT, "supports"),
+        (fixed.any(1) & ~fully_fixed, fixed, "^", GUIDED, "held in part"),
+        (spring.any(1), spring, "D", SPRING, "springs"),
+    ):
+        rows = np.flatnonzero(selected)
+        if len(rows):
+            label = f"{word}, {len(rows)}" + (f" ({_axis_counts(kind[rows])})" if kind is not None else "")
+            style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **OVER}
+            size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
+            axes.plot(*x[rows[:: max(1, len(rows) // MOST_MARKED)]].T, ms=size, label=label, **style)
+
+
+def _axis_counts(held: np.ndarray) -> str:
+    """Count the supports along each axis, in words; held : (k, 3) bool."""
+    return ", ".join(f"{axis}: {held[:, k].sum()}" for k, axis in enumerate("xyz") if held[:, k].any())
+
+
+def dot_supports(axes, x: np.ndarray, held: np.ndarray) -> None:
+    """Draw dots at the supports in plan; x : (n, 2) [m]; held : (n,) bool."""
+    axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
+
+
+def add_lines(axes, lines: np.ndarray, **style):
+    """Add lines (k, 2, 2 or 3) [m] to axes in plan or in space; returns None if there are none."""
+    in_plan = lines.shape[-1] == 2
+    kind = LineCollection if in_plan else Line3DCollection
+    add = axes.add_collection if in_plan else axes.add_collection3d
+    return add(kind(lines, **OVER | style)) if len(lines) else None
+
+
+def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, width: float) -> np.ndarray:
+    """Add lines (k, 2, 2 or 3) [m] coloured by values (k,), the largest on top; nan: pale, below all.
+
+    Returns the drawn rows that have a value. Of many lines every k-th is drawn, the largest among them.
+    """
+    order = np.argsort(np.where(np.isfinite(values), values, -np.inf), kind="stable")
+    order = order[::-1][:: max(1, len(order) // MOST_DRAWN)][::-1]
+    has_value = np.isfinite(values[order])
+    pale, rows = order[~has_value], order[has_value]
+    add_lines(axes, lines[pale], colors=NOTHING, linewidths=0.5 * width)
+    add_lines(axes, lines[rows], array=values[rows], norm=norm, cmap=palette, linewidths=width)
+    return rows

@@ -1,0 +1,195 @@
+"""Picture of the net of a job, in space and in plan: supports, zones, probes, members to be removed.
+
+In plan each zone is the area of its nodes. The area of a node in a face extends to the middles of the
+adjoining sides and to the centroid, as for loads and wind.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.lines import Line2D
+
+from netfall.geometry.areas import areas_are_given
+from netfall.geometry.faces import Faces, quarters
+from netfall.geometry.net import Net
+from netfall.post.plots.canvas import (
+    BROKEN,
+    MOST_MARKED,
+    OVER,
+    add_lines,
+    heading,
+    in_space,
+    line_width,
+    mark_supports,
+    save,
+    set_plan,
+)
+from netfall.post.plots.cells import MOST_CELLS
+from netfall.post.plots.net import add_groups, whole_cables
+
+MOST_DRAWN = 30_000  # elements that stay apart; of larger nets, every k-th cable is drawn
+MOST_NORMALS = 150
+MOST_ZONES = 10  # zones in the legend
+ROOF, OUTSIDE = "#dfe8f0", "0.93"  # colours of a roof without zones; of nodes in no zone
+FOLLOWED, WIND = "#111111", "#0b5d7a"
+
+
+@dataclass(frozen=True)
+class JobNet:
+    """Content of the picture, by rows of the net.
+
+    of_zone : (n,) row of zone_names, -1: none; zone_area : (z + 1,) [m2] in plan, last: area in no zone
+    polygons : corners in plan of the zones that have some
+    area : (n,) [m2] in plan; normal : (n, 3) of nodes with wind or pressure, zero or None: no such load
+    lost, followed : elements to be removed, and of [output] elements; probes : particles
+    wind : direction to which it blows [degrees], and its description
+    """
+
+    title: str
+    net: Net
+    faces: Faces
+    area: np.ndarray
+    zone_names: list[str]
+    of_zone: np.ndarray
+    zone_area: np.ndarray
+    polygons: list = field(default_factory=list)
+    normal: np.ndarray | None = None
+    lost: np.ndarray = ()
+    followed: np.ndarray = ()
+    probes: np.ndarray = ()
+    wind: tuple[float, str] | None = None
+
+
+def draw_job(job: JobNet, path: Path) -> None:
+    """Write the picture: in space by groups, in plan by zones."""
+    net = job.net
+    rows, stride = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
+    figure = plt.figure(figsize=(13, 7.2), layout="constrained")
+    left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
+    space = in_space(left, (1, 1, 1), net.x)
+    space.computed_zorder = False
+    lines = net.x[net.elements[rows]]
+    add_groups(space, lines, net.group[rows], net.group_names, line_width(len(rows)), net.bar[rows])
+    _draw_members(space, job, net.x)
+    _draw_nodes(space, job, net.x)
+    _draw_normals(space, job)
+    plan = right.add_subplot()
+    _draw_plan(plan, job, rows)
+    for half, axes in ((left, space), (right, plan)):
+        _add_legend(half, axes)
+    heading(figure, job.title, _words(net, stride))
+    save(figure, path)
+
+
+def _add_legend(figure, axes) -> None:
+    """Add the legend of a panel below it, with lines thick enough to be distinguished."""
+    handles = axes.get_legend_handles_labels()[0]
+    legend = figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    for line in legend.legend_handles:
+        if isinstance(line, Line2D | LineCollection):
+            line.set_linewidth(np.maximum(line.get_linewidth(), 1.5))
+
+
+def _words(net: Net, stride: int) -> str:
+    """Describe the size of the net; stride : one cable in `stride` is drawn."""
+    size = " x ".join(f"{side:.4g}" for side in np.ptp(net.x, axis=0))
+    left_out = f"; one of {stride} cables is drawn" if stride > 1 else ""
+    return f": the net as it is read\n{net.n} nodes, {net.m} elements, {size} m{left_out}"
+
+
+def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
+    """Draw members to be removed and members whose tension is recorded; nodes at x (n, 2 or 3) [m]."""
+    for rows, colour, style, word in (
+        (job.lost, BROKEN, "-", "to be removed"),
+        (job.followed, FOLLOWED, ":", "[output] elements"),
+    ):
+        lines = x[job.net.elements[rows]] if len(rows) else x[:0]
+        label = f"{word}, {len(rows)}"
+        add_lines(axes, lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4)
+        if style == "-" and 0 < len(rows) <= MOST_MARKED:  # makes short members visible
+            axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5, **OVER)
+
+
+def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
+    """Draw the supports of each kind and the probes, with their counts; nodes at x (n, 2 or 3) [m]."""
+    mark_supports(axes, x, job.net.fixed, job.net.spring > 0)
+    if len(job.probes):
+        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, **OVER}
+        axes.plot(*x[job.probes].T, label=f"probes, {len(job.probes)}", zorder=6, **star)
+
+
+def _draw_normals(axes, job: JobNet) -> None:
+    """Draw some of the upward normals along which wind or pressure acts."""
+    rows = np.flatnonzero(job.normal.any(1)) if job.normal is not None else []
+    if not len(rows):
+        return
+    shown = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_NORMALS).astype(int))]
+    start = job.net.x[shown]
+    reach = 0.05 * np.ptp(job.net.x, axis=0).max()
+    lines = np.stack([start, start + reach * job.normal[shown]], 1)
+    label = f"upward normals, {len(shown)} of {len(rows)}"
+    add_lines(axes, lines, colors="#444444", linewidths=0.6, zorder=3, label=label)
+
+
+def _draw_plan(axes, job: JobNet, rows: np.ndarray) -> None:
+    """Draw zones or roof, elements, supports, probes, members to be removed, and the wind direction."""
+    net, x = job.net, job.net.x[:, :2]
+    _draw_zones(axes, job)
+    add_lines(axes, x[net.elements[rows]], colors="0.3", linewidths=0.6 * line_width(len(rows)), zorder=2)
+    for corners in job.polygons:
+        closed = np.array([*corners, corners[0]])
+        axes.plot(*closed.T, color="k", lw=0.9, ls="--", zorder=3)
+    _draw_members(axes, job, x)
+    _draw_nodes(axes, job, x)
+    set_plan(axes, np.vstack([x, _draw_wind(axes, job.wind, x)]) if job.wind else x)
+
+
+def _draw_zones(axes, job: JobNet) -> None:
+    """Draw the roof area of each node in the colour of its zone."""
+    names, faces = job.zone_names, job.faces
+    palette = [plt.get_cmap("Set3")(k % 12) for k in range(len(names))] if names else [ROOF]
+    tints = np.array([plt.matplotlib.colors.to_rgba(c) for c in [OUTSIDE if names else ROOF, *palette]])
+    zone = np.append(job.of_zone, np.full(len(job.net.corners), -1)) + 1
+    if len(faces.corner) > MOST_CELLS:
+        axes.scatter(*job.net.x[:, :2].T, s=0.6, c=tints[zone[: job.net.n]], lw=0, zorder=1)
+    elif len(faces):
+        points, colours = np.concatenate([job.net.x, job.net.corners])[:, :2], tints[zone[faces.corner]]
+        style = {"facecolors": colours, "edgecolors": colours, "lw": 0.2, "zorder": 1}
+        axes.add_collection(PolyCollection(quarters(points, faces), **style))
+    if not names:
+        axes.add_patch(
+            plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=_roof_label(job))
+        )
+    for k in sorted(range(-1, len(names)), key=lambda k: k < 0) if names else ():
+        in_zone = job.of_zone == k
+        if k < MOST_ZONES and in_zone.any():
+            label = f"{f'zone {names[k]}' if k >= 0 else 'no zone'}, {int(in_zone.sum())} nodes"
+            label += f", {job.zone_area[k]:.4g} m2 in plan"
+            axes.add_patch(plt.Rectangle((0, 0), 0, 0, color=tints[k + 1], label=label))
+    if len(names) > MOST_ZONES:
+        axes.plot([], [], ls="", label=f"and {len(names) - MOST_ZONES} more zones")
+
+
+def _roof_label(job: JobNet) -> str:
+    """Return the legend text of the roof."""
+    area = f"{job.area.sum():.5g} m2 in plan"
+    if len(job.faces):
+        return f"roof, {job.faces.count} faces, {area}"
+    return f"roof, areas of nodes.csv, {area}" if areas_are_given(job.net) else "no closed faces, so no roof"
+
+
+def _draw_wind(axes, wind: tuple[float, str], x: np.ndarray) -> np.ndarray:
+    """Draw an arrow on the windward side of the net x (n, 2) [m]; return its start (2,) [m]."""
+    angle, middle = np.radians(wind[0]), 0.5 * (x.min(0) + x.max(0))
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    windward = ((x - middle) @ direction).min()
+    length = 0.14 * np.ptp(x, axis=0).max()
+    tip = middle + (windward - 0.15 * length) * direction
+    start = tip - length * direction
+    arrow = {"arrowstyle": "-|>", "color": WIND, "lw": 2.2, "mutation_scale": 16}
+    axes.annotate("", tip, start, arrowprops=arrow, zorder=5, annotation_clip=False)
+    axes.plot([], [], color=WIND, lw=2.2, label=wind[1])
+    return start

@@ -1,0 +1,79 @@
+"""Picture of the lowest natural modes: the net in equilibrium, displaced by each, in space and in plan."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from netfall.post.checks.reactions import held_axes
+from netfall.post.plots import canvas
+from netfall.results.file import title_of
+
+DRAWN, COLUMNS = 6, 3  # modes drawn, and modes in a row
+SWING = 0.06  # largest displacement drawn / extent of the net
+STILL = 0.05  # share of the largest displacement; elements with less are not drawn displaced in space
+WIDTH = 4.6  # inches; largest width and height of a panel
+COLOURS = "RdBu_r"
+RESTS = ("rest/position", "form_finding/position", "net/particles")
+
+
+def modes(f):
+    """Draw the first modes over the net in grey, and each of them in plan below.
+
+    The colour is the displacement along the axis on which the mode moves most.
+    """
+    x, elements = f[next(name for name in RESTS if name in f)][:], f["net/elements"][:]
+    if "statics" in f and "rest" not in f:  # without wind, modes refer to the end of the static steps
+        x = x + f["statics/displacement"][-1]
+    lines = elements[:: max(1, len(elements) // canvas.MOST_DRAWN)]
+    shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
+    swing = SWING * float(np.ptp(x, axis=0).max())
+    figure, panels = _panels(x, swing, len(shape))
+    norm, width = plt.Normalize(-1.0, 1.0), canvas.line_width(len(lines))
+    for k, ((space, plan), u) in enumerate(zip(panels, shape)):
+        axis = int((u**2).sum(0).argmax())
+        component, displaced = u[:, axis][lines].mean(1), (x + swing * u)[lines]
+        canvas.add_lines(space, x[lines], colors=canvas.NOTHING, linewidths=0.5)
+        is_moved = np.abs(u[lines]).max((1, 2)) > STILL  # unmoved elements would hide the net in white
+        canvas.add_coloured(space, displaced[is_moved], component[is_moved], norm, COLOURS, width)
+        canvas.add_lines(plan, x[lines][..., :2], colors=canvas.NOTHING, linewidths=0.5)
+        canvas.add_coloured(plan, displaced[..., :2], component, norm, COLOURS, 1.4 * width)
+        plan.set_facecolor("0.93")  # contrasts with unmoved elements, which are white
+        canvas.dot_supports(plan, x[:, :2], held)
+        space.set_title(_words(f, k, "xyz"[axis]))
+    label = "displacement along the axis that a title names, of the largest of a node [-]"
+    canvas.add_scale([panel for pair in panels for panel in pair], norm, COLOURS, label)
+    canvas.heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
+    return figure
+
+
+def _panels(x: np.ndarray, swing: float, count: int):
+    """Open a figure with a panel in space and a panel in plan below it for each mode; return the pairs."""
+    columns, rows = min(COLUMNS, count), -(-count // COLUMNS)
+    figure = plt.figure(figsize=(columns * WIDTH, 2 * rows * WIDTH), layout="compressed")
+    grid = figure.add_gridspec(2 * rows, columns)
+    window = np.array([x.min(0) - [0, 0, swing], x.max(0) + [0, 0, swing]])
+    panels = []
+    for k in range(count):
+        row, column = 2 * (k // columns), k % columns
+        space = canvas.in_space(figure, (grid[row, column],), window)
+        plan = figure.add_subplot(grid[row + 1, column])
+        canvas.set_plan(plan, x[:, :2], 1.1 * swing)
+        panels.append((space, plan))
+    return figure, panels
+
+
+def _words(f, k: int, axis: str) -> str:
+    """Describe a mode: period, effective mass, damping; axis : axis of its colours."""
+    lines = [f"mode {k + 1}: {_named(f['modes/period'][k])}, colour: along {axis}"]
+    if "modes/effective_mass" in f:
+        share = " / ".join(f"{100.0 * part:.3g}" for part in f["modes/effective_mass"][k].round(6))
+        lines.append(f"effective mass {share} % (x / y / z)")
+    if "modes/damping_ratio" in f and np.isfinite(f["modes/damping_ratio"][k]):
+        lines.append(f"damped by {100.0 * f['modes/damping_ratio'][k]:.2g} % of the critical")
+    return "\n".join(lines)
+
+
+def _named(period: float) -> str:
+    """Format a period; inf: no stiffness, nan: unstable."""
+    if np.isinf(period):
+        return "no stiffness"
+    return "not stable" if np.isnan(period) else f"{period:.4g} s"

@@ -1,0 +1,92 @@
+"""Fragility curves: the share of failed runs over the mean wind speed, a panel for each measure."""
+
+import textwrap
+
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.special import ndtr
+
+from netfall.post.plots.canvas import SMALL, charts, heading
+from netfall.study.answers.intervals import binned, wilson, with_interval
+from netfall.study.answers.read import Study
+
+COLUMNS = 3  # panels in a row
+POINTS = 200  # points of a curve
+WRAPPED = 44  # characters per line in a panel
+
+
+def fragility(study: Study):
+    """Draw a panel for each measure: curves with their bands, observed shares with their intervals."""
+    g = study.fragility
+    measures, names = (list(dict.fromkeys(g[key])) for key in ("measure", "curve"))
+    rows = -(-len(measures) // COLUMNS)
+    figure, panels = charts(rows, COLUMNS, 13, 3.7 * rows + 1.0, sharex=True, sharey=True)
+    for axes, measure in zip(panels.ravel(), measures):
+        for j, name in enumerate(names):
+            _draw(axes, g, np.flatnonzero((g["measure"] == measure) & (g["curve"] == name))[0], j, len(names))
+        axes.set_title(measure)
+        axes.tick_params(labelbottom=True)
+    for unused in panels.ravel()[len(measures) :]:
+        unused.remove()
+    panels[0, 0].set_xlim(g["band_speed"][0], g["band_speed"][-1])
+    panels[0, 0].set_ylim(-0.02, 1.02)
+    panels[0, 0].xaxis.set_major_locator(plt.MaxNLocator(8, steps=[1, 2, 5, 10]))
+    for axes in panels[:, 0]:
+        axes.set_ylabel("share of runs that fail [-]")
+    for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
+        axes.set_xlabel(f"mean wind speed [m/s], exposure {study.exposure}")
+    figure.legend(handles=_handles(g, names), loc="outside lower center", ncols=4)
+    heading(figure, study.title, f": runs that fail within {study.exposure}")
+    return figure
+
+
+def _draw(axes, g, k: int, j: int, curves: int) -> None:
+    """Draw one curve in colour j."""
+    colour, speed, band = f"C{j}", g["band_speed"], g["band"][k]
+    if np.isfinite(band).all():
+        axes.fill_between(speed, band[:, 0], band[:, 1], color=colour, alpha=0.18, lw=0)
+    median, dispersion = g["median"][k], g["dispersion"][k]
+    if np.isfinite(median):
+        speeds = np.linspace(speed[0], speed[-1], POINTS)
+        axes.plot(speeds, ndtr((np.log(speeds) - np.log(median)) / dispersion), color=colour, lw=1.6)
+    centre, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
+    centre = centre + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # separates the curves
+    share, (low, high) = failed / runs, wilson(runs, failed)
+    style = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
+    axes.errorbar(centre, share, [share - low, high - share], **style)
+    text = _text(g, k) if curves == 1 else _short(g, k)
+    text_style = {"transform": axes.transAxes, "va": "top", "fontsize": SMALL}
+    axes.text(0.02, 0.97 - 0.07 * j, text, color=colour, **text_style)
+
+
+def _text(g, k: int) -> str:
+    """Return median and dispersion with their intervals, or the reason why there is no curve."""
+    if not np.isfinite(g["median"][k]):
+        return textwrap.fill(f"no curve: {g['note'][k]}", WRAPPED)
+    median = with_interval(g["median"][k], g["median_interval"][k], 4)
+    dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
+    return f"median {median} m/s\ndispersion {dispersion}"
+
+
+def _short(g, k: int) -> str:
+    """Return the median with its interval; for panels with several curves."""
+    if not np.isfinite(g["median"][k]):
+        low, high = g["median_bounds"][k]
+        bounds = f"{low:g}" if low == high else f"{low:g} to {high:g}".replace(" to inf", " or more")
+        return f"no curve; median {bounds} m/s"
+    return with_interval(g["median"][k], g["median_interval"][k], 4) + " m/s"
+
+
+def _handles(g, names: list[str]) -> list:
+    """Return the legend entries of marks and curves."""
+    labelled = names if len(names) > 1 else []
+    colours = [plt.Line2D([], [], color=f"C{j}", lw=2, label=name) for j, name in enumerate(labelled)]
+    k = int(np.argmax(g["samples"]))
+    neutral = "C0" if len(names) == 1 else "0.4"
+    resampled = f"{g['samples'][k]} samples, {g['resampled'][k]} resampled"
+    return [
+        *colours,
+        plt.Line2D([], [], color=neutral, lw=1.6, label="lognormal curve of largest likelihood"),
+        plt.Rectangle((0, 0), 1, 1, color=neutral, alpha=0.18, label=f"{g['level']:.0%} band: {resampled}"),
+        plt.Line2D([], [], color=neutral, marker="o", ms=4, lw=1, label="observed; bars: 95% of each alone"),
+    ]

@@ -1,0 +1,143 @@
+"""Pictures of utilisation, dynamic factors and moments; slip along cables, utilisation of clamps."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import LogNorm, Normalize
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from netfall.post.checks.cables import ABOVE, Checked, only_compressed
+from netfall.post.checks.reactions import held_axes
+from netfall.post.checks.slides import slide_columns
+from netfall.post.plots import canvas
+from netfall.post.plots.force import add_supports, limits
+from netfall.results.file import carried_in, title_of
+from netfall.results.limit_load_text import overloaded
+from netfall.results.losses import lost_at
+from netfall.results.states import Envelope, start_position
+
+OVER = "#e000c0"  # elements with a utilisation above 1
+LOST = OVER
+COLOURS = "viridis_r"
+MUCH = 10.0  # factor above which the scale is logarithmic
+MOST_CABLES = 2  # cables drawn, those with the largest slip
+MOST_STATES = 6  # states drawn, those with the largest slip
+USED = 1.0  # utilisation at which a clamp slips
+
+
+def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
+    """Write the picture of utilisation by the first check and the first check of compression.
+
+    If no element has a utilisation, the picture shows the tension.
+    """
+    names, over = [checked.checks[0].name], OVER
+    names += [check.name for check in checked.checks[1:] if check.compression][:1]
+    values, high = np.fmax.reduce([checked.utilisation[name] for name in names]), 1.0
+    fails = np.logical_or.reduce([checked.fails[name] for name in names])
+    values = np.where(fails, np.fmax(values, ABOVE), values)
+    if np.isfinite(values).any():
+        failed = {check.name: checked.fails[check.name].sum() for check in checked.checks}
+        others = ", ".join(f"{n} fail {name}" for name, n in failed.items() if n and name not in names)
+        remark = f" (besides, {others})" if others else ""
+        label = f"utilisation, {', '.join(names)}{remark}; grey: none; magenta: fails"
+    else:
+        factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
+        values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
+        label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
+        over = None
+        high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # the largest can be that of a fragment
+    if "history" in f and (beyond := int(overloaded(carried_in(f)).sum())):
+        label += f"; {beyond} beyond strength after a fracture: of the step"
+    _draw(f, path, values, Normalize(0.0, high), "how far elements are used", label, over)
+
+
+def dynamic_factors(f, factor: np.ndarray, path: Path) -> None:
+    """Write the picture of the largest dynamic factors (m,) after removals, nan: none; dashed: removed."""
+    finite = factor[np.isfinite(factor)]
+    high = float(max(2.0, np.percentile(finite, 99))) if len(finite) else 2.0
+    low = float(min(1.0, finite.min(initial=1.0)))
+    scale = LogNorm(low, high) if high > MUCH and low > 0.0 else Normalize(low, high)
+    label = "dynamic factor, (peak - before) / (at rest afterwards - before); grey: none; magenta: lost"
+    _draw(f, path, factor, scale, "dynamic factors after losses, the largest of each element", label)
+
+
+def moments(f, moment: np.ndarray, path: Path) -> None:
+    """Write the picture of the largest bending moments (m,) [N m], nan: no bending."""
+    factor, unit = canvas.unit_of(float(np.nanmax(moment)), "N m")
+    label = f"largest bending moment [{unit}]; grey: no bending"
+    scale = Normalize(0.0, max(factor * float(np.nanmax(moment)), 1e-9))
+    _draw(f, path, factor * moment, scale, "bending moments, the largest of each element", label)
+
+
+def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over: str | None = None) -> None:
+    """Write the net in space and in plan, coloured by values; squares and dots are supports.
+
+    values : (m,) of the elements, nan: none; title : of the picture; label : of the scale
+    over : colour of values beyond the scale
+    """
+    x, palette = start_position(f), plt.get_cmap(COLOURS).with_extremes(over=over)
+    figure = plt.figure(figsize=(14, 6.6), layout="constrained")
+    space, plan = canvas.in_space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
+    for axes, nodes in ((space, x), (plan, x[:, :2])):
+        lines, lost = nodes[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
+        width = canvas.line_width(len(lines), 2.0)
+        canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
+        canvas.add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
+    add_supports(f, space, x)
+    canvas.dot_supports(plan, x[:, :2], held_axes(f).any(1))
+    canvas.set_plan(plan, x[:, :2])
+    largest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
+    label += f"; largest {largest:.4g}" if np.isfinite(largest) else "; no values"
+    options = {"extend": "max" if largest > scale.vmax else "neither", "format": "{x:g}"}
+    bar = canvas.add_scale([space, plan], scale, palette, label, **options)
+    if isinstance(scale, LogNorm):
+        bar.set_ticks(canvas.ROUND[(canvas.ROUND >= scale.vmin) & (canvas.ROUND <= scale.vmax)])
+    canvas.heading(figure, title_of(f), f": {title}, in space and in plan")
+    canvas.save(figure, path)
+
+
+def slips(f):
+    """Draw slip and utilisation at the slip points along cables; a ring goes once around."""
+    table, cable = slide_columns(f), f["slide/cable"].asstr()[:]
+    stages = list(dict.fromkeys(table["stage"]))
+    slip, use = (
+        np.abs(np.nan_to_num(table[name].reshape(len(stages), -1))) for name in ("slip", "utilisation")
+    )
+    ranked = sorted(set(cable), key=lambda name: (-slip[:, cable == name].max(), name))
+    cables = ranked[:MOST_CABLES]
+    states = sorted(np.lexsort((-use.max(1), -slip.max(1)))[:MOST_STATES])
+    figure, panels = canvas.charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
+    for column, name in enumerate(cables):
+        points = np.flatnonzero(cable == name)
+        distance = _along(f, points)
+        for k in states:
+            rows = k * len(cable) + points
+            for axes, values in zip(panels[:, column], (1e3 * table["slip"], table["utilisation"])):
+                label = "dynamics, the largest" if stages[k] == "dynamics" else stages[k]
+                axes.plot(distance, values[rows], ".-", lw=1.2, label=label)
+        panels[0, column].set_title(f"cable {name}")
+        panels[1, column].axhline(USED, color="0.5", lw=0.8, ls="--")
+        panels[1, column].set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
+    panels[0, 0].set_ylabel("slip along the cable [mm]")
+    panels[1, 0].set_ylabel("utilisation of what holds [-]")
+    canvas.legend_below(figure, panels[0, 0], ncols=3)
+    selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
+    canvas.heading(figure, title_of(f), f": slip over nodes{selection}")
+    return figure
+
+
+def _along(f, points: np.ndarray) -> np.ndarray:
+    """Compute the distances (k,) [m] of slip points from the first, along elements of the cable's group."""
+    ends, group, L0 = f["net/elements"][:], f["net/group"][:], f["net/unstressed_length"][:]
+    row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}
+    before, after, node = (f[f"slide/{name}"][:][points] for name in ("before", "after", "node"))
+    distances = []
+    for k, (a, b) in enumerate(pairwise(row[number] for number in node.tolist())):
+        in_group = group == group[after[k]]
+        in_group[before[k]] = False  # of a ring the other way around
+        net = csr_matrix((L0[in_group], ends[in_group].T), (len(row), len(row)))
+        distances.append(dijkstra(net, directed=False, indices=a)[b])
+    return np.append(0.0, np.cumsum(distances))

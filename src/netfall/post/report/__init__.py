@@ -1,0 +1,1 @@
+"""The texts and pages that `netfall report` and `netfall info` write."""

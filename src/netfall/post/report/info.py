@@ -1,0 +1,168 @@
+"""Command `netfall info`: summary of a result file."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.results import file, states, warning_text
+from netfall.results.removal_text import loss_lines
+
+FIRST_EVENTS = 8  # fractures, and elements of a failed state, that are listed
+ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
+OF_FEW = ("air_work", "band_damping_work", "slip_dissipation", "support_work")  # if the result has them
+
+
+def print_info(path: Path, say: Callable[[str], None]) -> None:
+    """Print a summary of a result file; elements and nodes are named by the ids of the tables.
+
+    Raises InputError for a wrong file.
+    """
+    with file.reading(path) as f:
+        say(f"{path}: {file.title_of(f)}")
+        has_dynamics = "history" in f
+        for lines_of, present in (
+            (_run, True),
+            (file.notes_of_run, True),
+            (_form, "form_finding" in f),
+            (_equilibria, True),
+            (warning_text.displacement_notes_of, True),
+            (_dynamics, has_dynamics),
+            (_wind, "wind" in f),
+            (lambda f: loss_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
+            (_energies, has_dynamics),
+            (_fractures, has_dynamics),
+            (warning_text.detached_notes_of, has_dynamics),
+            (warning_text.motion_notes_of, has_dynamics),
+            (file.overloads_of, has_dynamics),
+            (_seconds, True),
+        ):
+            for line in lines_of(f) if present else ():
+                say(line)
+
+
+def _seconds(f):
+    """Yield the line on computing times."""
+    seconds = f["provenance/timings"].attrs
+    yield "time: " + ", ".join(f"{name} {np.max(seconds[name]):.2f} s" for name in seconds)
+
+
+def _run(f):
+    """Yield the lines on the run and its net."""
+    p = f["provenance"].attrs
+    ranks = f"{p['ranks']} rank{'s' if p['ranks'] > 1 else ''}"
+    yield f"ran: netfall {p['netfall']} on {ranks} ({p['writing']}); {p['exit_state']}"
+    overrides = file.provenance_text(f, "overrides")
+    if overrides:
+        yield "with: " + ", ".join(overrides.split("\n"))
+    n, m, fixed = len(f["net/particles"]), len(f["net/elements"]), f["net/fixed"][:].all(1).sum()
+    yield (
+        f"net: {n} particles ({fixed} fixed), {m} elements, roof {f['net/tributary_area'][:].sum():.1f} m2; "
+        f"partition {p['partition']}, {p['edge_cut']} elements cut"
+    )
+
+
+def _form(f):
+    """Yield the lines on form finding."""
+    g = f["form_finding"]
+    N = g["tension"][:]
+    yield (
+        f"form finding: {g['iterations'][()]} iterations, residual {g['residual'][()]:.2g} of the prestress, "
+        f"with the real material {g['residual_real_material'][()]:.2g}; "
+        f"tensions {N.min():.4g} to {N.max():.4g} N"
+    )
+    yield from file.lines_of_form(f)
+    if states.no_equilibrium(g):
+        yield f"note: NOT REACHED: {g.attrs['reason']}; the form shown is the nearest that was found"
+    if "deviation" in f and states.no_equilibrium(f["deviation"]):
+        yield f"note: NO EQUILIBRIUM: {f['deviation'].attrs['reason']}"
+
+
+def _equilibria(f):
+    """Yield lines on the last equilibrium of each group, with notes on unstable ones."""
+    start, node_id = states.start_position(f), f["net/node_id"][:]
+    for path in states.state_groups(f):
+        x = states.form_position(f) if path.startswith("stages/") else start
+        g, last = f[path], list(states.states_of(f, path))[-1]
+        N, displacement = last.tension()[~states.absent(f, path)], lengths(last.position() - x)
+        residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan for states that were not found
+        steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
+        yield (
+            f"{states.state_words(f, path)}: {steps}largest displacement {displacement.max():.4g} m "
+            f"(node {node_id[displacement.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
+            f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
+        )
+        if states.no_equilibrium(g):
+            names = ", ".join(str(name) for name in g.attrs["elements"][:FIRST_EVENTS])
+            where = f" (elements {names})" if names else ""
+            factor = g.attrs["load_factor"]
+            reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
+            yield (
+                f"{states.state_words(f, path)}: {g.attrs['state'].replace('_', ' ').upper()}: "
+                f"{g.attrs['reason']}{where}; "
+                f"{reached or 'the last state on the way is '}what is shown"
+            )
+        elif not np.all(g["stable"][()]):
+            yield f"note: an equilibrium of /{path} is NOT STABLE: {warning_text.NOT_STABLE}"
+        yield from warning_text.limit_notes(states.state_words(f, path), g.attrs)
+    yield from warning_text.limit_point_warnings_of(f)
+
+
+def _dynamics(f):
+    """Yield the lines on time steps, history and step limits of the dynamic stage."""
+    h, p = f["history"], f["provenance"].attrs
+    has_shorter_steps = p["steps"] > round(h["time"][-1] / p["time_step"])  # shorter steps follow fractures
+    shorter = f", or of {p['shortest_time_step']:.4g} s after fractures" if has_shorter_steps else ""
+    yield (
+        f"dynamics: {h['time'][-1]:g} s in {p['steps']} steps of {p['time_step']:.4g} s{shorter}; "
+        f"{len(f['VTKHDF/Steps/Values'])} frames, {len(h['time'])} history rows"
+    )
+    if "added_mass" in p:
+        yield f"  mass scaling: {p['added_mass']:.4g} kg of inertia added"
+    for name in [k[6:] for k in p if k.startswith("limit_") and not k.endswith("_element")]:
+        e = p[f"limit_{name}_element"]
+        element = f" (element {file.element_name(f, e)})" if e >= 0 else ""
+        yield f"  step limit {name.replace('_', ' ')}: {p['limit_' + name]:.4g} s{element}"
+
+
+def _wind(f):
+    """Yield the line on the wind."""
+    if "wind/pressure" in f:
+        p = f["wind/pressure"][:]
+        yield f"wind: pressures of {p.min():.4g} to {p.max():.4g} N/m2 at {p.shape[1]} taps"
+        return
+    u, mean = f["wind/speed"][:], f["wind/mean_speed"][:].mean()
+    generated = f"{u.min():.1f} to {u.max():.1f} m/s at {u.shape[1]} control points"
+    yield f"wind: mean {mean:.1f} m/s, generated {generated}"
+
+
+def _energies(f):
+    """Yield the lines on the final energies and their errors."""
+    h = f["history"]
+    names = [*ENERGIES, *(name for name in OF_FEW if name in h)]
+    finite = [name for name in names if np.isfinite(h[name][-1])]
+    at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in finite]
+    yield "energy at the end [J]: " + ", ".join(at_end)
+    if len(finite) < len(names):
+        yield "audits: none, the job has [output] energy = false"
+        return
+    work_error = np.abs(h["identity_error"][:]).max()
+    yield f"audits: work identity to {work_error:.1e}, balance to {warning_text.balance_words(h)}"
+    yield from warning_text.balance_notes(h)
+
+
+def _fractures(f):
+    """Yield the lines on slack cables, broken elements and the first fractures."""
+    h = f["history"]
+    yield f"slack at the end: {h['slack'][-1]} cables; broken: {h['broken'][-1]} elements"
+    e = f["events"]
+    for k in range(min(FIRST_EVENTS, len(e["time"]))):
+        split = "" if e["new_particle"][k] >= 0 else ", nothing split"
+        yield (
+            f"  t = {e['time'][k]:.5f} s, step {e['step'][k]}: element "
+            f"{file.element_name(f, e['element'][k])} at node {e['node_id'][k]}{split}, "
+            f"strain {e['strain'][k]:.4f}"
+        )
+    if len(e["time"]) > FIRST_EVENTS:
+        yield f"  and {len(e['time']) - FIRST_EVENTS} more fracture events in /events"

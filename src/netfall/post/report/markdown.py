@@ -1,0 +1,88 @@
+"""Markdown elements of a report's page; text from jobs, tables and results is escaped."""
+
+import re
+
+import numpy as np
+
+from netfall.core.progress import one_line
+
+MOST_LISTED = 15  # rows of a list on the page; the tables have all
+INLINE = re.compile(r"[\\`*\[|~$]|(?<!\S)#|<(?=[A-Za-z/!?])|&(?=[#\w]+;)|(?<![^\W_])_|_(?![^\W_])")
+AT_START = re.compile(r">|[-+](?!\S)|-+$|=+$|\d+(?=[.)](?!\S))")
+
+
+class Markup(str):
+    """Text that is Markdown already; any other text is plain and escaped when a page is assembled."""
+
+
+def escaped(text) -> Markup:
+    """Escape a plain text for Markdown, in one line; `Markup` is returned unchanged."""
+    if isinstance(text, Markup):
+        return text
+    line = INLINE.sub(r"\\\g<0>", one_line(text))
+    start = AT_START.match(line)
+    if start is None:
+        return Markup(line)
+    cut = start.end() if start[0].isdigit() else 0
+    return Markup(f"{line[:cut]}\\{line[cut:]}")
+
+
+def markup(template: str, *values, **named) -> Markup:
+    """Fill a Markdown template with values, which are escaped."""
+    return Markup(
+        template.format(*map(escaped, values), **{name: escaped(value) for name, value in named.items()})
+    )
+
+
+def heading(level: int, text: str) -> Markup:
+    """Return a heading."""
+    return markup("{} {}", Markup("#" * level), text)
+
+
+def bold(text: str) -> Markup:
+    """Return a text in bold type."""
+    return markup("**{}**", text)
+
+
+def item(text: str) -> Markup:
+    """Return an item of a list."""
+    return markup("- {}", text)
+
+
+def code(text: str) -> Markup:
+    """Return a text as inline code, between more backticks in a row than it contains."""
+    line = one_line(text)
+    fence = "`" * (1 + max(map(len, re.findall("`+", line)), default=0))
+    space = " " if "`" in line else ""
+    return Markup(f"{fence}{space}{line}{space}{fence}")
+
+
+def page(lines: list[str]) -> str:
+    """Return the text of a page."""
+    return "\n".join(map(escaped, lines)) + "\n"
+
+
+def force(N: float) -> str:
+    """Return a force with its unit."""
+    return f"{N / 1e3:.5g} kN" if np.isfinite(N) else "none"
+
+
+def as_table(header: list[str], lines: list[list]) -> list[str]:
+    """Return the lines of a table."""
+    rows = [header, [Markup("---")] * len(header), *lines]
+    return [Markup("| " + " | ".join(map(escaped, line)) + " |") for line in rows]
+
+
+def more(lines, where: str) -> list[str]:
+    """Return the remark below a list that was cut; where : name of the complete table."""
+    return ["", f"and {len(lines) - MOST_LISTED} more ({where})"] if len(lines) > MOST_LISTED else []
+
+
+def share(value: float) -> str:
+    """Format a utilisation; empty if there is none."""
+    return f"{value:.3f}" if np.isfinite(value) else ""
+
+
+def picture(caption: str, name: str) -> list[str]:
+    """Return the lines of a picture in the folder of the page."""
+    return ["", markup("![{}]({})", caption, Markup(name))]

@@ -1,0 +1,409 @@
+"""Page summary.md of a report: what ran, what governs, by which factors; numbers have units."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.post.checks.cables import Checked, Cutting
+from netfall.post.checks.slides import SAFETY
+from netfall.post.report.cases_page import cases, checks, limits, most_used
+from netfall.post.report.markdown import (
+    MOST_LISTED,
+    Markup,
+    as_table,
+    bold,
+    code,
+    force,
+    heading,
+    item,
+    markup,
+    more,
+    page,
+    picture,
+    share,
+)
+from netfall.results.cases import cases_of
+from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
+from netfall.results.losses import worst_after
+from netfall.results.removal_text import STATIC_CHANGE, loss_lines, telling_factor, tension_ratios
+from netfall.results.states import (
+    Envelope,
+    is_undecided,
+    last_stage,
+    no_equilibrium,
+    not_stable,
+    start_words,
+    state_groups,
+    state_words,
+)
+from netfall.results.warning_text import (
+    NOT_STABLE,
+    balance_notes,
+    balance_words,
+    detached_notes_of,
+    displacement_notes_of,
+    limit_notes_of,
+    limit_point_warnings_of,
+)
+
+WORST = 10  # rows of the most used elements after removals
+ROUNDING = 1e-10  # share of the summed forces; smaller sums are residuals of the equilibrium
+ALWAYS = "all stages"
+COLUMNS = {
+    "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
+    "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
+    "after a loss the largest tension over the tension before, and the largest dynamic factor (where the "
+    "equilibrium changes by more than 10 % of the largest tension of the net), "
+    "resistance [N], utilisation",
+    "elements.csv": "the same for each element between its nodes; `unstressed_length` [m]; of bars with a "
+    "second moment `buckling_length` [m], `euler_load` [N], relative `slenderness`, `chi` of EN 1993-1-1; of "
+    "those that bend `bending_moment_max` [N m]",
+    "cutting_list.csv": "a row for each cable: `unstressed_length` [m] at the temperature of form finding, "
+    "`length_in_form` [m], `temperature` [K], `unstressed_length_at_temperature` [m], `measuring_load` [N], "
+    "`length_at_measuring_load` [m] (at that temperature), `mass` [kg]",
+    "cases.csv": "a row for each case or combination and group: smallest and largest force [N], largest "
+    "displacement [m], elements of cables without tension, state, load factor that was reached, reason",
+    "forces.csv": "elements by states: their force [N] in the form and in each case and stage",
+    "displacements.csv": "nodes by states: their displacement [m] from {start} and its components",
+    "checks.csv": "a row for each check and group, worst first: its worst member, how many are alike, the "
+    "case that governs, N_Ed and N_Rd [N], utilisation, result",
+    "reactions.csv": "a row for each support and stage: place [m], force [N] along the axes that it holds, "
+    "with which the elements pull at it, at an elastic support the force on its spring; `foundation` [N]: "
+    "that and what acts on the node itself",
+    "slides.csv": "with `[[slide]]`, a row for each clamp or saddle and stage: tensions on both sides and "
+    "their difference, what holds it [N], utilisation, what has slipped [m]; of `dynamics` the largest",
+    "shop_list.csv": "a row for each sort of piece, equal ones together: lengths and marks of clamps [mm] "
+    "under the measuring load [N] at the temperature [K], deductions at both ends together, mass [kg] of one",
+}
+
+
+def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
+    """Assemble the page."""
+    cables, all_cases, bends = (
+        tables["cables.csv"],
+        cases_of(f),
+        "bending_moment_max" in tables["elements.csv"],
+    )
+    sections = {
+        "Cases and combinations": all_cases and cases(f, all_cases, tables["cases.csv"]),
+        "Checks": checks(f, envelope, checked, tables["checks.csv"]),
+        "Limits in service": all_cases and limits(f, all_cases),
+        "Utilisation": _utilisation(f, cables, envelope, checked),
+        "Bending": bends and _bending(tables["elements.csv"]),
+        "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
+        "Factors": _factors(checked),
+        "Tensions": _tensions(f, envelope, checked.checks[0].name),
+        "Losses": "removal" in f and _losses(f, checked),
+        "Lost and broken cables": _gone(cables),
+        "Slack cables": _slack(cables, envelope),
+        "Reactions": _reactions(tables["reactions.csv"]),
+        "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
+        "Shop list": _shop(tables["shop_list.csv"]),
+        "Tables": _tables(f),
+    }
+    parts = [[heading(1, title_of(f) or result.stem), "", *_what_ran(f, result)]]
+    parts += [[heading(2, title), "", *lines] for title, lines in sections.items() if lines]
+    return "\n".join(map(page, parts))
+
+
+def _what_ran(f, result: Path) -> list[str]:
+    """Return the lines on the run, failed states and energy errors."""
+    p, overrides = f["provenance"].attrs, provenance_text(f, "overrides")
+    lines = [
+        markup("Result {} of netfall {}, {}.", code(result.name), p["netfall"], p["exit_state"]),
+        f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
+        f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
+    ]
+    failed = [path for path in state_groups(f) if no_equilibrium(f[path])]
+    if overrides:
+        lines.append(markup("With {}.", Markup(", ".join(map(code, overrides.split("\n"))))))
+    if "form_finding" in f:
+        lines += _sentences(lines_of_form(f))
+        if no_equilibrium(f["form_finding"]):
+            lines.append(bold(f"Not reached: {f['form_finding'].attrs['reason']}."))
+        if "deviation" in f and no_equilibrium(f["deviation"]):
+            lines.append(bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
+    lines += [
+        bold(f"{state_words(f, path)} {_without(f[path])}: {f[path].attrs['reason']}.") for path in failed
+    ]
+    lines += [
+        bold(f"{state_words(f, path)} is not stable: {NOT_STABLE}.")
+        for path in state_groups(f)
+        if not_stable(f[path])
+    ]
+    lines += _sentences(limit_point_warnings_of(f) + displacement_notes_of(f) + limit_notes_of(f))
+    if "history" in f:
+        if len(f["events/element"]):
+            broken = len(np.unique(f["events/element"][:]))
+            lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
+        lines.append(f"Largest energy balance error: {_worst_balance(f)}.")
+        lines += _sentences(balance_notes(f["history"]) + detached_notes_of(f) + overloads_of(f))
+    notes = [item(line) for line in _sentences(notes_of_run(f))]
+    lines += ["", *notes] if notes else []
+    lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
+    return lines + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
+
+
+def _without(group) -> str:
+    """Describe a group without an equilibrium."""
+    return "is undecided (there may be an equilibrium)" if is_undecided(group) else "has no equilibrium"
+
+
+def _sentences(lines: list[str]) -> list[str]:
+    """Convert lines of `info` to sentences."""
+    return [line[0].upper() + line[1:] + "." for line in lines]
+
+
+def _worst_balance(f) -> str:
+    """Format the largest energy balance error."""
+    history = f["history"]
+    computed = np.isfinite(history["balance_error"]).any()
+    return balance_words(history) if computed else "not known (no audit)"
+
+
+def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:
+    """Return the section on utilisation by all checks."""
+    lines = [
+        "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
+        "compression, over resistance; strengths are those given, not those drawn. Compression is checked of",
+        "bars with a second_moment alone. A force never exceeds what an element yields or buckles at: one",
+        "that does, or broke in motion, fails, whatever its utilisation.",
+        "",
+    ]
+    for check in checked.checks:
+        values = cables[f"utilisation_{check.name}"]
+        has_value = np.flatnonzero(np.isfinite(values))
+        if len(has_value):
+            worst = has_value[np.argmax(values[has_value])]
+            line = (
+                f"{check.title}: largest {values[worst]:.4g} in cable {cables['cable'][worst]}, "
+                f"{int((cables[f'result_{check.name}'] == 'FAILS').sum())} cables fail, "
+                f"{len(values) - len(has_value)} without"
+            )
+        else:
+            line = f"{check.title}: empty, {checked.why_empty(check)}"
+        lines.append(item(line))
+    no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
+    if no_strength.any():
+        text = "cables have neither breaking_load nor yield_stress: their utilisation is empty"
+        lines.append(item(f"{int(no_strength.sum())} {text}"))
+    lines += _unchecked(cables, checked)
+    return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
+
+
+def _unchecked(cables: dict, checked: Checked) -> list[str]:
+    """Return a line on the largest compression without a resistance in any check."""
+    compressed, lines = cables["tension_min"].astype(float).copy(), []
+    for check in checked.checks:
+        if check.compression:
+            compressed[np.isfinite(cables[f"resistance_{check.name}"])] = 0.0
+    least = int(np.argmin(compressed))
+    if compressed[least] < 0.0:
+        where = f"{cables['cable'][least]} ({cables['group'][least]}), {cables['case_min'][least]}"
+        lines.append(item(f"compression, not checked: largest {force(-compressed[least])} in cable {where}"))
+    return lines
+
+
+def _bending(elements: dict) -> list[str]:
+    """Return the largest bending moment of each group; elements : see `element_columns`."""
+    moment, rows = elements["bending_moment_max"], []
+    for group in dict.fromkeys(elements["group"][np.isfinite(moment)]):
+        worst = int(np.nanargmax(np.where(elements["group"] == group, moment, np.nan)))
+        rows.append([group or "(none)", elements["element"][worst], f"{moment[worst] / 1e3:.5g} kN m"])
+        rows[-1].append(elements["case_moment"][worst])
+    explanation = (
+        "Bending is not part of the checks, in which these elements pass without it: add the stress of these "
+        "moments to that of the axial forces. Parts of a chain are not checked for buckling unless the job "
+        "gives their buckling_length."
+    )
+    table = as_table(["group", "element", "largest bending moment", "in"], rows)
+    return [explanation, "", *table, *picture("largest bending moments", "moments.png")]
+
+
+def _slides(table: dict) -> list[str]:
+    """Return the most used clamp or saddle and the slip of each stage; table : see `slide_columns`."""
+    rows = []
+    for stage, stage_rows in _by_stage(table):
+        utilisation, difference = (
+            np.nan_to_num(table["utilisation"][stage_rows], nan=-1.0),
+            np.abs(table["difference"][stage_rows]),
+        )
+        worst = stage_rows[np.lexsort((np.nan_to_num(difference), utilisation))[-1]]
+        slip = np.abs(np.nan_to_num(table["slip"][stage_rows]))
+        where = f"node {table['node'][worst]}, cable {table['cable'][worst]}"
+        holds = table["holds"][worst]  # nan for saddles in motion, whose tensions are not recorded
+        numbers = [force(abs(table["difference"][worst])), "not known" if np.isnan(holds) else force(holds)]
+        rows.append([stage, where, *numbers, share(table["utilisation"][worst])])
+        rows[-1].append(
+            f"{int((slip > 0.0).sum())}, by up to {1e3 * slip.max():.4g} mm" if slip.any() else "none"
+        )
+    explanation = [
+        "The difference of the tensions on both sides over what holds it: the resistance of the clamp as",
+        f"given, and the friction of the saddle over {SAFETY:g} (EN 1993-1-11, 6.3), so that a saddle slips",
+        "above 1. A clamp slips at 1, in motion with the inertia of its cable above.",
+        "",
+    ]
+    header = ["stage", "most used", "difference", "held", "utilisation", "slipped"]
+    return explanation + as_table(header, rows)
+
+
+def _factors(checked: Checked) -> list[str]:
+    """Return the table of the factors of all checks."""
+    rows = []
+    for check in checked.checks:
+        for strength, factors in check.resistances:
+            for factor in factors:
+                group_values = "".join(f"; {group}: {value:g}" for group, value in factor.groups.items())
+                sign = "times" if factor.use == "multiply" else "over"
+                rows.append(
+                    [check.name, code(strength), factor.name, f"{sign} {factor.value:g}{group_values}"]
+                    + [factor.edition, factor.meaning]
+                )
+    return as_table(["check", "of", "factor", "value", "edition", "meaning"], rows)
+
+
+def _tensions(f, envelope: Envelope, check: str) -> list[str]:
+    """Return the table of utilisation, governed elements and slack elements by stage."""
+    governs = np.bincount(envelope.of_most, minlength=len(envelope.names))
+    ids, rows = f["net/element_id"], []
+    for k, name in enumerate(envelope.names):
+        share, e = envelope.most_used[k]
+        largest = f"{share:.3f} (element {ids[e]})" if e >= 0 else ""
+        rows.append([name, largest, governs[k], int(envelope.slack[k].sum())])
+    return as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
+
+
+def _losses(f, checked: Checked) -> list[str]:
+    """Return the consequences of each removal, and the largest tensions after removals."""
+    g, ids = f["removal"], f["net/element_id"][:]
+    names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
+    lines = [item(line) for line in loss_lines(g, f["events"], ids)]
+    check = checked.checks[0].name
+    resistance, rows = checked.resistance[check], []
+    for k, e in worst_after(f, resistance, WORST):
+        N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
+        numbers = [tension_ratios(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
+        figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
+        rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *figures])
+    if not rows:
+        return lines
+    header = ["loss", "cable", "element", "before", "largest", "at rest afterwards", "largest / before"]
+    header += ["dynamic factor", check]
+    explanation = (
+        "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
+        "/ (at rest afterwards - before). It is given where that change of the equilibrium is more than "
+        f"{STATIC_CHANGE:.0%} of the largest tension of the net:"
+    )
+    return [*lines, "", explanation, "", *as_table(header, rows)]
+
+
+def _gone(cables: dict) -> list[str]:
+    """Return the cables of which an element was removed or broke, in order of time."""
+    times = np.array([cables["lost_at"], cables["broken_at"]])
+    first = np.fmin.reduce(times)
+    rows = [k for k in np.argsort(first, kind="stable") if np.isfinite(first[k])]
+    if not rows:
+        return ["None."]
+    table = [
+        [cables["cable"][k], cables["group"][k], *map(_seconds, times[:, k])] for k in rows[:MOST_LISTED]
+    ]
+    lines = [f"{len(rows)} cables have an element that was lost or broke:", ""]
+    return lines + as_table(["cable", "group", "lost at", "broke at"], table) + more(rows, "cables.csv")
+
+
+def _seconds(time: float) -> str:
+    """Format a time; empty if there is none."""
+    return f"{time:.4g} s" if np.isfinite(time) else ""
+
+
+def _slack(cables: dict, envelope: Envelope) -> list[str]:
+    """Return the table of slack cables."""
+    rows = np.flatnonzero(cables["slack_in"] != "")
+    if not len(rows):
+        return ["None that is whole, in any of: " + ", ".join(envelope.names) + "."]
+    stages_of = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
+    rows = sorted(rows, key=lambda k: stages_of[k] == ALWAYS)  # cables that are always slack come last
+    table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows[:MOST_LISTED]]
+    lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
+    return lines + as_table(["cable", "group", "slack in"], table) + more(rows, "cables.csv")
+
+
+def _briefly(stages: list[str], names: list[str]) -> str:
+    """Describe a subset of all stages briefly."""
+    others = [name for name in names if name not in stages]
+    if 2 * len(stages) <= len(names):
+        return "; ".join(stages)
+    return f"all stages but {'; '.join(others)}" if others else ALWAYS
+
+
+def _reactions(table: dict) -> list[str]:
+    """Return the sums and the largest reaction of each stage."""
+    rows = []
+    for stage, stage_rows in _by_stage(table):
+        name = "foundation" if np.isfinite(table["foundation"][stage_rows]).all() else "force"
+        top = stage_rows[np.argmax(table[name][stage_rows])]
+        total = np.array([table[f"{name}_{axis}"][stage_rows].sum() for axis in "xyz"])
+        total[np.abs(total) < ROUNDING * table[name][stage_rows].sum()] = 0.0
+        rows.append([stage, *map(force, total), f"{force(table[name][top])} at node {table['node'][top]}"])
+    lines = [
+        "Sums over all supports of the forces on the foundation: the pull of the elements (at elastic",
+        "supports the force on the spring), and what acts on the node itself; in motion the pull alone.",
+        "Largest: of one support.",
+        "",
+    ]
+    return lines + as_table(["stage", "sum in x", "sum in y", "sum in z", "largest"], rows)
+
+
+def _by_stage(table: dict) -> list[tuple[str, np.ndarray]]:
+    """Return the stages of a table in its order, with the rows of each."""
+    return [(stage, np.flatnonzero(table["stage"] == stage)) for stage in dict.fromkeys(table["stage"])]
+
+
+def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
+    """Return the lines on the cutting list."""
+    preposition = "after" if last_stage(f) else "in"
+    load = f"its mean tension {preposition} {start_words(f)}" if cutting.load is None else force(cutting.load)
+    warning = [
+        bold(
+            "Errors of length that were drawn (length_deviation) are in these lengths and in the shop list: "
+            "what is to be cut stands in the report of a run without them."
+        ),
+        "",
+    ]
+    return warning * ("deviation" in f) + [
+        f"{len(table['cable'])} cables, {table['unstressed_length'].sum():.6g} m unstressed at the",
+        f"temperature of form finding, {table['mass'].sum():.5g} kg. Measured at {cutting.temperature:+g} K",
+        f"from that temperature, each cable under {load}.",
+    ]
+
+
+def _shop(table: dict) -> list[str]:
+    """Return the first rows of the shop list."""
+    names = ("mark", "count", "type", "length_pin_to_pin", "cut_length", "measuring_load", "clamps")
+    lines = [
+        [
+            mark,
+            count,
+            kind,
+            f"{pins:.1f}",
+            f"{cut:.1f}",
+            force(load),
+            len(clamps.split("; ")) if clamps else 0,
+        ]
+        for mark, count, kind, pins, cut, load, clamps in zip(*(table[name] for name in names))
+    ]
+    header = ["mark", "pieces", "type", "pin to pin", "to be cut", "measuring load", "clamps"]
+    return [
+        f"{len(lines)} sorts of pieces, {sum(table['count'])} in all; "
+        "lengths in mm under the measuring load,",
+        "with the places of clamps in shop_list.csv.",
+        "",
+        *as_table(header, lines[:MOST_LISTED]),
+        *more(lines, "shop_list.csv"),
+    ]
+
+
+def _tables(f) -> list[str]:
+    """Return the list of the tables with their columns."""
+    lines = [markup("- {}: " + text, code(name), start=start_words(f)) for name, text in COLUMNS.items()]
+    return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]

@@ -1,0 +1,120 @@
+"""Command `netfall report`: documents for the engineer, from a result file alone.
+
+The report contains summary.md, tables with a header, and pictures: the form, equilibria, and the roof by
+utilisation and, after member removals, by dynamic factors. report.html is the page with its pictures in one
+file. Ids are those of the tables. Numbers are in SI units, in the shop list in mm.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from netfall.core.errors import InputError
+from netfall.job.csv_table import write_table
+from netfall.post.checks import cables
+from netfall.post.checks.cases import case_columns, displacement_columns, force_columns
+from netfall.post.checks.codes import check_groups, read_codes
+from netfall.post.checks.groups import group_columns
+from netfall.post.checks.reactions import reaction_columns
+from netfall.post.checks.shop import read_deductions, shop_columns
+from netfall.post.checks.slides import slide_columns
+from netfall.post.plots.canvas import save
+from netfall.post.plots.states import form, has_stages, has_states, stages, states
+from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
+from netfall.post.report.html import one_page
+from netfall.post.report.page import summary
+from netfall.results.cases import cases_of
+from netfall.results.file import reading, title_of
+from netfall.results.locks import whole
+from netfall.results.states import Envelope, envelope_of
+
+NOT_WARMED = cables.Cutting()
+DIGITS = 12  # significant digits of the numbers in tables
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Options of a report.
+
+    codes : a file of checks instead of the shipped one; deductions : a table of rigid ends of cables
+    """
+
+    codes: Path | None = None
+    cutting: cables.Cutting = NOT_WARMED
+    deductions: Path | None = None
+
+
+def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
+    """Write the report of a result file, and return the paths of its files.
+
+    Raises InputError for a wrong file.
+    """
+    checks = read_codes(inputs.codes)
+    with reading(result) as f:
+        check_groups(inputs.codes, checks, f["net/group_names"].asstr()[:].tolist())
+        checks, resistance = cables.applicable(checks, cables.resistances_of(f, checks))
+        envelope = envelope_of(f, resistance[checks[0].name])
+        checked = cables.check_elements(f, checks, resistance, envelope)
+        tables = _tables(f, envelope, checked, inputs)
+        text = summary(f, result, tables, envelope, checked, inputs.cutting)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, columns in tables.items():
+            _check_ours(folder / name, columns)
+        for name, columns in tables.items():
+            with whole(folder / name) as temporary:
+                write_table(temporary, columns, digits=DIGITS)
+        pictures = _pictures(f, envelope, checked, tables, folder)
+        title = title_of(f) or result.stem
+        pages = {"summary.md": text, "report.html": one_page(text, title, folder, pictures)}
+    for name, page in pages.items():
+        with whole(folder / name) as temporary:
+            temporary.write_text(page, encoding="utf-8", errors="surrogateescape")
+    return [folder / name for name in (*pages, *tables, *pictures)]
+
+
+def _tables(f, envelope: Envelope, checked: cables.Checked, inputs: Inputs) -> dict[str, dict]:
+    """Return the columns of each table by its name."""
+    cases = cases_of(f)
+    groups, types = (sorted(set(of(f).tolist()) - {""}) for of in (cables.groups_of, cables.types_of))
+    deductions = read_deductions(inputs.deductions, groups, types)
+    return {
+        "cases.csv": case_columns(f, cases),
+        "checks.csv": group_columns(f, envelope, checked),
+        "cables.csv": cables.cable_columns(f, envelope, checked),
+        "elements.csv": cables.element_columns(f, envelope, checked),
+        "forces.csv": force_columns(f, cases),
+        "displacements.csv": displacement_columns(f, cases),
+        "reactions.csv": reaction_columns(f),
+        **({"slides.csv": slide_columns(f)} if "slide" in f else {}),
+        "cutting_list.csv": cables.cutting_columns(f, inputs.cutting),
+        "shop_list.csv": shop_columns(f, inputs.cutting, deductions),
+    }
+
+
+def _pictures(f, envelope: Envelope, checked: cables.Checked, tables: dict, folder: Path) -> list[str]:
+    """Draw the pictures of the page, and return their names."""
+    names = ["utilisation.png"]
+    utilisation(f, envelope, checked, folder / "utilisation.png")
+    static_pictures = (
+        ("form.png", form, "form_finding" in f),
+        ("stages.png", stages, has_stages(f)),
+        ("states.png", states, has_states(f)),
+    )
+    for name, draw, present in static_pictures:
+        if present:
+            names.append(save(draw(f), folder / name).name)
+    if "bending_moment_max" in tables["elements.csv"]:
+        names.append("moments.png")
+        moments(f, tables["elements.csv"]["bending_moment_max"], folder / "moments.png")
+    if "removal" in f:
+        names.append("dynamic_factors.png")
+        dynamic_factors(f, tables["elements.csv"]["dynamic_factor"], folder / "dynamic_factors.png")
+    return names
+
+
+def _check_ours(path: Path, columns: dict) -> None:
+    """Refuse to overwrite a table of the user, such as a catalogue. Raises InputError."""
+    header = ",".join(list(columns)[:3])
+    if path.exists() and not path.read_text(errors="replace").startswith(header):
+        raise InputError(
+            f"{path}: exists and is no table of a report; move it away, or give another folder with -o"
+        )

@@ -1,1 +1,0 @@
-"""Recorded quantities of a state: energies, envelope, history."""

@@ -1,1 +1,0 @@
-"""Output of `netfall report` and `netfall info`."""

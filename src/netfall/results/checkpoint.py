@@ -1,0 +1,171 @@
+"""Checkpoints: the complete state of a run by global numbers, sealed with a digest, for any number of ranks.
+
+A checkpoint is a file NAME.checkpoint-STAGE-STEP.h5 next to the result file NAME.vtkhdf. For a RESULT with
+another suffix it is RESULT-checkpoint-STAGE-STEP.h5. STAGE is the number of the stage in the order of
+execution, from 1 for form finding. STEP counts its iterations, or the steps of the dynamic stage. A
+checkpoint does not repeat the result file: that stands in segments, which are closed at each checkpoint and
+joined at the end of the run. A kill at any moment leaves complete segments and a complete checkpoint that
+names them.
+
+netfall keeps the last two checkpoints. A run removes its own older ones. A run that resumes a checkpoint next
+to its own result file also removes older ones that earlier runs of the same job and result have left. It
+keeps the checkpoint that it was given, until a later run resumes a newer one.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.parallel.mpi import MPI
+from netfall.physics.fields import FIELDS
+from netfall.physics.state import State
+from netfall.results.h5 import SharedFile, check_seal
+
+FORMAT = 12  # version of the layout of a checkpoint
+KEPT = 2  # number of checkpoints that a run keeps
+NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
+
+
+def kept_fields(state: State, entity: str):
+    """Return the fields of a state's particles or elements that a checkpoint contains."""
+    return [f for f in FIELDS if f.kept and f.entity == entity and getattr(state, f.name) is not None]
+
+
+def checkpoint_path(result: Path, stage: int, step: int) -> Path:
+    """Return the path of a checkpoint of a run that writes `result`. Names sort by age.
+
+    No other result of the folder has the same checkpoint names.
+    """
+    return result.with_name(f"{_prefix(result)}checkpoint-{stage}-{step:012d}.h5")
+
+
+def _prefix(result: Path) -> str:
+    return f"{result.stem}." if result.suffix == ".vtkhdf" else f"{result.name}-"
+
+
+def checkpoints_of(folder: Path, prefix: str) -> list[Path]:
+    """Return the checkpoints in a folder that `checkpoint_path` names with this prefix, by age."""
+    matches = ((NAME.fullmatch(path.name), path) for path in folder.iterdir())
+    return sorted(path for match, path in matches if match and match[1] == prefix)
+
+
+def remove_older(newest: Path, result: Path, digest: str, given: Path | None) -> None:
+    """Remove all but the last two checkpoints of a job and result up to the newest. Rank 0.
+
+    given : the checkpoint that the run resumes, which stays. Without one, or with one from another folder,
+    checkpoints of earlier runs stay.
+    """
+    if given is None or given.parent.resolve() != result.parent.resolve():
+        return
+    neighbours = checkpoints_of(result.parent, _prefix(result))
+    if not any(path.samefile(given) for path in neighbours):
+        return
+    older = [path for path in neighbours if path <= newest and _job_of(path) == digest]
+    for path in older[:-KEPT]:
+        if not path.samefile(given):
+            path.unlink(missing_ok=True)
+
+
+def _job_of(path: Path) -> str | None:
+    """Return the job digest of a checkpoint, None for another file."""
+    try:
+        with h5py.File(path, "r") as file:
+            return json.loads(file["record"].asstr()[()])["job"]
+    except (OSError, KeyError, ValueError):
+        return None
+
+
+def write_checkpoint(
+    comm: MPI.Comm, path: Path, state: State | None, result, record: dict, parts: dict[str, tuple]
+) -> None:
+    """Write the state, if there is one yet, and the run's records. Collective.
+
+    result : numbers the rows; record : of the run, small values for JSON
+    parts : records by name: small values for JSON, and arrays in global order on rank 0
+    """
+    file = SharedFile(comm, path)
+    try:
+        if state is not None:
+            _write_state(file, state, result)
+
+        def finish(h5: h5py.File):
+            h5.attrs["format"] = FORMAT
+            full_record = record | {"parts": {name: small for name, (small, _) in parts.items()}}
+            h5.create_dataset("record", data=json.dumps(full_record), dtype=h5py.string_dtype())
+            for part, (_, arrays) in parts.items():
+                for name, values in arrays.items():
+                    h5.create_dataset(f"arrays/{part}/{name}", data=values)
+
+        file.close(finish, seal=True)
+    except BaseException as error:
+        file.discard_after(error)
+        raise
+
+
+def _write_state(file: SharedFile, state: State, result) -> None:
+    m = result.distribution.m
+    points = result.log.points
+    rows = state.owned_rows()
+    for field in kept_fields(state, "particle"):
+        values = getattr(state, field.name)[rows].reshape(len(rows), int(np.prod(field.tail)))
+        block = file.slabs.collect(result.log.row_of(state.gid[rows]), values, points)
+        file.put(f"particles/{field.name}", block, points, field.dtype)
+    owned = state.owned.astype(bool)
+    gid = result.distribution.subdomain.element_gid[owned]
+    for field in kept_fields(state, "element"):
+        block = file.slabs.collect(gid, getattr(state, field.name)[owned][:, None], m)[:, 0]
+        file.put(f"elements/{field.name}", block, m, field.dtype)
+    ends = file.slabs.collect(gid, state.gid[state.ends[owned]].reshape(-1, 2), m)
+    file.put("elements/ends", ends, m, np.int64)
+
+
+class Checkpoint:
+    """The contents of a checkpoint, on rank 0: `record`, `particles` and `elements` by name, and `part`."""
+
+    def __init__(self, path: Path, job_digest: str):
+        """Read a checkpoint. Raises InputError if it is missing, damaged, or of another job.
+
+        The message names the newest complete checkpoint next to it.
+        """
+        if not path.is_file():
+            raise InputError(f"{path}: no such checkpoint{_offer(path)}")
+        if not check_seal(path):
+            raise InputError(
+                f"{path}: damaged or no checkpoint of netfall (its digest does not fit){_offer(path)}"
+            )
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise InputError(
+                    f"{path}: a checkpoint of another version of netfall; expected format {FORMAT}"
+                )
+            self.record = json.loads(file["record"].asstr()[()])
+            self.particles, self.elements = _read_group(file, "particles"), _read_group(file, "elements")
+            self.arrays = {part: _read_group(file, f"arrays/{part}") for part in file.get("arrays", ())}
+        self.path = path
+        if self.record["job"] != job_digest:
+            raise InputError(
+                f"{path}: belongs to another job or net ({self.record['name']}); "
+                "expected a checkpoint of this very job file, tables and --set"
+            )
+
+    def part(self, name: str) -> tuple[dict, dict[str, np.ndarray]]:
+        """Return the record of a name: small values, and arrays."""
+        return self.record["parts"][name], self.arrays.get(name, {})
+
+
+def _read_group(file: h5py.File, group: str) -> dict[str, np.ndarray]:
+    return {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
+
+
+def _offer(path: Path) -> str:
+    """Return advice that names the newest other complete checkpoint in the folder, or ""."""
+    match = NAME.fullmatch(path.name)
+    if not match or not path.parent.is_dir():
+        return ""
+    others = [p for p in checkpoints_of(path.parent, match[1]) if p != path]
+    newest = next((p for p in reversed(others) if check_seal(p)), None)
+    return f"; {newest} is whole: give that" if newest else ""

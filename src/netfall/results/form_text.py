@@ -1,0 +1,111 @@
+"""Text on how form finding changed the given geometry. Takes arrays; opens no file."""
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.job.values import counted
+
+STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
+NO_PART = 1e-9  # of the largest force of a state of self-stress: an element with less takes no part in it
+FAR = 0.02  # displacement in plan as a share of the span: netfall warns above it
+LARGER = 0.05  # relative change of the roof's area by form finding: netfall warns above it
+
+
+def form_lines(
+    given, found, free, node_id, area_given: float, area: float, constant: bool = False
+) -> list[str]:
+    """Describe how far the nodes moved and how the roof area changed, with a warning if a change is large.
+
+    given, found : (n, 3) [m]; free : (n,) bool, nodes that can move along some axis; area_given, area : [m2]
+    constant : whether the form has constant tension
+    """
+    moved = np.where(free, lengths(found - given), 0.0)
+    if not free.any():
+        return []
+    largest = int(np.argmax(moved))
+    line = (
+        f"form: nodes moved by up to {moved[largest]:.4g} m (node {node_id[largest]}), "
+        f"{moved[free].mean():.4g} m on the mean"
+    )
+    area_change = area / area_given - 1.0 if area_given > 0.0 else 0.0
+    if area_given > 0.0:
+        line += f"; roof {area_given:.1f} m2 as given, {area:.1f} m2 in the form ({area_change:+.1%})"
+    in_plan = np.where(free, np.hypot(*(found - given)[:, :2].T), 0.0)
+    span, p = float(np.ptp(given[:, :2], axis=0).max()), int(np.argmax(in_plan))
+    facts = []
+    if in_plan[p] > FAR * span:
+        count = int((in_plan > FAR * span).sum())
+        facts.append(
+            f"{count} of {len(moved)} nodes moved in plan by more than {FAR:.0%} of the span of {span:.4g} "
+            f"m, node {node_id[p]} most, by {in_plan[p]:.4g} m"
+        )
+    if abs(area_change) > LARGER:
+        facts.append(f"the roof's area changed by {area_change:+.1%} (limit {LARGER:.0%})")
+    if not facts:
+        return [line]
+    remedy = "Check supports, prestress and force densities"
+    if constant:
+        remedy = (
+            "Constant tension moves nodes along cables; to keep them near their places, use [form_finding] "
+            'modulus_factor = 1e-3 or method = "force_density", or keep the geometry with method = "keep"'
+        )
+    return [
+        line,
+        f"warning: form finding: {'; '.join(facts)}. The form that is built and loaded is not the geometry "
+        f"given. {remedy}",
+    ]
+
+
+def loose_notes(x, ends, N, held, angle, node_id) -> list[str]:
+    """Return a note on nodes of a constant-tension form whose position along a cable is undetermined.
+
+    x : (n, 3) [m], of the form; ends : (m, 2); N : (m,) [N], constant
+    held : (n, 3) bool, axes with a support; angle : (n,) [degrees], rotation of these axes about z; None: 0
+    """
+    if angle is not None:  # a support with turned axes counts as one along all axes
+        held = held | (held.any(1) & (angle != 0.0))[:, None]
+    rows = loose_along(x, ends[N > 0.0], held)
+    if not len(rows):
+        return []
+    one = len(rows) == 1
+    return [
+        f"note: form finding at constant tension: nothing holds {counted('node', node_id[rows])} along the "
+        f"straight {'cable on which it stands' if one else 'cables on which they stand'}: any place there is "
+        f"in equilibrium, and {'it is' if one else 'they are'} about where {'it' if one else 'they'} began; "
+        'with [form_finding] modulus_factor = 1e-3 or method = "force_density" places follow'
+    ]
+
+
+def loose_along(x, ends, held) -> np.ndarray:
+    """Find the nodes (k,) whose elements all lie on one line, along which no support holds them.
+
+    x : (n, 3) [m]; ends : (m, 2), of elements in tension; held : (n, 3) bool
+    """
+    direction = x[ends[:, 1]] - x[ends[:, 0]]
+    direction /= np.maximum(lengths(direction), 1e-300)[:, None]
+    line, deviation = np.zeros_like(x), np.zeros(len(x))
+    for k in range(2):
+        line[ends[:, k]] = direction  # direction of one element at each node
+    for k in range(2):
+        np.maximum.at(deviation, ends[:, k], lengths(np.cross(line[ends[:, k]], direction)))
+    is_held = (held & (np.abs(line) > STRAIGHT)).any(1)
+    return np.flatnonzero(line.any(1) & (deviation < STRAIGHT) & ~is_held)
+
+
+def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -> list[str]:
+    """State how many states of self-stress a geometry has, and which groups take part in them.
+
+    states : (k, m) axial forces; group : (m,) rows of names
+    """
+    if not len(states):
+        return ["self-stress: the geometry has no state; its forces follow from the load alone"]
+    active = np.unique(group[(np.abs(states) > NO_PART).any(0)])
+    inactive = np.setdiff1d(np.unique(group), active)
+    named_active, named_inactive = (
+        ", ".join(names[row] or "without a name" for row in rows) for rows in (active, inactive)
+    )
+    count = f"{len(states)} states" if len(states) > 1 else "1 state"
+    without = f"; no part in {'them' if len(states) > 1 else 'it'}: {named_inactive}" if len(inactive) else ""
+    varies = [np.ptp(states[:, group == row], axis=1) > NO_PART for row in active]
+    equal = "each ring of each group" if np.any(varies) else "each group"
+    return [f"self-stress: {count} with one force in {equal}, of {named_active}{without}"]

@@ -1,0 +1,335 @@
+"""One HDF5 file that all ranks write (MPI-IO), or rank 0 if h5py is serial. It is complete or absent.
+
+The file has a temporary name until it is complete. Rows are appended in contiguous blocks; a rank without
+rows takes part with an empty block. (With h5py's own slicing such a rank would skip the collective write, and
+the others would wait.)
+"""
+
+import hashlib
+import itertools
+import math
+import os
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.core.errors import InputError, OutputError
+from netfall.parallel.agree import on_all, on_root
+from netfall.parallel.mpi import MPI
+from netfall.parallel.slabs import Slabs
+from netfall.results.locks import give_back, reserve, size_of, sync, writing
+
+PARALLEL = bool(h5py.get_config().mpi)
+CHUNK_BYTES = 1 << 18
+HELD_BYTES = 1 << 20  # buffer per dataset over all ranks; a full buffer is written at once
+DATASET_BYTES = 1 << 13  # upper bound of HDF5 metadata per dataset, without its chunks
+CHUNK_ENTRY_BYTES = 1 << 7  # upper bound of HDF5 metadata per chunk
+SPARE_BYTES = 1 << 18  # disk space reserved ahead, also for unit attributes of datasets
+LEFT_OPEN: list[h5py.File | None] = []  # keeps files referenced, so that h5py does not close them
+SEAL = b"netfall-sha256:"  # marks the digest of all preceding bytes, which follows the HDF5 file
+
+
+@dataclass
+class Growing:
+    """An open dataset to which rows are appended. A new lookup would take longer than writing a row.
+
+    row_bytes : size of one row; rows : with the buffered ones
+    waiting : buffered blocks: (first row of all ranks' blocks, number of rows, offset of this rank's block in
+        them, the block)
+    """
+
+    id: h5py.h5d.DatasetID
+    dtype: np.dtype
+    rows: int
+    tail: tuple[int, ...]
+    row_bytes: int
+    waiting: list[tuple[int, int, int, np.ndarray]]
+
+
+class SharedFile:
+    """Appends global rows to datasets of one file. Every method is collective.
+
+    base : rows of each dataset in earlier files that this one continues
+    """
+
+    def __init__(self, comm: MPI.Comm, path: Path, base: dict[str, int] | None = None):
+        self.comm = comm
+        self.path = path
+        self.base = dict(base or {})
+        self.temporary = path.with_name(f".{path.name}.part")
+        self.slabs = Slabs(comm, PARALLEL)
+        self.writes = PARALLEL or comm.rank == 0
+        self.file = None
+        self._growing: dict[str, Growing] = {}
+        self._size = 0  # upper bound of the file's size in bytes
+        self._reserved = SPARE_BYTES  # bytes reserved on the disk
+        on_root(comm, self._first_room)
+        try:
+            on_all(comm, self._open)
+        except OutputError:
+            LEFT_OPEN.append(self.file)
+            raise
+
+    def _first_room(self) -> None:
+        """Reserve disk space for the metadata of an empty HDF5 file."""
+        try:
+            with writing(self.path):
+                self.temporary.touch()
+                reserve(self.temporary, self._reserved)
+        except OutputError:
+            self.temporary.unlink(missing_ok=True)
+            raise
+
+    def _open(self):
+        with writing(self.path):
+            if PARALLEL:
+                self.file = h5py.File(self.temporary, "w", driver="mpio", comm=self.comm)
+                self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
+                self._transfer.set_dxpl_mpio(h5py.h5fd.MPIO_COLLECTIVE)
+            elif self.comm.rank == 0:
+                self.file = h5py.File(self.temporary, "w")
+                self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
+            if self.comm.rank == 0:
+                reserve(self.temporary, self._reserved)  # again: opening truncates the file
+
+    def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
+        """Create an empty dataset that grows by rows of shape `tail`; its chunks have up to `rows` rows."""
+        if self.writes:
+            row = math.prod(tail) * np.dtype(dtype).itemsize
+            if len(tail) == 2:  # whole states (rows of n x 3): chunks of one state
+                chunks = 1, min(tail[0], max(1, CHUNK_BYTES * tail[0] // row)), tail[1]
+            else:
+                chunks = (max(1, min(rows, CHUNK_BYTES // row)),) + tail
+            self._make_room(DATASET_BYTES)
+            with writing(self.path):
+                self.file.create_dataset(name, (0, *tail), maxshape=(None, *tail), chunks=chunks, dtype=dtype)
+
+    def rows(self) -> dict[str, int]:
+        """Return the number of rows of each dataset, with those of earlier files. On ranks that write."""
+        self._write_all()
+        counts = dict(self.base)
+
+        def add(name, item):
+            if isinstance(item, h5py.Dataset):
+                counts[name] = counts.get(name, 0) + item.shape[0]
+
+        if self.writes:
+            self.file.visititems(add)
+        return counts
+
+    def append(self, name: str, block: np.ndarray, total: int, place: int | None = None) -> int:
+        """Append `total` rows, of which this rank gives its block. The block may be buffered.
+
+        Returns the first new row, counted from the first of the earlier files.
+        place : offset of the block in the rows, if it is not the default of equal blocks per rank
+        """
+        if not self.writes:
+            return 0
+        with writing(self.path):
+            dataset = self._open_dataset(name)
+            first = dataset.rows
+            dataset.rows += total
+            place = int(self.slabs.bounds(total)[self.comm.rank]) if place is None else place
+            with np.errstate(over="ignore"):  # netfall reports a diverging run elsewhere
+                copied = np.array(block, dataset.dtype, order="C")  # the caller may change its array
+            dataset.waiting.append((first, total, place, copied))
+            if (dataset.rows - dataset.waiting[0][0]) * dataset.row_bytes >= HELD_BYTES:
+                self._write_waiting(dataset)
+        return first + self.base.get(name, 0)
+
+    def put(self, name: str, block: np.ndarray, total: int, dtype=np.float64) -> None:
+        """Create a dataset of `total` rows, of which this rank gives its block."""
+        self.create(name, dtype, block.shape[1:], total)
+        self.append(name, block, total)
+
+    def append_state(self, name: str, block: np.ndarray, total: int) -> None:
+        """Append one state: a row (total, ...), of which this rank gives its block along the first axis."""
+        if not self.writes:
+            return
+        with writing(self.path):
+            dataset = self._open_dataset(name)
+            block = np.ascontiguousarray(block[None], dataset.dtype)
+            start = (dataset.rows, int(self.slabs.bounds(total)[self.comm.rank]), *(0,) * (block.ndim - 2))
+            dataset.rows += 1
+            self._extend(dataset)
+            self._transfer_block(dataset, block, start, (1,) * block.ndim, (1,) * block.ndim, block.shape)
+
+    def _extend(self, dataset: Growing) -> None:
+        """Resize a dataset to its number of rows. HDF5 then allocates whole chunks."""
+        chunk = dataset.id.get_create_plist().get_chunk()
+        cells = [-(-size // part) for size, part in zip((dataset.rows, *dataset.tail), chunk)]
+        cells_before = [-(-size // part) for size, part in zip(dataset.id.shape, chunk)]
+        new_chunks = math.prod(cells) - math.prod(cells_before)
+        chunk_bytes = math.prod(chunk) * dataset.dtype.itemsize
+        self._make_room(new_chunks * (chunk_bytes + CHUNK_ENTRY_BYTES))
+        dataset.id.set_extent((dataset.rows, *dataset.tail))
+
+    def _make_room(self, size: int) -> None:
+        """Reserve disk space for so many bytes and SPARE_BYTES. Raises OutputError on all ranks.
+
+        An HDF5 write that fails for lack of space would leave the file unusable.
+        """
+        self._size += size
+        if self._size <= self._reserved:
+            return
+        self._reserved = self._size + SPARE_BYTES
+
+        def have():
+            with writing(self.path):
+                reserve(self.temporary, self._reserved)
+
+        on_root(self.comm, have) if PARALLEL else have()
+
+    def _open_dataset(self, name: str) -> Growing:
+        if name not in self._growing:
+            dataset = self.file[name]
+            tail = dataset.shape[1:]
+            self._growing[name] = Growing(
+                dataset.id,
+                dataset.dtype,
+                dataset.shape[0],
+                tail,
+                dataset.dtype.itemsize * math.prod(tail),
+                [],
+            )
+        return self._growing[name]
+
+    def _write_waiting(self, dataset: Growing) -> None:
+        """Write the buffered blocks; consecutive blocks of equal size in one transfer."""
+        if dataset.waiting:
+            self._extend(dataset)
+        for total, group in itertools.groupby(dataset.waiting, key=lambda entry: entry[1]):
+            firsts, _, places, blocks = zip(*group)
+            ones = (1,) * len(dataset.tail)
+            start = (firsts[0] + places[0], *(0,) * len(dataset.tail))
+            self._transfer_block(
+                dataset,
+                np.concatenate(blocks) if len(blocks) > 1 else blocks[0],
+                start,
+                (max(total, 1), *ones),
+                (len(blocks), *ones),
+                blocks[0].shape,
+            )
+        dataset.waiting.clear()
+
+    def _transfer_block(self, dataset: Growing, block: np.ndarray, start, stride, count, shape) -> None:
+        """Write a block into `count` regions of a shape, `stride` apart. An empty block takes part too."""
+        space = dataset.id.get_space()
+        if block.size:
+            space.select_hyperslab(start, count, stride, shape)
+            memory = h5py.h5s.create_simple(block.shape)
+        else:
+            block = np.zeros((1,) * block.ndim, dataset.dtype)
+            space.select_none()
+            memory = h5py.h5s.create_simple(block.shape)
+            memory.select_none()
+        dataset.id.write(memory, space, block, dxpl=self._transfer)
+
+    def _write_all(self) -> None:
+        """Write the buffered blocks of all datasets."""
+        with writing(self.path):
+            for dataset in self._growing.values():
+                self._write_waiting(dataset)
+
+    def close(self, finish=lambda file: None, seal: bool = False) -> None:
+        """Close the file, let rank 0 add the small datasets by finish(file), and rename the file.
+
+        seal : append a digest of the whole file, which `check_seal` verifies
+        """
+        self._write_all()
+        self._growing.clear()
+        with writing(self.path):
+            if self.writes:
+                self.file.close()
+        self.comm.Barrier()
+        self.file = None
+
+        def last():
+            with writing(self.path):
+                reserve(self.temporary, self.temporary.stat().st_size + size_of(finish) + SPARE_BYTES)
+                with h5py.File(self.temporary, "r+") as file:
+                    finish(file)
+                give_back(self.temporary)
+                publish(self.temporary, self.path, seal)
+
+        on_root(self.comm, last)
+
+    def discard(self) -> None:
+        """Remove the file. Not collective: called after an error, on the rank that raised it."""
+        LEFT_OPEN.append(self.file)  # closing would wait for the other ranks, or write to a full disk
+        self.temporary.unlink(missing_ok=True)
+
+    def discard_after(self, error: BaseException) -> None:
+        """Remove the file after an error: by `discard_all` if every rank has the error, or by `discard`."""
+        self.discard_all() if getattr(error, "on_every_rank", False) else self.discard()
+
+    def discard_all(self) -> None:
+        """Close and remove the file. Collective."""
+        self._growing.clear()
+        if self.writes and self.file is not None:
+            self.file.close()
+        self.comm.Barrier()
+        if self.comm.rank == 0:
+            self.discard()
+        self.comm.Barrier()
+
+
+def check_one_folder(comm: MPI.Comm, path: Path) -> None:
+    """Check that every rank sees the folder in which all ranks open a file. Collective.
+
+    MPI would wait for ever for a rank that opens a file on another file system. Raises InputError.
+    """
+    if not PARALLEL or comm.size == 1:
+        return
+    probe = path.with_name(f".{path.name}.{comm.bcast(secrets.token_hex(8))}")
+
+    def make():
+        with writing(path):
+            probe.touch()
+
+    on_root(comm, make)
+    blind = [rank for rank, is_visible in enumerate(comm.allgather(os.path.exists(probe))) if not is_visible]
+    if comm.rank == 0:
+        probe.unlink(missing_ok=True)
+    if blind:
+        folder = comm.bcast(path.parent.resolve())
+        raise InputError(
+            f"{path}: {len(blind)} of {comm.size} ranks, rank {blind[0]} first, cannot see what rank 0 "
+            f"writes into {folder}; all ranks write one file: give a folder that all of them share with -o, "
+            "and start them in the same working directory"
+        )
+
+
+def publish(temporary: Path, path: Path, seal: bool = False) -> None:
+    """Rename a finished file to its path, once it is on disk; append a digest first if sealed."""
+    if seal:
+        with open(temporary, "r+b") as file:
+            digest = hashlib.file_digest(file, "sha256").digest()
+            file.seek(0, os.SEEK_END)
+            file.write(SEAL + digest)
+    sync(temporary)
+    os.replace(temporary, path)
+
+
+def check_seal(path: Path) -> bool:
+    """Return whether a sealed file is complete: it ends in a digest that matches its contents."""
+    tail = len(SEAL) + 32
+    try:
+        with open(path, "rb") as file:
+            size = file.seek(0, os.SEEK_END)
+            if size < tail:
+                return False
+            file.seek(size - tail)
+            mark, digest = file.read(len(SEAL)), file.read()
+            file.seek(0)
+            total, remaining = hashlib.sha256(), size - tail
+            while remaining:
+                block = file.read(min(remaining, 1 << 24))
+                total.update(block)
+                remaining -= len(block)
+    except OSError:
+        return False
+    return mark == SEAL and total.digest() == digest

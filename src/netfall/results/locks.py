@@ -1,0 +1,213 @@
+"""Output path of a run: lock for one run at a time, disk space, and error messages for failed writes."""
+
+import ctypes
+import errno
+import fcntl
+import io
+import os
+import resource
+import shutil
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+
+from netfall.core.errors import BUSY, InputError, OutputError
+
+KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserving space does not change the size of the file
+UNKNOWN = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
+_fallocate = ctypes.CDLL(None, use_errno=True).fallocate
+
+
+@contextmanager
+def writing(path: Path):
+    """Convert errors in this block into an OutputError on the failure to write `path`."""
+    try:
+        yield
+    except BrokenPipeError:  # standard output was closed; the file is not affected
+        raise
+    except (OSError, RuntimeError) as error:  # h5py raises either
+        has_code = isinstance(error, OSError) and error.errno
+        reason = os.strerror(error.errno) if has_code else str(error).split(", errno")[0].strip()
+        try:
+            free = f"{shutil.disk_usage(path.parent).free / 1e6:.0f} MB are free in {path.parent.resolve()}"
+        except OSError:
+            free = f"the folder {path.parent} is gone"
+        raise OutputError(
+            f"{path}: cannot be written ({reason}); {free}; make room there or give another place with -o"
+        ) from error
+
+
+def followed(path: Path) -> Path:
+    """Return the target of a symbolic link, or the path itself if it is no link."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+@contextmanager
+def whole(path: Path):
+    """Yield a temporary path. The file there is renamed to `path` at the end of the block.
+
+    After an error it is removed. Raises OutputError.
+    """
+    path = followed(path)
+    temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # writers derive the format from the suffix
+    with writing(path):
+        try:
+            yield temporary
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path):
+    """Yield a temporary folder in `path`. Its files are moved to `path` at the end of the block.
+
+    After an error they are removed, and so is `path` if this function made it. Raises OutputError.
+    """
+    is_new = not path.exists()
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=".part-", dir=path))
+        try:
+            yield temporary
+            for file in sorted(temporary.iterdir()):
+                os.replace(file, path / file.name)
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+            if is_new and not any(path.iterdir()):
+                path.rmdir()
+
+
+def sync(path: Path) -> None:
+    """Flush a file, or the entries of a folder, to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def check_place(path: Path) -> None:
+    """Check that a result file can be written to a path. Raises InputError."""
+    folder = path.parent
+    if not folder.is_dir():
+        raise InputError(
+            f"{path}: the folder {folder} does not exist; make it, or give another place with -o"
+        )
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file with -o")
+    if not os.access(folder, os.W_OK):
+        raise InputError(
+            f"{path}: the folder {folder.resolve()} cannot be written to; give another place with -o"
+        )
+    if path.exists():
+        _check_replaceable(path)
+
+
+def _check_replaceable(path: Path) -> None:
+    """Check that an existing file is a result of netfall that no program has open. Raises InputError.
+
+    A new result replaces an old one only once it is complete.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            is_result = "provenance" in file and "netfall_study" not in file.attrs
+    except BlockingIOError:
+        raise InputError(
+            f"{path}: another program has it open for writing; close it there, or give another name with -o"
+        ) from None
+    except OSError:
+        is_result = False
+    if not is_result:
+        raise InputError(
+            f"{path}: exists and is no result of netfall; move it away, or give another name with -o"
+        )
+
+
+def claim(path: Path):
+    """Lock the name of a result for this process. Return the open lock file, for `release`.
+
+    Raises InputError if another run holds the lock. The system releases the lock of a process that ends for
+    any reason.
+    """
+    lock = path.with_name(f".{path.name}.lock")
+    while True:
+        with writing(path):
+            file = open(lock, "a")
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            file.close()
+            raise InputError(f"{path}: {BUSY}; wait for it, or give another name with -o") from None
+        except OSError:
+            return file  # the file system has no locks
+        if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
+            return file
+        file.close()  # another run removed the lock file between open and flock: try again
+
+
+def release(file) -> None:
+    """Remove the lock of `claim`."""
+    Path(file.name).unlink(missing_ok=True)
+    file.close()
+
+
+def reserve(path: Path, size: int) -> None:
+    """Reserve disk space for a file of so many bytes. Raises OSError if there is not enough.
+
+    The file may be shorter so far. If the file system cannot reserve, only the present free space is checked.
+    """
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    if limit != resource.RLIM_INFINITY and size > limit:
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
+    descriptor = os.open(path, os.O_WRONLY)
+    try:
+        if _fallocate(descriptor, KEEP_SIZE, 0, size) == 0:
+            return
+        code, free = ctypes.get_errno(), os.fstatvfs(descriptor)
+        enough = size - os.fstat(descriptor).st_size <= free.f_bavail * free.f_frsize
+        if code not in UNKNOWN or not enough:
+            code = errno.ENOSPC if code in UNKNOWN else code
+            raise OSError(code, os.strerror(code))
+    finally:
+        os.close(descriptor)
+
+
+def give_back(path: Path) -> None:
+    """Free the space reserved beyond the end of a file."""
+    os.truncate(path, path.stat().st_size)
+
+
+@contextmanager
+def roomy_h5(path: Path, size: int):
+    """Yield a new HDF5 file with so many bytes reserved. Raises OSError if there is not enough space."""
+    path.touch()
+    reserve(path, size)
+    with h5py.File(path, "w") as file:
+        reserve(path, size)  # again: opening truncates the file
+        yield file
+    give_back(path)
+
+
+def size_of(finish) -> int:
+    """Return the size in bytes of an HDF5 file that contains only what finish(file) writes."""
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        finish(file)
+    return memory.getbuffer().nbytes
+
+
+@contextmanager
+def h5_whole(path: Path):
+    """Yield a new HDF5 file in memory, and write it to `path` at the end of the block.
+
+    After an error an existing file at `path` is unchanged.
+    """
+    memory = io.BytesIO()
+    with h5py.File(memory, "w") as file:
+        yield file
+    with whole(path) as place:
+        place.write_bytes(memory.getbuffer())
+        sync(place)

@@ -1,0 +1,276 @@
+"""Python interface to a result file: tables by name, histories by the ids of the tables."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import InputError
+from netfall.results.columns import Columns, of_arrays, of_group
+from netfall.results.datasets import GROUPS, NONE, ORDER, group_of
+from netfall.results.file import open_result, provenance_text, title_of
+from netfall.results.frames import Frames
+from netfall.results.states import warm_lengths
+
+# Dataset of /events by column; nodes and elements are given by the ids of the tables.
+EVENT_COLUMNS = {"time": "time", "step": "step", "element": "element_id", "node": "node_id"}
+EVENT_COLUMNS |= {"strain": "strain", "mass": "mass", "element_row": "element"}
+EVENT_COLUMNS |= {"particle": "particle", "new_particle": "new_particle"}
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The state at one time, with p points and m elements. The n nodes of the net come first.
+
+    time : [s]; position, displacement : (p, 3) [m]; velocity : (p, 3) [m/s]
+    node : (p,) ids; a fragment end has the id of the node from which it separated
+    ends : (m, 2) rows of the points at the ends of the elements; element : (m,) ids
+    tension : (m,) [N]; strain, plastic_strain : (m,); broken : (m,) bool
+    """
+
+    time: float
+    position: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    node: np.ndarray
+    ends: np.ndarray
+    element: np.ndarray
+    tension: np.ndarray
+    strain: np.ndarray
+    plastic_strain: np.ndarray
+    broken: np.ndarray
+
+
+def _table(name: str) -> property:
+    """Return a property of Result for a group of the file; its help is the group's table of datasets."""
+    group = group_of(name)
+    shapes = [
+        f"{dataset.name} ({dataset.shape}) [{dataset.unit or NONE}] {dataset.meaning}"
+        for dataset in group.datasets
+    ]
+
+    def read(result: "Result") -> Columns:
+        return of_group(f"{result.path}: {name}", result._group(name))
+
+    return property(read, doc="\n".join([group.meaning, "", *shapes]))
+
+
+class Result:
+    """A result file, open for reading, as `netfall.open` and `netfall.run` return it.
+
+    Nodes and elements are named by the ids of the tables (of a generator: numbers from 0). The elements of a
+    subdivided cable share its id. SI units throughout; forces in cables are positive in tension. A part that
+    the job did not request raises AttributeError: `hasattr(result, "wind")` tests whether it is present.
+    """
+
+    def __init__(self, path: str | Path):
+        """Open a file. Raises InputError if it is no result of netfall."""
+        self.path = Path(path)
+        self._file = open_result(self.path)
+        self._frames = Frames(self.file)
+        self._keeps = None  # temporary folder that `close` removes
+
+    @property
+    def file(self):
+        """The open h5py.File. Raises ValueError after the result is closed."""
+        self._check_open()
+        return self._file
+
+    def _check_open(self) -> None:
+        if not self._file:
+            remedy = (
+                "its file was a temporary one: run the job with an output to keep it"
+                if self._keeps is not None
+                else f"netfall.open({str(self.path)!r}) opens it again"
+            )
+            raise ValueError(f"{self.path}: this result is closed; {remedy}")
+
+    # --- tables
+
+    @property
+    def nodes(self) -> Columns:
+        """A row for each node of the net (n,): id, x, y, z [m] as given, fixed (n, 3), tributary_area [m2],
+        plan_area [m2], vector_area (n, 3) [m2] (upward), zone (its name, "": none).
+        """
+        columns = {
+            "id": lambda: self._net("node_id")[:],
+            "x": lambda: self._net("particles")[:, 0],
+            "y": lambda: self._net("particles")[:, 1],
+            "z": lambda: self._net("particles")[:, 2],
+            "fixed": lambda: self._net("fixed")[:].astype(bool),
+            "tributary_area": lambda: self._net("tributary_area")[:],
+            "plan_area": lambda: self._net("plan_area")[:],
+            "vector_area": lambda: self._net("vector_area")[:],
+            "zone": self._zone_of_node,
+        }
+        units = {"x": "[m]", "y": "[m]", "z": "[m]"}
+        units |= {"tributary_area": "[m2]", "plan_area": "[m2]", "vector_area": "[m2]"}
+        return of_arrays(f"{self.path}: nodes", columns, units)
+
+    def _net(self, name: str):
+        """Return a dataset of /net."""
+        return self.file[f"net/{name}"]
+
+    def _zone_of_node(self) -> np.ndarray:
+        names = np.append(self._net("zone_names").asstr()[:], "")  # zone -1: none
+        return names[self._net("zone")[:]].astype(str)
+
+    @property
+    def elements(self) -> Columns:
+        """A row for each element (m,): id, start, end (ids of nodes), group (its name), axial_stiffness [N],
+        unstressed_length [m] at the temperature of form finding, unstressed_length_warm [m] at that of the
+        loads, bar (1: it carries compression).
+        """
+        columns = {
+            "id": lambda: self._net("element_id")[:],
+            "start": lambda: self._net("node_id")[:][self._net("elements")[:, 0]],
+            "end": lambda: self._net("node_id")[:][self._net("elements")[:, 1]],
+            "group": lambda: self._net("group_names").asstr()[:][self._net("group")[:]].astype(str),
+            "axial_stiffness": lambda: self._net("axial_stiffness")[:],
+            "unstressed_length": lambda: self._net("unstressed_length")[:],
+            "bar": lambda: self._net("bar")[:],
+            "unstressed_length_warm": lambda: warm_lengths(self.file),
+        }
+        units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
+        return of_arrays(f"{self.path}: elements", columns, units)
+
+    form_finding, statics, rest, modes = map(_table, ("form_finding", "statics", "rest", "modes"))
+    history, envelope, removal, wind = map(_table, ("history", "envelope", "removal", "wind"))
+
+    @property
+    def events(self) -> Columns:
+        """A row for each fracture: time [s], step, element and node (ids of the broken element and its end),
+        strain, mass [kg] of the separated particle; rows of /net: element_row, particle, new_particle.
+        """
+        return of_group(f"{self.path}: events", self._group("events"), EVENT_COLUMNS)
+
+    @property
+    def cases(self) -> dict[str, Columns]:
+        """The static cases by name: displacement (n, 3) [m], tension (m,) [N], residual, slack."""
+        return self._named("cases", "case")
+
+    @property
+    def stages(self) -> dict[str, Columns]:
+        """The stages of erection by name, in order: displacement (n, 3) [m] from the form, tension (m,) [N],
+        unstressed_length (m,) [m], reaction (n, 3) [N] on the foundation, residual, slack.
+        """
+        return self._named("stages", "stage")
+
+    def _named(self, name: str, words: str) -> dict[str, Columns]:
+        """Return the equilibria of a group in the order of computation."""
+        group = self._group(name)
+        order = sorted(group, key=lambda key: group[key].attrs.get(ORDER, 0))
+        return {key: of_group(f"{self.path}: {words} {key}", group[key]) for key in order}
+
+    def _group(self, name: str):
+        if name not in self.file:
+            lacking = group_of(name).lacking
+            raise AttributeError(f"{self.path}: there is no /{name}: the job has no {lacking}")
+        return self.file[name]
+
+    # --- over the frames
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the frames (f,) [s]; a job without [dynamics] has one frame, its final state, at 0."""
+        self._check_open()
+        return self._frames.times
+
+    def tension(self, element=None) -> np.ndarray:
+        """Tension [N] over the frames `time`: (f,) of the element with this id, (f, k) of a list of ids or a
+        cable of k elements, (f, m) of all.
+        """
+        return self._over_frames(self._frames.cell, "tension", self._rows("element", element), element)
+
+    def strain(self, element=None) -> np.ndarray:
+        """Strain over the frames, shaped as `tension`."""
+        return self._over_frames(self._frames.cell, "strain", self._rows("element", element), element)
+
+    def displacement(self, node=None) -> np.ndarray:
+        """Displacement [m] from the form over the frames `time`: (f, 3) of the node with this id,
+        (f, k, 3) of a list of ids, (f, n, 3) of all.
+        """
+        return self._over_frames(self._frames.point, "displacement", self._rows("node", node), node)
+
+    def velocity(self, node=None) -> np.ndarray:
+        """Velocity [m/s] over the frames, shaped as `displacement`."""
+        return self._over_frames(self._frames.point, "velocity", self._rows("node", node), node)
+
+    def _over_frames(self, read, name: str, rows, ids) -> np.ndarray:
+        low, high = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
+        values = np.array([read(name, step, low, high)[rows - low] for step in range(len(self.time))])
+        return values[:, 0] if ids is not None and np.ndim(ids) == 0 and len(rows) == 1 else values
+
+    def _rows(self, what: str, numbers) -> np.ndarray:
+        """Return the rows of /net of some ids, None: all. Raises KeyError for unknown ids.
+
+        what : "node" or "element"
+        """
+        ids = self.file[f"net/{what}_id"][:]
+        if numbers is None:
+            return np.arange(len(ids))
+        rows_of_each = [np.flatnonzero(ids == number) for number in np.atleast_1d(numbers)]
+        for number, rows in zip(np.atleast_1d(numbers), rows_of_each):
+            if not len(rows):
+                raise KeyError(
+                    f"{what} {number}: there is no such id; they are from {ids.min()} to {ids.max()}"
+                )
+        return np.concatenate([np.zeros(0, np.int64), *rows_of_each])
+
+    def frame(self, time: float) -> Frame:
+        """Return the frame nearest to a time [s], with its own time in `time`.
+
+        Raises InputError for a time that the run did not reach.
+        """
+        frames, times = self._frames, self.time
+        if not times[0] <= time <= times[-1] * (1 + 1e-9):
+            raise InputError(
+                f"{self.path}: time {time:g} s: the frames are from {times[0]:g} to {times[-1]:g} s"
+            )
+        step = int(np.abs(times - time).argmin())
+        return Frame(
+            time=float(times[step]),
+            position=frames.positions(step),
+            node=frames.point("node_id", step),
+            ends=frames.ends(step),
+            element=frames.cell("element_id", step),
+            broken=frames.broken(step),
+            **{name: frames.point(name, step) for name in ("displacement", "velocity")},
+            **{name: frames.cell(name, step) for name in ("tension", "strain", "plastic_strain")},
+        )
+
+    # --- origin
+
+    @property
+    def title(self) -> str:
+        """The job's title, or its name if it has no title."""
+        return title_of(self.file)
+
+    @property
+    def job(self) -> str:
+        """The text of the job that was run, without overrides."""
+        return provenance_text(self.file, "job")
+
+    def close(self) -> None:
+        """Close the file; a temporary file is removed."""
+        self._file.close()
+        if self._keeps is not None:
+            self._keeps.cleanup()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def __repr__(self) -> str:
+        if not self._file:
+            return f"Result {self.path}, closed"
+        n, m = len(self.file["net/particles"]), len(self.file["net/elements"])
+        broken = f", {self.history['broken'][-1]} broken" if "history" in self.file else ""
+        groups = (group.name.partition("/")[0] for group in GROUPS if group.lacking)
+        stages = [top for top in groups if top in self.file]
+        return (
+            f"Result {self.path}: {self.title}: {n} nodes, {m} elements, {len(self.time)} frames "
+            f"to {self.time[-1]:g} s{broken}; has {', '.join(stages)}"
+        )

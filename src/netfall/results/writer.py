@@ -1,0 +1,350 @@
+"""Result file of a run: snapshots during the run, and all small datasets at its end (see README.md)."""
+
+import itertools
+import math
+import os
+import secrets
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from netfall.core.errors import OutputError
+from netfall.geometry.bars import CURVES, FLAGS, buckling_lengths, euler_load
+from netfall.geometry.net import Net
+from netfall.geometry.slip_points import Slides
+from netfall.geometry.zones import Roof
+from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
+from netfall.physics.events import EventLog
+from netfall.physics.state import State
+from netfall.results.datasets import ORDER, unit_of
+from netfall.results.h5 import SharedFile
+from netfall.results.ids import LocalIds
+from netfall.results.segments import join_segments
+from netfall.results.vtkhdf import VtkSeries
+
+
+class Result:
+    """Writes the results of a run. Methods are collective.
+
+    log : log of fractures, which numbers the rows of particles; the run owns it
+    """
+
+    kept = True
+
+    def __init__(
+        self, comm: MPI.Comm, path: Path, distribution: Distribution, net: Net | None, log: EventLog
+    ):
+        """net : on rank 0"""
+        self.comm = comm
+        self.path = path
+        self.distribution = distribution
+        self.group = distribution.elements(net.group if net else None)
+        self.ids = LocalIds(distribution, net)
+        self.file = SharedFile(comm, path)
+        self.segments: list[Path] = []  # complete parts of the file, one per checkpoint
+        self.token = comm.bcast(secrets.token_hex(4))  # distinguishes the segments of different runs
+        try:
+            bends = comm.bcast(net is not None and net.bending is not None)
+            self.series = VtkSeries(self.file, distribution.n, distribution.m, bends)
+        except OutputError as error:
+            self.file.discard_after(error)
+            raise
+        self.log = log
+        self._drawn_events = -1  # number of fractures and removals in the latest mesh
+        self.losses = 0  # number of member removals so far
+
+    # --- segments, records
+
+    def cut(self) -> dict[str, int]:
+        """Close the present file as a segment and continue in a new one.
+
+        Returns the rows so far, on ranks that write.
+        """
+        rows = self.file.rows()
+        self._end_segment()
+        self._begin_segment(rows)
+        return rows
+
+    def _end_segment(self) -> None:
+        segment = self.path.with_name(f".{self.path.name}.segment-{self.token}-{len(self.segments):06d}")
+        self.file.path = segment
+        self.file.close()
+        self.segments.append(segment)
+
+    def _begin_segment(self, rows: dict[str, int]) -> None:
+        self.file = SharedFile(self.comm, self.path, rows)
+        self.series.continue_in(self.file)  # if it raises, the run discards the file
+
+    def record(self) -> dict:
+        """Return the data for `restore`."""
+        return {
+            "series": self.series.record(),
+            "drawn_events": self._drawn_events,
+            "segments": [os.path.relpath(s, self.path.parent) for s in self.segments],
+        }
+
+    def restore(self, record: dict, rows: dict[str, int], segments: list[Path]) -> None:
+        """Restore the record of an earlier run, whose segments are given."""
+        self.file.discard_all()
+        self.segments = segments
+        self._begin_segment(rows)
+        self.series.restore(record["series"])
+        self._drawn_events = record["drawn_events"]
+
+    # --- states
+
+    def _points(
+        self, state: State, rows: np.ndarray, columns: dict[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
+        """Return columns of the reported particles as this rank's blocks of the global rows, by name."""
+        stacked, split = _stacked(columns)
+        return split(self.file.slabs.collect(self.log.row_of(state.gid[rows]), stacked, self.log.points))
+
+    def _cells(self, state: State, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return columns of the elements as this rank's blocks of the global rows, by name."""
+        owned, (stacked, split) = state.owned.astype(bool), _stacked(columns)
+        gid = self.distribution.subdomain.element_gid[owned]
+        return split(self.file.slabs.collect(gid, stacked[owned], self.distribution.m))
+
+    def write_frame(self, time: float, state: State, snapshot) -> None:
+        """Write one step of /VTKHDF."""
+        points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
+        if self._drawn_events != len(self.log) + self.losses:
+            self._write_mesh(state, rows)
+        x, displacement = state.x[rows], state.x[rows] - state.x_start[rows]
+        velocity = snapshot.velocity
+        point_fields = self._points(
+            state, rows, {"position": x, "displacement": displacement, "velocity": velocity}
+        )
+        cell_fields = {"tension": snapshot.N, "strain": snapshot.eps, "plastic_strain": snapshot.eps_p}
+        cell_fields = self._cells(state, cell_fields | {"broken": state.broken} | _moments(state))
+        self.series.write_step(time, point_fields.pop("position"), point_fields, cell_fields, points, cells)
+
+    def _write_mesh(self, state: State, rows: np.ndarray) -> None:
+        """Write the fields that change only when elements break: connectivity, numbers, ids."""
+        in_net = state.EA[:, None] > 0.0  # an element outside the net is shown as a point
+        ends = self.log.row_of(state.gid[np.where(in_net, state.ends, state.ends[:, :1])])
+        gid = self.distribution.subdomain.element_gid
+        cell_fields = {"ends": ends, "group": self.group, "element_id": self.ids.element, "GlobalCellId": gid}
+        cell_fields = self._cells(state, cell_fields)
+        point_fields = {"node_id": self.ids.node(state, rows), "GlobalPointId": state.gid[rows]}
+        point_fields = self._points(state, rows, point_fields)
+        self.series.write_mesh(
+            cell_fields.pop("ends"), point_fields, cell_fields, self.log.points, self.distribution.m
+        )
+        self._drawn_events = len(self.log) + self.losses
+
+    def _equilibrium(self, state: State, snapshot, place: str, reaction: np.ndarray):
+        """Yield name, this rank's block and total rows of each dataset; see `write_equilibrium`."""
+        rows = snapshot.rows
+        columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
+        points = self._points(state, rows, columns | {"reaction": reaction})
+        cells = self._cells(state, {"tension": snapshot.N} | _moments(state))
+        yield from ((name, block, self.distribution.n) for name, block in points.items())
+        yield from ((name, block, self.distribution.m) for name, block in cells.items())
+
+    def write_static_step(self, state: State, snapshot, reaction: np.ndarray) -> None:
+        """Write one load step of /statics; reaction : (r, 3) [N], see `Balance`."""
+        for name, block, total in self._equilibrium(state, snapshot, "displacement", reaction):
+            name = f"statics/{name}"
+            if name not in (self.file.file if self.file.writes else ()):
+                self.file.create(name, np.float64, (total, *block.shape[1:]))
+            self.file.append_state(name, block, total)
+
+    def write_equilibrium(self, group: str, state: State, snapshot, place: str, reaction: np.ndarray) -> None:
+        """Write one equilibrium into its own group; place : "position" or "displacement" of its nodes.
+
+        reaction : (r, 3) [N], see `Balance`
+        """
+        for name, block, total in self._equilibrium(state, snapshot, place, reaction):
+            self.file.put(f"{group}/{name}", block, total)
+
+    def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
+        """Write datasets that rank 0 has complete; None on other ranks."""
+        for name, values in self.comm.bcast(datasets).items():
+            low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
+            self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
+
+    def write_envelope(self, state: State, tension: dict, displacement: dict) -> None:
+        """Write the datasets of /envelope.
+
+        tension : (m,), displacement : (n_owned,), of this rank, by name
+        """
+        n, m, subdomain = self.distribution.n, self.distribution.m, self.distribution.subdomain
+        stacked, split = _stacked(displacement)
+        points = split(self.file.slabs.collect(subdomain.particle_gid[: subdomain.n_owned], stacked, n))
+        for columns, total in ((self._cells(state, tension), m), (points, n)):
+            for name, block in columns.items():
+                self.file.put(f"envelope/{name}", block, total)
+
+    def write_final(self, state: State, snapshot) -> None:
+        """Write the last state in full precision, /final."""
+        points, cells = self.log.points, self.distribution.m
+        rows = snapshot.rows
+        gid = self.distribution.subdomain.element_gid
+        particles = {"particle_id": state.gid[rows], "position": state.x[rows], "velocity": snapshot.velocity}
+        elements = {"element_id": gid, "tension": snapshot.N, "plastic_strain": snapshot.eps_p}
+        elements |= _moments(state)
+        blocks = (
+            (self._points(state, rows, particles), particles, points),
+            (self._cells(state, elements), elements, cells),
+        )
+        for collected, columns, total in blocks:
+            for name, block in collected.items():
+                self.file.put(f"final/{name}", block, total, columns[name].dtype)
+
+    # --- end of the run
+
+    def discard_after(self, error: OutputError, saved: bool) -> None:
+        """Remove all files that no checkpoint needs. saved : whether there is a checkpoint"""
+        self.file.discard_after(error)
+        if self.comm.rank == 0 and not saved:
+            for segment in self.segments:
+                segment.unlink(missing_ok=True)
+
+    def close(self, sections: dict[str, dict], provenance: dict, phases: dict, labels: dict) -> None:
+        """Write the small datasets and the unit of every dataset, and rename the file to its path.
+
+        sections : on rank 0, datasets by group ("net", "history", ...)
+        provenance : attributes and texts; phases : of `Phases.over_ranks`; labels : attributes of groups
+        """
+
+        def finish(file: h5py.File):
+            self.series.finish(file)
+            for group, datasets in sections.items():
+                for name, values in datasets.items():
+                    file.create_dataset(f"{group}/{name}", data=values)
+            states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
+            for order, group in enumerate(states):
+                file[group].attrs[ORDER] = order
+            for group, attributes in labels.items():
+                file.require_group(group).attrs.update(attributes)
+            _write_provenance(file.create_group("provenance"), provenance, phases)
+            label(file)
+
+        if not self.segments:
+            self.file.close(finish)
+            return
+        self._end_segment()
+        on_root(self.comm, lambda: join_segments(self.segments, self.file.temporary, self.path, finish))
+
+
+def _moments(state: State) -> dict[str, np.ndarray]:
+    """Return the bending moments of the elements, if there are bending chains."""
+    return {"bending_moment": state.bending_moments()} if state.features.bending else {}
+
+
+def _stacked(columns: dict[str, np.ndarray]):
+    """Return columns (k,) or (k, w) side by side in one array, and a function that separates them again."""
+    wide = [values.reshape(len(values), math.prod(values.shape[1:])) for values in columns.values()]
+    bounds = np.cumsum([0] + [values.shape[1] for values in wide])
+    shapes = [values.shape[1:] for values in columns.values()]
+
+    def split(block: np.ndarray) -> dict[str, np.ndarray]:
+        parts = (block[:, low:high] for low, high in itertools.pairwise(bounds))
+        return {name: part.reshape(len(block), *tail) for name, part, tail in zip(columns, parts, shapes)}
+
+    return np.column_stack(wide), split
+
+
+def label(file: h5py.File) -> None:
+    """Write the unit of every numerical dataset. Raises KeyError if the table lacks the dataset."""
+
+    def add(path: str, item) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind != "O":
+            item.attrs["unit"] = unit_of(path)
+
+    file.visititems(add)
+
+
+def _write_provenance(group, values, phases):
+    for name, value in values.items():
+        if isinstance(value, str):  # names of files may contain bytes that are no valid UTF-8
+            value = value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+        if isinstance(value, dict):
+            for column, array in value.items():
+                group.create_dataset(f"{name}/{column}", data=array)
+        elif (isinstance(value, str) and len(value) > 200) or name in ("job", "overrides", "notes"):
+            group.create_dataset(name, data=value, dtype=h5py.string_dtype())
+        else:
+            group.attrs[name] = value
+    timings = group.create_group("timings")
+    for name, seconds in phases.items():
+        timings.attrs[name] = seconds  # minimum, mean and maximum over the ranks
+
+
+def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
+    zones = roof.zones
+    optional = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
+    optional |= {} if net.second_moment is None else _bar_section(net, cut_length)
+    datasets = {
+        "particles": net.x,
+        "elements": net.elements,
+        "fixed": net.fixed.astype(np.uint8),
+        "group": net.group.astype(np.int32),
+        "group_names": texts(net.group_names),
+        "tributary_area": roof.area,
+        "plan_area": roof.plan_area,
+        "vector_area": roof.vector,
+        "node_id": net.node_id,
+        "element_id": net.element_id,
+        "unstressed_length": cut_length,
+        "cable": net.cable.astype(np.int32),
+        "cable_names": texts(net.cable_names),
+        "zone": zones.of_node.astype(np.int32),
+        "zone_names": texts(zones.names),
+    }
+    return _strength_section(net) | optional | datasets
+
+
+def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the buckling properties of bars; cut_length : see `net_section`."""
+    return {
+        "second_moment": net.second_moment,
+        "buckling_length": buckling_lengths(net, cut_length),
+        "euler_load": euler_load(net, cut_length),
+        "buckling_curve": net.buckling_curve.astype(np.int32),
+        "buckling_curve_names": texts(list(CURVES)),
+        **{name: flags.astype(np.uint8) for name in FLAGS if (flags := getattr(net, name)) is not None},
+    }
+
+
+def texts(words: list[str]) -> np.ndarray:
+    """Return words as a dataset."""
+    return np.array(words, h5py.string_dtype())
+
+
+def slide_section(net: Net, slides: Slides) -> dict[str, np.ndarray]:
+    """Return the slip points of cables, /slide."""
+    names = ("before", "after", "friction", "resistance")
+    datasets = {"node": net.node_id[slides.node], "cable": texts([net.cable_names[k] for k in slides.cable])}
+    return datasets | {name: getattr(slides, name) for name in names}
+
+
+def _strength_section(net: Net) -> dict[str, np.ndarray]:
+    """Return sections, materials and springs; strengths as given, and the factors of random strengths."""
+    section = {
+        "axial_stiffness": net.EA,
+        "mass_per_length": net.density * net.section,
+        "expansion": net.expansion,
+        "bar": net.bar.astype(np.uint8),
+    }
+    strengths = {
+        "breaking_load": net.breaking_load / net.strength,
+        "yield_force": net.yield_force / net.strength,
+        "fracture_strain": net.fracture_strain / net.strength,
+    }
+    section |= {name: values for name, values in strengths.items() if np.isfinite(values).any()}
+    if (net.strength != 1.0).any():
+        section["strength"] = net.strength
+    if net.spring.any():
+        section["spring"] = net.spring
+    if net.angle is not None:
+        section["angle"] = net.angle
+    if net.type_names:
+        section |= {"type": net.type.astype(np.int32), "type_names": texts(net.type_names)}
+    return section

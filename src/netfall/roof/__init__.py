@@ -1,1 +1,0 @@
-"""The roof of a net: its plan, faces, areas, panels and zones. Arrays, no MPI."""

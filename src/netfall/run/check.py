@@ -1,0 +1,245 @@
+"""Report of `netfall check` on a job before it runs: sizes, step limits, memory, expected run time."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
+from netfall.core.timings import Phases
+from netfall.geometry.areas import GIVEN_AREAS, areas_are_given, largest_face, normals
+from netfall.geometry.build import build_net
+from netfall.job.cache import Memory
+from netfall.job.derived import along_normals, has_statics, load_steps
+from netfall.job.job import Job
+from netfall.loads.wind.sectors import bearing
+from netfall.model.layout import Layout, make_layout
+from netfall.model.schedule import steps_line
+from netfall.parallel.mpi import MPI
+from netfall.physics.fields import FIELDS
+from netfall.results.h5 import CHUNK_BYTES
+from netfall.results.locks import writing
+from netfall.run.load_sequence import Wanted, equilibria, loaded
+from netfall.run.messages import run
+from netfall.run.messages.wind import wind_lines
+from netfall.run.modes import mode_lines
+from netfall.run.problem import Scene
+from netfall.run.ranks import ranks_line, steps_time
+from netfall.run.setup import prepare
+
+# Times [s] on one core; those of large nets are from jobs/bench.
+ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
+CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # per checkpoint; per element in it
+EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
+FEWEST = 2000  # particles from which a net counts as large
+STAGE_S, TRIALS = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
+NEAR_S, FAR_S = 4.5e-6, 4e-5  # per equilibrium and element of a large net: tangent predicts it, or does not
+RELAXED = "; a stage whose nodes hang far from where they are held taut is relaxed, for seconds"
+UNFORESEEN = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
+NOT_BORNE = 5  # time of a search for the limit load factor over the time of an equilibrium
+START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
+LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
+# Bytes of the result file per particle and per element: of a snapshot; of the connectivity, which a snapshot
+# contains only if elements broke since the last one; of an equilibrium; of datasets that are written once.
+FRAME_BYTES, JOINED_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 + 1 + 8 + 8 + 4)
+STATE_BYTES, ONCE_BYTES = (24 + 24, 8), (190, 150)
+ROW_BYTES, FILE_BYTES = 8 * 15, 2e5  # per history row; HDF5 metadata and small datasets
+MUCH_LARGER = 4.0  # area over that of the usual face of the roof: a larger face may be an opening
+EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and output on rank 0
+
+
+def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) -> None:
+    """Validate a job and describe it. Raises InputError for faults of the job.
+
+    folder : for a picture of the net, which is drawn even if no form is found; None: no picture
+    """
+    for line in _lines(job, folder):
+        say(line)
+
+
+def _lines(job: Job, folder: Path | None) -> Iterator[str]:
+    """Yield the lines of `check_job` as they are computed."""
+    checked_job = job
+    if job.form_finding and build_net(job).m > LARGEST_FORM:
+        yield (
+            f"note: more than {LARGEST_FORM} elements: the form is not found here; "
+            "figures are those of the start geometry"
+        )
+        checked_job = replace(job, form_finding=None)
+    memory = Memory(1)
+    if folder:
+        yield f"picture: {draw_check(job, make_layout(checked_job, 1, memory), folder)}"
+    scene = prepare(MPI.COMM_SELF, checked_job, Phases(), memory=memory)[0]
+    if scene.failure:
+        raise scene.failure
+    model = scene.model
+    yield f"{job.path}: {job.title or job.name}: valid"
+    yield from _of_net(scene)
+    if scene.form:
+        yield from (run.form_line(scene), *run.moved_lines(scene))
+    yield from run.start_notes(scene)
+    yield "stages: " + ", ".join(run.stages(job))
+    yield f"the scene has: {run.feature_words(job, model)}"
+    yield from wind_lines(job, model)
+    if scene.schedule:
+        yield from (run.limit_line(limit, model) for limit in scene.limits.values())
+        yield f"steps: {steps_line(scene.schedule)}" + " (auto)" * (job.dynamics.time_step == "auto")
+        yield from run.remarks_of(scene)
+    yield from (time_line(scene), ranks_line(scene), memory_line(scene))
+    yield from mode_lines(checked_job, scene)
+
+
+def _of_net(scene: Scene) -> Iterator[str]:
+    """Yield lines on the net, its masses and its roof."""
+    model, net = scene.model, scene.model.net
+    groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
+    yield f"{run.net_line(model)} in groups {', '.join(groups)}"
+    L0, N = model.L0, model.N
+    yield (
+        f"elements: unstressed length {L0.min():.4g} to {L0.max():.4g} m, {L0.sum():.6g} m in all; "
+        f"tension {N.min():.4g} to {N.max():.4g} N"
+    )
+    element_mass = float((net.density * net.section * L0).sum())
+    yield f"masses: elements {element_mass:.4g} kg, all particles {model.mass.sum():.4g} kg"
+    covered = model.layout.roofing.covered
+    source = f"closed faces cover {covered:.1%} of the net's outline in plan (its convex hull)"
+    yield (
+        f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
+        + (GIVEN_AREAS if areas_are_given(net) else source)
+    )
+    face = largest_face(model.x, net, model.layout.roofing.faces)
+    if face and face[0] > MUCH_LARGER * face[1]:
+        area, usual, (x, y) = face
+        yield (
+            f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
+            f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
+        )
+    yield from run.job_remarks(model, scene.job)
+
+
+def time_line(scene: Scene) -> str:
+    """Return a line on the expected run time on one core, with its parts."""
+    job, schedule, m = scene.job, scene.schedule, scene.model.net.m
+    parts, remark = {"start, net and form": START_S + NET_S * m}, ""
+    if job.stages or job.targets:
+        parts["erection"] = STAGE_S * m * (len(job.stages) + TRIALS * bool(job.targets))
+        remark = RELAXED
+    if has_statics(job):
+        parts["equilibria"], unknown = equilibria_time(scene)
+        remark += unknown
+    if schedule:
+        parts["steps"] = steps_time(scene)
+        parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
+        if len(schedule.checkpoints):
+            parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + SAVED_S * m)
+    total, listed = (
+        sum(parts.values()),
+        ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items()),
+    )
+    return (
+        f"expected run time about {total:.2g} s on one core ({listed}); modes, and compiling at the first "
+        f"run of its kind, come on top{remark}"
+    )
+
+
+def equilibria_time(scene: Scene) -> tuple[float, str]:
+    """Estimate the time of all equilibria on one core [s], and a remark on its uncertainty. Collective.
+
+    For a large net it depends on whether the tangent predicts the last and the first equilibrium.
+    """
+    job, m, wanted = scene.job, scene.distribution.m, equilibria(scene)
+    count = len(wanted) + len(job.removes) * bool(job.dynamics)  # one equilibrium after each member removal
+    if scene.distribution.n < FEWEST:
+        return EQUILIBRIUM_S * m * count, ""
+    if job.form_finding and scene.form is None:
+        return NEAR_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
+    if _is_predicted(scene, wanted[-1]):
+        return NEAR_S * m * count, ""
+    predicted = sum(each.kind == "permanent" for each, _ in wanted) if _is_predicted(scene, wanted[0]) else 0
+    limits = scene.state.features.plastic or scene.state.features.fracture
+    remark = f"; where a load is not borne, up to {NOT_BORNE} times its equilibrium" if limits else ""
+    return m * (NEAR_S * predicted + FAR_S * (count - predicted)), UNFORESEEN + remark
+
+
+def _is_predicted(scene: Scene, want: Wanted) -> bool:
+    """Return whether the tangent stiffness predicts an equilibrium well. Collective."""
+    return scene.finder.foresees(loaded(scene, want).load)
+
+
+def memory_line(scene: Scene) -> str:
+    """Return a line on the memory and disk space of a run."""
+    m, state = scene.model.net.m, scene.state
+    size = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
+    least, extra = result_bytes(scene)
+    up_to = f", up to {(least + extra) / 1e6:.3g} MB where elements break until the end" if extra else ""
+    more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(scene.job) else ""
+    return (
+        f"memory: {size / 1e6:.3g} MB for the state ({size / m:.0f} bytes an element), {more}and some "
+        f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some {RANK_BYTES / 1e6:.0f} MB for "
+        f"Python on each rank; result file about {least / 1e6:.3g} MB{up_to}"
+    )
+
+
+def result_bytes(scene: Scene) -> tuple[float, float]:
+    """Estimate the size of the result file without fractures, and the increase due to fractures.
+
+    The increase assumes that elements break before every frame.
+    """
+    job, model, net = scene.job, scene.model, scene.model.net
+
+    def size(entity_bytes: tuple[int, int]) -> float:
+        of_particle, of_element = entity_bytes
+        return float(net.n * of_particle + net.m * of_element)
+
+    least = FILE_BYTES + size(ONCE_BYTES) + len(equilibria(scene)) * size(STATE_BYTES)
+    least += CHUNK_BYTES if load_steps(job) else 0
+    frames = job.output.frames if scene.schedule else 0
+    least += size(JOINED_BYTES) + (frames + 1) * size(FRAME_BYTES)
+    if scene.schedule:
+        probes, field = model.layout.probes, model.wind_field
+        row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
+        least += row * len(scene.schedule.history)
+        if field is not None and field.model is not None:
+            least += 8 * (1 + len(field.control_point)) * job.dynamics.duration / job.wind.time_step
+    return least, frames * size(JOINED_BYTES) if scene.state.features.fracture else 0.0
+
+
+def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
+    """Write NAME_net.png into a folder, with the net before form finding, and return its path."""
+    from netfall.post.plots.job import JobNet, draw_job
+
+    net, zones, given, probes = layout.net, layout.zones, layout.roofing.given, layout.probes
+    areas = [(given.plan * share).sum() for share in zones.share.T]
+    polygons = [zone.polygon for zone in job.zones if zone.polygon is not None]
+    normal = normals(net, given.vector) if along_normals(job) else None
+    lost = np.unique(np.concatenate([np.zeros(0, np.int64), *layout.lost]))
+    job_net = JobNet(
+        title=job.title or job.name,
+        net=net,
+        faces=layout.roofing.faces,
+        area=given.plan,
+        zone_names=zones.names,
+        of_zone=zones.of_node,
+        zone_area=np.array(areas),
+        polygons=polygons,
+        normal=normal,
+        lost=lost,
+        followed=np.unique(probes.named),
+        probes=np.unique(probes.particles),
+        wind=_wind_of(job),
+    )
+    path = folder / f"{job.path.stem}_net.png"
+    with writing(path):
+        folder.mkdir(parents=True, exist_ok=True)
+        draw_job(job_net, path)
+    return path
+
+
+def _wind_of(job: Job) -> tuple[float, str] | None:
+    """Return the wind direction [degrees] and a description; None without wind or if taps give pressures."""
+    wind = job.wind
+    if wind is None or wind.pressures is not None:
+        return None
+    what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
+    return wind.direction, f"{what} {bearing(wind.direction)}"

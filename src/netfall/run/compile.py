@@ -1,0 +1,114 @@
+"""Compilation of the kernels in advance: `netfall compile`, and the first run on several ranks.
+
+Small jobs run through the stages of ordinary runs, and numba caches the compiled kernels. Kernels of rarer
+features (sliding cables, bending chains) are compiled at their first use.
+"""
+
+import contextlib
+import fcntl
+import hashlib
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import llvmlite.binding
+import numba
+import numpy as np
+
+from netfall.core.cache import FOLDER
+from netfall.core.progress import Progress
+from netfall.job.read import read_job
+from netfall.parallel.agree import wait_asleep
+from netfall.parallel.halo import buffers_alone, exchange_rows
+from netfall.parallel.mpi import MPI
+from netfall.run.run import run_job
+
+PATIENCE = 300.0  # s that a process waits for another process to compile
+SADDLE = '[net]\ngenerator = "saddle"\nside = 24.0\nrise = 3.0\ncells = 4\n'
+RING = '[net]\ngenerator = "ring"\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 2.0\n'
+ROOF = """
+[cable]
+modulus = 1.6e11
+area = 400e-6
+density = 7850.0
+prestress = 60e3
+yield_stress = 1e9
+fracture_strain = 0.03
+[form_finding]
+[load]
+dead = 300.0
+steps = 2
+"""
+CASE = '[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n[output]\nmodes = 1\n'
+MOTION = """
+[wind]
+speed = 20.0
+turbulence = 0.2
+shape_coefficient = -1.0
+base_height = 10.0
+[[remove]]
+elements = [20]
+time = 0.01
+[dynamics]
+duration = 0.02
+[output]
+frames = 2
+history = 0.01
+"""
+GROUPS = {  # group of kernels: a job that compiles them
+    "forms, loads, equilibria, modes": SADDLE + ROOF + CASE,
+    "areas and equilibria of larger nets": RING + ROOF,
+    "wind, motion, yield, fracture": SADDLE + ROOF + MOTION,
+}
+
+
+def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
+    """Compile or load the kernels of ordinary runs, and report the time of each group."""
+    with tempfile.TemporaryDirectory(prefix="netfall-", ignore_cleanup_errors=True) as folder:
+        for name, text in GROUPS.items():
+            begin, job = time.perf_counter(), Path(folder, "job.toml")
+            job.write_text(text)
+            run_job(MPI.COMM_SELF, read_job(job), Path(folder, "job.vtkhdf"), Progress(False))
+            say(f"{name}: {time.perf_counter() - begin:.1f} s")
+    exchange_rows(np.zeros((0, 3)), np.zeros((0, 3)), buffers_alone())  # one rank does not call it by itself
+    marker().touch()
+
+
+def compile_first(comm: MPI.Comm) -> None:
+    """Let one rank of each node compile missing kernels while the others wait. Collective."""
+    node = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    if node.rank == 0 and FOLDER in os.environ and not marker().exists():
+        with contextlib.suppress(Exception), turn():  # if it fails, each rank compiles what it needs
+            if not marker().exists():
+                compile_all()
+    wait_asleep(comm)
+    node.Free()
+
+
+def marker() -> Path:
+    """Return the path of the file that marks complete compilation by this numba for this processor."""
+    host = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
+    name = hashlib.sha256(repr((numba.__version__, sys.version, *host)).encode()).hexdigest()[:16]
+    return Path(os.environ[FOLDER], f"compiled-{name}")
+
+
+@contextlib.contextmanager
+def turn():
+    """Let one process run the block at a time; without file locks, all run at once.
+
+    A process waits no longer than PATIENCE.
+    """
+    end = time.monotonic() + PATIENCE
+    with open(Path(os.environ[FOLDER], "compiling"), "a") as file:
+        while time.monotonic() < end:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                time.sleep(0.05)
+            except OSError:
+                break
+        yield

@@ -1,0 +1,375 @@
+"""Dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5, 3, 4)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import DivergedError, interrupted
+from netfall.explicit.energy import Energies, energies_of, most_extreme, take_snapshot, total_energies
+from netfall.explicit.envelope import Envelope
+from netfall.explicit.history import History, columns_at, most_strained, most_strained_of_all
+from netfall.explicit.rows import RowTable
+from netfall.explicit.wind import wind_section
+from netfall.job.derived import own_weight
+from netfall.job.job import Job
+from netfall.model.schedule import steps_line
+from netfall.physics.base_motion import begin_with_ground, move_ground
+from netfall.physics.law.measures import largest_stiffness
+from netfall.physics.slip.inertia import slip_inertia
+from netfall.physics.slip.motion import beside
+from netfall.results.ids import event_ids
+from netfall.results.writer import slide_section
+from netfall.run import removed_equilibria
+from netfall.run.detaching import Detaching
+from netfall.run.problem import Desk, Outcome, Scene
+from netfall.run.removal import Removal
+from netfall.run.removed_equilibria import losses_now
+from netfall.run.stepper import Stepper
+from netfall.run.varying_loads import WindLoad, varying_loads
+
+WIDEN_STEPS = 50  # largest number of long steps between updates of the envelope
+# largest number of steps between checks of the stop flag: 0.1 s of wall time on the smallest net
+LOOK_STEPS = 100_000
+LOOK_WORK = 200_000_000  # largest number of element steps between these checks: 2 s of wall time on one rank
+
+NAME = "dynamics"
+KEPT = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
+
+
+def required(job: Job) -> bool:
+    """Return whether the job has a dynamic stage."""
+    return job.dynamics is not None
+
+
+def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+    """Run the dynamic stage; result : the `Simulation`. Collective."""
+    losses, removal, start, state, schedule = losses_now(scene), None, None, scene.state, scene.schedule
+    if scene.job.removes:
+        removal = Removal(scene, losses, outcomes[removed_equilibria.NAME].result, context.log)
+    with context.phases.phase("wind"):
+        loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
+    context.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {steps_line(schedule)}")
+    if context.saver.stage != NAME:
+        if state.features.sliding:
+            begin_slipping(scene)
+        start = total_energies(scene.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+        if state.features.band:
+            rest_branches(state)
+    simulation = Simulation(scene, context, loads, removal)
+    if start:
+        simulation.begin(start)
+    simulation.register()
+    try:
+        with context.phases.phase(NAME):
+            simulation.run()
+    except DivergedError:  # on every rank
+        simulation.halo.free()
+        raise
+    attributes = {"steps": simulation.made, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
+    return Outcome(simulation, sections=sections(scene, simulation), attributes=attributes)
+
+
+def begin_slipping(scene: Scene) -> None:
+    """Set the inertia of slips and the weight that goes with them, constant in the dynamic stage.
+
+    Collective.
+    """
+    state, places = scene.state, scene.state.places
+    scene.finder.slips.weigh(own_weight(scene.job))
+    stiffness = beside(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
+    inertia = slip_inertia(beside(places, state.half_mass), stiffness, scene.schedule.long_dt)
+    state.slip_mass[places.node, places.column] = inertia
+
+
+def rest_branches(state) -> None:
+    """Set the Maxwell branches to long-term equilibrium, in which they add no force."""
+    N = state.elements_now().N
+    for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):
+        branch[:] = alpha * N
+
+
+def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
+    """Return the datasets of history, events, removals and wind, on rank 0."""
+    model = scene.model
+    locked_at = (
+        scene.distribution.gather_particles(scene.state.slip_locked) if scene.state.features.sliding else None
+    )
+    if model is None:
+        return {}
+    history, events = simulation.history, simulation.log.columns()
+    datasets = {"history": history.columns() | history.probe_columns()}
+    datasets["events"] = events | event_ids(model.net, events)
+    if model.layout.slides:
+        datasets["slide"] = slide_section(model.net, model.layout.slides) | history.slip_columns()
+        # [s] at which a slip point stopped because too little length was left
+        time = locked_at[model.layout.slides.node, model.layout.slides.column]
+        datasets["slide"]["stopped"] = np.where(time > 0.0, time, np.nan)
+    if simulation.removal:
+        datasets["removal"] = simulation.removal.columns()
+    if simulation.detaching and (parts := simulation.detaching.columns(simulation.wind)):
+        datasets["detached"] = parts
+    if simulation.wind:
+        datasets["wind"] = wind_section(scene.job, model, *simulation.wind.record_until(simulation.time))
+    return datasets
+
+
+class Simulation(Stepper):
+    """Run of the dynamic stage on all ranks.
+
+    Order of events at a step n:
+
+    - the loads advance to the samples around t(n),
+    - the history row,
+    - the snapshot,
+    - member removals,
+    - detached parts,
+    - the steps to the next target, in which elements break as they reach their fracture strain.
+
+    The time loop makes history rows between targets. All ranks collect them together when the buffer is full,
+    at a check of the stop flag, and before any later output. On a long way to a target all ranks check the
+    stop flag at the same steps.
+    """
+
+    def __init__(self, scene: Scene, context: Desk, loads: list, removal: Removal | None):
+        """Collective. loads : that vary, see `varying`; removal : of members, None: none"""
+        probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
+        self.envelope = Envelope(scene.distribution, scene.state.joints is not None)
+        self.history = History(probes, scene.state.features)
+        schedule, subdomain = scene.schedule, scene.distribution.subdomain
+        slips = scene.finder.slips.numbers() if scene.state.features.sliding else None
+        widen_every, due = WIDEN_STEPS * schedule.stride, schedule.history
+        rows = RowTable(scene.state, due, schedule.dt, widen_every, subdomain, probes, self.envelope, slips)
+        super().__init__(scene, context, loads, rows)
+        self.removal = removal
+        self.detaching = Detaching(scene) if scene.state.features.detaches else None
+        self.result, self.progress, self.saver = context.result, context.progress, context.saver
+        self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
+        self.start_strain = self.start_plastic = 0.0  # J, from which energies count
+        self.largest_work = 0.0
+        check_steps = min(LOOK_STEPS, LOOK_WORK // max(1, scene.distribution.m)) // schedule.stride
+        self.look_every = max(1, check_steps) * schedule.stride  # steps
+
+    def begin(self, energies: Energies) -> None:
+        """Set the stored and dissipated energy at the first step, from which energies count."""
+        self.start_strain, self.start_plastic = energies.strain, energies.plastic
+        self.history.begin(energies.strain)
+        if self.state.highest is not None:
+            self.state.begin_extremes(self.state.elements_now().N)
+        if self.ground:
+            begin_with_ground(self.state, self.ground)
+
+    def register(self) -> None:
+        """Register all changing data for checkpoints and restore them in a resumed run. Collective."""
+        saver = self.saver
+        if self.wind:
+            saver.register("wind", self.wind.record, self.wind.restore, everywhere=True)
+        if self.removal:
+            saver.register("removal", self.removal.record, self.restore_removal)
+        if self.detaching:
+            saver.register("detached", self.detaching.record, self.detaching.restore, everywhere=True)
+        saver.register("simulation", self.record, self.restore)
+        saver.register("history", self.history.record, self.restore_history, everywhere=True)
+        envelope = self.envelope
+        saver.register("envelope", lambda: envelope.record(self.state), envelope.restore)
+
+    def run(self) -> None:
+        """Step from the present step to the last. Raises Interrupted, with a checkpoint, if asked to stop."""
+        frames, saves = (set(steps.tolist()) for steps in (self.schedule.frames, self.schedule.checkpoints))
+        losses = {loss.step for loss in self.removal.losses} if self.removal else set()
+        targets = frames | saves | losses | {0, self.schedule.steps}
+        self.progress.start(self.n / self.schedule.steps, self.n)
+        for target in sorted(targets):
+            if target < self.n or (target == self.n and len(self.history)):
+                continue
+            self.advance_to(target)
+            with self.phases.phase("dynamics: output"):
+                self.at_target(target in frames, target in saves)
+        snapshot = self.snapshot()
+        if self.removal:
+            self.removal.close(self.state, snapshot.N)
+        self.envelope.take_in(self.time, self.state)
+        self.result.write_envelope(self.state, *self.envelope.columns())
+        self.result.write_final(self.state, snapshot)
+        self.halo.free()
+
+    def at_target(self, has_frame: bool, has_checkpoint: bool) -> None:
+        """Write what is due at the present step: row, snapshot, checkpoint. Collective."""
+        snapshot = self.snapshot()
+        if has_frame or has_checkpoint:
+            strain_record = most_strained(
+                self.state, self.time, snapshot.eps, snapshot.N, self.subdomain.element_gid
+            )
+            self.history.most_strained = max(self.history.most_strained, strain_record)
+        if not self.make_row() and has_checkpoint:
+            self.check_energies(snapshot)
+        self.take_up_rows()
+        if has_frame:
+            self.result.write_frame(self.time, self.state, snapshot)
+        self.report()
+        if self.stopping and self.n < self.schedule.steps:
+            self.leave()
+        if has_checkpoint:
+            self.save()
+
+    def make_row(self) -> bool:
+        """Make the history row of the present step if it is due and missing; return whether it was."""
+        if self.rows.full:
+            self.take_up_rows()
+        if not self.rows.is_due(self.n):
+            return False
+        self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
+        return True
+
+    def snapshot(self):
+        """Take a snapshot of the present step, with the loads at its time, in place of the one before."""
+        self.loads.advance(self.state, self.n)
+        share = (self.time - self.loads.time) / self.loads.dt
+        self.plan.collect_yield()
+        if self.ground:
+            number = self.n // self.stride
+            now, after = number * self.dt, (number + 1) * self.dt
+            move_ground(now, self.before_dt, after, self.zeta, self.ground, self.state.particles)
+        return self.rows.snapshot.take(self.state, self.before_dt, self.dt, self.zeta, share)
+
+    def record(self) -> tuple[dict, dict]:
+        """Return the record that `restore` needs. Collective."""
+        small = {name: getattr(self, name) for name in KEPT}
+        small |= {"step": self.n, "widened": int(self.rows.last[0])}
+        return small | {"most_strained": most_strained_of_all(self.comm, self.history.most_strained)}, {}
+
+    def restore(self, small: dict, _: dict | None) -> None:
+        """Restore the record of an earlier run and its loads."""
+        for name in KEPT:
+            setattr(self, name, small[name])
+        self.n, self.rows.last[:] = small["step"], small["widened"]
+        self.history.most_strained = tuple(small["most_strained"])
+        self.result.losses = self.removal.done if self.removal else 0
+        self.loads.renew(self.state)
+        self.loads.advance(self.state, self.n)
+
+    def restore_removal(self, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
+        """Restore the member removals of an earlier run. Collective."""
+        self.removal.restore(small, arrays, self)
+
+    def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+        """Restore the history rows of an earlier run."""
+        self.history.restore(small, arrays)
+        self.rows.made[:] = len(arrays["time"]), 0
+
+    def advance_to(self, target: int) -> None:
+        """Step to number `target`, with updates of the wind and history rows on the way.
+
+        Raises Interrupted if asked to stop.
+        """
+        while self.n < target:
+            stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.full_at)
+            if self.removal:
+                if self.n == self.removal.next_step:
+                    self.removal.happen(self)
+                stop = min(stop, self.removal.next_step)
+            self.loads.advance(self.state, self.n)
+            stop = min(stop, self.loads.due())
+            while self.n < stop:
+                self.advance_in_stride(min(stop, self.find_detached()))
+            if self.n < target and (self.n % self.look_every == 0 or self.rows.full):
+                with self.phases.phase("dynamics: output"):
+                    self.take_up_rows()
+                    self.report()
+                    if self.stopping:
+                        self.leave()
+
+    def find_detached(self) -> int:
+        """Find the detached parts if that is due now; return the next step at which it is due. Collective.
+
+        It is never due while steps are long and nothing has broken or was removed.
+        """
+        is_intact = self.stride > 1 and not self.calm and not (self.removal and self.removal.done)
+        if self.detaching is None or is_intact:
+            return self.schedule.steps
+        if self.detaching.due(self.n) == self.n:
+            if self.detaching.has_news(self.state):
+                self.make_row()  # row of the state before, independent of targets
+                if self.detaching.evaluate(self.state):
+                    self.plan.attach(self.state)
+            self.detaching.follow(self.state, self.n)
+            self.detaching.evaluated = self.n
+        return self.detaching.due(self.n)
+
+    def leave(self) -> None:
+        """Save a checkpoint and raise Interrupted. Collective."""
+        self.check_energies(self.snapshot())
+        raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save())
+
+    def save(self) -> Path:
+        """Write a checkpoint of the present step; return its path. Collective."""
+        return self.saver.save(NAME, self.n, self.state)
+
+    def check_energies(self, snapshot) -> None:
+        """Raise DivergedError if the run has diverged, before the state is saved. Collective."""
+        energies = total_energies(self.comm, self.state, snapshot)
+        if diverges(energies, self.largest_work, self.start_strain):
+            extreme = most_extreme(self.state, self.subdomain.element_gid, snapshot)
+            raise divergence(self, self.n, energies.kinetic, extreme)
+
+    def take_up_rows(self) -> None:
+        """Move the buffered rows to /history. Raise DivergedError if the run has diverged. Collective."""
+        buffered = self.rows.take_up(self.comm)
+        self.share_events()
+        if not len(buffered.number):
+            return
+        energies = energies_of(self.state, buffered.sums)
+        work = np.fmax.accumulate(np.append(self.largest_work, energies.given))
+        diverged = np.flatnonzero(diverges(energies, work[:-1], self.start_strain))
+        for k in diverged[:1].tolist():
+            extreme = (
+                buffered.size[k, 0],
+                int(buffered.who[k, 0]),
+                buffered.size[k, 1],
+                int(buffered.who[k, 1]),
+            )
+            raise divergence(self, int(buffered.number[k]), float(energies.kinetic[k]), extreme)
+        self.largest_work = work[-1]
+        self.slack = int(buffered.slack[-1])
+        time = buffered.number * self.schedule.dt
+        for k in np.flatnonzero(buffered.who[:, 2] >= 0).tolist():
+            strain_record = float(buffered.size[k, 2]), float(time[k]), int(buffered.who[k, 2])
+            self.history.most_strained = max(self.history.most_strained, strain_record)
+        columns = columns_at(time, buffered.time_step, energies, (self.start_strain, self.start_plastic))
+        broken = np.searchsorted(self.log.breaking, buffered.number)  # elements broken before each row
+        self.history.add(buffered.probes, columns | {"slack": buffered.slack, "broken": broken})
+
+    def report(self) -> None:
+        """Report the progress on rank 0."""
+        share, position = self.n / self.schedule.steps, f"t = {self.time:.3f} s"
+        self.progress.at(
+            share, position, self.n, "steps", f"slack {self.slack}, broken {len(self.log.broken)}"
+        )
+
+
+def diverges(energies: Energies, work, stored: float):
+    """Return whether the kinetic energy exceeds what the work can supply.
+
+    work : [J] the largest external work before; stored : [J] in the elements at the start
+    """
+    # nan without the energy check: then only a value that is not finite counts
+    supply = np.maximum(work, energies.given) + stored
+    return ~np.isfinite(energies.kinetic) | (energies.kinetic > 2 * supply + 1e-9)
+
+
+def divergence(simulation, number: int, kinetic: float, extreme: tuple) -> DivergedError:
+    """Return the error that names the fastest particle and the element with the largest strain. Collective.
+
+    number : of the step; kinetic : [J]; extreme : of this rank, as of `energy.most_extreme`
+    """
+    s = simulation
+    extremes = s.comm.allgather(extreme)
+    particle, element = (
+        max(extremes, key=lambda entry: entry[0])[1],
+        max(extremes, key=lambda entry: entry[2])[3],
+    )
+    node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.id_of(element)))
+    return DivergedError(
+        f"diverged at t = {number * s.schedule.dt:.6g} s (step {number}): kinetic energy {kinetic:.3g} J is "
+        f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "
+        "take a smaller time_step or safety"
+    )

@@ -1,0 +1,1 @@
+"""Erection and prestressing: target tensions reached by unstressed lengths, and erection stages."""

@@ -1,0 +1,106 @@
+"""Errors of cable lengths: the effect of each error on all tensions, and the net with random errors.
+
+To first order the tension N_e has the standard deviation sqrt(sum over cables k of (dN_e/da_k s_k)^2). Here
+a_k is the unstressed length of cable k and s_k its standard deviation. Errors are independent, and the
+influence follows from the tangent.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.stop import NEVER
+from netfall.geometry.net import Net
+from netfall.job.values import shown
+from netfall.physics.slip.law import set_strands
+from netfall.run.equilibrium import reference_force, settle
+from netfall.run.erection.tension import elastic, of_form, responses
+from netfall.run.problem import Scene
+from netfall.run.static_outcome import EQUILIBRIUM, NONE, UNDECIDED, undecided
+
+NAMED = 3  # most important cables in a message
+
+
+class Deviated(NamedTuple):
+    """Net whose cables have random errors of length, on rank 0: x (n, 3) [m], L0 (m,) [m].
+
+    tension : (m,) [N] standard deviation by linear influence; effect : (k,) [N] of each cable, the largest
+        change of a tension by one standard deviation of its length; lines : to print
+    failed : why there is no equilibrium with them, "": there is; x is then the last position
+    state : of the equilibrium, as in `StaticOutcome`
+    """
+
+    x: np.ndarray
+    L0: np.ndarray
+    tension: np.ndarray
+    effect: np.ndarray
+    lines: list[str]
+    failed: str = ""
+    state: str = EQUILIBRIUM
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return the arrays, by name."""
+        return {name: getattr(self, name) for name in ("x", "L0", "tension", "effect")}
+
+
+def shares(net: Net, L0: np.ndarray) -> np.ndarray:
+    """Compute the share of each element (m,) in its cable, at unstressed lengths L0 (m,) [m]."""
+    return L0 / np.bincount(net.cable, L0)[net.cable]
+
+
+def deviate(scene: Scene) -> Deviated | None:
+    """Draw random errors of length and find the equilibrium with them. Collective.
+
+    Without form finding the given geometry is not in equilibrium without load, so nodes are not moved.
+    Returns the result on rank 0, None elsewhere.
+    """
+    model, distribution, failed, state = scene.model, scene.distribution, "", EQUILIBRIUM
+    load_case = of_form(scene, "deviation", "errors of length")
+    tension, effect = _influence(scene, load_case.load)
+    L0 = model and model.cut_length + model.net.length_error * shares(model.net, model.cut_length)
+    set_strands(scene.state, distribution.elements(L0))
+    if scene.form is not None:
+        outcome = elastic(scene, settle(scene, load_case, reference_force(scene, load_case), NEVER))
+        state = outcome.state
+        if state == UNDECIDED:
+            failed = undecided(load_case.words, outcome)
+        elif state == NONE:
+            failed = f"{load_case.words}: there is no equilibrium with them: {outcome.reason}"
+    x = distribution.gather_particles(scene.state.x)
+    if model is None:
+        return None
+    largest = np.argsort(-effect, kind="stable")[:NAMED]
+    names = ", ".join(
+        f"{shown(model.net.cable_names[k])} {effect[k]:.4g} N" for k in largest if effect[k] > 0.0
+    )
+    lines = [
+        f"errors of length: tensions scatter by up to {tension.max():.4g} N (standard deviation, linear); "
+        f"the pieces that matter most, by one deviation of each: {names}"
+    ]
+    return Deviated(x, L0, tension, effect, lines, failed, state)
+
+
+def _influence(scene: Scene, load: np.ndarray) -> tuple:
+    """Compute standard deviations (m,) [N] of tensions and effects (k,) [N] of cables, on rank 0.
+
+    Collective.
+    """
+    net = scene.model and scene.model.net
+    deviation = scene.comm.bcast(net and _of_pieces(net))
+    square, effect = np.zeros(scene.distribution.m), np.zeros(len(deviation))
+    drawn = np.flatnonzero(deviation)
+    respond = responses(scene, load)
+    for k in drawn:
+        change = net and np.where(net.cable == k, shares(net, scene.model.cut_length), 0.0)
+        _, N = respond(scene.distribution.elements(change))
+        if net:
+            square += (deviation[k] * N) ** 2
+            effect[k] = deviation[k] * np.abs(N).max()
+    return np.sqrt(square), effect
+
+
+def _of_pieces(net: Net) -> np.ndarray:
+    """Return the standard deviation (k,) [m] of the length of each cable."""
+    deviation = np.zeros(len(net.cable_names))
+    np.maximum.at(deviation, net.cable, net.length_deviation)
+    return deviation

@@ -1,0 +1,258 @@
+"""Stages of erection: each is an equilibrium that follows from the last, also if the net is a mechanism."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.core.stop import StopRequest
+from netfall.geometry.turned import held_along, turned_column
+from netfall.job.derived import own_weight, settings_of
+from netfall.model.actions import StaticLoad
+from netfall.physics.fields import TAKEN_OUT
+from netfall.physics.law.measures import warm_length
+from netfall.physics.slip.law import set_strands
+from netfall.results.warning_text import error_words, force_balance_warnings, limit_notes, stop_notes
+from netfall.run import equilibrium
+from netfall.run.erection.settings import Setting, after, first_setting, rows_named
+from netfall.run.erection.tension import elastic, tension_to
+from netfall.run.problem import Scene, let_slip
+from netfall.run.static_outcome import (
+    NONE,
+    UNDECIDED,
+    StaticOutcome,
+    by_ids,
+    limit_warning,
+    undecided,
+)
+from netfall.statics.newton import STABLE
+
+MOST_TURNS = 10  # iterations of forces at jacks
+
+
+@dataclass
+class Erection:
+    """Progress of an erection.
+
+    done : stages; x : (n, 3) [m] and setting after the last of them, on rank 0, None: there was none
+    sections : datasets by group of the file, on rank 0; labels : attributes of these, elements by global
+        numbers; lines : to print; failed : why there are no further stages, "": there may be
+    """
+
+    done: int = 0
+    x: np.ndarray | None = None
+    setting: Setting | None = None
+    sections: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    labels: dict[str, dict] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+    failed: str = ""
+
+    @property
+    def last_state(self) -> str:
+        """Return the state of the last equilibrium, as in `StaticOutcome`."""
+        return list(self.labels.values())[-1]["state"]
+
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """Return the record that `restored` needs; arrays on rank 0."""
+        small = {"done": self.done, "labels": self.labels, "lines": self.lines, "groups": list(self.sections)}
+        if self.x is None:
+            return small, {}
+        arrays = {name: getattr(self.setting, name) for name in ("L0", "fixed", "active")} | {"x": self.x}
+        for k, datasets in enumerate(self.sections.values()):
+            arrays |= {f"{k}:{name}": values for name, values in datasets.items()}
+        return small, arrays
+
+
+def restored(scene: Scene, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
+    """Restore the erection of a record; arrays : on rank 0."""
+    erection = Erection(small["done"], labels=small["labels"], lines=small["lines"])
+    if scene.model is None or not small["done"]:
+        return erection
+    setting = first_setting(scene.job, scene.model)
+    for stage in scene.job.stages[: small["done"]]:  # for the loads, which are not in the record
+        setting = after(setting, stage, scene.model.net)
+    erection.setting = replace(setting, **{name: arrays[name] for name in ("L0", "fixed", "active")})
+    erection.x = arrays["x"]
+    for k, group in enumerate(small["groups"]):
+        datasets = {
+            name.partition(":")[2]: values for name, values in arrays.items() if name.startswith(f"{k}:")
+        }
+        erection.sections[group] = datasets
+    return erection
+
+
+def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
+    """Compute the remaining stages and add their results to `erection`. Collective.
+
+    scene : in its initial state, without limits and schedule; its state is then the last equilibrium.
+
+    A stage without an equilibrium is the last one. Raises Paused if asked to stop: `erection` then has the
+    stages before.
+    """
+    model = scene.model
+    let_slip(scene)
+    setting, x = erection.setting, erection.x
+    if model and setting is None:
+        setting, x = first_setting(scene.job, model), model.x
+    for stage in scene.job.stages[erection.done :]:
+        setting = model and after(setting, stage, model.net)
+        before = equilibrium.committed(scene.state)
+        load = _set_up(scene, setting, x)
+        words, weights = f"stage {stage.name}", own_weight(scene.job)
+        load_case = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
+        outcome, setting = _equilibrium(scene, load_case, setting, stop)
+        x = scene.distribution.gather_particles(scene.state.x)
+        _note(scene, erection, stage, setting, x, outcome)
+        erection.done, erection.x, erection.setting = erection.done + 1, x, setting
+        if not outcome.carries:
+            erection.failed = _failure(load_case.words, outcome)
+            break
+
+
+def _failure(words: str, outcome: StaticOutcome) -> str:
+    """Return the message why a stage is the last one, with a remedy."""
+    if outcome.state == UNDECIDED:
+        return f"{undecided(words, outcome)}; or change lengths in smaller stages"
+    reason = f"{words}: there is no equilibrium in it: {outcome.reason}"
+    return f"{reason}; change lengths in smaller stages, or hold more nodes"
+
+
+def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.ndarray:
+    """Set the state for the start of a stage; return its loads (n, 3) [N] of this rank. Collective."""
+    state, distribution, model = scene.state, scene.distribution, scene.model
+
+    def on_root(make: Callable[[], np.ndarray]) -> np.ndarray | None:
+        return None if model is None else make()
+
+    state.x[:] = distribution.particles(on_root(lambda: x + setting.moved))
+    if state.features.springs:
+        state.spring_rest -= state.x - state.x_start
+    state.x_start[:] = state.x
+    held = on_root(lambda: setting.held(model.net))
+    state.free[:] = distribution.particles(on_root(lambda: 1 - held_along(model.net, held).astype(np.uint8)))
+    if state.turned is not None:
+        state.turned[:] = distribution.particles(on_root(lambda: turned_column(model.net, held)))
+    state.EA[:] = distribution.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
+    removed = on_root(lambda: np.where(setting.active, 0, TAKEN_OUT).astype(np.uint8))
+    state.broken[:] = distribution.elements(removed)
+    if scene.finder.slips:
+        state.slip[:] = 0.0  # lengths include the slip of earlier stages
+        scene.finder.slips.open_clamps(scene.comm.bcast(setting and setting.clamps) == "open")
+    set_strands(state, distribution.elements(on_root(lambda: warm_of(scene, setting)(setting.L0))))
+    scene.finder.forget()
+    return distribution.particles(on_root(lambda: setting.forces(model)))
+
+
+def warm_of(scene: Scene, setting: Setting | None):
+    """Return a function from cold unstressed lengths (m,) [m] to those at the temperature of a stage."""
+    return lambda L0: warm_length(L0, scene.model.net.expansion, setting.load.temperature)
+
+
+def _equilibrium(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) -> tuple:
+    """Find the equilibrium of a stage, with forces at jacks if it has any; return it and the new setting.
+
+    Collective.
+    """
+    if scene.comm.bcast(setting and len(setting.pulls) > 0):
+        outcome, setting = _pulled(scene, load_case, setting, stop)
+    else:
+        outcome = equilibrium.settle(scene, load_case, equilibrium.reference_force(scene, load_case), stop)
+    return elastic(scene, outcome), _slipped(scene, setting)
+
+
+def _pulled(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) -> tuple:
+    """Find the equilibrium with the forces of the jacks; return it and the setting with its lengths.
+
+    Collective.
+
+    Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
+    """
+    pulls, jacks = setting and list(setting.pulls), setting and list(setting.jacks)
+    warm = warm_of(scene, setting)
+    tolerance = settings_of(scene.job).tolerance
+    for _ in range(MOST_TURNS):
+        tensioned = tension_to(scene, load_case, pulls, jacks, setting and setting.L0, warm, stop)
+        setting = setting and replace(setting, L0=tensioned.L0, pulls=(), jacks=())
+        load = scene.distribution.particles(setting and setting.forces(scene.model))
+        change = max(scene.comm.allgather(np.abs(load - load_case.load).max(initial=0.0)))
+        if not tensioned.outcome.carries or change <= tolerance * equilibrium.reference_force(
+            scene, load_case
+        ):
+            return equilibrium.balanced_under(scene, tensioned.outcome, load), setting
+        load_case = load_case._replace(load=load)
+    reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
+    return tensioned.outcome._replace(state=NONE, reason=reason), setting
+
+
+def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
+    """Return the setting with the lengths after slip. Collective."""
+    state, distribution = scene.state, scene.distribution
+    if not scene.finder.slips:
+        return setting
+    slipped = distribution.gather_elements(state.L0 - state.strand, state.owned.astype(bool))
+    return setting and replace(setting, L0=setting.L0 + slipped / warm_of(scene, setting)(1.0))
+
+
+def _note(
+    scene: Scene, erection: Erection, stage, setting: Setting | None, x, outcome: StaticOutcome
+) -> None:
+    """Record the result of a stage and its messages. Collective."""
+    state, equilibrium, model = scene.state, outcome.equilibrium, scene.model
+    is_owned = state.owned.astype(bool)
+    N = scene.distribution.gather_elements(equilibrium.snapshot.N, is_owned)
+    moments = None if state.joints is None else state.bending_moments()
+    moment_datasets = (
+        {} if moments is None else {"bending_moment": scene.distribution.gather_elements(moments, is_owned)}
+    )
+    reaction = scene.distribution.gather_particles(equilibrium.balance.reaction)
+    numbers = {name: np.array(value) for name, value in equilibrium.numbers().items()}
+    numbers["stable"] = numbers.pop("unstable_at") == STABLE
+    group = f"stages/{stage.name}"
+    erection.labels[group] = outcome.labels()
+    if model is None:
+        return
+    if "slip" in numbers:
+        last_sections = list(erection.sections.values())[-1:]
+        numbers["slip"] = numbers["slip"] + (last_sections[0]["slip"] if last_sections else 0.0)
+        erection.labels[group]["clamps"] = setting.clamps
+    held = setting.fixed & setting.there(model.net)[:, None]
+    datasets = {
+        "displacement": x - model.x,
+        "tension": N,
+        "unstressed_length": setting.L0,
+        "active": setting.active.astype(np.uint8),
+        "held": held.astype(np.uint8),
+        "reaction": reaction if outcome.carries else np.full_like(x, np.nan),
+    }
+    erection.sections[group] = numbers | moment_datasets | datasets
+    erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
+
+
+def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
+    """Return the messages of a stage: its equilibrium, displacements, forces at the jacks."""
+    if not outcome.carries:
+        state = outcome.state.replace("_", " ").upper()
+        return [f"stage {stage.name}: {state}: {outcome.reason}"]
+    net, solution = model.net, outcome.equilibrium.solution
+    before = erection.x if erection.x is not None else model.x
+    displacements = lengths(x - before)
+    p = int(np.argmax(displacements))
+    line = (
+        f"stage {stage.name}: in equilibrium {error_words(*solution[2:4])}"
+        f"{', by relaxation' if solution.relaxed else ''}, slack {outcome.equilibrium.slack} of "
+        f"{int(setting.active.sum())}; nodes went up to {displacements[p]:.4g} m (node {net.node_id[p]})"
+    )
+    lines = [line + (f"; NOT STABLE: {outcome.reason}" if outcome.reason else "")]
+    for name in stage.lengths or {}:
+        rows = rows_named(net, name)
+        lines.append(
+            f"  {name}: {N[rows].min():.5g} to {N[rows].max():.5g} N, unstressed length "
+            f"{setting.L0[rows].sum():.6g} m in all"
+        )
+    if outcome.limit is not None:
+        load_case = StaticLoad("stage", f"stage {stage.name}", None)
+        lines.append(limit_warning(load_case, outcome.limit, net.node_id[outcome.limit.particle]))
+    lines += force_balance_warnings([(f"stage {stage.name}", outcome.equilibrium.balance.unexplained)])
+    lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
+    return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))

@@ -1,0 +1,266 @@
+"""Data of [[target]] and [[stage]]: lengths, supports, positions, active elements, loads.
+
+Rank 0, global order.
+
+A change by a [m] makes each cable longer by a, each of its elements in proportion to its unstressed length.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import refuse
+from netfall.core.least_squares import least_squares
+from netfall.geometry.connected_parts import part_has, parts_of
+from netfall.geometry.net import Net, elements_of_cables, elements_of_group, ends_of_inner, with_inner
+from netfall.geometry.turned import held_along, settles_along
+from netfall.job.cases import factor_of, with_set
+from netfall.job.derived import settings_of
+from netfall.job.job import Job
+from netfall.job.values import counted, listed, nearest, shown
+from netfall.loads.loads import dead_load, live_load
+from netfall.model.model import Model
+
+WEAK = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
+SLIGHTEST = 1e-6  # force over EA [-] at which a slack cable becomes taut
+
+
+class Jack(NamedTuple):
+    """Group of cables whose unstressed lengths change by one common amount [m].
+
+    name : of the group or cable; rows : (r,) elements; cable : (r,) number of the cable of each, from 0
+    """
+
+    name: str
+    rows: np.ndarray
+    cable: np.ndarray
+
+    def shares(self, L0: np.ndarray) -> np.ndarray:
+        """Return the share of each of its elements (r,) in the amount, at unstressed lengths L0 (m,) [m]."""
+        return L0[self.rows] / np.bincount(self.cable, L0[self.rows])[self.cable]
+
+    def changed(self, L0: np.ndarray, amount: float) -> np.ndarray:
+        """Return unstressed lengths (m,) [m] after a change by an amount [m]."""
+        L0 = L0.copy()
+        L0[self.rows] += amount * self.shares(L0)
+        return L0
+
+
+class Wanted(NamedTuple):
+    """Target: the mean force [N] of elements `rows`, or the height [m] of a node.
+
+    words : for messages; node : its row, -1: a force; own : number of the jack at which it is measured, -1:
+        none
+    """
+
+    words: str
+    value: float
+    rows: np.ndarray
+    node: int = -1
+    own: int = -1
+
+    def now(self, x: np.ndarray, N: np.ndarray) -> float:
+        """Return its value with nodes at x (n, 3) [m] and axial forces N (m,) [N]."""
+        if self.node >= 0:
+            return float(x[self.node, 2])
+        return float(np.bincount(np.zeros(len(self.rows), int), N[self.rows])[0] / len(self.rows))
+
+
+def rows_named(net: Net, name: str) -> np.ndarray:
+    """Return the elements of a group or of a cable, none if the name is unknown."""
+    rows, wrong = elements_of_group(net, name)
+    return elements_of_cables(net, [name])[0] if wrong else rows
+
+
+def jack_of(net: Net, name: str) -> Jack:
+    """Return one jack for all cables with a name, with one amount for each."""
+    rows = rows_named(net, name)
+    return Jack(name, rows, np.unique(net.cable[rows], return_inverse=True)[1])
+
+
+def jacks_of(net: Net, name: str) -> list[Jack]:
+    """Return a jack for each cable with a name, with an amount of its own."""
+    rows = rows_named(net, name)
+    cables = [rows[net.cable[rows] == cable] for cable in dict.fromkeys(net.cable[rows].tolist())]
+    return [
+        Jack(net.cable_names[net.cable[cable_rows[0]]], cable_rows, np.zeros(len(cable_rows), int))
+        for cable_rows in cables
+    ]
+
+
+def unknown_name(net: Net, name: str) -> str:
+    """Return the error in the name of a group or a cable as text; "": none."""
+    if len(rows_named(net, name)):
+        return ""
+    names = [*(group for group in net.group_names if group), *net.cable_names]
+    return f"{shown(name)}: neither a group nor a cable; {nearest(name, names)}"
+
+
+def amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Compute amounts (k,) [m] that remove the misses (t,) by a Newton step, the smallest that do.
+
+    influence : (t, k) of the amounts on the targets; scale : (t,) sizes of the targets
+    """
+    return least_squares(influence / scale[:, None], -misses / scale, WEAK).x
+
+
+def until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force: float) -> float:
+    """Compute the amount [m] after which a slack cable would carry a force [N] at its present nodes.
+
+    L, L0 : (m,) [m] lengths, unstressed lengths; EA : (m,) [N]
+    """
+    rows = jack.rows
+    force_to_reach = max(force, SLIGHTEST * float(EA[rows].min()))
+    return float((L[rows] / (1.0 + force_to_reach / EA[rows]) - L0[rows]).sum()) / (1 + int(jack.cable.max()))
+
+
+def missed(targets: list[Wanted], values: np.ndarray) -> list[str]:
+    """Return the targets and their values as text."""
+    units = ["m" if target.node >= 0 else "N" for target in targets]
+    return [
+        f"{target.words} = {target.value:.6g} {unit}: came to {value:.6g} {unit}"
+        for target, value, unit in zip(targets, values, units)
+    ]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Setting of a stage, with everything that earlier stages set and it did not change.
+
+    L0 : (m,) [m], cold; fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
+    load : values of [load]; pulls : target forces, each at a jack of its own in `jacks`
+    clamps : "open" or "closed"
+    """
+
+    L0: np.ndarray
+    fixed: np.ndarray
+    active: np.ndarray
+    moved: np.ndarray
+    load: SimpleNamespace
+    pulls: tuple[Wanted, ...] = ()
+    jacks: tuple[Jack, ...] = ()
+    clamps: str = "closed"
+
+    def held(self, net: Net) -> np.ndarray:
+        """Return the held axes (n, 3) bool, with those of nodes without elements."""
+        return self.fixed | ~self.there(net)[:, None]
+
+    def there(self, net: Net) -> np.ndarray:
+        """Return the nodes with elements, (n,) bool."""
+        return np.bincount(net.elements[self.active].ravel(), minlength=net.n) > 0
+
+    def forces(self, model: Model) -> np.ndarray:
+        """Compute the loads (n, 3) [N]: self weight of active elements, everything else at their nodes."""
+        net, roof = model.net, model.roof
+        full_load = live_load(self.load, roof, net.load) + dead_load(self.load, roof)
+        load = np.where(self.there(net)[:, None], full_load, 0.0)
+        if self.load.self_weight:
+            half = np.where(self.active, 0.5 * net.own_weight * self.L0, 0.0)
+            for end in range(2):
+                load[:, 2] -= np.bincount(net.elements[:, end], half, net.n)
+        return load
+
+
+def first_setting(job: Job, model: Model) -> Setting:
+    """Return the setting before any stage: the complete net under [load]."""
+    net = model.net
+    all_elements, no_motion = np.ones(net.m, bool), np.zeros_like(net.x)
+    return Setting(model.cut_length, net.fixed, all_elements, no_motion, settings_of(job))
+
+
+def after(previous: Setting, stage: SimpleNamespace, net: Net) -> Setting:
+    """Return the setting of the stage that follows."""
+    groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
+    active = previous.active if groups is None else np.isin(net.group, groups)
+    fixed, motion = previous.fixed.copy(), np.zeros_like(net.x)
+    released = np.isin(net.node_id, stage.release or [])
+    fixed[released] = False
+    # inner nodes fixed between two fixed ends are released with an end
+    fixed[released[ends_of_inner(net)].any(1) & net.fixed.all(1)] = False
+    fixed[_rows(net, stage.hold)] = True
+    for name, displacement in (stage.move or {}).items():
+        motion[_rows(net, [int(name)])] = displacement
+    L0, pulls, jacks = previous.L0, [], []
+    for name, change in (stage.lengths or {}).items():
+        own_jacks = jacks_of(net, name)
+        if "change" in change:
+            L0 = jack_of(net, name).changed(L0, change["change"])
+        elif "length" in change:
+            for jack in own_jacks:
+                L0 = jack.changed(L0, change["length"] - float(L0[jack.rows].sum()))
+        else:
+            first = len(jacks)
+            pulls += [
+                Wanted(f"force of {jack.name}", change["force"], jack.rows, own=first + k)
+                for k, jack in enumerate(own_jacks)
+            ]
+            jacks += own_jacks
+    load, clamps = with_set(previous.load, "load", stage), stage.clamps or previous.clamps
+    motion = with_inner(net, motion, fixed)
+    return Setting(L0, fixed, active, motion, load, tuple(pulls), tuple(jacks), clamps)
+
+
+def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
+    return np.flatnonzero(np.isin(net.node_id, ids or []))
+
+
+def check_stages(job: Job, model: Model) -> None:
+    """Raise InputError for errors in the stages of a job: names, ids, supports, lengths."""
+    net, errors, setting = model.net, [], first_setting(job, model)
+    for stage in job.stages:
+        wrong = [*_wrong_names(stage, net)]
+        if not wrong:
+            setting = after(setting, stage, net)
+            wrong = _wrong_state(stage, setting, net)
+        errors += [f"[[stage]] {stage.name}: {line}" for line in wrong]
+        if errors:
+            break  # later stages depend on this one
+    warm = setting.load.temperature
+    for entry in job.combinations:
+        if warm and (prestress := factor_of(entry, "prestress")) != 1.0:
+            errors.append(
+                f"[[combination]] {entry.name}: prestress {prestress:g} is of forces at the temperature of "
+                f'form finding, and the last [[stage]] ends at {warm:g} K; expected "load.temperature" = 0.0 '
+                "in its set, or a factor of 1"
+            )
+    free, is_given = ~settles_along(net, setting.fixed), ends_of_inner(net)[:, 0] == np.arange(net.n)
+    for name, inputs in model.layout.cases.items():
+        settles = np.zeros((net.n, 3)) if inputs.settlement is None else inputs.settlement
+        released = net.node_id[((settles != 0.0) & free).any(1) & is_given]
+        if len(released):
+            why = "released in a [[stage]], and so free"
+            errors.append(f"[[case]] {name}: settlement: {counted('node', released)}: {why}")
+    refuse(f"{job.path}: {line}" for line in errors)
+
+
+def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
+    """Yield errors for names and ids that the net does not have."""
+    yield from (f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name)))
+    names = [name for name in net.group_names if name]
+    for name in stage.active or []:
+        if name not in net.group_names:
+            yield f"active: no group {shown(name)}; {nearest(name, names) if names else 'none'}"
+    ids = {"hold": stage.hold, "release": stage.release, "move": map(int, stage.move or {})}
+    for key, named in ids.items():
+        if unknown := sorted(set(named or []) - set(net.node_id.tolist())):
+            yield f"{key}: no node {listed(unknown)}"
+
+
+def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> Iterator[str]:
+    """Yield errors for moves of free nodes, cables without length, unsupported parts."""
+    free = ((setting.moved != 0.0) & ~held_along(net, setting.fixed)).any(1)
+    if free.any():
+        yield f"move: {counted('node', net.node_id[free])}: an axis that moves must be held"
+    is_short = ~(setting.L0 > 0.0)
+    if is_short.any():
+        yield f"lengths: {counted('element', net.element_id[is_short])}: no length is left"
+    for name in stage.lengths or {}:
+        if not setting.active[rows_named(net, name)].all():
+            yield f"lengths: {shown(name)}: not there in this stage; active says what is"
+    held = part_has(parts_of(net.elements[setting.active], net.n), (setting.fixed | (net.spring > 0)).any(1))
+    is_loose = setting.there(net) & ~held
+    if is_loose.any():
+        yield f"{counted('node', net.node_id[is_loose])}: no support holds the part that they are in"

@@ -1,0 +1,288 @@
+"""Target forces and heights reached by changes of unstressed length, by Newton's method on the tangent.
+
+The influence of an amount a on the targets follows from one linear solution. At fixed nodes an element's
+force changes by dN/dL0 = -(dN/dL) L / L0, which holds for both measures of strain. The nodes respond to the
+resulting residual forces by K^-1, which changes all forces once more.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import refuse
+from netfall.core.functions import lengths
+from netfall.core.stop import NEVER, StopRequest
+from netfall.geometry.net import Net
+from netfall.job.derived import carries_permanent
+from netfall.job.job import Job
+from netfall.job.values import counted, shown
+from netfall.model.actions import StaticLoad
+from netfall.parallel.agree import on_root
+from netfall.physics.slip.law import set_strands
+from netfall.run import equilibrium
+from netfall.run.erection.settings import (
+    Jack,
+    Wanted,
+    amounts,
+    jack_of,
+    missed,
+    rows_named,
+    unknown_name,
+    until_taut,
+)
+from netfall.run.problem import Scene
+from netfall.run.static_outcome import MOST_NAMED, NONE, StaticOutcome
+from netfall.statics.newton import NoConvergence
+
+REACHED = 1e-6  # miss over the target value, or over the largest force [-], at which a target is reached
+MOST_EQUILIBRIA = 40
+WORSE = 2.0  # ratio to the miss before [-], above which the step was too long
+LONGEST = 0.2  # largest change of a cable's length in one step, over its length [-]
+
+
+class Tensioned(NamedTuple):
+    """Result of `tension_to`: L0 (m,) [m], cold, and influence (t, k) of the amounts, on rank 0.
+
+    outcome : of the last equilibrium; no equilibrium, with the reason, if a target is missed
+    equilibria : number of equilibria computed
+    """
+
+    L0: np.ndarray | None
+    influence: np.ndarray | None
+    outcome: StaticOutcome
+    equilibria: int
+
+
+def of_form(scene: Scene, kind: str, words: str) -> StaticLoad:
+    """Return the load that the form carries: the permanent load, or nothing; words : for messages."""
+    model = scene.model
+    load = model and (model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x))
+    return StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
+
+
+def tension_to(
+    scene: Scene,
+    load_case: StaticLoad,
+    targets: list[Wanted],
+    jacks: list[Jack],
+    L0,
+    warm,
+    stop: StopRequest = NEVER,
+) -> Tensioned:
+    """Change unstressed lengths until all targets are reached; the state is then in that equilibrium.
+
+    Collective.
+
+    targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state
+
+    If the targets are not reached, the state is the last equilibrium on the way. Raises Paused if asked to
+    stop.
+    """
+    comm, influence, best, last_state, step = scene.comm, None, np.inf, None, np.zeros(0)
+    reference = equilibrium.reference_force(scene, load_case)
+    for count in range(1, MOST_EQUILIBRIA + 1):
+        set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
+        outcome = equilibrium.settle(scene, load_case, reference, stop)
+        measured = _measure(scene, targets) if outcome.carries else None
+        size = comm.bcast(measured.size if measured else np.inf)
+        if size <= REACHED:
+            return Tensioned(L0, influence, outcome, count)
+        if (size > WORSE * best or size == np.inf) and last_state is None:
+            reason = outcome.reason or "the forces are no numbers"
+            state = NONE if outcome.carries else outcome.state
+            return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
+        if size > WORSE * best or size == np.inf:
+            equilibrium.put_back(scene.state, last_state[0])
+            step = 0.5 * step
+            L0 = scene.model and _changed(jacks, last_state[1], step)
+            continue
+        best, last_state = min(best, size), (equilibrium.committed(scene.state), L0)
+        influence = influences(scene, load_case.load, targets, jacks, L0)
+        if scene.model:
+            step = _step(scene, measured, targets, jacks, L0, influence)
+            L0 = _changed(jacks, L0, step)
+        if comm.bcast(scene.model and not step.any()):
+            break
+    equilibrium.put_back(scene.state, last_state[0])
+    measured = _measure(scene, targets)
+    lines = comm.bcast(measured and missed(targets, measured.values))
+    reason = f"not reached in {count} equilibria: " + "; ".join(lines)
+    failed = StaticOutcome(NONE, np.nan, reason, (), equilibrium.as_it_began(scene))
+    return Tensioned(last_state[1], influence, failed, count)
+
+
+def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
+    """Return the outcome, but no equilibrium if elements yield: an erection is computed elastically.
+
+    Collective.
+    """
+    yielding = equilibrium.yielded(scene)
+    if not yielding:
+        return outcome
+    ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(yielding)]))
+    reason = f"{ids} yield in it; an erection is computed elastically"
+    return StaticOutcome(NONE, np.nan, reason, yielding[:MOST_NAMED], outcome.equilibrium)
+
+
+class _Now(NamedTuple):
+    """Measured state of a net.
+
+    x : (n, 3) [m]; values, misses, scale : (t,) of the targets; size : largest relative miss
+    """
+
+    x: np.ndarray
+    values: np.ndarray
+    misses: np.ndarray
+    scale: np.ndarray
+    size: float
+
+
+def _measure(scene: Scene, targets: list[Wanted]) -> _Now | None:
+    """Measure the targets in the present state, on rank 0. Collective."""
+    state, distribution = scene.state, scene.distribution
+    x = distribution.gather_particles(state.x)
+    N = distribution.gather_elements(state.elements_now().N, state.owned.astype(bool))
+    if scene.model is None:
+        return None
+    values = np.array([target.now(x, N) for target in targets])
+    largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
+    scale = np.array([extent if target.node >= 0 else abs(target.value) or largest for target in targets])
+    misses = values - [target.value for target in targets]
+    return _Now(x, values, misses, scale, float(np.abs(misses / scale).max()))
+
+
+def influences(
+    scene: Scene, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0
+) -> np.ndarray | None:
+    """Compute the influence (t, k) of each amount on each target, [N/m] or [m/m], on rank 0. Collective."""
+    rows = []
+    count = scene.comm.bcast(scene.model and len(jacks))
+    respond = responses(scene, load)
+    for k in range(count):
+        change = np.zeros(scene.distribution.m)
+        if scene.model:
+            change[jacks[k].rows] = jacks[k].shares(L0)
+        x, N = respond(scene.distribution.elements(scene.model and change))
+        if scene.model:
+            rows.append([target.now(x, N) for target in targets])
+    return np.array(rows).T if scene.model else None
+
+
+def responses(scene: Scene, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
+    """Return a function that computes the response to changes (m,) [m] of unstressed lengths. Collective.
+
+    load : (n, 3) [N] that acts
+
+    Calls are collective too. They return changes of positions (n, 3) [m] and axial forces (m,) [N], on rank
+    0. If the net is a mechanism, the change of positions is unknown, and nodes count as fixed.
+    """
+    state, distribution = scene.state, scene.distribution
+    respond = scene.finder.responses(load)
+
+    def gathered(change):
+        try:
+            u, N = respond(change)
+        except NoConvergence:
+            u, N = np.zeros_like(state.x), scene.finder.at_fixed_nodes(change)
+        return distribution.gather_particles(u), distribution.gather_elements(N, state.owned.astype(bool))
+
+    return gathered
+
+
+def _step(scene: Scene, measured: _Now, targets, jacks: list[Jack], L0, influence: np.ndarray) -> np.ndarray:
+    """Compute the amounts (k,) [m] of the next step. Rank 0."""
+    net = scene.model.net
+    L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]])
+    step = amounts(measured.misses, influence, measured.scale)
+    for target in targets:
+        if target.own >= 0 and not influence[:, target.own].any():
+            step[target.own] = until_taut(jacks[target.own], L, L0, net.EA, target.value)
+    longest = np.array([LONGEST * L0[jack.rows].sum() / (1 + jack.cable.max()) for jack in jacks])
+    return np.clip(step, -longest, longest)
+
+
+def _changed(jacks: list[Jack], L0: np.ndarray, step: np.ndarray) -> np.ndarray:
+    for jack, amount in zip(jacks, step):
+        L0 = jack.changed(L0, amount)
+    return L0
+
+
+class Reached(NamedTuple):
+    """Targets that were reached, on rank 0: x (n, 3) [m], unstressed lengths L0 (m,) [m].
+
+    change : (k,) [m] of each cable; influence : (k, k) of these amounts on the targets
+    equilibria : number of equilibria computed; lines : to print
+    failed : why not all targets are reached, "": they are; x and L0 are then the last ones
+    """
+
+    x: np.ndarray
+    L0: np.ndarray
+    change: np.ndarray
+    influence: np.ndarray
+    equilibria: int
+    lines: list[str]
+    failed: str = ""
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Return the arrays, by name."""
+        return {name: getattr(self, name) for name in ("x", "L0", "change", "influence")}
+
+
+def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | None) -> Reached | None:
+    """Change lengths until all targets are reached, under the loads that the form carries. Collective.
+
+    planned : (m,) [m] from which changes count, on rank 0; before : result of the last iteration, None: first
+        one
+
+    Returns the result on rank 0, None elsewhere; the state is in that equilibrium. Raises InputError for
+    wrong names.
+    """
+    job, model, comm = scene.job, scene.model, scene.comm
+    targets, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
+    load_case = of_form(scene, "target", "the targets")
+    tensioned = tension_to(scene, load_case, targets, jacks, model and model.cut_length, lambda L0: L0)
+    tensioned = tensioned._replace(outcome=elastic(scene, tensioned.outcome))
+    influence = influences(scene, load_case.load, targets, jacks, tensioned.L0)
+    x = scene.distribution.gather_particles(scene.state.x)
+    if model is None:
+        return None
+    added = tensioned.L0 - planned
+    change = np.array([float(added[jack.rows].sum()) / (1 + int(jack.cable.max())) for jack in jacks])
+    equilibria = tensioned.equilibria + (before.equilibria if before else 0)
+    if not tensioned.outcome.carries:
+        remark = "what `by` names may not bear on it, or not so far"
+        failed = f"{load_case.words}: {tensioned.outcome.reason}; {remark}"
+        return Reached(x, tensioned.L0, change, influence, equilibria, [], failed)
+    lines = [
+        f"target: {target.words} = {target.value:.6g} {'m' if target.node >= 0 else 'N'}: each cable of "
+        f"{jack.name} {amount:+.6g} m"
+        for target, jack, amount in zip(targets, jacks, change)
+    ]
+    lines.append(f"targets: reached in {equilibria} equilibria")
+    return Reached(x, tensioned.L0, change, influence, equilibria, lines)
+
+
+def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
+    """Return the targets and the jacks that reach them.
+
+    Raises InputError for names that the net does not have.
+    """
+    errors = []
+    for number, target in enumerate(job.targets, 1):
+        wrong = [line for name in (target.group, target.by) if name and (line := unknown_name(net, name))]
+        if target.node is not None and target.node not in net.node_id:
+            wrong.append(f"node = {target.node}: no such node")
+        if target.by in [other.by for other in job.targets[: number - 1]]:
+            remark = "stands in an earlier target; each needs lengths of its own"
+            wrong.append(f"by = {shown(target.by)}: {remark}")
+        errors += [f"{job.path}: [[target]] {number}: {line}" for line in wrong]
+    refuse(errors)
+    return [_wanted(net, target) for target in job.targets], [jack_of(net, entry.by) for entry in job.targets]
+
+
+def _wanted(net: Net, target) -> Wanted:
+    if target.group:
+        return Wanted(f"force of {target.group}", target.force, rows_named(net, target.group))
+    node = int(np.flatnonzero(net.node_id == target.node)[0])
+    return Wanted(f"height of node {target.node}", target.height, np.zeros(0, int), node)

@@ -1,0 +1,1 @@
+"""Text that run and check print. No number is computed here."""

@@ -1,0 +1,337 @@
+"""Messages of `run` and `check`: description of the net, results, warnings and notes."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.progress import Progress
+from netfall.explicit.history import MOST_STRAIN, History, most_strained, most_strained_of_all
+from netfall.geometry.defaults import default_warnings
+from netfall.job.derived import has_statics
+from netfall.job.job import Job
+from netfall.job.values import listed
+from netfall.model.layout import band_of, features_of
+from netfall.model.model import Model
+from netfall.model.schedule import step_at
+from netfall.parallel import partition
+from netfall.physics.fields import Features
+from netfall.physics.law.branches import stiffening
+from netfall.physics.stability import Limit
+from netfall.results.file import open_result, overloads_of
+from netfall.results.form_text import form_lines, loose_notes, self_stress_lines
+from netfall.results.removal_text import loss_lines
+from netfall.results.warning_text import balance_notes, balance_words, detached_notes_of, motion_notes_of
+from netfall.run import dynamics
+from netfall.run.messages.slip import inertia_line, slip_lines, unlike_notes
+from netfall.run.messages.wind import wind_notes
+from netfall.run.problem import Desk, Outcome, Scene
+from netfall.run.statics import rest_words
+
+MUCH_LONGER = 0.01  # share of the duration; a last step that ends later is reported
+FAR_OFF = 0.01  # residual / largest tension; a larger one gives a note if an equilibrium is computed anyway
+ROUNDING = 1e-11  # strain; residuals below this times the largest EA are rounding
+AT_REST = 1e-6  # residual / largest tension; a larger one of a start without statics gives a note
+
+
+def before_run(scene: Scene, progress: Progress) -> None:
+    """Report the problem before the run, on rank 0."""
+    model = scene.model
+    if model is None:
+        return
+    progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
+    progress.say(*job_remarks(model, scene.job))
+    if scene.comm.size > 1:
+        progress.say(partition_line(model, scene.comm.size))
+    if scene.form:
+        N = in_form(scene).N
+        line = f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N"
+        progress.say(line, *moved_lines(scene))
+    progress.say(*(scene.build_up.lines if scene.build_up else ()), *start_notes(scene))
+    if scene.schedule:
+        for limit in scene.limits.values():
+            progress.detail(limit_line(limit, model))
+        progress.say(*remarks_of(scene))
+
+
+def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
+    """Report the outcome of a run from its result file, on rank 0. Collective."""
+    has_dynamics = dynamics.NAME in outcomes
+    history = outcomes[dynamics.NAME].result.history if has_dynamics else None
+    strain, time, element = _most_strained(scene, history)
+    if scene.model is None:
+        return
+    if has_dynamics:
+        with open_result(path) as f:
+            desk.progress.say(*_dynamics_lines(scene.model, f), *motion_notes_of(f), *overloads_of(f))
+    desk.progress.say(*_strain_notes(scene.model, strain, time, element))
+    seconds = desk.phases.seconds.items()
+    desk.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
+    desk.progress.say(f"written: {path}")
+
+
+def _dynamics_lines(model: Model, f) -> list[str]:
+    """Summarise the dynamic stage: removals, fractures, energies, slip; f : the result file."""
+    history, events, lines = f["history"], f["events"], []
+    if "removal" in f:
+        lines += loss_lines(f["removal"], events, model.net.element_id)
+    if len(events["element"]):
+        lines.append(
+            f"fractures: {len(np.unique(events['element']))} elements, the first at "
+            f"t = {events['time'][0]:.4f} s (element {events['element_id'][0]})"
+        )
+    work_error = np.abs(history["identity_error"]).max()
+    if np.isfinite(work_error):  # nan without the energy check
+        lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_words(history)}")
+        lines += balance_notes(history)
+    lines += detached_notes_of(f)
+    if model.layout.slides:
+        lines += slip_lines(model, history["time"][:], f["slide"])
+    return lines
+
+
+def _most_strained(scene: Scene, history: History | None) -> tuple[float, float, int]:
+    """Find the largest strain of elements without a limit, its time [s] and its element. Collective.
+
+    history : of the dynamic stage; None: the strains at the end of the run count
+    """
+    if history is not None:
+        local_largest = history.most_strained
+    else:
+        elements = scene.state.elements_now()
+        N, eps = elements.N, elements.eps
+        local_largest = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
+    return most_strained_of_all(scene.comm, local_largest)
+
+
+def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
+    """Return a note on an element that is strained more than any cable can be; time : [s], nan: none."""
+    if element < 0:
+        return []
+    at = "" if np.isnan(time) else f" at t = {time:.4g} s"
+    return [
+        f"note: element {model.element_name(element)} has a strain of {strain:.3g}{at}, above the "
+        f"{MOST_STRAIN:g} that any cable bears, and no fracture_strain: check loads and units, or give "
+        "[cable] yield_stress and fracture_strain"
+    ]
+
+
+def net_line(model: Model) -> str:
+    """Return the line on the size of the net."""
+    return f"net: {model.net.n} particles ({int((~model.net.moves).sum())} fixed), {model.net.m} elements"
+
+
+def partition_line(model: Model, ranks: int) -> str:
+    """Return the line on the quality of the partition."""
+    elements, part = model.net.elements, model.layout.part
+    return (
+        f"partition: {model.layout.partition_source}, {partition.edge_cut(elements, part)} elements cut, "
+        f"fullest part {partition.imbalance(elements, part, ranks):.2f} of the mean"
+    )
+
+
+def form_line(scene: Scene) -> str:
+    """Return the line on the accuracy of form finding."""
+    reference = max(scene.form.reference, 1e-300)
+    return (
+        f"form finding: {scene.form.iterations} iterations, largest residual "
+        f"{scene.form.residual / reference:.2g} of the prestress; with the real material "
+        f"{scene.residual / reference:.2g}"
+    )
+
+
+def in_form(scene: Scene) -> Model:
+    """Return the form-found model, before stages of erection change it; on rank 0."""
+    return (scene.build_up and scene.build_up.form) or scene.model
+
+
+def moved_lines(scene: Scene) -> list[str]:
+    """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
+    model = in_form(scene)
+    if scene.form.self_stress is not None:
+        return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
+    net, area, settings = model.net, float(model.roof.area.sum()), scene.job.form_finding
+    constant_tension = bool(settings) and settings.method == "fpm" and settings.modulus_factor == 0.0
+    lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant_tension)
+    if constant_tension:
+        lines += loose_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
+    return lines
+
+
+def start_notes(scene: Scene) -> list[str]:
+    """Return notes on the state from which the loads start.
+
+    A note is given if the net as given is not in equilibrium and nothing corrects that before it is loaded.
+    The same holds for an erected net under other loads than those of its last stage, and for cables that slip
+    in the form.
+    """
+    can_slip = scene.form and scene.job.slides and not scene.job.stages and not scene.failure
+    return _not_at_rest(scene) + (unlike_notes(scene.model) if can_slip else [])
+
+
+def _not_at_rest(scene: Scene) -> list[str]:
+    """Return a note if the start is not in equilibrium at the nodes."""
+    statics, erected = has_statics(scene.job), bool(scene.job.stages)
+    heated = scene.job.load is not None and scene.job.load.temperature and not statics
+    if scene.failure or (statics if erected else scene.form):
+        return []
+    residual, force = scene.build_up.left if erected else (scene.residual, scene.reference)
+    rounding = ROUNDING * float(scene.model.net.EA.max(initial=0.0))
+    unbalanced = residual > max((FAR_OFF if statics or erected else AT_REST) * force, rounding)
+    if not ((heated and not erected) or unbalanced):
+        return []
+    figures = f"largest residual {residual:.3g} N, largest tension {force:.3g} N"
+    if not statics:
+        return [f"note: the start is not in equilibrium: {figures}"]
+    return [
+        f"note: the net as given is not in equilibrium with its prestress: {figures}; displacements count "
+        "from there, and forces change before a load acts; [form_finding] finds an equilibrium"
+    ]
+
+
+def stages(job: Job) -> list[str]:
+    """Return the stages of the job in order, in words."""
+    names = []
+    if job.form_finding:
+        names.append(f"form finding ({job.form_finding.method})")
+    if job.targets:
+        names.append(f"{len(job.targets)} targets")
+    if job.stages:
+        names.append(f"erection ({len(job.stages)} stages)")
+    statics = [f"{job.load.steps} load steps"] if job.load and job.load.steps else []
+    statics += [f"{len(job.cases)} cases"] if job.cases else []
+    if statics:
+        names.append(f"statics ({', '.join(statics)})")
+    if words := rest_words(job):
+        names.append(words)
+    if job.dynamics:
+        names.append(f"dynamics ({job.dynamics.duration:g} s)")
+    return names or ["none: the net alone"]
+
+
+def feature_words(job: Job, model: Model) -> str:
+    """List the features of the problem, in words."""
+    features, load = features_of(job, model.layout.net, model.layout.slides), job.load
+    table = (
+        ("yield", features.plastic),
+        ("fracture", features.fracture),
+        ("wind", features.wind),
+        ("damping", bool(job.dynamics and job.dynamics.damping)),
+        ("self weight", bool(load and load.self_weight)),
+        ("dead load", any(job.loads("dead"))),
+        ("snow", any(job.loads("snow"))),
+        ("static pressure", any(value is not None for value in job.loads("pressure"))),
+        ("temperature", bool(load and load.temperature)),
+        ("elastic supports", features.springs),
+        ("supports that move", features.motion),
+        ("damping over a band", bool(features.band)),
+        ("slip over nodes", features.slip),
+        ("air damping", features.air),
+        ("air that moves along", features.air_mass),
+        (f"{features.strain} strain", features.strain != Features.strain),
+        ("broken elements taken out", features.fracture and not features.fragments),
+    )
+    return ", ".join(word for word, present in table if present) or "elastic elements alone"
+
+
+def limit_line(limit: Limit, model: Model) -> str:
+    """Return the line on a limit of the time step."""
+    meaning = {
+        "any_shape": "stable step, intact, in any shape",
+        "slackening": "step for cables that go slack and come taut again",
+        "after_fracture": "stable step after any fracture",
+        "assembled": "stable step of the net as it starts, all cables taut",
+        "slip": "step at which slips need no more than a fiftieth of the mass that moves with them",
+    }[limit.name]
+    if limit.element < 0:
+        return f"{meaning}: no limit"
+    return f"{meaning}: {limit.dt:.4g} s, set by element {model.element_name(limit.element)}"
+
+
+def job_remarks(model: Model, job: Job) -> list[str]:
+    """Return the warnings on changed defaults, and the notes on what is plausible but odd in a job."""
+    return default_warnings(job, model.net) + [f"note: {note}" for note in model.notes]
+
+
+def notes_of(scene: Scene) -> list[str]:
+    """Return the warnings and notes that precede a run, for its result file; on rank 0."""
+    remarks = start_notes(scene) + (remarks_of(scene) if scene.schedule else [])
+    marked = [line for line in remarks if line.startswith(("note:", "warning:"))]
+    return job_remarks(scene.model, scene.job) + marked
+
+
+def remarks_of(scene: Scene) -> list[str]:
+    """Return the warnings and notes on the wind, the time step and the probes."""
+    job, model = scene.job, scene.model
+    return wind_notes(job, model) + step_remarks(scene) + probe_remarks(model, job.output.probes)
+
+
+def probe_remarks(model: Model, probes) -> list[str]:
+    """Return notes on probes far from all nodes, or at a place in plan that several nodes share.
+
+    A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no notes.
+    probes : of the job
+    """
+    net, remarks = model.net, []
+    ends = model.x[net.elements]
+    longest = np.sqrt(np.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=1)).max(initial=0.0)
+    for probe, p in zip(probes, model.layout.probes.particles):
+        if isinstance(probe, int):
+            continue
+        axes, name = len(probe), ", ".join(f"{value:g}" for value in probe)
+        distance = np.linalg.norm(net.x[:, :axes] - np.array(probe), axis=1)
+        offset = float(distance[p])
+        equal = np.flatnonzero(distance <= offset + net.tolerance)
+        if axes == 2 and len(equal) > 1 and np.ptp(net.x[equal, :2], axis=0).max() <= net.tolerance:
+            remarks.append(
+                f"note: [output] probes: [{name}]: nodes {listed(net.node_id[equal])} lie above one another "
+                f"there; its histories are those of node {net.node_id[p]} ([x, y, z] or an id tell)"
+            )
+        if offset > longest:
+            at = ", ".join(f"{value:.6g}" for value in net.x[p, :axes])
+            remarks.append(
+                f"note: [output] probes: [{name}] is {offset:.4g} m away from every node, the longest "
+                f"element {longest:.4g} m long; its histories are those of node {net.node_id[p]}, at [{at}]"
+            )
+    return remarks
+
+
+def step_remarks(scene: Scene) -> list[str]:
+    """Return remarks on added mass, slip inertia, damping over a band and a fixed time step."""
+    job, dt, remarks = scene.job, scene.schedule.long_dt, []
+    if scene.model.added is not None:
+        remarks.append(_added_mass(scene.model))
+    if job.slides:
+        remarks.append(inertia_line(scene.model, dt))
+    if job.dynamics.damping_ratio:
+        added_stiffness = stiffening(band_of(job)) - 1.0
+        remarks.append(
+            f"note: damping_ratio = {job.dynamics.damping_ratio:g} holds what vibrates in its band and above "
+            f"by up to {added_stiffness:.1%} more stiffness of elements; tensions, also beside a "
+            "strength, are those without it, so by up to that share of their swing less than elements carry"
+        )
+    end = step_at(job.dynamics.duration, dt) * dt
+    if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
+        remarks.append(
+            f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
+            f"t = {end:.6g} s"
+        )
+    limit = scene.limits["slackening"]
+    if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
+        element, length = scene.model.net.element_id[limit.element], scene.model.L0[limit.element]
+        remarks.append(
+            f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables "
+            f"that go slack and come taut again gain energy (first: element {element}, {length:.3g} m): "
+            "it is right as long as short cables stay taut"
+        )
+    return remarks
+
+
+def _added_mass(model: Model) -> str:
+    """Return the line on mass scaling."""
+    added, own_mass = model.added, model.mass - model.added
+    worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
+    return (
+        f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "
+        f"particles, {added.sum() / own_mass[model.net.moves].sum():.2%} of what moves; at most "
+        f"{added[worst] / own_mass[worst]:.2g} times a particle's own (node {model.net.node_id[worst]})"
+    )

@@ -1,0 +1,86 @@
+"""Messages on sliding cables in the dynamic stage."""
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.model.model import Model
+from netfall.model.schedule import slip_movers
+from netfall.physics.slip.inertia import MOST_ADDED, added_share, slip_inertia
+from netfall.physics.slip.law import LEAST
+
+UNLIKE = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no note
+CHANGED = 0.1  # share of the length of a free segment; a larger change by slip gives a note
+
+
+def inertia_line(model: Model, dt: float) -> str:
+    """Say whether slips get more inertia, for steps of dt [s], than the cable has."""
+    slides, movers = model.layout.slides, slip_movers(model)
+    ratio = slip_inertia(movers.own, movers.stiffness, dt) / movers.own
+    increased, worst, share = int((ratio > 1.0).sum()), int(np.argmax(ratio)), added_share(movers, dt)
+    if not increased:
+        return f"slip: {slides.count} slip points, with the inertia of the cable there"
+    node = model.net.node_id[slides.node[worst]]
+    line = (
+        f"slip: the step adds inertia at {increased} of {slides.count} slip points, up to {ratio[worst]:.3g} "
+        f"times that of the cable (node {node}), in all at most {share:.2%} of the mass that moves. Slip is "
+        "slower by up to as much, and by more where a cable tears"
+    )
+    return f"warning: {line}. Halve the step." if share > MOST_ADDED else line
+
+
+def unlike_notes(model: Model) -> list[str]:
+    """Return a note on slip points where tensions of the form differ by more than the slip resistance."""
+    slides, net, x = model.layout.slides, model.net, model.x
+    u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
+    u, w = (vector / lengths(vector)[:, None] for vector in (u, w))
+    turn = 2.0 * np.arctan2(lengths(u + w), lengths(u - w))
+    N = model.N[np.stack([slides.before, slides.after])]
+    slip_resistance = slides.resistance + np.maximum(N.min(0), 0.0) * np.expm1(slides.friction * turn)
+    excess = np.abs(N[1] - N[0]) - slip_resistance
+    slips, worst = excess > UNLIKE * np.abs(N).max(0), int(np.argmax(excess))
+    if not slips.any():
+        return []
+    return [
+        f"note: [[slide]]: in the form tensions differ by more than holds them at {int(slips.sum())} of "
+        f"{slides.count} places, over node {net.node_id[slides.node[worst]]} {N[0, worst]:.4g} and "
+        f"{N[1, worst]:.4g} N: cables slip there before a load acts, and forces are others then; constant "
+        "tension ([form_finding] modulus_factor = 0) gives a cable one tension on both sides"
+    ]
+
+
+def slip_lines(model: Model, time: np.ndarray, slide) -> list[str]:
+    """Return lines on slip in the dynamic stage, strongly changed free segments and cables that ran out.
+
+    time : (t,) [s]; slide : datasets of /slide
+    """
+    slides, net = model.layout.slides, model.net
+    slip, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
+    row, point = np.unravel_index(np.argmax(np.abs(slip)), slip.shape)
+    if slip[row, point] == 0.0:
+        return ["slip in motion: none"]
+    slipped = int((slip != 0.0).any(0).sum())
+    lines = [
+        f"slip in motion: at {slipped} of {slides.count} places, at most {slip[row, point]:.4g} m, "
+        f"over node {net.node_id[slides.node[point]]} by t = {time[row]:.4g} s"
+    ]
+    adjoining, inside = np.concatenate([slides.before, slides.after]), slides.segment >= 0
+    length = np.bincount(slides.segment[inside], model.L0[inside])
+    change = np.zeros((len(length), len(time)))
+    np.add.at(change, slides.segment[adjoining], np.concatenate([-slip.T, slip.T]))
+    share = np.abs(change).max(1) / length
+    worst = int(np.argmax(share))
+    if share[worst] > CHANGED:
+        name = model.element_name(int(adjoining[slides.segment[adjoining] == worst][0]))
+        lines.append(
+            f"note: slip changed the length of the free segment with element {name} by {share[worst]:.0%}: "
+            "masses, weights and the limit of the step are those of the lengths at the start"
+        )
+    if not np.isnan(stopped).all():
+        first = int(np.nanargmin(stopped))
+        node = net.node_id[slides.node[first]]
+        lines.append(
+            f"note: at t = {stopped[first]:.6g} s a cable had run over node {node} "
+            f"until {LEAST:.0%} of its free segment was left, where its end stops it; so at "
+            f"{int((~np.isnan(stopped)).sum())} places in all"
+        )
+    return lines

@@ -1,0 +1,376 @@
+"""Lowest natural periods and modes of a net about an equilibrium, and its damping ratios.
+
+Small vibrations about the equilibrium satisfy K u = omega^2 M u with the tangent stiffness K of all elements:
+
+    k = dN/dL of the elastic law along an element, N / L across it, and the springs of supports.
+
+Slack cables and elements that a stage of erection took out have no stiffness. Bars buckled at Euler's load
+have none along their axis. Elements that have yielded respond elastically. Cables run over frictionless
+pulleys and stick at friction and clamps. Shift-invert Lanczos (ARPACK) runs on rank 0 about a shift just
+below zero, from a fixed start vector. Mass-proportional damping, v' = -zeta v, has the damping ratio zeta /
+(2 omega) = zeta T / (4 pi).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from netfall.core.rotation import from_own, to_own
+from netfall.core.stop import NEVER
+from netfall.geometry.net import GRAVITY, Net
+from netfall.geometry.turned import springs_along, turned_column
+from netfall.job.derived import air_moves, has_statics, rests_at_loss
+from netfall.job.job import Job
+from netfall.job.values import listed
+from netfall.model.model import Model
+from netfall.physics.air import rooted
+from netfall.physics.law.branches import band_branches
+from netfall.physics.law.limits import REACHED
+from netfall.physics.law.measures import elastic_stiffness
+from netfall.run.equilibrium import committed, put_back, reference_force, settle
+from netfall.run.load_sequence import equilibria, loaded
+from netfall.run.problem import Desk, Outcome, Scene
+from netfall.statics.multigrid.joints import joint_tangent, with_joints
+from netfall.statics.multigrid.tangent import block_matrix, incidence_of
+from netfall.statics.slip import SlipTangent
+
+# of the largest diagonal of M^-1 K [-]: an omega^2 below it is rounding, the mode is a mechanism
+STILL = 1e-12
+SHIFT = 1e-11  # distance of the shift below zero, over the same [-], so that mechanisms can be found too
+DENSE = 300  # free axes up to which a dense solver finds all modes
+SPARE = 4  # modes computed in addition: equal periods come in pairs, none of which may be missed
+LOOSE = 1e-9  # stiffness over that of a segment [-] that holds a closed cable, which could run round freely
+GOLDEN = 0.6180339887498949
+MODES = 6  # that `check` prints
+LARGEST = 50_000  # elements up to which `check` prints modes
+MOVING = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
+REST = {"step": "the static loads", "at once": "the constant loads", "rest": "the mean wind"}
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of lowest omega^2, ascending.
+
+    period : (k,) [s]; inf: no stiffness, a mechanism; nan: omega^2 < 0, the equilibrium is unstable
+    shape : (k, n, 3), the largest displacement of a node is 1, its largest component positive
+    effective_mass : (k, 3) share of the mass that moves along each axis: (u.M e)^2 / (u.M u) / (e.M e), u the
+        shape, e the unit motion along the axis (Chopra, Dynamics of Structures, 13.2)
+    stretch : (k,) axial stiffness of the elements over the whole stiffness in the mode; the rest is prestress
+    unstable : number of negative omega^2 of the net
+    """
+
+    period: np.ndarray
+    shape: np.ndarray
+    effective_mass: np.ndarray
+    stretch: np.ndarray
+    unstable: int
+
+    def damping_ratio(self, zeta: float) -> np.ndarray:
+        """Compute the damping ratio (k,) of mass-proportional damping zeta [1/s] in each mode."""
+        if zeta == 0.0:  # also for a mechanism, whose period is infinite
+            return np.where(np.isnan(self.period), np.nan, 0.0)
+        return zeta * self.period / (4.0 * np.pi)
+
+
+def modes_at(
+    x,
+    net: Net,
+    N,
+    L0,
+    mass,
+    count: int,
+    strain: str = "engineering",
+    joints=None,
+    slip: SlipTangent | None = None,
+    carries=True,
+) -> Modes:
+    """Compute the lowest modes of a net at x (n, 3) [m] with axial forces N (m,) [N]; mass : (n,) [kg].
+
+    L0 : (m,) [m]; count : largest number of modes; strain : its measure; joints : `Joints` of bending chains
+    slip : `SlipTangent` of sliding cables; carries : (m,) bool, elements in the net and not buckled
+    """
+    from scipy.sparse import diags_array  # imported here: it takes 0.2 s to load
+
+    moves = np.flatnonzero((~net.fixed & (mass > 0.0)[:, None]).ravel())
+    if not len(moves):
+        return Modes(np.zeros(0), np.zeros((0, net.n, 3)), np.zeros((0, 3)), np.zeros(0), 0)
+    vectors_along = x[net.elements[:, 1]] - x[net.elements[:, 0]]
+    L = np.linalg.norm(vectors_along, axis=1)
+    stiffness = elastic_stiffness(net.EA, L0, L, strain)
+    axial = np.where(((N > 0.0) | net.bar) & carries, stiffness, 0.0)
+    free = np.ones((net.n, 3), bool)  # held axes are left out below
+    number = np.arange(net.n)
+    K = block_matrix(
+        net.elements,
+        vectors_along / L[:, None],
+        axial,
+        N / L,
+        free,
+        springs_along(net),
+        np.zeros(net.n),
+        number,
+        incidence_of(net.elements, number, net.n),
+        net.n,
+        between=None if net.angle is None else turned_column(net, net.fixed)[:, 2],
+    )
+    if joints is not None:
+        K = with_joints(K, joint_tangent(x, joints, np.zeros(net.n)), free, number)
+    if slip is not None:
+        K = _with_slips(K, slip, net.elements)
+    unit_motions, K = _in_own_axes(net, K)
+    root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
+    scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
+    values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
+    threshold = STILL * scaled.diagonal().max()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        periods = 2.0 * np.pi / np.sqrt(np.where(np.abs(values) <= threshold, 0.0, values))
+    unit_motion = (1.0 / root)[:, None] * unit_motions[moves]  # vectors are M^1/2 u, of length 1
+    share = (vectors.T @ unit_motion) ** 2 / np.maximum((unit_motion**2).sum(0), np.finfo(float).tiny)
+    shape = np.zeros((len(values), 3 * net.n))
+    shape[:, moves] = (vectors * root[:, None]).T
+    shape = _scaled(np.array([from_own(mode, net.angle) for mode in shape.reshape(-1, net.n, 3)]))
+    difference = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
+    elongation = np.sum(difference * (vectors_along / L[:, None]), axis=2)
+    modal_stiffness = np.maximum(values, threshold) * (np.sum(shape**2, axis=2) @ mass)
+    stretch = np.divide(
+        elongation**2 @ axial, modal_stiffness, out=np.zeros(len(values)), where=modal_stiffness > 0.0
+    )
+    return Modes(periods, shape, share, stretch, unstable)
+
+
+def _in_own_axes(net: Net, K):
+    """Return unit motions (3 n, 3) along x, y and z, and the stiffness K, in the axes of the supports."""
+    along = [to_own(np.tile(unit, (net.n, 1)), net.angle) for unit in np.eye(3)]
+    rotations = np.stack(along, axis=-1)  # (n, 3, 3), of each node
+    if net.angle is not None:
+        from scipy.sparse import bsr_array  # imported here: it takes 0.2 s to load
+
+        rotation = bsr_array((rotations, np.arange(net.n), np.arange(net.n + 1)))
+        K = rotation @ K @ rotation.T
+    return rotations.reshape(-1, 3), K
+
+
+def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
+    """Subtract the effect of slip from the stiffness K (3 n, 3 n) of a net whose cables stick.
+
+    elements : (m, 2). See `statics.slip`. Weights do not follow slips, as in the dynamic stage.
+    """
+    from scipy.sparse import coo_array, diags_array, eye_array
+    from scipy.sparse.linalg import spsolve
+
+    chains, q, k = slip.slips.chains, len(slip.coupling), len(slip.way)
+    sides = np.concatenate([chains.into[chains.segment], chains.out[chains.segment]])
+    e = np.tile(np.arange(q), 2)
+    slips = (sides >= 0) & (slip.way[sides] != 0)
+    # derivative of the unstressed length by the slips at both ends of the element's segment
+    derivative = np.concatenate([chains.share, -chains.share])
+    length_by_slip = coo_array((derivative[slips], (e[slips], sides[slips])), (q, k)).tocsr()
+    ends = np.where(chains.along[:, None] > 0, elements[chains.element], elements[chains.element, ::-1])
+    pull = slip.coupling[:, None] * slip.direction
+    axes = (3 * ends[:, :, None] + np.arange(3)).ravel()
+    pulls = (np.stack([-pull, pull], axis=1).ravel(), (axes, np.repeat(np.arange(q), 6)))
+    force_by_slip = coo_array(pulls, (K.shape[0], q)).tocsr() @ length_by_slip
+    rows = np.flatnonzero(np.diff(force_by_slip.indptr))
+    if not len(rows):
+        return K
+    slip_stiffness = length_by_slip.T @ diags_array(slip.stiffness) @ length_by_slip
+    slip_stiffness = slip_stiffness + LOOSE * slip_stiffness.diagonal().max() * eye_array(k)
+    reduction = (force_by_slip[rows] @ spsolve(slip_stiffness.tocsc(), force_by_slip[rows].T.tocsc())).tocoo()
+    return K - coo_array((reduction.data, (rows[reduction.row], rows[reduction.col])), K.shape)
+
+
+def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return the `count` lowest values and vectors of a symmetric matrix, and the number of negative values.
+
+    If values are far below zero, the result has those closest to zero.
+    """
+    size, top = matrix.shape[0], float(np.abs(matrix.diagonal()).max())
+    if size <= max(DENSE, 4 * (count + SPARE)) or top == 0.0:
+        values, vectors = np.linalg.eigh(matrix.toarray())
+        return values[:count], vectors[:, :count], int((values < -SHIFT * top).sum())
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+    shift = -SHIFT * top
+    factors = splu(
+        (matrix - shift * eye_array(size)).tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    unstable = int((factors.U.diagonal() < 0.0).sum())  # Sylvester's law of inertia
+    values, vectors = eigsh(
+        matrix,
+        count + SPARE,
+        sigma=shift,
+        OPinv=LinearOperator(matrix.shape, factors.solve),
+        v0=(np.arange(1, size + 1) * GOLDEN) % 1.0 - 0.5,
+    )
+    order = np.argsort(values, kind="stable")[:count]
+    return values[order], vectors[:, order], unstable
+
+
+def _scaled(shape: np.ndarray) -> np.ndarray:
+    """Scale shapes (k, n, 3) so that the largest displacement is 1 and their largest component positive."""
+    flat = shape.reshape(len(shape), -1)
+    largest = np.take_along_axis(flat, np.abs(flat).argmax(1)[:, None], 1)
+    size = np.linalg.norm(shape, axis=2).max(1) * np.sign(largest[:, 0])
+    return shape / size[:, None, None]
+
+
+NAME = "modes"
+
+
+def required(job: Job) -> bool:
+    """Return whether the job asks for modes."""
+    return bool(job.output.modes)
+
+
+def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+    """Compute the modes about the last equilibrium of the statics and write /modes. Collective."""
+    if not context.saver.is_past(NAME):
+        with context.phases.phase(NAME):
+            modes = modes_now(scene, scene.job.output.modes)
+            context.result.write_whole(NAME, modes and modes_section(scene.job, scene.model, modes))
+    return Outcome()
+
+
+def modes_now(scene: Scene, count: int) -> Modes | None:
+    """Compute the lowest modes of the net in its present state, on rank 0, None elsewhere. Collective."""
+    gather, state, model = scene.distribution.gather_elements, scene.state, scene.model
+    x = scene.distribution.gather_particles(state.x)
+    N, L0, EA = gather(state.elements_now().N), gather(state.L0), gather(state.EA)
+    slip = scene.finder.slips and scene.finder.slips.tangent_at_rest()
+    if model is None:
+        return None
+    # otherwise taken out in a stage of erection, or buckled
+    carries = (EA > 0.0) & (-N < REACHED * model.euler)
+    strain = state.features.strain
+    return modes_at(x, model.net, N, L0, model.mass, count, strain, model.joints, slip, carries)
+
+
+def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]:
+    """Return the datasets of /modes."""
+    section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
+    if job.dynamics:
+        section["damping_ratio"] = mass_damping(job, model, modes)
+    if job.dynamics and job.dynamics.damping_ratio:
+        section["band_damping_ratio"] = band_damping(job, modes)
+    if model.air is not None:
+        section["air_damping_ratio"] = air_damping(job, model, modes)
+    return section
+
+
+def mode_lines(job: Job, scene: Scene) -> list[str]:
+    """Return the text of `check` on modes and damping. Changes the state. One rank."""
+    if scene.model.net.m > LARGEST:
+        return [f"modes: left out, for the net has more than {LARGEST} elements"]
+    place = go_to_rest(job, scene)
+    modes = modes_now(scene, MODES)
+    if not len(modes.period):
+        return []
+    lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(scene.model, modes)
+    return lines + (_damping_lines(job, scene.model, modes) if job.dynamics else [])
+
+
+def go_to_rest(job: Job, scene: Scene) -> str:
+    """Bring the state to the last equilibrium of the run, if it has one; return its name. One rank.
+
+    The full load is applied at once, in contrast to the steps of a run.
+    """
+    requests = (
+        [request for request in equilibria(scene) if request.each.kind in REST] if has_statics(job) else []
+    )
+    if not requests:
+        return "in the initial state, without loads"
+    last = loaded(scene, requests[-1])
+    start, loads = committed(scene.state), "all loads" if rests_at_loss(job) else REST[last.kind]
+    if not settle(scene, last, reference_force(scene, last), NEVER).carries:
+        put_back(scene.state, start)
+        return f"in the initial state (no rest was found under {loads})"
+    return f"at rest under {loads}"
+
+
+def _notes(model: Model, modes: Modes) -> list[str]:
+    """Return notes on modes without stiffness and with negative stiffness."""
+    notes = []
+    unstable = f"are not stable ({modes.unstable} of the net)"
+    kinds = (np.isinf(modes.period), "have no stiffness (mechanisms)"), (np.isnan(modes.period), unstable)
+    for selected, words in kinds:
+        if selected.any():
+            moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
+            nodes = listed(model.net.node_id[moves_most])
+            notes.append(f"modes: {int(selected.sum())} of these {words}: nodes {nodes} move most")
+    return notes
+
+
+def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
+    """Return the text on the damping ratio of each kind of damping, and on free fall with mass damping."""
+    zeta, air = job.dynamics.damping, ", without the air that moves along" * air_moves(job)
+    lines = [
+        f"damping: damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the critical in "
+        f"them (damping x period / 4 pi{air})"
+    ]
+    if zeta:
+        lines.append(
+            f"falling: damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
+            f"g / damping = {GRAVITY / zeta:.4g} m/s"
+        )
+    if job.dynamics.damping_ratio:
+        lines.append(
+            f"damping: damping_ratio is {_percent(band_damping(job, modes))} in them: it acts on the stretch "
+            f"of elements, {_percent(modes.stretch)} of their stiffness; the rest is prestress"
+        )
+    if job.wind is None or not np.isfinite(modes.period).any():
+        return lines
+    if model.air is not None:
+        percent = _percent(air_damping(job, model, modes))
+        lines.append(f"damping: that of the air is {percent} at the mean wind")
+    elif not job.wind.pressures:
+        percent = _percent(air_damping(job, model, modes, kappa=1.0))
+        lines.append(
+            f"damping: the air's own is left out; it would be of the order of {percent} "
+            "([wind] air_damping = 1)"
+        )
+    return lines
+
+
+def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
+    """Compute the damping ratio (k,) of `damping`, which does not act on the added mass of the air."""
+    ratio = modes.damping_ratio(job.dynamics.damping)
+    if model.air_mass is None:
+        return ratio
+    square = np.sum(modes.shape**2, axis=2)
+    return ratio * ((square @ model.own_mass) / (square @ model.mass))
+
+
+def band_damping(job: Job, modes: Modes) -> np.ndarray:
+    """Compute the damping ratio (k,) of `damping_ratio`, which acts on the axial stiffness alone."""
+    alpha, tau = np.reshape(band_branches(job.dynamics.damping_ratio, *job.dynamics.damping_band), (2, -1))
+    phase = 2.0 * np.pi / modes.period[:, None] * tau
+    return 0.5 * modes.stretch * np.sum(alpha * phase / (1.0 + phase * phase), axis=1)
+
+
+def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:
+    """Compute the aerodynamic damping ratio (k,) at the mean wind.
+
+    sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `physics.air`; kappa : for the whole roof, None: as set
+    """
+    speed = np.ones(model.net.n)  # for pressures at taps the speed is contained in c
+    if not job.wind.pressures:
+        field, gust = model.wind_field, model.history.mean_gust
+        speed = np.abs(field.mean + np.sum(field.weight * gust[field.corner], axis=1))
+    c = model.air if kappa is None else rooted(kappa * job.wind.air_density * model.roof.vector)
+    modal_damping = np.sum(modes.shape * c, axis=2) ** 2 @ speed
+    modal_mass = np.sum(modes.shape**2, axis=2) @ model.mass
+    return modal_damping / modal_mass * modes.period / (4.0 * np.pi)
+
+
+def _row(values: np.ndarray) -> str:
+    """Format numbers for one line of text."""
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def _percent(shares: np.ndarray) -> str:
+    """Format shares as per cent for one line of text."""
+    return f"{_row(100.0 * shares)} %"

@@ -1,0 +1,125 @@
+"""Arguments of every stage of a run, problem definition and run context, and the outcome of a stage."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import DivergedError
+from netfall.core.progress import Progress
+from netfall.core.stop import NEVER, StopRequest
+from netfall.core.timings import Phases
+from netfall.job.cache import FORGETFUL, Memory
+from netfall.job.job import Job
+from netfall.model.model import Model
+from netfall.model.schedule import Schedule
+from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
+from netfall.physics.events import EventLog
+from netfall.physics.stability import Limit
+from netfall.physics.state import State
+from netfall.results.saver import Saver
+from netfall.results.writer import Result
+from netfall.statics.form.find import Form
+from netfall.statics.free_segments import cable_chains_of
+from netfall.statics.slip import Slips
+from netfall.statics.solver import Finder
+
+
+@dataclass(frozen=True)
+class BuildUp:
+    """Record of how the initial state follows from the form-found geometry.
+
+    Arrays on rank 0.
+
+    base : the model in the form-found geometry; form : in which the erection began, None: no erection
+    form_sections : datasets of /form_finding; sections : of other groups of the file; labels : attributes
+    lines : to print; records : of checkpoints, by name; failure : error that ends the build-up, None: none
+    left : largest residual and tension [N] under [load] at the end of the last stage of erection
+    """
+
+    base: Model | None
+    form: Model | None = None
+    form_sections: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sections: Mapping[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    labels: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    lines: Sequence[str] = ()
+    records: Mapping[str, tuple[dict, dict[str, np.ndarray]]] = field(default_factory=dict)
+    failure: DivergedError | None = None
+    left: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Problem definition of a run on one rank: the job with all that is needed to step.
+
+    model : on rank 0, None elsewhere; finder : of equilibria of the state; digest : of job and net
+    residual : [N], of the prestressed net with the real material
+    reference : [N], largest tension of what can move, in the initial state
+    build_up : how it follows from the form, None: it is the form
+    limits : of the step, by name; schedule : of the dynamic stage, None: the job has none
+    """
+
+    comm: MPI.Comm
+    job: Job
+    model: Model | None
+    distribution: Distribution
+    halo: Halo
+    state: State
+    finder: Finder
+    form: Form | None
+    residual: float
+    reference: float
+    digest: str
+    limits: dict[str, Limit] = field(default_factory=dict)
+    schedule: Schedule | None = None
+    build_up: BuildUp | None = None
+
+    @property
+    def failure(self) -> DivergedError | None:
+        """Return the error for which the run cannot continue from its initial state, None: it can."""
+        return self.build_up and self.build_up.failure
+
+
+def let_slip(scene: Scene) -> None:
+    """Set up sliding cables for the equilibria of the scene, if there are any. Collective."""
+    if scene.state.features.slip:
+        layout = scene.model and scene.model.layout
+        chains = scene.comm.bcast(layout and cable_chains_of(layout.slides, layout.net.own_weight))
+        scene.finder.slips = Slips(scene.distribution, scene.state, chains)
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Run context of a stage on one rank: output, progress, checkpoints.
+
+    stop : stop flag; memory : cache of results that runs in this process share
+    watch : is called with the state and snapshot of each equilibrium
+    """
+
+    log: EventLog
+    result: Result
+    saver: Saver
+    progress: Progress
+    phases: Phases
+    stop: StopRequest = NEVER
+    memory: Memory = FORGETFUL
+    watch: Callable[[State, Any], None] = lambda *_: None
+
+
+class Outcome(NamedTuple):
+    """Outcome of a stage.
+
+    result : for stages after it, and for a study; lines : printed at its end
+    sections : its small datasets by group of the file, on rank 0; attributes : of /provenance, likewise
+    labels : attributes of groups of the file, likewise; failure : error that ends the run, None: it continues
+    """
+
+    result: Any = None
+    lines: Sequence[str] = ()
+    sections: Mapping[str, dict[str, np.ndarray]] = {}
+    attributes: Mapping[str, Any] = {}
+    labels: Mapping[str, dict[str, Any]] = {}
+    failure: DivergedError | None = None

@@ -1,0 +1,85 @@
+"""Origin of a result: job, versions, ranks, partition, limits."""
+
+import platform
+
+import h5py
+import mpi4py
+import numba
+import numpy as np
+
+import netfall
+from netfall.model.model import Model
+from netfall.parallel import partition
+from netfall.parallel.mpi import MPI
+from netfall.results.h5 import PARALLEL
+from netfall.run.messages.run import moved_lines, notes_of
+from netfall.run.problem import Scene
+
+
+def how_it_writes() -> str:
+    """Return the MPI library and the kind of HDF5 in use, as text."""
+    library = MPI.Get_library_version().split(",")[0].split("\n")[0].strip()
+    way = "parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)"
+    return f"{library}, {way}"
+
+
+OF_TABLES = (  # columns of the net that /net lacks or contains in another form
+    *("load", "mass", "area", "normal", "section", "modulus", "density", "yield_stress"),
+    *("breaking_load", "fracture_strain"),
+)
+
+
+def net_record(model: Model) -> dict[str, np.ndarray]:
+    """Return the data that /net lacks to write the tables of the same net. A constant column has one row."""
+    columns = {name: getattr(model.net, name) for name in OF_TABLES} | {"spring_rest": model.spring_rest}
+    compressed = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
+    rings = model.layout.roofing.faces.rings
+    face = np.arange(len(rings)) if rings.face is None else rings.face
+    bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
+    return compressed | bounds | {"corners": model.net.corners}
+
+
+def _alike(values: np.ndarray) -> bool:
+    return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
+
+
+def provenance_of(scene: Scene) -> dict:
+    """Return the attributes and texts of /provenance; complete on rank 0."""
+    job, model = scene.job, scene.model
+    values = {
+        "job": job.text,
+        "job_name": job.name,
+        "job_folder": str(job.path.parent.resolve()),
+        "overrides": "\n".join(job.overrides),
+        "job_digest": scene.digest,
+        "title": job.title,
+        "strain": job.cable.strain,
+        "netfall": netfall.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "mpi4py": mpi4py.__version__,
+        "h5py": h5py.__version__,
+        "hdf5": h5py.version.hdf5_version,
+        "mpi": MPI.Get_library_version().split("\n")[0].strip("\x00 "),
+        "writing": how_it_writes(),
+        "ranks": scene.comm.size,
+        "exit_state": "finished",
+    }
+    if model is None:
+        return values
+    values |= {
+        "partition": model.layout.partition_source,
+        "metis_seed": partition.SEED,
+        "edge_cut": partition.edge_cut(model.net.elements, model.layout.part),
+        "net": net_record(model),
+        "notes": "\n".join(notes_of(scene)),
+    }
+    if scene.form:
+        values["form"] = "\n".join(moved_lines(scene))
+    if model.added is not None:
+        values["added_mass"] = float(model.added.sum())
+    if scene.schedule:
+        for name, limit in scene.limits.items():
+            values |= {f"limit_{name}": limit.dt, f"limit_{name}_element": limit.element}
+    return values

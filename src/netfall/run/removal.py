@@ -1,0 +1,248 @@
+"""Member removal in the dynamic stage, [[remove]]: its time, and its effect on tensions.
+
+At its step the elements leave the net (`physics.removal`). Their tensions remain as fading forces on their
+ends (`varying_loads.FadingLoad`), and the extremes of every element's tension over all steps start again. The
+loads inside a removed cable go to its ends (`loads.redistribution`), both in the dynamic stage and in the
+equilibrium after the removal.
+"""
+
+import sys
+
+import numpy as np
+
+from netfall.loads.redistribution import Redistribution
+from netfall.loads.removal import Loss, leaving_then
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import rows_of
+from netfall.physics.events import EventLog
+from netfall.physics.law.branches import with_branches
+from netfall.physics.removal import EXTERNAL, INTERNAL, Carried, join, leave, lose_elements, push
+from netfall.results.writer import texts
+from netfall.run.problem import Scene
+from netfall.run.removed_equilibria import Rest, RestsAfter
+from netfall.run.varying_loads import FadingLoad
+
+# (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
+# broken elements.
+TENSIONS = ("before", "highest", "lowest", "rest", "after")
+NO_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no dynamic factor
+
+
+class Removal:
+    """Member removals of a run, and the tensions around them; these on rank 0."""
+
+    def __init__(self, scene: Scene, losses: list[Loss], after: RestsAfter | None, log: EventLog):
+        """after : of the stage `rests`, None: in a resumed run"""
+        self.distribution, self.losses, self.job = scene.distribution, losses, scene.job
+        self.model, self.log, self.dt, self.done = scene.model, log, scene.schedule.dt, 0
+        self.rests = after.rests if after else []
+        # m2, (n,) on rank 0, with areas redistributed so far
+        self.area = self.model and self.model.roof.area.copy()
+        gid, durations = (
+            self.distribution.subdomain.particle_gid,
+            [entry.duration for entry in self.job.removes],
+        )
+        entries = sorted({k for loss in losses for k in loss.entry.tolist()})
+        self.fades = {k: FadingLoad(gid, durations[k]) for k in entries if durations[k]}
+        self.tensions = None
+        if self.model:
+            self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSIONS}
+            if after is not None:
+                self.tensions["rest"][:], self.tensions["after"][:] = after.tension[:-1], after.tension[1:]
+
+    @property
+    def next_step(self) -> int:
+        """Return the step of the next removal; after the last: larger than every step."""
+        return self.losses[self.done].step if self.done < len(self.losses) else sys.maxsize
+
+    def happen(self, simulation) -> None:
+        """Carry out the removal that is due at the present step. Collective."""
+        state, loss = simulation.state, self.losses[self.done]
+        simulation.plan.collect_yield()
+        elements = state.elements_now()
+        self.close(state, elements.N)
+        simulation.envelope.take_in(simulation.time, state)
+        self._keep("before", self.done, state, elements.N)
+        gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
+        force = self._forces(state, loss, rows[rows >= 0], elements)
+        simulation.share_events()
+        particles, handed = self._leaving(self.done)
+        entries = [self.job.removes[k] for k in loss.entry.tolist()]
+        since, missing = missing_times(entries, simulation.time, simulation.before_dt, simulation.dt)
+        lose_elements(state, rows[rows >= 0], since[rows >= 0])
+        push(state, *ends_in(gid, loss.ends, missing[:, :1] * force), INTERNAL)
+        push(state, *ends_in(gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
+        self._join(state, handed)
+        leave(state, np.flatnonzero(np.isin(gid, particles)))
+        simulation.plan.attach(state)
+        self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
+        self._hand_over(simulation, handed)
+        simulation.loads.renew(state)
+        state.begin_extremes(elements.N)
+        self.done += 1
+        simulation.result.losses = self.done
+
+    def _rows(self, elements: np.ndarray) -> np.ndarray:
+        """Return the local rows of elements; -1: not on this rank."""
+        return rows_of(self.distribution.subdomain.element_gid, elements)
+
+    def _forces(self, state, loss: Loss, rows: np.ndarray, elements) -> np.ndarray:
+        """Compute the forces (k, 3) [N] of the removed elements on their start nodes, the same on every rank.
+
+        Elements that had broken before exert none. Collective.
+        """
+        force, N = np.zeros((len(loss.elements), 3)), with_branches(state, elements.N)
+        for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
+            a, b = state.ends[e]
+            k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
+            force[k] = N[e] / elements.L[e] * (state.x[b] - state.x[a])
+        self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # other ranks add zeros
+        return force
+
+    def _leaving(self, k: int) -> tuple[np.ndarray, Redistribution]:
+        """Return the particles that leave at removal k and the redistribution of their loads. Collective.
+
+        Takes into account which elements had broken before, by the log.
+        """
+        loss = self.losses[k]
+        broken = set(self.log.element[self.log.step < loss.step].tolist()) & set(loss.elements.tolist())
+        if not broken:
+            return loss.particles, loss.handed
+        result = leaving_then(self.model, self.losses, k, broken) if self.model else None
+        return self.distribution.comm.bcast(result)
+
+    def _join(self, state, handed: Redistribution) -> None:
+        """Move what particles inside removed cables carry to other particles. Collective."""
+        values = [getattr(state, name) for name in Carried._fields]
+        given = Carried(*(None if rows is None else handed.given(self.distribution, rows) for rows in values))
+        row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
+        is_local = row >= 0
+        join(state, row[is_local], handed.source[is_local], handed.share[is_local], given)
+
+    def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
+        """Start the fading tensions of a removal; force : (k, 3) [N] of the elements of each entry."""
+        for entry in sorted(set(loss.entry.tolist()) & set(self.fades)):
+            in_entry = loss.entry == entry
+            start = self.job.removes[entry].time
+            self.fades[entry].begin(
+                start, loss.ends[in_entry], force[entry], self._rows(loss.elements[in_entry])
+            )
+
+    def _hand_over(self, simulation, handed: Redistribution) -> None:
+        """Redistribute everything of the leaving particles that is not in the state. Collective."""
+        simulation.loads.hand_over(handed, self.distribution)
+        if simulation.tearing:
+            simulation.tearing.hand_over(handed)
+        if self.model:
+            handed.move(self.area, np.arange(self.model.net.n))
+
+    def close(self, state, N: np.ndarray) -> None:
+        """Record the extremes since the last removal. N : (m,) [N], at the end. Collective."""
+        if self.done:
+            is_broken = state.broken != 0  # its fragments have no strength
+            highest = np.where(is_broken, state.highest, np.maximum(state.highest, N))
+            self._keep("highest", self.done - 1, state, highest)
+            lowest = np.where(is_broken, np.nan, np.minimum(state.lowest, N))
+            self._keep("lowest", self.done - 1, state, lowest)
+
+    def _keep(self, name: str, k: int, state, rows: np.ndarray) -> None:
+        values = self.distribution.gather_elements(rows, state.owned.astype(bool))
+        if values is not None:
+            self.tensions[name][k] = values
+
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """Return the record that `restore` needs; the tensions and the fading forces on rank 0."""
+        forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
+        small = {"done": self.done, "rests": self.rests}
+        return small, {} if self.tensions is None else self.tensions | forces
+
+    def restore(self, small: dict, arrays: dict[str, np.ndarray] | None, simulation) -> None:
+        """Restore the record of an earlier run. arrays : on rank 0. Collective."""
+        self.done = small["done"]
+        self.rests = [Rest(state, tuple(elements)) for state, elements in small["rests"]]
+        if arrays:
+            self.tensions = {name: arrays[name] for name in TENSIONS}
+        for k, loss in enumerate(self.losses[: self.done]):
+            entries = sorted(set(loss.entry.tolist()) & set(self.fades))
+            force = {e: arrays[str(e)] for e in entries} if arrays else None
+            self._begin_fades(loss, self.distribution.comm.bcast(force))
+            self._hand_over(simulation, self._leaving(k)[1])
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Return the datasets of /removal, a row for each entry of the job. Rank 0."""
+        m, entries = self.model.net.m, self.job.removes
+        names = *(f"tension_{k}" for k in ("before", "highest", "lowest", "peak", "after")), "dynamic_factor"
+        datasets = {"time": np.array([entry.time for entry in entries]), "state": texts([""] * len(entries))}
+        datasets |= {name: np.full((len(entries), m), np.nan) for name in names}
+        is_removed, breaks = np.zeros(m, bool), []
+        for k, loss in enumerate(self.losses):
+            is_removed[loss.elements] = True
+            before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSIONS)
+            highest, lowest = np.where(is_removed, np.nan, highest), np.where(is_removed, np.nan, lowest)
+            peak = farthest(before, highest, lowest, after)
+            factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
+            for entry in loss.entries:
+                datasets["time"][entry] = loss.step * self.dt
+                datasets["state"][entry] = self.rests[k].state
+                breaks += [(e, entry) for e in self.rests[k].elements]
+                for name, row in zip(names, (before, highest, lowest, peak, after, factor)):
+                    datasets[name][entry] = row
+        empty = np.zeros(0, np.int64)
+        datasets["element"] = np.concatenate([empty, *(loss.elements for loss in self.losses)])
+        datasets["entry"] = np.concatenate([empty, *(loss.entry for loss in self.losses)])
+        pairs = np.array(breaks, np.int64).reshape(-1, 2)
+        return datasets | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
+
+
+def missing_times(entries: list, time: float, before: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return how long removed elements act outside the velocity updates of the steps: (k,), (k, 2) [s].
+
+    The elements are removed at a time [s]. The first result is the time since they stopped to act as
+    elements. The second is missing in the velocities, which contain the forces up to half a step ago. If an
+    entry has no duration, its elements act until its time. If it has one, the fading load must act by its
+    integral, but the velocity updates use its values at the steps. The correction makes the motion
+    second-order accurate in the step.
+
+    entries : of each element; before, dt : [s] the steps before and after
+    """
+    since, missing = np.full(len(entries), 0.5 * before), np.zeros((len(entries), 2))
+    for k, entry in enumerate(entries):
+        d, acts = entry.duration, entry.time + 0.5 * entry.duration - time + 0.5 * before
+        if d:
+            remaining = np.clip((entry.time + d - time - dt * np.arange(np.ceil(d / dt) + 1.0)) / d, 0.0, 1.0)
+            missing[k, 1] = acts - dt * remaining.sum() + 0.5 * (dt - before) * remaining[0]
+        else:
+            since[k], missing[k, 0] = time - entry.time, acts
+    return since, missing
+
+
+def ends_in(gid: np.ndarray, ends: np.ndarray, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows (r,) of the ends (k, 2) of elements among gid (n,), and impulses (r, 3) [N s] on them.
+
+    impulse : (k, 3) on the start of each
+    """
+    rows = rows_of(gid, ends.T.ravel())
+    return rows[rows >= 0], np.concatenate([impulse, -impulse])[rows >= 0]
+
+
+def farthest(before, highest, lowest, after) -> np.ndarray:
+    """Return the extremes (m,) most distant from `before` in the direction of `after`, or in both if nan.
+
+    For broken elements, whose lowest is nan, the highest counts.
+    """
+    rises = np.where(np.isnan(after), highest - before >= before - lowest, after >= before)
+    return np.where(rises | np.isnan(lowest), highest, lowest)
+
+
+def dynamic_factors(before, peak, rest, after) -> np.ndarray:
+    """Compute the dynamic factor (peak - before) / (after - before) (m,).
+
+    nan if a removal changes nothing, or if no equilibrium is known.
+    rest : (m,) [N] in the equilibrium before the removal, the reference of its change; before : in motion,
+        with gusts
+    """
+    change, is_known = after - before, ~np.isnan(after)
+    largest = max(np.abs(before).max(initial=0.0), np.abs(after[is_known]).max(initial=0.0))
+    difference = np.minimum(np.abs(change), np.abs(after - np.where(np.isnan(rest), before, rest)))
+    changes = is_known & (difference > NO_CHANGE * largest)
+    return np.divide(peak - before, change, out=np.full(len(before), np.nan), where=changes)

@@ -1,0 +1,234 @@
+"""A complete run: form finding, then one stage after another, one result file.
+
+The functions stand in the order of execution.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import netfall
+from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, Undecided
+from netfall.core.progress import Progress
+from netfall.core.stop import NEVER, StopRequest
+from netfall.core.timings import Phases
+from netfall.explicit.energy import take_snapshot
+from netfall.job.cache import FORGETFUL, Memory
+from netfall.job.derived import carries_permanent, settings_of
+from netfall.job.job import Job
+from netfall.loads.loads import load_section
+from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
+from netfall.physics.events import EventLog
+from netfall.results.checkpoint import Checkpoint
+from netfall.results.h5 import check_one_folder
+from netfall.results.locks import check_place, claim, followed, release
+from netfall.results.saver import Saver
+from netfall.results.warning_text import force_balance_warnings
+from netfall.results.writer import Result, net_section, slide_section
+from netfall.run import dynamics, modes, removed_equilibria, statics
+from netfall.run.messages.run import after_run, before_run, in_form
+from netfall.run.problem import BuildUp, Desk, Outcome, Scene
+from netfall.run.provenance import how_it_writes, provenance_of
+from netfall.run.ranks import ranks_notes
+from netfall.run.restart import register_result, restore_state
+from netfall.run.setup import prepare
+from netfall.run.static_outcome import NONE, UNDECIDED
+from netfall.statics.form.initial import FORM, INITIAL, initial_record
+from netfall.statics.reactions import Balance, balance_in_form
+
+STAGES = (statics, removed_equilibria, modes, dynamics)
+NAMES = (FORM, *(stage.NAME for stage in STAGES))
+
+
+def run_job(
+    comm: MPI.Comm,
+    job: Job,
+    path: Path,
+    progress: Progress,
+    restart: Path | None = None,
+    stop: StopRequest = NEVER,
+    profile: bool = False,
+) -> None:
+    """Run the stages that the job has and write the result file. Collective.
+
+    restart : a checkpoint to resume; stop : requests an early end; profile : time the parts of a step too
+
+    Raises InputError before anything is computed or written, DivergedError if a stage has no solution,
+    Interrupted after a checkpoint if `stop` requests it.
+    """
+    phases = Phases(profile)
+    path = comm.bcast(followed(path))
+    lock = on_root(comm, lambda: (check_place(path), claim(path))[1])
+    try:
+        check_one_folder(comm, path)
+        ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
+        progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {how_it_writes()}")
+
+        def report(iteration: int, residual: float) -> None:
+            progress.detail(f"form finding: iteration {iteration}, largest residual {residual:.3g} N")
+
+        scene, checkpoint = prepare(comm, job, phases, report, path, restart, stop)
+        before_run(scene, progress)
+        progress.say(*ranks_notes(scene))
+        context = desk_for(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
+        outcomes = run_stages(scene, context)
+        progress.end()
+        after_run(scene, context, outcomes, path)
+        raise_failure(context, outcomes)
+    finally:
+        if lock:
+            release(lock)
+
+
+def desk_for(
+    scene: Scene,
+    path: Path | None,
+    progress: Progress,
+    phases: Phases,
+    stop: StopRequest = NEVER,
+    memory: Memory = FORGETFUL,
+    given: Path | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Desk:
+    """Return the run context, with the parts of a resumed run. Collective.
+
+    path : of the result file, None: none is written
+    given : the checkpoint to resume; checkpoint : its contents, on rank 0
+    """
+    log, net, job = EventLog(scene.distribution.n), scene.model and scene.model.net, scene.job
+    result = Result(scene.comm, path, scene.distribution, net, log) if path else Unwritten(scene.comm)
+    saver = Saver(scene.comm, result, job.title or job.name, scene.digest, NAMES, given, checkpoint)
+    return Desk(log, result, saver, progress, phases, stop, memory)
+
+
+class Unwritten:
+    """A result with the interface of `result.Result` that discards everything."""
+
+    kept = False
+
+    def __init__(self, comm: MPI.Comm):
+        self.comm, self.file, self.losses = comm, self, 0
+
+    def _nothing(self, *_):
+        pass
+
+    write_frame = write_static_step = write_equilibrium = write_whole = _nothing
+    write_envelope = write_final = close = discard = discard_all = discard_after = _nothing
+
+
+def run_stages(scene: Scene, context: Desk) -> dict[str, Outcome]:
+    """Run the stages after form finding and write the result file. Return the outcomes by name. Collective.
+
+    The last outcome may have a `failure`: the file then contains the results until there.
+    """
+    outcomes = {FORM: of_form(scene)}
+    try:
+        context.progress.say(*outcomes[FORM].lines)
+        take_up(scene, context)
+        for stage in STAGES:
+            if stage.required(scene.job) and not scene.failure:
+                outcomes[stage.NAME] = stage.run(scene, context, outcomes)
+                context.progress.say(*outcomes[stage.NAME].lines)
+                if outcomes[stage.NAME].failure:
+                    break
+        if dynamics.NAME not in outcomes:
+            snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
+            context.result.write_frame(0.0, scene.state, snapshot)
+            context.result.write_final(scene.state, snapshot)
+        provenance = provenance_of(scene) if context.result.kept else {}
+        sections, attributes, labels = (
+            {name: value for outcome in outcomes.values() for name, value in getattr(outcome, kind).items()}
+            for kind in ("sections", "attributes", "labels")
+        )
+        times = context.phases.over_ranks(scene.comm)
+        context.result.close(sections, provenance | attributes, times, labels)
+    except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same
+        context.result.file.discard_all()
+        if isinstance(error, DivergedError):
+            error = context.saver.naming_the_last(error)
+        raise error from None
+    except OutputError as error:
+        context.result.discard_after(error, bool(context.saver.kept or context.saver.given))
+        raise context.saver.naming_the_last(error) from None
+    except BaseException:
+        context.result.file.discard()
+        raise
+    return outcomes
+
+
+def raise_failure(context: Desk, outcomes: dict[str, Outcome]) -> None:
+    """Raise the failure of the stage at which a run ended, if there is one. The result file is complete."""
+    for outcome in outcomes.values():
+        if outcome.failure:
+            raise context.saver.naming_the_last(outcome.failure)
+
+
+def take_up(scene: Scene, context: Desk) -> None:
+    """Register the states that belong to no stage, and restore those of a resumed run. Collective."""
+    if context.saver.given:
+        context.progress.say(f"going on from {context.saver.given}")
+    built = scene.build_up or BuildUp(scene.model)
+    for name, record in {INITIAL: initial_record(scene.form, built.base), **built.records}.items():
+        # `prepare` has restored the record of a resumed run.
+        context.saver.register(name, lambda record=record: record, lambda *_: None)
+    register_result(scene.comm, context.result, context.saver)
+    if context.saver.stage not in (None, FORM):
+        restore_state(scene.distribution, scene.state, context.saver.checkpoint)
+
+
+def of_form(scene: Scene) -> Outcome:
+    """Return the outcome of form finding, targets and stages of erection."""
+    built, failure, notes = scene.build_up or BuildUp(scene.model), scene.failure, []
+    balance = balance_of_form(scene) if scene.model and scene.form else None
+    if balance and "form_finding" not in built.labels:
+        notes = force_balance_warnings([("form", balance.unexplained)])
+    attributes = {"exit_state": UNDECIDED if isinstance(failure, Undecided) else NONE} if failure else {}
+    labels = built.labels if scene.model else {}
+    return Outcome(None, notes, initial_sections(scene, built, balance), attributes, labels, failure)
+
+
+def balance_of_form(scene: Scene) -> Balance:
+    """Compute the balance of the form under its load. Rank 0."""
+    model, tolerance = in_form(scene), settings_of(scene.job).tolerance
+    if scene.job.form_finding:
+        tolerance = max(tolerance, scene.job.form_finding.tolerance)
+    load = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
+    return balance_in_form(model, load, scene.residual, tolerance)
+
+
+def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
+    """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
+    model, form = scene.model, scene.form
+    if model is None:
+        return {}
+    net = replace(model.net, density=build_up.base.net.density)  # erection sets 0 for removed elements
+    sections = {"net": net_section(net, model.roof, model.cut_length)}
+    sections["load"] = load_section(scene.job, model.roof.zones)
+    if "temperature" in sections["load"]:
+        sections["net"]["unstressed_length_warm"] = model.L0
+    if model.layout.slides:
+        sections["slide"] = slide_section(model.net, model.layout.slides)
+    if form:
+        model = build_up.form or model
+        sections["form_finding"] = {
+            "iterations": np.int64(form.iterations),
+            "residual": _relative(form.residual, form.reference),
+            "residual_real_material": _relative(scene.residual, form.reference),
+            "position": model.x,
+            "tension": model.N,
+            "unstressed_length": model.cut_length,
+            "held": model.net.fixed.astype(np.uint8),
+            "reaction": balance.reaction,
+            **{name: np.array(value) for name, value in balance.numbers().items()},
+        }
+        if form.self_stress is not None:
+            sections["form_finding"]["self_stress"] = form.self_stress
+        sections["form_finding"] |= build_up.form_sections
+    return sections | build_up.sections
+
+
+def _relative(residual: float, reference: float) -> np.float64:
+    """Return a residual [N] relative to the prestress [N], 0 without prestress."""
+    return np.float64(residual / reference if reference else 0.0)

@@ -1,0 +1,220 @@
+"""One sample of a study: a job from form finding to the end of its dynamic stage, and its outcomes."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import DivergedError, InputError, NoRest, OutputError, Undecided
+from netfall.core.progress import Progress
+from netfall.core.timings import Phases
+from netfall.geometry.connected_parts import part_has, parts_of
+from netfall.geometry.net import Net
+from netfall.job.cache import Memory
+from netfall.job.job import Job
+from netfall.model.distribution import crushing_strain
+from netfall.model.model import Model
+from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
+from netfall.results.h5 import check_one_folder
+from netfall.results.locks import check_place
+from netfall.results.outcomes import NOTHING
+from netfall.results.removal_text import states_of_rest, telling_factor, tension_ratios, worst_rest
+from netfall.results.writer import net_section
+from netfall.run import dynamics, statics
+from netfall.run.extremes import Extremes, Watched, extremes_of_motion
+from netfall.run.problem import Scene
+from netfall.run.run import desk_for, raise_failure, run_stages
+from netfall.run.setup import prepare
+from netfall.run.static_outcome import NONE, UNDECIDED
+
+
+def run_member(
+    comm: MPI.Comm,
+    read: Callable[[], Job],
+    path: Path | None,
+    memory: Memory,
+    profile: bool = False,
+    depth: float | None = None,
+) -> dict | None:
+    """Run a job. Return its outcomes and `exit_code`, as of `netfall run`, on rank 0. Collective.
+
+    read : reads the job, on every rank; path : of a result file, None: none is written
+    memory : cache of earlier runs in this process; profile : time the parts of a step
+    depth : [m], of the outcome `sunk_area`
+
+    A run without an equilibrium, or that diverges, or with wrong input, is a result too.
+    """
+    begin = time.perf_counter()
+    try:
+        outcome = _outcome(comm, read(), path, memory, Phases(profile), depth)
+        outcomes = (outcome or {}) | {"exit_code": 0}
+        outcomes["state"] = outcomes.get("state") or "finished"
+    except NoRest as error:  # the structure fails under the mean wind
+        outcomes = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
+    except DivergedError as error:
+        outcomes = _ended("undecided" if isinstance(error, Undecided) else "diverged", error)
+    except (InputError, OutputError) as error:
+        if isinstance(error, OutputError) and not getattr(error, "on_every_rank", comm.size == 1):
+            raise
+        outcomes = _ended("failed", error)
+    return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
+
+
+def _ended(state: str, error: Exception) -> dict:
+    """Return the outcomes of a run that ended early."""
+    reason = "; ".join(getattr(error, "lines", [str(error)]))
+    return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
+
+
+def _outcome(
+    comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases: Phases, depth: float | None
+) -> dict | None:
+    """Run the stages. Return the outcomes on rank 0. Collective."""
+    if path:
+        on_root(comm, lambda: check_place(path))
+        check_one_folder(comm, path)
+    scene = prepare(comm, job, phases, memory=memory)[0]
+    context, watched = desk_for(scene, path, Progress(False), phases, memory=memory), None
+    if job.dynamics is None:
+        watched = Watched(scene.distribution)
+        context = replace(context, watch=watched.take_in)
+    try:
+        outcomes = run_stages(scene, context)
+        if job.dynamics or scene.failure:
+            raise_failure(context, outcomes)
+    except (InputError, DivergedError):  # every rank raises the same
+        scene.halo.free()
+        raise
+    scene.halo.free()
+    if watched:
+        measured = _of_equilibria(scene, watched.extremes(scene.state), outcomes[statics.NAME].result, depth)
+        return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
+    simulation = outcomes[dynamics.NAME].result
+    extremes = extremes_of_motion(scene, simulation)
+    if comm.rank > 0:
+        return None
+    run_outcomes = NOTHING | _of_motion(scene.model, simulation, extremes, depth)
+    return run_outcomes | {"dynamic_seconds": phases.seconds["dynamics"]}
+
+
+def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, depth: float | None):
+    """Return the outcomes of a run without a dynamic stage, on rank 0.
+
+    If a case has no equilibrium, the state is "no_rest" or "undecided".
+    """
+    if scene.model is None:
+        return None
+    outcomes = NOTHING | _of_net(scene.model.net, scene.model.roof.area, extremes, depth)
+    groups = path.labels.items()
+    reasons = {
+        state: [f"{group}: {label['reason']}" for group, label in groups if label["state"] == state]
+        for state in (NONE, UNDECIDED)
+    }
+    if any(reasons.values()) or path.failed:
+        state = "no_rest" if reasons[NONE] else "undecided"
+        outcomes |= {"state": state, "reason": path.failed or "; ".join(reasons[NONE] or reasons[UNDECIDED])}
+    return outcomes | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model, extremes)}
+
+
+def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict:
+    """Return the outcomes that any run has. area : (n,) [m2]; depth : [m] of `sunk_area`"""
+    strength = np.where(np.isfinite(net.breaking_load), net.breaking_load, net.yield_force)
+    has_strength = np.isfinite(strength) & (strength > 0.0)
+    ratios = extremes.tension[has_strength] / strength[has_strength]
+    outcomes = {
+        "displacement_max": float(extremes.displacement.max()),
+        "tension_max": float(extremes.tension.max()),
+        "utilisation_max": float(ratios.max()) if len(ratios) else np.nan,
+    }
+    if depth is not None and area.sum() > 0.0:
+        outcomes["sunk_area"] = float(area[extremes.sunk[:, 0] > depth].sum() / area.sum())
+    return outcomes
+
+
+def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
+    """Return the outcomes of a dynamic stage that ran to its end. depth : [m] of `sunk_area`. Rank 0."""
+    net, log, area = model.net, simulation.log, model.roof.area
+    removal = simulation.removal.columns() if simulation.removal else None
+    failed = np.zeros(net.m, bool)
+    failed[log.broken] = True
+    used = utilisation(model, extremes)
+    outcomes = {
+        "times": log.time.tolist(),
+        "elements": log.element.tolist(),
+        "broken": len(log.broken),
+        "balance_error": simulation.history.largest("balance_error"),
+        "balance_error_attached": simulation.history.largest("balance_error_attached"),
+    }
+    if len(log):
+        # abs: bars break in compression too
+        used = abs(float(log.strain[0] / net.fracture_strain[log.element[0]]))
+        first = int(log.element[0])
+        outcomes |= {"first_fracture": float(log.time[0]), "first_element": first}
+        outcomes["first_element_id"] = int(net.element_id[first])
+    if removal:
+        failed[removal["element"]], area = True, simulation.removal.area
+        highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
+        extremes = extremes._replace(tension=highest)
+        outcomes |= _largest(net, removal, "tension_ratio", tension_ratios)
+        if not len(log):  # after fractures the dynamic factor refers to another net
+            outcomes |= _largest(net, removal, "dynamic_factor", telling_factor)
+        outcomes["rest_after_loss"] = worst_rest(states_of_rest(removal))
+        outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
+    outcomes |= {"roof_lost": roof_lost(net, area, failed), "utilisation_before_break": used}
+    return outcomes | _of_net(net, area, extremes, depth)
+
+
+def utilisation(model: Model, extremes: Extremes) -> float:
+    """Compute the largest ratio of strain to fracture strain, for a breaking force that of tension to it.
+
+    For bars that break in compression the shortening counts too. nan: no element can break
+    """
+    strain, breakable = extremes.strain, np.isfinite(model.eps_u)
+    if model.net.buckling is not None:
+        strain = np.fmax(strain, np.where(np.isfinite(crushing_strain(model)), extremes.compressed, 0.0))
+    return float(np.max(strain[breakable] / model.eps_u[breakable])) if breakable.any() else np.nan
+
+
+def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:
+    """Return the datasets of /net in a study file for a job in its form, on rank 0. Collective.
+
+    None if the job has no form.
+    """
+    try:
+        scene = prepare(comm, read(), Phases(), memory=memory)[0]
+    except (InputError, DivergedError):
+        return None
+    scene.halo.free()
+    if comm.rank > 0:
+        return None
+    model, names = scene.model, ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
+    net = net_section(model.net, model.roof, model.cut_length)
+    datasets = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
+    return datasets | {name: net[name] for name in names}
+
+
+def _largest(net: Net, removal: dict[str, np.ndarray], name: str, of: Callable) -> dict:
+    """Return the largest value of `of` over all removals and elements, with its element; {} without one."""
+    values = np.array([of(removal, k) for k in range(len(removal["time"]))])
+    if np.isnan(values).all():
+        return {}
+    largest = np.nanargmax(values)
+    element = int(largest % values.shape[1])
+    return {
+        f"{name}_max": float(values.flat[largest]),
+        f"{name}_element": element,
+        f"{name}_element_id": int(net.element_id[element]),
+    }
+
+
+def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
+    """Compute the share of the roof's area (n,) [m2] at particles that are not connected to a support.
+
+    gone : (m,) bool, elements that broke or were removed; nan: there is no roof
+    """
+    label = parts_of(net.elements[net.is_there & ~gone], net.n)
+    total = float(area.sum())
+    return float(area[~part_has(label, net.held.any(1))].sum()) / total if total > 0.0 else np.nan

@@ -1,0 +1,121 @@
+"""Outcome of the search for an equilibrium under one load, as numbers, attributes and text."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.explicit.energy import Snapshot
+from netfall.job.derived import load_steps, rests_at_loss, rests_in_wind
+from netfall.job.job import Job
+from netfall.model.actions import ALL_LOADS, StaticLoad
+from netfall.results.warning_text import AT_LIMIT, MOST_MARKED, limit_point_warning
+from netfall.statics.limit_point import LimitPoint
+from netfall.statics.newton import Solution
+from netfall.statics.reactions import Balance
+
+EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
+UNDECIDED = "undecided"  # the search ended without a decision: an equilibrium may exist
+MOST_NAMED = 100  # elements listed at a limit
+
+
+class Equilibrium(NamedTuple):
+    """Equilibrium and the state in it; slack : number of slack cables.
+
+    balance : its reactions, and how they balance the loads
+    at_limit : global numbers of elements at each limit of `AT_LIMIT` that is reached
+    slip : (k,) [m] of each slip point, None: there is none
+    stopped : global numbers of elements of sliding cables whose stop is reached
+    """
+
+    snapshot: Snapshot
+    slack: int
+    solution: Solution
+    balance: Balance
+    at_limit: dict[str, tuple[int, ...]]
+    slip: list[float] | None = None
+    stopped: tuple[int, ...] = ()
+
+    def numbers(self) -> dict:
+        """Return the numbers that are kept in addition to the state."""
+        slip = {} if self.slip is None else {"slip": self.slip}
+        return {"slack": self.slack, **self.solution._asdict(), **self.balance.numbers(), **slip}
+
+
+class StaticOutcome(NamedTuple):
+    """Outcome of the search for an equilibrium under one load. The state is in `equilibrium`.
+
+    state : "equilibrium"; "unstable": one in which compressed bars buckle; "no_equilibrium"; or "undecided"
+    load_factor : reached, see `StaticLoad.factor`; nan: not known
+    reason : text, ""; elements : global numbers at the limit, at most `MOST_NAMED`
+    equilibrium : that under `load_factor`; if none was found, the state before the search
+    limit : the first limit point on the way, None: there is none; its share counts from the start of the load
+    """
+
+    state: str
+    load_factor: float
+    reason: str
+    elements: tuple[int, ...]
+    equilibrium: Equilibrium
+    limit: LimitPoint | None = None
+
+    @property
+    def carries(self) -> bool:
+        """Return whether an equilibrium was found under the whole load."""
+        return self.state not in (NONE, UNDECIDED)
+
+    def labels(self) -> dict:
+        """Return the attributes of its group of the file, elements by their global numbers."""
+        names = ("state", "load_factor", "reason", "elements")
+        at_limit = {name: ids[:MOST_MARKED] for name, ids in self.equilibrium.at_limit.items()}
+        limit = {} if self.limit is None else {"limit_load_factor": self.limit.share}
+        return {name: getattr(self, name) for name in names} | at_limit | limit
+
+
+def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
+    """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
+    place = {"permanent": f"{limit.share:.4g} of them", "stage": f"{limit.share:.4g} of its changes"}
+    place = place.get(load_case.kind, f"load factor {limit.share:.4g}")
+    return limit_point_warning(load_case.words, place, node if limit.particle >= 0 else None, limit.jump)
+
+
+def by_ids(labels: dict, element_id: np.ndarray) -> dict:
+    """Replace global numbers of elements by their ids (m,) in attributes of `StaticOutcome.labels`."""
+    names = [name for name in ("elements", *AT_LIMIT) if name in labels]
+    return labels | {name: element_id[list(labels[name])] for name in names}
+
+
+def no_equilibrium(job: Job, load_case: StaticLoad, outcome: StaticOutcome) -> str:
+    """Return the message that a load has no equilibrium, with the load factor reached and a remedy."""
+    if outcome.state == UNDECIDED:
+        return undecided(load_case.words, outcome)
+    factor = outcome.load_factor
+    reached = f" (load factor reached {factor:.4g})" if factor == factor else ""
+    place = f"under {load_case.words} " if outcome.elements else f"{load_case.words}: "
+    return f"{place}{outcome.reason}{reached}{_advice(job, load_case)}"
+
+
+def undecided(words: str, outcome: StaticOutcome) -> str:
+    """Return the message that the search for an equilibrium ended without a decision.
+
+    words : name of the load
+    """
+    factor = outcome.load_factor
+    up_to = f"; an equilibrium was found up to load factor {factor:.4g}" if factor > 0.0 else ""
+    return f"{words}: undecided: {outcome.reason}{up_to}. {NOT_A_PROOF} {WHAT_TO_DO}"
+
+
+NOT_A_PROOF = "This does not show that the load cannot be carried."
+WHAT_TO_DO = (
+    "Raise [load] max_iterations, apply the load in more steps, or give coordinates nearer to the equilibrium"
+)
+
+
+def _advice(job: Job, load_case: StaticLoad) -> str:
+    if load_case.kind == "case" or load_case.kind == "rest":
+        return f": there is no equilibrium under {'it' if load_case.words != ALL_LOADS else 'them'}"
+    keys = ["[load] steps = 0"] * bool(load_steps(job))
+    keys += ['[wind] onset = "sudden"'] * rests_in_wind(job)
+    at_once = job.dynamics and not job.cases and not rests_at_loss(job)
+    return ": there is no static equilibrium to start from; lower the load" + (
+        f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else ""
+    )

@@ -1,0 +1,427 @@
+"""Equilibria under constant loads: load steps, static cases, equilibrium under the mean wind (paper 4.1.2).
+
+The permanent loads act first, in full. Each case starts from their equilibrium. Then the live load is applied
+in equal steps. If the wind has a static onset, its mean is applied last.
+
+Plastic strains are constant within the search for an equilibrium and are updated at its end.
+"""
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from netfall.core.errors import DivergedError, NoRest, Undecided
+from netfall.core.functions import lengths
+from netfall.core.stop import NEVER
+from netfall.job.cache import key_of
+from netfall.job.derived import has_statics, load_steps, rests_at_loss, rests_in_wind, settings_of
+from netfall.job.job import Job
+from netfall.model.actions import StaticLoad
+from netfall.physics.slip.law import set_strands
+from netfall.results import warning_text
+from netfall.results.writer import texts
+from netfall.run.equilibrium import (
+    APART,
+    committed,
+    paused,
+    put_back,
+    reference_force,
+    set_net,
+    settle,
+    taken_up,
+)
+from netfall.run.load_sequence import equilibria, loaded
+from netfall.run.problem import Desk, Outcome, Scene
+from netfall.run.static_outcome import (
+    EQUILIBRIUM,
+    NONE,
+    NOT_A_PROOF,
+    UNDECIDED,
+    WHAT_TO_DO,
+    StaticOutcome,
+    by_ids,
+    limit_warning,
+    no_equilibrium,
+)
+from netfall.statics.at_limit import largest_torsion
+from netfall.statics.newton import STABLE, UNKNOWN
+from netfall.statics.relaxation import Paused, Relaxation
+
+# entries of `Equilibrium.numbers` and `keep` that serve messages and are not written
+OF_LINES = ("moved", "torsion", "stopped", "rounding", "unexplained")
+
+
+@dataclass
+class StaticPath:
+    """Equilibria found so far.
+
+    reference : [N], of the tolerance; done : number of equilibria; total : iterations for all of these
+    steps : load_factor, `Equilibrium.numbers` and `farthest` of the permanent loads, then of each load step
+    cases : the same by name; rest : the same for the final equilibrium, once found
+    labels : attributes of the groups of the file; failed : why the run cannot continue, or ""
+    undecided : whether that is a search that ended without a decision
+    limits : a warning of each limit point on the way
+    """
+
+    reference: float | None = None
+    done: int = 0
+    total: int = 0
+    steps: list[dict] = field(default_factory=list)
+    cases: dict[str, dict] = field(default_factory=dict)
+    rest: dict = field(default_factory=dict)
+    labels: dict[str, dict] = field(default_factory=dict)
+    failed: str = ""
+    undecided: bool = False
+    limits: list[str] = field(default_factory=list)
+
+    def record(self) -> tuple[dict, dict]:
+        """Return the record that `restore` needs."""
+        return asdict(self), {}
+
+    def restore(self, small: dict, _: dict | None) -> None:
+        """Restore the record of an earlier run."""
+        vars(self).update(small)
+
+
+NAME = "statics"
+
+
+def required(job: Job) -> bool:
+    """Return whether equilibria are computed before the dynamic stage."""
+    return has_statics(job)
+
+
+def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+    """Compute the equilibria that the job needs, or resume an interrupted run. Collective."""
+    path, saver, steps = StaticPath(), context.saver, load_steps(scene.job)
+    saver.register(NAME, path.record, path.restore)
+    if saver.is_past(NAME):
+        return Outcome(path, sections=sections(path), labels=group_labels(path, scene))
+    if steps:
+        context.progress.say(f"statics: {steps} load steps")
+    with context.phases.phase(NAME):
+        try:
+            if saver.stage == NAME:
+                find_equilibria(scene, context, path, taken_up(scene.distribution, saver))
+            else:
+                find_or_recall(scene, context, path)
+        except Paused as pause:
+            name = equilibria(scene)[path.done].each.words
+            raise paused(scene, context, NAME, name, path.total, pause) from None
+    attributes = {} if not path.failed else {"exit_state": failed_as(path)}
+    labels = group_labels(path, scene)
+    return Outcome(path, lines(path, scene), sections(path), attributes, labels, failure_of(scene.job, path))
+
+
+def failure_of(job: Job, path: StaticPath) -> DivergedError | None:
+    """Return the error for which the run cannot continue, None: it can."""
+    if not path.failed:
+        return None
+    if failed_as(path) == UNDECIDED:
+        return Undecided(path.failed)
+    lacks_equilibrium = rests_in_wind(job) and path.labels.get("rest", {}).get("state") == NONE
+    return (NoRest if lacks_equilibrium else DivergedError)(path.failed)
+
+
+def failed_as(path: StaticPath) -> str:
+    """Return the state that ended the search for equilibria: "no_equilibrium" or "undecided"."""
+    return UNDECIDED if path.undecided else NONE
+
+
+def find_or_recall(scene: Scene, context: Desk, path: StaticPath) -> None:
+    """Call `find_equilibria`, or recall its results from an earlier run of this process. Collective."""
+    if not context.memory.most:
+        find_equilibria(scene, context, path)
+        return
+    seen = []
+
+    def find() -> list[tuple[StaticOutcome, dict, str]]:
+        find_equilibria(scene, context, path, seen=seen)
+        return seen
+
+    key = scene.comm.bcast(key_of(scene.job) if scene.comm.rank == 0 else None)
+    results = context.memory.once("statics", key, find)
+    if results is not seen:
+        _again(scene, context, path, results)
+
+
+def _again(
+    scene: Scene, context: Desk, path: StaticPath, results: list[tuple[StaticOutcome, dict, str]]
+) -> None:
+    """Repeat the output of `find_equilibria` for results of an earlier run. Collective."""
+    for request, (outcome, arrays, failed) in zip(equilibria(scene), results):
+        put_back(scene.state, arrays)
+        note(scene, context, path, loaded(scene, request), outcome)
+        path.failed, path.undecided = failed, bool(failed) and outcome.state == UNDECIDED
+    if path.failed:
+        _not_begun(scene, context, path, outcome)
+    if request.each.kind in APART:
+        to_the_start(scene)
+
+
+def find_equilibria(
+    scene: Scene, context: Desk, path: StaticPath, resume: Relaxation | None = None, seen: list | None = None
+) -> None:
+    """Bring the state through all equilibria that the job needs. Collective.
+
+    path : receives the results, and says how far an earlier run came; resume : relaxation within the next
+        equilibrium
+    seen : receives all results, for `find_or_recall`
+
+    A case without an equilibrium is recorded and the search continues. Any other load without one ends it,
+    see `path.failed`. Raises Paused if asked to stop.
+    """
+    state, requests, base = scene.state, equilibria(scene), None
+    if path.reference is None:
+        path.reference = reference_force(scene, loaded(scene, requests[-1]))
+    elif path.done > 0 and any(load_case.from_permanent for load_case, _ in requests[path.done :]):
+        base = permanent_again(scene, loaded(scene, requests[0]), path.reference)
+    context.progress.start()
+    scene.finder.report = context.progress.doing
+    for request in requests[path.done :]:
+        load_case = loaded(scene, request)
+        if load_case.from_permanent and base:
+            put_back(state, base)
+        if load_case.L0 is not None or load_case.settlement is not None:
+            load_case = load_case._replace(before=committed(state))
+        set_net(state, load_case)
+        outcome = settle(scene, load_case, path.reference, context.stop, resume)
+        resume = None
+        if not outcome.carries and load_case.kind not in APART:
+            path.failed = no_equilibrium(scene.job, load_case, outcome)
+            path.undecided = outcome.state == UNDECIDED
+            if load_case.kind == "rest" and rests_in_wind(scene.job) and not path.undecided:
+                path.failed += f"; {_borne(scene.job, outcome.load_factor)}"
+        if load_case.kind == "permanent":
+            base = committed(state)
+        if seen is not None:
+            seen.append((outcome, committed(state), path.failed))
+        note(scene, context, path, load_case, outcome)
+        if path.failed:
+            _not_begun(scene, context, path, outcome)
+            return
+        share, slack = path.done / len(requests), f"slack {outcome.equilibrium.slack}"
+        context.progress.at(share, load_case.words, path.total, "iterations", slack, even=False)
+    if requests[-1].each.kind in APART:  # what follows starts as if there were no cases
+        to_the_start(scene)
+
+
+def _not_begun(scene: Scene, context: Desk, path: StaticPath, last: StaticOutcome) -> None:
+    """Record the cases that cannot start because the permanent loads have no equilibrium. Collective.
+
+    last : the last outcome, whose state stands for theirs
+    """
+    verb = "are undecided" if last.state == UNDECIDED else "have no equilibrium"
+    reason = f"the permanent loads, with which it begins, {verb}: {last.reason}"
+    outcome = last._replace(load_factor=math.nan, reason=reason)
+    for request in equilibria(scene)[path.done :]:
+        if request.each.kind in APART:
+            keep(scene, context, path, loaded(scene, request), outcome)
+
+
+def note(
+    scene: Scene, context: Desk, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
+) -> None:
+    """Write and count an outcome. Collective."""
+    keep(scene, context, path, load_case, outcome)
+    if outcome.limit is not None:
+        p = outcome.limit.particle
+        node = scene.comm.bcast(scene.model and scene.model.net.node_id[p])
+        path.limits.append(limit_warning(load_case, outcome.limit, node))
+    path.done += 1
+    path.total += outcome.equilibrium.solution.iterations
+
+
+def permanent_again(scene: Scene, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
+    """Recompute the state under the permanent loads, in a resumed run. Collective."""
+    state = scene.state
+    present = committed(state)
+    to_the_start(scene)
+    settle(scene, permanent, reference, NEVER)
+    base = committed(state)
+    put_back(state, present)
+    return base
+
+
+def to_the_start(scene: Scene) -> None:
+    """Restore the initial state, without displacements or plastic strains. Collective."""
+    state, model = scene.state, scene.model
+    state.x[:] = scene.distribution.particles(model.x if model else None)
+    if state.slip is not None:
+        state.slip[:] = 0.0
+    set_strands(state, scene.distribution.elements(model.L0 if model else None))
+    if state.features.springs:
+        state.spring_rest[:] = scene.distribution.particles(model.spring_rest if model else None)
+    if state.features.plastic:
+        state.eps_p[:] = state.dissipated[:] = 0.0
+
+
+def keep(
+    scene: Scene, context: Desk, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
+) -> None:
+    """Record an outcome and write it. Collective."""
+    state, snapshot = scene.state, outcome.equilibrium.snapshot
+    unexplained = outcome.equilibrium.balance.unexplained if outcome.carries else 0.0
+    numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene), "unexplained": unexplained}
+    if state.joints is not None:
+        chains = scene.model and scene.model.layout.chains
+        numbers |= {"torsion": largest_torsion(scene.distribution, state, chains)}
+    tolerance, errors = settings_of(scene.job).tolerance, outcome.equilibrium.solution[2:4]
+    if max(errors) > tolerance:
+        newton = scene.finder.newton(load_case.load)
+        numbers |= {"rounding": newton.rounding(newton.tangent())}
+    numbers |= {"stopped": outcome.equilibrium.stopped} if state.slip is not None else {}
+    group = (
+        f"cases/{load_case.name}"
+        if load_case.kind in APART
+        else "rest"
+        if load_case.kind == "rest"
+        else "statics"
+    )
+    if group == "statics" and (load_case.kind == "at once" or not load_steps(scene.job)):
+        return
+    reaction = outcome.equilibrium.balance.reaction
+    if not outcome.carries:  # the state balances less than the whole load
+        reaction = np.full_like(reaction, np.nan)
+    context.watch(state, snapshot)
+    if load_case.kind in APART:
+        path.cases[load_case.name] = numbers
+        context.result.write_equilibrium(group, state, snapshot, "displacement", reaction)
+    elif load_case.kind == "rest":
+        path.rest = numbers
+        context.result.write_equilibrium(group, state, snapshot, "position", reaction)
+    else:
+        path.steps.append({"load_factor": outcome.load_factor, **numbers})
+        context.result.write_static_step(state, snapshot, reaction)
+    if group not in path.labels or outcome.state != EQUILIBRIUM or path.labels[group]["state"] == EQUILIBRIUM:
+        path.labels[group] = path.labels.get(group, {}) | outcome.labels()
+
+
+def farthest(scene: Scene) -> tuple[float, int]:
+    """Return the largest displacement [m] from the initial state and the particle that has it. Collective."""
+    state, gid = scene.state, scene.distribution.subdomain.particle_gid
+    displacements = lengths(state.x[: state.n_owned] - state.x_start[: state.n_owned])
+    p = int(np.argmax(displacements)) if len(displacements) else -1
+    candidate = (float(displacements[p]), int(gid[p])) if p >= 0 else (0.0, 0)
+    return max(scene.comm.allgather(candidate), key=lambda entry: (entry[0], -entry[1]))
+
+
+def _borne(job: Job, share: float) -> str:
+    """Return the carried share of the mean wind and a remedy as text; pressures at taps have no speed."""
+
+    def down(part: float) -> str:
+        return f"{np.floor(100.0 * part + 1e-9) / 100.0:.2f}"  # rounded down: 0.997 is not all of it
+
+    text, quantity = f"an equilibrium was found up to {down(share)} of its pressure", "pressures"
+    if not job.wind.pressures:
+        text, quantity = f"{text}, that is {down(np.sqrt(share))} of its speed", "speed"
+    return f'{text}; lower the {quantity}, or set [wind] onset = "sudden" to let it act at once'
+
+
+def lines(path: StaticPath, scene: Scene) -> list[str]:
+    """Return the messages of the static stage."""
+    combined = {entry.name for entry in scene.job.combinations}
+    called = {name: f"{'combination' if name in combined else 'case'} {name}" for name in path.cases}
+    final = [(f"cases/{name}", called[name], numbers) for name, numbers in path.cases.items()]
+    if path.steps:
+        final.append(("statics", "statics", path.steps[-1]))
+    if path.rest:
+        final.append(("rest", rest_words(scene.job), path.rest))
+    elements = scene.distribution.m
+    lines = [f"{title}: {_in_words(entry, path.labels[group], elements)}" for group, title, entry in final]
+    for state, verb in ((NONE, "have no equilibrium"), (UNDECIDED, "are undecided")):
+        count = sum(path.labels[f"cases/{name}"]["state"] == state for name in path.cases)
+        if count:
+            lines.append(f"warning: {count} of {len(path.cases)} cases {verb}")
+    if scene.model is None:
+        return lines
+    steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
+    entries = [entry for entry in steps + final if not math.isnan(entry[2]["residual"])]
+    node_id, element_id = scene.model.net.node_id, scene.model.net.element_id
+    lines += [
+        _unstable(title, entry["unstable_at"], node_id)
+        for _, title, entry in entries
+        if entry["unstable_at"] != STABLE
+    ]
+    lines += path.limits
+    lines += warning_text.torsion_warnings(
+        [(title, entry["torsion"]) for _, title, entry in entries if "torsion" in entry], node_id
+    )
+    lines += warning_text.rounding_warnings(
+        [
+            (title, max(entry["displacement_error"], entry["tension_error"]), entry["rounding"])
+            for _, title, entry in entries
+            if "rounding" in entry
+        ],
+        settings_of(scene.job).tolerance,
+    )
+    stopped = [(title, entry["stopped"]) for _, title, entry in entries if "stopped" in entry]
+    lines += warning_text.stop_notes(stopped, element_id)
+    for group, title, _ in final:
+        lines += warning_text.limit_notes(title, by_ids(path.labels[group], element_id))
+    lines += warning_text.force_balance_warnings(
+        [(title, entry["unexplained"]) for _, title, entry in entries]
+    )
+    moved = [(title, entry["moved"][0], node_id[entry["moved"][1]]) for _, title, entry in entries]
+    return lines + warning_text.displacement_notes(moved, scene.model.x)
+
+
+def rest_words(job: Job) -> str:
+    """Return the name of the final equilibrium, from which the dynamic stage starts; "": it has none."""
+    if rests_in_wind(job):
+        return "rest under the mean wind"
+    return "rest under all loads" if rests_at_loss(job) else ""
+
+
+def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
+    """Return the numbers of all equilibria as datasets; their states are written as they are found."""
+    datasets = {}
+    if path.steps:
+        names = [name for name in path.steps[0] if name not in OF_LINES]
+        columns = {name: [step[name] for step in path.steps] for name in names}
+        datasets["statics"] = numbers_of(columns)
+    datasets |= {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
+    if path.rest:
+        datasets["rest"] = numbers_of(path.rest)
+    return datasets
+
+
+def group_labels(path: StaticPath, scene: Scene) -> dict[str, dict]:
+    """Return the attributes of the groups of the file, on rank 0: elements by their ids."""
+    if scene.model is None:
+        return {}
+    labels = {group: by_ids(entry, scene.model.net.element_id) for group, entry in path.labels.items()}
+    for entry in scene.job.combinations:
+        if f"cases/{entry.name}" in labels:
+            labels[f"cases/{entry.name}"] |= {"kind": entry.kind, "factors": json.dumps(entry.factors)}
+    return labels | ({"cases": {"order": texts(list(path.cases))}} if path.cases else {})
+
+
+def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
+    """Convert the numbers of equilibria to datasets, with a flag `stable` and without `OF_LINES`."""
+    arrays = {name: np.array(value) for name, value in numbers.items() if name not in OF_LINES}
+    return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
+
+
+def _unstable(title: str, p: int, node_id: np.ndarray) -> str:
+    if p == UNKNOWN:
+        return f"note: {title}: whether compressed bars buckle there could not be decided"
+    node = node_id[p]
+    return (
+        f"note: {title}: NOT STABLE: {warning_text.NOT_STABLE}, node {node} moves most; the net does not stay "
+        "in this equilibrium: support the bars across, or tension the net more"
+    )
+
+
+def _in_words(numbers: dict, label: dict, elements: int) -> str:
+    if label["state"] == UNDECIDED:
+        return f"UNDECIDED: {label['reason']}. {NOT_A_PROOF} {WHAT_TO_DO}"
+    if label["state"] == NONE:
+        return f"NO EQUILIBRIUM: {label['reason']}; load factor reached {label['load_factor']:.4g}"
+    return (
+        f"in equilibrium {warning_text.error_words(numbers['displacement_error'], numbers['tension_error'])}"
+        f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "
+        f"slack {numbers['slack']} of {elements}"
+    )

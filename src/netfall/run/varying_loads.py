@@ -1,0 +1,261 @@
+"""Loads that vary in time, kept in the state of every rank as two samples around the present step.
+
+A varying load is any object with
+    before, after             [s] times of its own samples around the present step; after is inf if none
+                              follows
+    advance(step, step_at)    advances to the samples around a step; collective
+    write(state, start, end)  writes its values at two times between these samples to the state
+    hand_over(handed, distribution)   moves what acts on leaving particles to others, see
+                              `loads.redistribution`; collective
+
+A new one is added to this module, is created in `varying_loads`, and counts in `derived.varies`. Loads that
+are linear in time add to `load_before` and `load_after`; the wind has fields of its own.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.job.derived import grows, rests_in_wind
+from netfall.loads.redistribution import Redistribution
+from netfall.loads.wind.field import WindField, particle_speeds
+from netfall.loads.wind.onset import GrowingGusts
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.physics.base_motion import Ground
+from netfall.physics.state import State
+from netfall.run.problem import Scene
+
+CHUNK = 64  # samples of the history that rank 0 sends at once
+
+
+def varying_loads(scene: Scene) -> list:
+    """Create the varying loads, except those that fade after a member removal. Collective."""
+    loads, job, model, distribution = [], scene.job, scene.model, scene.distribution
+    if job.wind:
+        field = model.wind_field if model else None
+        ramp = job.wind.ramp if rests_in_wind(job) else 0.0
+        gusts = GrowingGusts(model.history, ramp) if model else None
+        loads.append(WindLoad(scene.comm, distribution, field, gusts))
+    if grows(job):
+        loads.append(GrowingLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
+    return loads
+
+
+def ground_of(comm: MPI.Comm, model, state: State) -> Ground | None:
+    """Return the moving ground below the particles of this rank; None: it does not move. Collective."""
+    if not state.features.motion:
+        return None
+    names = list(Ground.kind.fields)
+    names = names[: names.index("held")]
+    shared = comm.bcast(model and [getattr(model.motion, name) for name in names])
+    held = (state.free[: state.first_split] == 0).any(1) & (state.course[: state.first_split] >= 0)
+    scratch = np.zeros((5, len(shared[-1]), 3))
+    return Ground(*shared, np.flatnonzero(held), *scratch)
+
+
+class VaryingLoads:
+    """All varying loads, between two times that they have in common."""
+
+    def __init__(self, state: State, loads: list, step_at: Callable[[float], int]):
+        """step_at(time) : returns the number of the first step at or after a time [s]"""
+        self.loads, self.step_at = loads, step_at
+        self.renew(state)
+
+    def renew(self, state: State) -> None:
+        """Recompute both load samples, at the start and after one of the loads has changed."""
+        self.time = max((load.before for load in self.loads), default=0.0)
+        end = min((load.after for load in self.loads), default=math.inf)
+        self.dt = end - self.time
+        if state.load_before is not None:
+            state.load_before[:] = state.load_after[:] = 0.0
+        if state.hold_before is not None:
+            state.hold_before[:] = state.hold_after[:] = 0.0
+        for load in self.loads:
+            load.write(state, self.time, end)
+
+    def due(self) -> int:
+        """Return the number of the step at which the next samples are due; after the last: a large number."""
+        return self.step_at(self.time + self.dt) if self.dt < math.inf else sys.maxsize
+
+    def advance(self, state: State, step: int) -> None:
+        """Advance to the samples around a step, so that `due` is later. Collective."""
+        while self.due() <= step:
+            for load in self.loads:
+                load.advance(step, self.step_at)
+            self.renew(state)
+
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+        """Move what acts on leaving particles to others; call `renew` afterwards. Collective."""
+        for load in self.loads:
+            load.hand_over(handed, distribution)
+
+
+class GrowingLoad:
+    """Force that grows linearly from zero over a ramp and then stays constant."""
+
+    def __init__(self, force: np.ndarray, ramp: float):
+        """force : (owned and halo, 3) [N] at the end of the ramp [s]"""
+        self.force, self.ramp = force, ramp
+        self.before, self.after = 0.0, ramp
+
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+        """Move the force on leaving particles to others. Collective."""
+        given = handed.given(distribution, self.force)
+        handed.move(self.force, distribution.subdomain.particle_gid, given)
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """Advance beyond the ramp if the step is beyond it."""
+        if step >= step_at(self.ramp):
+            self.before, self.after = self.ramp, math.inf
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Add its values at two times to the state."""
+        rows = len(self.force)
+        state.load_before[:rows] += min(1.0, start / self.ramp) * self.force
+        state.load_after[:rows] += min(1.0, end / self.ramp) * self.force
+
+
+class FadingLoad:
+    """Tension of removed elements that fades linearly to zero, along their lines at the removal.
+
+    The part on particles inside a removed cable acts on the particles that take over their loads. So the two
+    ends of the removed member are pulled together, as strongly as before while nothing has faded.
+    """
+
+    def __init__(self, particle_gid: np.ndarray, duration: float):
+        """particle_gid : (n,) global numbers of the rank's particles; duration : [s]"""
+        self.particle_gid, self.duration = particle_gid, duration
+        self.before, self.after, self.zero = 0.0, math.inf, math.inf
+
+    def begin(self, time: float, ends: np.ndarray, force: np.ndarray, elements: np.ndarray) -> None:
+        """Start to fade at a time [s].
+
+        ends : (k, 2) particles; force : (k, 3) [N] on the start of each, against its end
+        elements : (k,) local rows, -1: not on this rank; serve the slip points next to them
+        """
+        self.elements, self.tension = elements[elements >= 0], lengths(force[elements >= 0])
+        self.before = time
+        self.after = self.zero = time + self.duration  # the tension is zero from here on
+        self.all_forces = force
+        self._place(ends.T.ravel(), np.concatenate([force, -force]))
+
+    def _place(self, particles: np.ndarray, force: np.ndarray) -> None:
+        """Apply the forces (k, 3) [N] at the start of the fading to these particles (k,)."""
+        self.particles, self.every = particles, force
+        row = rows_of(self.particle_gid, particles)
+        self.rows, self.force = row[row >= 0], force[row >= 0]
+
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+        """Move the forces on leaving particles to others."""
+        if self.zero == math.inf:
+            return
+        given = np.zeros((len(handed.particles), 3))
+        leaving = rows_of(handed.particles, self.particles)
+        np.add.at(given, leaving[leaving >= 0], self.every[leaving >= 0])
+        stays, share = leaving < 0, handed.share[:, None]
+        self._place(
+            np.concatenate([self.particles[stays], handed.taker]),
+            np.concatenate([self.every[stays], share * given[handed.source]]),
+        )
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """Advance beyond the end if the step is beyond it."""
+        if self.after < math.inf and step >= step_at(self.after):
+            self.before, self.after = self.after, math.inf
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Add its values at two times to the state."""
+        if self.zero == math.inf:
+            return
+        for time, load in ((start, state.load_before), (end, state.load_after)):
+            force = (self._left(time) * self.force).astype(load.dtype)
+            np.add.at(load, self.rows, force)
+        if state.hold_before is not None:
+            for time, hold in ((start, state.hold_before), (end, state.hold_after)):
+                hold[self.elements] = self._left(time) * self.tension
+
+    def _left(self, time: float) -> float:
+        """Return the share that is left at a time [s]."""
+        return min(1.0, max(0.0, (self.zero - time) / self.duration))
+
+
+class WindLoad:
+    """Wind: rank 0 generates the speed at control points, every rank interpolates to its particles."""
+
+    def __init__(self, comm: MPI.Comm, distribution: Distribution, field: WindField | None, history):
+        """Collective. field, history : on rank 0; history : `GrowingGusts`"""
+        self.comm = comm
+        self.history = history
+        self.mean = distribution.particles(field and field.mean)
+        self.corner = distribution.particles(field and field.corner)
+        self.weight = distribution.particles(field and field.weight)
+        self.samples: list[tuple[float, np.ndarray]] = []  # all so far, for the result file
+        self.k = 0  # index of the present sample
+        self._sample(1)
+
+    @property
+    def before(self) -> float:
+        """Return the time [s] of the present sample."""
+        return self.samples[self.k][0]
+
+    @property
+    def after(self) -> float:
+        """Return the time [s] of the sample after it."""
+        time = self.samples[self.k + 1][0]
+        return time if time > self.before else math.inf
+
+    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+        """Return the record that `restore` needs; the history's state on rank 0."""
+        small, arrays = self.history.record() if self.history else ({}, {})
+        time, gust = np.array([t for t, _ in self.samples]), np.array([g for _, g in self.samples])
+        return {"k": self.k, "history": small}, arrays | {"time": time, "gust": gust}
+
+    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+        """Restore the record of an earlier run; arrays : on every rank."""
+        arrays = dict(arrays)
+        self.k = int(small["k"])
+        self.samples = [(float(t), g) for t, g in zip(arrays.pop("time"), arrays.pop("gust"))]
+        if self.history:
+            self.history.restore(small["history"], arrays)
+
+    def record_until(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return times (t,) [s] and gusts (t, c) [m/s] of the samples to the first at or after a time [s]."""
+        times = np.array([sample for sample, _ in self.samples])
+        last = min(int(np.searchsorted(times, time)), len(times) - 1)
+        return times[: last + 1], np.array([gust for _, gust in self.samples[: last + 1]])
+
+    def _sample(self, k: int) -> tuple[float, np.ndarray]:
+        while len(self.samples) <= k:
+            chunk = None
+            if self.comm.rank == 0:
+                chunk = [sample for _ in range(CHUNK) for sample in self.history.next()]
+            self.samples += self.comm.bcast(chunk)
+        return self.samples[k]
+
+    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+        """Do nothing: the exposed areas are in the state, which is redistributed separately."""
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """Advance to the samples around a step."""
+        while self.after < math.inf and step_at(self.before + (self.after - self.before)) <= step:
+            self.k += 1
+            self._sample(self.k + 1)
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Write the speeds at the particles at two times."""
+        for time, speed in ((start, state.speed_before), (end, state.speed_after)):
+            particle_speeds(self.mean, self.corner, self.weight, self._gust(time), speed[: len(self.mean)])
+
+    def _gust(self, time: float) -> np.ndarray:
+        """Return the gusts (c,) [m/s] at a time, by linear interpolation between the samples.
+
+        At the time of a sample they are exactly its gusts.
+        """
+        (begin, first), (end, last) = self.samples[self.k], self.samples[self.k + 1]
+        if time == begin or self.after == math.inf:
+            return first
+        return last if time == end else first + (time - begin) / (end - begin) * (last - first)

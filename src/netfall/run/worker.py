@@ -1,0 +1,88 @@
+"""Worker ranks of a study, which run one sample after another (`study.pool` is the other side).
+
+    mpirun -n 2 python -m netfall.run.worker
+
+Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
+[[remove]]; `result`, a path or null; `profile`, whether the parts of a step are timed; `net`, whether to
+return the net in its form instead of a run; `depth`, of `sunk_area`, or null. The first line of standard
+output says that the ranks have started. Each further line answers a task with the outcomes of
+`run.sample`. The ranks end when the input ends.
+"""
+
+import base64
+import json
+import os
+import signal
+import sys
+from functools import partial
+from pathlib import Path
+
+from netfall.__main__ import abort  # its import also limits each rank to one thread
+
+REMEMBERED = 4  # number of cached forms, equilibria and winds of earlier samples
+
+
+def next_task(comm) -> dict | None:
+    """Return the next task from the input of rank 0, on every rank; None at its end. Collective."""
+    from netfall.parallel.agree import on_root
+
+    line = comm.bcast(on_root(comm, sys.stdin.readline))
+    return json.loads(line) if line.endswith("\n") else None
+
+
+def read_task(comm, task: dict):
+    """Read the job of a task. Raises InputError. Collective."""
+    from netfall.job.read import read_job
+    from netfall.parallel.agree import on_root
+
+    return comm.bcast(on_root(comm, lambda: read_job(task["job"], task["overrides"], task["removes"])))
+
+
+def packed(array) -> dict:
+    """Encode an array as text without loss."""
+    return {
+        "type": array.dtype.str,
+        "shape": array.shape,
+        "bytes": base64.b64encode(array.tobytes()).decode(),
+    }
+
+
+def serve() -> None:
+    """Run tasks until the input ends."""
+    from netfall.parallel.alone import world
+
+    comm = world()
+    from netfall.core.sources import TELLING, program_digest
+    from netfall.job.cache import Memory
+    from netfall.run.compile import compile_first
+    from netfall.run.sample import net_of, run_member
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted study ends its workers itself
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # output of libraries must not mix with answers
+    compile_first(comm)  # one of several workers compiles for all
+    if comm.rank == 0:
+        print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
+    memory = Memory(REMEMBERED)
+    while (task := next_task(comm)) is not None:
+        read = partial(read_task, comm, task)
+        result = Path(task["result"]) if task["result"] else None
+        if task["net"]:
+            net = net_of(comm, read, memory)
+            answer = {"net": {name: packed(array) for name, array in (net or {}).items()}}
+        else:
+            answer = run_member(comm, read, result, memory, task["profile"], task["depth"])
+        if comm.rank == 0:
+            print(json.dumps(answer), file=answers, flush=True)
+
+
+def main() -> None:
+    """Run the worker as a program."""
+    try:
+        serve()
+    except BaseException as error:
+        abort(error)
+
+
+if __name__ == "__main__":
+    main()

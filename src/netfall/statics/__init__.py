@@ -1,0 +1,1 @@
+"""Static equilibrium: Newton, interior point method, relaxation, limit load, reactions. Knows no job."""

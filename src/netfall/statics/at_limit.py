@@ -1,0 +1,75 @@
+"""Additional facts on an equilibrium: elements at a limit, and torsion that the model neglects."""
+
+import numpy as np
+
+from netfall.explicit.energy import Snapshot
+from netfall.job.derived import has_second_moments
+from netfall.job.job import Job
+from netfall.model.model import Model
+from netfall.parallel.agree import all_of
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
+from netfall.physics.bending import joint_moments
+from netfall.physics.law.limits import REACHED
+from netfall.physics.state import State
+
+NIL = 1e-9  # of EI / l: a smaller bending moment is rounding error
+
+
+def largest_torsion(distribution: Distribution, state: State, chains) -> tuple[float, int]:
+    """Find the largest torsion of a bending chain, which is not modelled, and its location. Collective.
+
+    The torsion is the sum of the moments that support the sections of the chain, independent of refinement.
+    The result is its share of the largest bending moment, and the number of the particle with the largest
+    part.
+    chains : `geometry.cables.Chains` on rank 0, None elsewhere
+    """
+    joints = state.joints
+    moment, hold = np.empty((2, len(joints.stiffness)))
+    joint_moments(state.x, joints, moment, hold)
+    rows = np.column_stack([moment, hold, NIL * joints.stiffness])
+    rows = distribution.gather_joints(rows, joints.owned == 1, len(chains.chain) if chains else 0)
+    torsion = None
+    if rows is not None:
+        (moment, hold, nil), torsion = rows.T, (0.0, 0)
+        if len(rows) and moment.max() > nil.max():
+            chain_torsion = np.bincount(chains.chain, hold)
+            k = np.argmax(np.where(chains.chain == np.argmax(chain_torsion), hold, -1.0))
+            torsion = float(chain_torsion.max() / moment.max()), int(chains.particles[k, 1])
+    return distribution.comm.bcast(torsion)
+
+
+def at_limit_in(
+    comm: MPI.Comm, distribution: Distribution, state: State, snapshot: Snapshot
+) -> dict[str, tuple[int, ...]]:
+    """Return the global numbers of elements at each limit; a limit that none reaches is left out. Collective.
+
+    over_strength : beyond their fracture strain; buckled, yielding : at the Euler load, at the yield force
+    """
+    gid, N, at_limit = distribution.subdomain.element_gid, snapshot.N, {}
+    if state.features.fracture:
+        crushed = state.features.crushing and snapshot.eps < state.eps_c
+        at_limit["over_strength"] = (snapshot.eps > state.eps_u) | crushed
+    if state.features.buckling:
+        at_limit["buckled"] = -N >= REACHED * state.euler
+    if state.features.plastic:
+        at_limit["yielding"] = np.abs(N) >= REACHED * state.yield_force
+    whole = state.broken == 0
+    numbers = {name: all_of(comm, gid[reached & whole].tolist()) for name, reached in at_limit.items()}
+    return {name: ids for name, ids in numbers.items() if ids}
+
+
+def beyond_euler(
+    comm: MPI.Comm, job: Job, distribution: Distribution, state: State, model: Model | None, N: np.ndarray
+) -> dict[str, tuple[int, ...]]:
+    """Return bars compressed beyond the Euler load that the model does not buckle. Collective.
+
+    The format is that of `at_limit_in`. model : on rank 0; N : [N] of the elements of this rank
+    """
+    if not has_second_moments(job):
+        return {}
+    N, beyond = distribution.gather_elements(N, state.owned.astype(bool)), []
+    if model is not None:
+        beyond = np.flatnonzero(-N > model.caps.straight).tolist()
+    beyond = tuple(comm.bcast(beyond))
+    return {"beyond_euler": beyond} if beyond else {}

@@ -1,0 +1,1 @@
+"""Form finding: by tensions, by force densities, or the given geometry with its self-stress."""

@@ -1,0 +1,96 @@
+"""Form-finding elements of one rank: tensions, forces, stiffness.
+
+N = T0 + s EA (L - L_start) / L_start, with s a small share of the modulus, or 0 for constant tension.
+"""
+
+import numpy as np
+
+from netfall.core.kernels import kernel
+from netfall.geometry.net import Net
+from netfall.parallel.subdomain import Distribution
+from netfall.physics.elements import add_tensions, geometric_stiffness, nodal_stiffness
+from netfall.physics.supports import keep_on_guides
+from netfall.statics.multigrid.tangent import Tangent
+
+LEAST = 1e-6  # artificial stiffness along elements of constant tension, over their force density [-]
+
+
+@kernel
+def form_tensions(x, ends, T0, stiffness, L_start, bar, N, L):
+    """Compute tensions N (m,) [N] and lengths L (m,) [m] of form-finding elements; a cable never pushes."""
+    for e in range(ends.shape[0]):
+        a, b = ends[e, 0], ends[e, 1]
+        dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+        L[e] = np.sqrt(dx * dx + dy * dy + dz * dz)
+        N[e] = T0[e] + stiffness[e] * (L[e] - L_start[e])
+        if N[e] < 0.0 and not bar[e]:
+            N[e] = 0.0
+
+
+class Elements:
+    """Form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
+
+    def __init__(
+        self, distribution: Distribution, net: Net | None, x, modulus_factor: float, load=None, turned=None
+    ):
+        """load : (n, 3) [N] that the form carries, None: none; turned : as in `relaxation.Net`"""
+        self.load, self.turned = 0.0 if load is None else np.asfortranarray(load), turned
+        self.constant = modulus_factor == 0.0  # whether tensions are constant
+
+        def column(name: str) -> np.ndarray:
+            return distribution.elements(None if net is None else getattr(net, name))
+
+        self.ends = distribution.subdomain.ends
+        self.bar = column("bar").astype(np.uint8)
+        self.T0, self.q, EA = column("prestress"), column("force_density"), column("EA")
+        self.N, self.L = np.empty_like(EA), np.empty_like(EA)
+        self.stiffness = np.zeros_like(EA)
+        self.L_start = np.zeros_like(EA)
+        self.forces(x, np.zeros_like(x))
+        self.L_start = self.L.copy()
+        with np.errstate(divide="ignore", invalid="ignore"):  # a collapsed form is refused later
+            self.stiffness = modulus_factor * EA / self.L_start
+
+    def densities(self):
+        """Return force densities (m,) [N/m]: as given, otherwise prestress over initial length."""
+        return np.where(np.isfinite(self.q), self.q, self.T0 / self.L_start)
+
+    def measure(self, x):
+        """Compute tensions `N` and lengths `L` at x."""
+        form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
+
+    def forces(self, x, f):
+        """Write the forces f (n, 3) [N] of the elements at x, without components along held lines."""
+        self.measure(x)
+        f[:] = self.load
+        add_tensions(x, self.ends, self.N, self.L, f)
+        if self.turned is not None:
+            keep_on_guides(self.turned, f)
+
+    def bound(self, x):
+        """Compute an upper bound (m,) [N/m] of the stiffness, axial and transverse."""
+        return self.stiffness + geometric_stiffness(self.N, self.L)
+
+
+def tangent_of_form(elements, x: np.ndarray, share: float = LEAST) -> Tangent:
+    """Compute the tangent stiffness of form-finding elements at x (n, 3).
+
+    share : of the force density, used as stiffness along elements of constant tension, which have none
+    """
+    elements.measure(x)
+    taut = (elements.N > 0.0) | (elements.bar != 0)
+    across = elements.N / np.maximum(elements.L, 1e-300)
+    along = share * across if elements.constant else elements.stiffness
+    return tangent_of(elements, x, elements.N.copy(), np.where(taut, along, 0.0), across)
+
+
+def tangent_of(elements, x: np.ndarray, N, axial, across) -> Tangent:
+    """Compute the tangent stiffness at x (n, 3) of axial forces N [N].
+
+    axial, across : stiffness along and across the elements [N/m]
+    """
+    length = np.maximum(elements.L, 1e-300)[:, None]
+    direction = np.ascontiguousarray((x[elements.ends[:, 1]] - x[elements.ends[:, 0]]) / length)
+    nodal = np.zeros(len(x))
+    nodal_stiffness(elements.ends, elements.stiffness + np.abs(across), nodal)
+    return Tangent(N, direction, axial, across, None, nodal)

@@ -1,0 +1,140 @@
+"""Form of a job: form finding with pause, restart, and the permanent load that depends on the form."""
+
+from pathlib import Path
+
+import numpy as np
+
+from netfall.core.errors import DivergedError, interrupted
+from netfall.geometry.net import joined, spaced
+from netfall.job.derived import carries_permanent
+from netfall.job.job import Job
+from netfall.model.layout import Layout
+from netfall.model.model import Model, permanent_load
+from netfall.parallel.agree import on_root
+from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
+from netfall.statics.form.find import Form, find_form
+from netfall.statics.relaxation import RELAXATION, Paused, relaxation_record, restored_relaxation
+
+FORM, INITIAL, FORM_LOAD = "form finding", "initial", "form load"  # names in checkpoints
+# share of the tolerance of the form [-]: a smaller change of the permanent load ends the iteration
+SETTLED = 0.1
+MOST_TURNS = 30  # iterations of form and load; each leaves about 1 % of the change before
+
+
+def form_of(
+    job, layout: Layout | None, distribution, halo, report, result, digest, restart, checkpoint, stop
+):
+    """Find the form and return it with positions (n, 3) [m] and tensions (m,) [N] of the net on rank 0.
+
+    Collective.
+
+    If nothing loads an element between its ends, it is straight and has one tension. So the form of a
+    subdivided net is that of the net as given, with the new particles evenly spaced.
+    """
+    comm, net, is_loaded = distribution.comm, layout and layout.net, carries_permanent(job)
+    as_given, own_halo = layout and (net if is_loaded else joined(net)), None
+    if comm.bcast(layout and as_given.n < net.n):
+        ranks = layout and layout.part[: as_given.n]
+        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, ranks, comm.size))
+        distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
+        halo = own_halo = Halo(comm, distribution.subdomain, 3)
+
+    def find(resume, load=None, start=None) -> Form:
+        settings = job.form_finding
+        try:
+            return find_form(comm, as_given, distribution, settings, halo, report, stop, resume, load, start)
+        except Paused as pause:
+            records = {RELAXATION: relaxation_record(distribution, pause.at)}
+            if is_loaded:
+                records[FORM_LOAD] = {}, {} if load is None else {"load": load}
+            step = pause.at.iteration
+            path = write_before_stages(comm, job, result, digest, step, records, restart)
+            raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
+
+    try:
+        record = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
+        arrays = checkpoint and checkpoint.part(RELAXATION)[1]
+        resume = restored_relaxation(distribution, record, arrays) if record else None
+        if is_loaded:
+            form = _loaded(job, layout, distribution, find, resume, record and checkpoint)
+        else:
+            form = find(resume)
+    finally:
+        if own_halo:
+            own_halo.free()
+    x, N = distribution.gather_particles(form.x), distribution.gather_elements(form.N)
+    if is_loaded or layout is None:
+        return form, x, N
+    if form.self_stress is not None:
+        form.self_stress = np.repeat(form.self_stress, net.parts, axis=1)
+    return form, spaced(net, x), np.repeat(N, net.parts)
+
+
+def _loaded(
+    job: Job, layout: Layout | None, distribution, find, resume, checkpoint: Checkpoint | None
+) -> Form:
+    """Find the form that carries its own permanent load, by iteration of form and load. Collective.
+
+    find(resume, load, start) : finds the form under a load; checkpoint : of a paused iteration
+    """
+    comm, start, total = distribution.comm, None, 0
+
+    def load_in(x: np.ndarray | None, N: np.ndarray | None) -> np.ndarray | None:
+        return on_root(comm, lambda: permanent_load(job, layout, x, N))
+
+    load = checkpoint.part(FORM_LOAD)[1]["load"] if checkpoint else None
+    if resume is None:
+        load = load_in(layout and layout.net.x, layout and layout.net.prestress)
+    for _ in range(MOST_TURNS):
+        form = find(resume, load, start)
+        total += form.iterations
+        new_load = load_in(distribution.gather_particles(form.x), distribution.gather_elements(form.N))
+        change = comm.bcast(layout and float(np.abs(new_load - load).max()))
+        if change <= SETTLED * job.form_finding.tolerance * form.reference:
+            form.iterations = total
+            return form
+        resume, load, start = None, new_load, form.x
+    raise DivergedError(
+        f'form finding, loads = "permanent": the load of the form still changes by {change:.3g} N after '
+        f"{MOST_TURNS} forms, asked {SETTLED * job.form_finding.tolerance * form.reference:.3g} N; give more "
+        "prestress, or a larger tolerance"
+    )
+
+
+def write_before_stages(
+    comm: MPI.Comm, job: Job, result: Path, digest: str, step: int, parts: dict, given: Path | None
+) -> Path:
+    """Write a checkpoint of a run before its first stage, in place of older ones; return its path.
+
+    Collective.
+
+    step : number in the name of the checkpoint; see `form_of` for the others
+    """
+    path = checkpoint_path(result, 1, step)
+    record = {"job": digest, "name": job.title or job.name, "stage": FORM}
+    write_checkpoint(comm, path, None, None, record, parts)
+    if comm.rank == 0:
+        remove_older(path, result, digest, given)
+    return path
+
+
+def initial_record(form: Form | None, model: Model | None) -> tuple[dict, dict[str, np.ndarray]]:
+    """Return the record of the initial state and of form finding; model : of the net in it, on rank 0."""
+    names = ("iterations", "residual", "reference")
+    small = {"form": {name: getattr(form, name) for name in names} if form else None}
+    if model is None:
+        return small, {}
+    states = {} if form is None or form.self_stress is None else {"self_stress": form.self_stress}
+    return small, {"x": model.x, "N": model.N} | states
+
+
+def kept_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
+    """Return what `form_of` does, from the checkpoint of the run that is resumed. Collective."""
+    small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
+    form = comm.bcast(small)["form"]
+    x, states = arrays and arrays["x"], arrays and arrays.get("self_stress")
+    form = Form(None, None, **form, self_stress=states) if form else None
+    return form, x, arrays["N"] if arrays and job.form_finding else None

@@ -1,0 +1,95 @@
+"""Form finding by tensions, by Newton's method from the equilibrium of force densities."""
+
+from functools import cache
+
+from netfall.core.arrays import placed
+from netfall.parallel.mpi import MPI
+from netfall.physics.elements import add_tensions
+from netfall.statics.form.elements import tangent_of, tangent_of_form
+from netfall.statics.multigrid.cycle import Structure
+from netfall.statics.multigrid.lines import lines_of
+from netfall.statics.newton import SHORT, Newton, NoConvergence, Stopped
+from netfall.statics.relaxation import Paused, not_begun
+from netfall.statics.stability import unstable_shape
+
+NEAR = 1e-2  # share of the residual force that the start may leave [-]
+# artificial stiffness along elements of constant tension, over their force density [-], in turn
+SOFTER = (0.1, 0.01, 1e-3, 1e-4)
+TIGHTER = 0.1  # factor on the tolerance [-] if the residual is still too large
+MOST_AGAIN = 4
+
+
+def newton_form(
+    comm, distribution, halo, net, elements, settings, target_residual: float, stop
+) -> tuple | None:
+    """Move net.x to the form; return conjugate gradient iterations and the largest residual [N]. Collective.
+
+    net : `relaxation.Net`; elements : `elements.Elements`; target_residual : [N]; stop : stop flag
+
+    Returns None and restores net.x if Newton's method does not apply or does not converge. Raises Paused.
+    """
+    if net.turned is not None:
+        return None
+    if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
+        return None
+    before = placed(net.x)
+    structure = Structure(cache(lambda: lines_of(distribution, elements.ends, before, net.free)))
+    newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), structure)
+    try:
+        total = _towards_force_density(newton, elements)
+        if elements.constant:
+            total += _nearer(newton, elements)
+        for k in range(MOST_AGAIN):
+            solution = newton.find(settings.tolerance * TIGHTER**k, before, stop)
+            total += solution.iterations
+            if solution.residual > target_residual:
+                continue
+            if unstable_shape(newton) is None:
+                return total, solution.residual
+            break
+    except Stopped:
+        net.x[:] = before
+        raise Paused(not_begun(before)) from None
+    except NoConvergence:
+        pass
+    net.x[:] = before
+    return None
+
+
+def _towards_force_density(newton: Newton, elements) -> int:
+    """Move the net close to the equilibrium of its initial force densities; return the iterations.
+
+    Collective.
+
+    Raises NoConvergence if the densities define no shape.
+    """
+    x = newton.net.x
+    elements.measure(x)
+    q = elements.densities()
+    N = q * elements.L
+    newton.f[:] = elements.load
+    add_tensions(x, elements.ends, N, elements.L, newton.f)
+    r = newton.not_held(newton.f[newton.owned])
+    K = tangent_of(elements, x, N, q, q)
+    s, count = newton.solve(K, newton.cycle(K), r, NEAR)
+    newton.spread_out(s)
+    x += newton.spread
+    return count
+
+
+def _nearer(newton: Newton, elements) -> int:
+    """Move the net closer to the form at constant tension; return the iterations. Collective.
+
+    The tangent has no stiffness along elements. Far from the form its corrections would let the nodes of a
+    cable coincide. So an artificial stiffness is added that decreases with each correction. Raises
+    NoConvergence.
+    """
+    newton.begin()
+    total = 0
+    for share in SOFTER:
+        r, K = newton.residual(), tangent_of_form(elements, newton.net.x, share)
+        s, count = newton.solve(K, newton.cycle(K), r, NEAR)
+        total += count
+        if newton.go(s, r) < SHORT:
+            raise NoConvergence("these tensions hardly have a form")
+    return total

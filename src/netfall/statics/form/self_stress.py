@@ -1,0 +1,202 @@
+"""States of self-stress of a given geometry, with one axial force per group of elements.
+
+Each group has one unknown t. With the unit vector d_e from start to end of element e, equilibrium of node p
+is
+
+sum over groups  t_g  sum over e of g at p  (+-) d_e  +  load_p  =  0        on each free axis
+
+(Pellegrino and Calladine 1986, with groups as unknowns: Yuan and Dong 2003). The states without load are the
+null space of this matrix. The axial forces are the state closest to the required prestress: least sum of
+squares over the elements that have a prestress. If that leaves freedom, the sum of squares of all forces is
+least.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import DivergedError, InputError
+from netfall.core.functions import lengths
+from netfall.core.least_squares import least_squares, times
+from netfall.core.rotation import from_own, to_own
+from netfall.geometry.net import Net
+from netfall.job.values import counted
+
+LARGEST = 2e8  # entries of the matrix, 8 bytes each
+SHOWN = 5  # nodes out of equilibrium that a message names
+NOTHING = 1e-9  # share of the required prestress [-]: a closest state below it contains none of the prestress
+ROUNDING = 1e-12  # pivot over the largest one [-], below which the prestress does not determine an unknown
+
+
+class SelfStress(NamedTuple):
+    """Prestress of a geometry: N (m,) [N]; residual : (n, 3) [N] on the free axes
+
+    states : (k, m) axial forces of each state of self-stress, the largest of each is 1
+    """
+
+    N: np.ndarray
+    residual: np.ndarray
+    states: np.ndarray
+
+
+class Equations(NamedTuple):
+    """Equilibrium equations with one force per group.
+
+    matrix : (r, c) a row for each free axis. Unknowns are t sqrt(count), so that their sum of squares is that
+        of the elements.
+    of : (m,) column of each element, -1: none, as its ends are held
+    count : (c,) elements of each column
+    """
+
+    matrix: np.ndarray
+    of: np.ndarray
+    count: np.ndarray
+
+
+def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStress:
+    """Compute the prestress closest to that of `net`, in equilibrium with a load (n, 3) [N].
+
+    load : None: none; tolerance : largest residual over the largest force at which a set of forces is a state
+
+    Raises InputError if there is no state of self-stress, DivergedError if the load is not carried.
+    """
+    equations = equations_of(net)
+    free = ~net.held
+    right_side = np.zeros(free.sum()) if load is None else -to_own(load, net.angle)[free]
+    fit = least_squares(equations.matrix, right_side, tolerance)
+    has_prestress = (equations.of >= 0) & (net.prestress != 0.0)
+    if load is None:
+        _check_states(net, equations, fit, has_prestress)
+    u = fit.x + times(fit.null, _nearest(net.prestress, equations, fit, has_prestress))
+    N = np.where(equations.of >= 0, (u / np.sqrt(equations.count))[equations.of], net.prestress)
+    if (
+        load is None
+        and np.abs(N[has_prestress]).max() <= NOTHING * np.abs(net.prestress[has_prestress]).max()
+    ):
+        raise InputError(_not_in_states(net, equations, fit, has_prestress))
+    residual = _residual(net, N, load)
+    result = SelfStress(N, residual, _states(equations, fit.null))
+    _check_residual(net, result, tolerance)
+    return result
+
+
+def equations_of(net: Net) -> Equations:
+    """Build the equations of a net from its geometry as given. Raises InputError if they are too many."""
+    movable = (~net.held[net.elements]).any((1, 2))
+    pairs = net.group * (int(net.tier.max(initial=0)) + 1) + net.tier
+    _, column = np.unique(pairs[movable], return_inverse=True)
+    of = np.full(net.m, -1)
+    of[movable] = column
+    count = np.bincount(column)
+    if 3.0 * net.n * len(count) > LARGEST:
+        raise InputError(
+            f'[form_finding] method = "keep": {len(count)} groups and {net.n} nodes make a matrix of '
+            f"{3.0 * net.n * len(count):.2g} entries; at most {LARGEST:.0e} fit: fewer groups"
+        )
+    matrix = np.zeros((net.n, 3, len(count)))
+    unit = _directions(net)[movable] / np.sqrt(count)[column, None]
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        nodes = net.elements[movable, end]
+        along = to_own(unit, None if net.angle is None else net.angle[nodes])
+        np.add.at(matrix, (nodes, slice(None), column), sign * along)
+    return Equations(matrix[~net.held], of, count)
+
+
+def _directions(net: Net) -> np.ndarray:
+    """Compute unit vectors (m, 3) from start to end."""
+    along = net.x[net.elements[:, 1]] - net.x[net.elements[:, 0]]
+    return along / lengths(along)[:, None]
+
+
+def _nearest(prestress: np.ndarray, equations: Equations, fit, has_prestress: np.ndarray) -> np.ndarray:
+    """Compute the shares (k,) of the states whose forces are closest to the prestress.
+
+    has_prestress : (m,) bool, elements whose prestress counts
+    """
+    columns = len(equations.count)
+    times_asked = np.bincount(equations.of[has_prestress], minlength=columns)
+    total = np.bincount(equations.of[has_prestress], prestress[has_prestress], columns)
+    is_required = times_asked > 0
+    # the misfit of t is scaled by sqrt(times_asked), and u is t sqrt(count)
+    weight = np.sqrt(times_asked[is_required] / equations.count[is_required])
+    target = total[is_required] / np.sqrt(times_asked[is_required])
+    rows = weight[:, None] * fit.null[is_required]
+    return least_squares(rows, target - weight * fit.x[is_required], ROUNDING).x
+
+
+def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
+    """Compute the residual forces (n, 3) [N] on the free axes."""
+    force = np.zeros((net.n, 3)) if load is None else load.copy()
+    pull = N[:, None] * _directions(net)
+    np.add.at(force, net.elements[:, 0], pull)
+    np.subtract.at(force, net.elements[:, 1], pull)
+    return from_own(np.where(net.held, 0.0, to_own(force, net.angle)), net.angle)
+
+
+def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
+    """Compute the states as forces of elements (k, m), the largest of each 1."""
+    forces = (null / np.sqrt(equations.count)[:, None]).T
+    largest = np.abs(forces).argmax(1) if forces.size else np.zeros(0, int)
+    forces = forces / forces[np.arange(len(forces)), largest][:, None]
+    return np.where(equations.of >= 0, forces[:, equations.of], 0.0)
+
+
+def _check_states(net: Net, equations: Equations, fit, has_prestress: np.ndarray) -> None:
+    """Raise InputError if there is no state, or if no prestress determines its size."""
+    if not fit.null.shape[1]:
+        raise InputError(_no_state(net, equations, fit.least))
+    if not has_prestress.any():
+        raise InputError(
+            '[form_finding] method = "keep": no element that can move has a prestress, to which the '
+            "self-stress could be the nearest; give [cable] prestress, or that of one group"
+        )
+
+
+def _not_in_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> str:
+    """Return the message that no state of self-stress contains the prestress, with the groups that do."""
+    states = _states(equations, fit.null)
+
+    def named(rows: np.ndarray) -> str:
+        names = [net.group_names[g] for g in np.unique(net.group[rows])]
+        return ", ".join(name or "(without a name)" for name in names)
+
+    takes_part = (np.abs(states) > NOTHING).any(0)
+    return (
+        f'[form_finding] method = "keep": prestress of group {named(asked)}: no state of self-stress of the '
+        f"geometry has it ({len(states)} known, with forces in {named(takes_part)}; the nearest one to the "
+        "prestress is zero). Give a prestress to groups that take part, or correct the geometry or the groups"
+    )
+
+
+def _no_state(net: Net, equations: Equations, least: float) -> str:
+    """Return the message that there is no state of self-stress, with the node where the best forces fail."""
+    best = least_squares(equations.matrix, np.zeros(len(equations.matrix)), least * (1.0 + 1e-9)).null[:, 0]
+    t = best / np.sqrt(equations.count)
+    N = np.where(equations.of >= 0, t[equations.of], 0.0)
+    misfit = lengths(_residual(net, N, None)) / np.abs(N).max()
+    p = int(np.argmax(misfit))
+    return (
+        '[form_finding] method = "keep": the geometry has no state of self-stress with one axial force in '
+        f"each of its {len(equations.count)} groups; the forces nearest to one leave {misfit[p]:.3g} of the "
+        f"largest at node {net.node_id[p]}; divide groups whose forces differ, correct the geometry, or "
+        "raise tolerance if coordinates are rounded"
+    )
+
+
+def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
+    """Raise DivergedError if nodes are not in equilibrium; it names the worst ones."""
+    residual = lengths(result.residual)
+    allowed = tolerance * np.abs(result.N).max(initial=0.0)
+    over = np.flatnonzero(~(residual <= allowed))
+    if not len(over):
+        return
+    worst = over[np.argsort(-residual[over], kind="stable")]
+    first = ", ".join(
+        f"node {net.node_id[p]} by [{', '.join(f'{value:.4g}' for value in result.residual[p])}] N"
+        for p in worst[:SHOWN]
+    )
+    raise DivergedError(
+        f'[form_finding] method = "keep": {counted("node", net.node_id[over])} '
+        f"{'is' if len(over) == 1 else 'are'} not in equilibrium to {allowed:.3g} N with one axial force in "
+        f"each group: {first}; divide groups, change the geometry, or raise tolerance"
+    )

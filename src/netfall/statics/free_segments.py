@@ -1,0 +1,334 @@
+"""Slips of cables over nodes at given positions, a convex problem that `slip` solves for each trial."""
+
+import math
+
+import numpy as np
+
+from netfall.core.arithmetic import exponential, logarithm
+from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.records import Record, f8, f8_2, i8
+from netfall.physics.slip.law import LEAST, angle_between, slip_force, slip_limit
+
+MOST_STEPS = 200  # of Newton's method on the slips at given positions
+NEAR_ZERO = 1e-12  # residual of the driving forces over the largest force [-]
+ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
+FLOOR = 1e-6  # lowest stiffness over EA / L0 [-], so that the slip of a slack segment is defined
+HALVINGS = 40
+SHORTEST = 0.02  # shortest free segment over its length without slip [-] in trials
+# stiffness of the stop on a cable over that of the segment [-]; it acts below the share LEAST of the length
+STOP = 100.0
+
+
+class CableChains(Record):
+    """Slip points along each cable and the free segments between them; the same on every rank.
+
+    node, column : (k,) global particle, and the index of the cable among its cables
+    before, after : (k,) rows of the elements next to a slip point; segment_before, segment_after : (k,)
+    friction : (k,); resistance : (k,) [N]; start : (c + 1,) first slip point of each chain
+    into, out : (g,) slip point at the begin and the end of a segment along the cable, -1: none
+    element : (q,) global numbers of the elements of all segments
+    segment : (q,); share : (q,) of the segment's length
+    along : (q,) 1, -1; weight : (q,) [N/m] of the elements
+    """
+
+    node: i8
+    column: i8
+    before: i8
+    after: i8
+    segment_before: i8
+    segment_after: i8
+    friction: f8
+    resistance: f8
+    start: i8
+    into: i8
+    out: i8
+    element: i8
+    segment: i8
+    share: f8
+    along: i8
+    weight: f8
+
+    # pickled for the broadcast from rank 0, because addresses of arrays differ between ranks
+    def __reduce__(self):
+        return type(self), tuple(getattr(self, name) for name in self.kind.fields)
+
+    def passed(self, s: np.ndarray) -> np.ndarray:
+        """Return the changes (q,) [m] of the elements' unstressed lengths due to slips s (k,) [m]."""
+        s = np.append(s, 0.0)
+        return self.share * (s[self.into] - s[self.out])[self.segment]
+
+    def by_segment(self, values: np.ndarray) -> np.ndarray:
+        """Return the sums (g,) over the elements of each segment of values (q,) times their shares."""
+        return np.bincount(self.segment, self.share * values, len(self.into))
+
+
+def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
+    """Build the chains of `geometry.slip_points.Slides`. weight : (m,) [N/m] of each element"""
+    element = np.flatnonzero(slides.segment >= 0)
+    rows = np.searchsorted(element, [slides.before, slides.after])
+    segment = slides.segment[element]
+    before, after = segment[rows]
+    into, out = np.full((2, segment.max() + 1), -1)
+    into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
+    start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # otherwise the chain continues
+    return CableChains(
+        slides.node,
+        slides.column,
+        rows[0],
+        rows[1],
+        before,
+        after,
+        slides.friction,
+        slides.resistance,
+        start,
+        into,
+        out,
+        element,
+        segment,
+        slides.share[element],
+        slides.along[element].astype(np.int64),
+        weight[element],
+    )
+
+
+class Strands(Record):
+    """Elements of `CableChains` at given positions (q,), [N] and [m].
+
+    EA : 0 if the element carries nothing; strand : [m] unstressed length without slip; L : [m] length
+    stop : [N/m] stiffness of the stop; height : [m] of the element's middle
+    direction : (q, 3) from begin to end along the cable
+    """
+
+    EA: f8
+    strand: f8
+    stop: f8
+    L: f8
+    height: f8
+    direction: f8_2
+
+
+@part_of_kernel
+def _force_of(e, L0, strands, law):
+    """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
+    EA, L = strands.EA[e], strands.L[e]
+    if EA == 0.0 or L <= L0:
+        return 0.0, 0.0, 0.0, FLOOR * EA / L0
+    if law.logarithmic:
+        T = EA * logarithm(L / L0)
+        return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
+    T = EA * ((L - L0) / L0)
+    return T, slip_force(T, EA, law), EA * L / (L0 * L0), EA * L * L / (L0 * L0 * L0)
+
+
+@part_of_kernel
+def _short(e, L0, strands):
+    """Compute how much [m] element e is shorter than its stop allows, at unstressed lengths L0 (q,) [m]."""
+    return LEAST * strands.strand[e] - L0[e]
+
+
+@kernel
+def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness, drive, hold):
+    """Compute the forces of the elements at slips s (k,) [m]; all arrays (q,) are filled.
+
+    T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
+    drive, hold : (g,), filled with the sums over each segment of q and of the stiffness against slip
+    """
+    drive[:] = 0.0
+    hold[:] = 0.0
+    for e in range(L0.shape[0]):
+        g, slipped = chains.segment[e], 0.0
+        if chains.into[g] >= 0:
+            slipped += s[chains.into[g]]
+        if chains.out[g] >= 0:
+            slipped -= s[chains.out[g]]
+        L0[e] = strands.strand[e] + chains.share[e] * slipped
+        T[e], q[e], coupling[e], stiffness[e] = _force_of(e, L0[e], strands, law)
+        q[e] -= weights * chains.weight[e] * strands.height[e]
+        if strands.EA[e] == 0.0:
+            q[e] = 0.0
+        short = _short(e, L0, strands)
+        if short > 0.0:
+            q[e] += strands.stop[e] * short
+            stiffness[e] += strands.stop[e]
+        drive[g] += chains.share[e] * q[e]
+        hold[g] += chains.share[e] * chains.share[e] * stiffness[e]
+
+
+@inner_kernel
+def potential(s, old, limit, chains, strands, weights, law, L0):
+    """Compute W [J] at slips s (k,) [m] and unstressed lengths L0 (q,) [m]; inf if a segment is too short."""
+    W = 0.0
+    for e in range(L0.shape[0]):
+        EA, L, short = strands.EA[e], strands.L[e], _short(e, L0, strands)
+        if short > 0.0:
+            W += 0.5 * strands.stop[e] * short * short
+        if EA == 0.0:
+            continue
+        if L0[e] < SHORTEST * strands.strand[e]:
+            return math.inf
+        W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
+        if L > L0[e] and law.logarithmic:
+            W += EA * (L * logarithm(L / L0[e]) - L + L0[e])
+        elif L > L0[e]:
+            W += 0.5 * EA * (L - L0[e]) * ((L - L0[e]) / L0[e])
+    for i in range(s.shape[0]):
+        if s[i] != old[i]:
+            W += limit[i] * abs(s[i] - old[i])
+    return W
+
+
+@kernel
+def limits_of(chains, strands, T, law, limit):
+    """Fill limit (k,) with the slip resistances R [N] at tensions T (q,) [N]."""
+    for i in range(limit.shape[0]):
+        b, a = chains.before[i], chains.after[i]
+        turn, d = 1.0, strands.direction
+        if chains.friction[i] > 0.0:
+            theta = angle_between(d[b, 0], d[b, 1], d[b, 2], d[a, 0], d[a, 1], d[a, 2])
+            turn = exponential(-chains.friction[i] * theta)
+        EA = max(strands.EA[b], strands.EA[a])
+        limit[i] = 0.0
+        if EA > 0.0:
+            EA_b, EA_a = (
+                strands.EA[b] if strands.EA[b] > 0.0 else EA,
+                strands.EA[a] if strands.EA[a] > 0.0 else EA,
+            )
+            limit[i] = slip_limit(T[b], T[a], EA_b, EA_a, chains.friction[i], chains.resistance[i], turn, law)
+
+
+@inner_kernel
+def residuals(s, old, limit, chains, drive, r, direction):
+    """Fill r (k,) [N] with the residual driving forces; return the largest.
+
+    direction : (k,), filled with 1, -1, 0: the point sticks, and r is 0
+    """
+    worst = 0.0
+    for i in range(s.shape[0]):
+        Q = drive[chains.segment_after[i]] - drive[chains.segment_before[i]]
+        slip = s[i] - old[i]
+        direction[i] = (
+            1 if slip > 0.0 else -1 if slip < 0.0 else 1 if Q > limit[i] else -1 if Q < -limit[i] else 0
+        )
+        r[i] = Q - direction[i] * limit[i] if direction[i] != 0 else 0.0
+        worst = max(worst, abs(r[i]))
+    return worst
+
+
+@kernel
+def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
+    """Solve K_ss out = b, slips (k,) [m] and forces (k,) [N] of the points that slip, chain by chain.
+
+    hold : (g,) of `strand_forces`. The last slip point of a chain is a border of the matrix, for closed
+        chains.
+    pivot, off_diagonal, border : (k,), scratch
+    """
+    for c in range(chains.start.shape[0]):
+        first = chains.start[c]
+        last = (chains.start[c + 1] if c + 1 < chains.start.shape[0] else way.shape[0]) - 1
+        for i in range(first, last + 1):
+            pivot[i], off_diagonal[i], border[i], out[i] = 1.0, 0.0, 0.0, 0.0
+            if way[i] != 0:
+                pivot[i] = hold[chains.segment_before[i]] + hold[chains.segment_after[i]]
+                out[i] = b[i]
+        for i in range(first, last + 1):
+            g = chains.segment_after[i]
+            j = chains.out[g]
+            if j >= 0 and j != i and way[i] != 0 and way[j] != 0:
+                if j == last or i == last:
+                    border[min(i, j)] -= hold[g]
+                else:
+                    off_diagonal[i] -= hold[g]
+        corner = pivot[last]
+        for i in range(first, last):
+            pivot[i] = max(pivot[i], FLOOR)
+            multiplier = border[i] / pivot[i]
+            if i + 1 < last:
+                ratio = off_diagonal[i] / pivot[i]
+                pivot[i + 1] -= ratio * off_diagonal[i]
+                border[i + 1] -= ratio * border[i]
+                out[i + 1] -= ratio * out[i]
+            pivot[last] -= multiplier * border[i]
+            out[last] -= multiplier * out[i]
+        pivot[last] = max(pivot[last], FLOOR * corner, FLOOR * FLOOR)
+        out[last] /= pivot[last]
+        for i in range(last - 1, first - 1, -1):
+            out[i] -= border[i] * out[last]
+            if i + 1 < last:
+                out[i] -= off_diagonal[i] * out[i + 1]
+            out[i] /= pivot[i]
+
+
+@kernel
+def slips_at(old, limit, chains, strands, weights, law, work, s):
+    """Compute the slips s (k,) [m] at given positions from `old` (k,); return the relative residual force.
+
+    work : `Work`; its forces are then those at s
+    """
+    for i in range(s.shape[0]):
+        s[i] = old[i]
+    w, worst, scale = work, 0.0, 0.0
+    strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold)
+    old_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
+    for _ in range(MOST_STEPS):
+        worst = residuals(s, old, limit, chains, w.drive, w.r, w.way)
+        for e in range(w.q.shape[0]):
+            scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
+            if _short(e, w.L0, strands) > 0.0:
+                scale = max(scale, ROUNDING * strands.stop[e] * strands.strand[e])
+        if worst <= NEAR_ZERO * scale:
+            return 0.0
+        solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
+        for i in range(s.shape[0]):
+            w.start[i], w.way_before[i] = s[i], w.way[i]
+        step_share, new_potential = 1.0, 0.0
+        for _ in range(HALVINGS):
+            for i in range(s.shape[0]):
+                s[i] = w.start[i] + step_share * w.step[i]
+                if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
+                    s[i] = old[i]
+            strand_forces(
+                s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
+            )
+            new_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
+            if new_potential <= old_potential + NEAR_ZERO * abs(old_potential):
+                break
+            step_share *= 0.5
+        if not new_potential <= old_potential + NEAR_ZERO * abs(
+            old_potential
+        ):  # due to rounding, or positions that are not finite
+            for i in range(s.shape[0]):
+                s[i] = w.start[i]
+            strand_forces(
+                s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
+            )
+            return worst / scale
+        old_potential = new_potential
+    return worst / scale
+
+
+class Work(Record):
+    """Scratch arrays of `slips_at`.
+
+    Elements (q,) have L0 to stiffness, segments (g,) drive and hold, slip points (k,) the others.
+    """
+
+    L0: f8
+    T: f8
+    q: f8
+    coupling: f8
+    stiffness: f8
+    drive: f8
+    hold: f8
+    r: f8
+    pivot: f8
+    beside: f8
+    border: f8
+    step: f8
+    start: f8
+    way: i8
+    way_before: i8
+
+
+def make_work(q: int, g: int, k: int) -> Work:
+    """Allocate the arrays for q elements, g segments and k slip points."""
+    return Work(*np.zeros((5, q)), *np.zeros((2, g)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))

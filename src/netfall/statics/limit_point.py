@@ -1,0 +1,204 @@
+"""Limit points between two equilibria on one load path: the load factors at which a net snaps through.
+
+From an equilibrium A the missing part of the load is applied, with a factor from 0 to 1. The path to the
+equilibrium B is plain if the tangents at A and at B both predict the displacements between A and B. Otherwise
+the interval is halved: the equilibrium at its middle is found from its lower end, and both halves are
+examined. A path that only curves becomes plain in short intervals. At a limit point the net jumps however
+short the interval is. If the equilibrium at the middle is not stable, the tangent loses its positive
+definiteness below it. The energy of cables is convex in the positions, so a net without bars has no limit
+point.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import DivergedError
+from netfall.core.functions import lengths
+from netfall.parallel.mpi import MPI
+from netfall.statics.newton import NoConvergence
+from netfall.statics.stability import unstable_at
+
+# error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
+OFF = 0.5
+LEAST = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
+NARROW = 2.0**-9  # load factor [-]: in an interval so short a path that only curves is plain
+# the same if the tangent predicts more motion than there is, for example as cables become taut
+NARROWEST = 2.0**-16
+MOST_TRIALS = 60  # equilibria inside the interval
+
+
+class LimitPoint(NamedTuple):
+    """Load factor at which a path snaps through or loses its stability.
+
+    share : load factor, to within `NARROW`
+    particle : global number of the one that jumps most, -1: none jumps
+    jump : its displacement beyond the prediction of the tangent [m]
+    """
+
+    share: float
+    particle: int
+    jump: float
+
+
+class _Motion(NamedTuple):
+    """Motion over an interval compared with the predictions of the tangents at its ends.
+
+    plain : whether both tangents predict it; jumps : whether the one at the lower end misses motion
+    particle, size : global number of the particle that moves most beyond the prediction, and by how much [m]
+    """
+
+    plain: bool
+    jumps: bool
+    particle: int
+    size: float
+
+
+class _Untold(Exception):
+    """Failure to decide whether the states of the path follow each other continuously."""
+
+
+UNKNOWN = _Motion(False, False, -1, 0.0)
+
+
+class LoadPath:
+    """Path from one equilibrium to another under more load.
+
+    newton(share) : Newton's method at a load factor, with the lengths and held nodes that belong to it
+    find(share) : brings the state to the equilibrium at that factor; raises DivergedError
+    """
+
+    def __init__(self, state, newton: Callable, find: Callable[[float], object], hangs: bool):
+        """hangs : whether the net may be a mechanism on the way, which is stable only when it is taut."""
+        self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
+
+    def limit_point(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
+        """Find the first limit point, None if there is none or it cannot be decided. Collective.
+
+        x : (n, 3) [m] in equilibrium without the load; end : with the load, None: unstable
+
+        Also returns the positions at the end of the path, which may differ from the given ones.
+        """
+        try:
+            return self._search(x, end)
+        except _Untold:
+            return None, end
+
+    def _search(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
+        low, stack, is_sought = 0.0, [(1.0, end)], end is None
+        for _ in range(MOST_TRIALS):
+            high, upper = stack[-1]
+            motion = UNKNOWN if upper is None else self._motion(x, upper, low, high)
+            if motion is None and (low, high) == (0.0, 1.0):
+                return None, end
+            motion = motion or UNKNOWN
+            if motion.plain:
+                low, x = stack.pop()
+                if not stack:
+                    return None, x
+                continue
+            is_narrow = high - low <= NARROW
+            if is_narrow and not is_sought and high == 1.0:
+                is_sought, stack[-1] = True, (high, self._between(x, high))
+                continue
+            if is_narrow and (upper is None or motion.jumps):
+                return LimitPoint(low, motion.particle, motion.size), end
+            if high - low <= NARROWEST:
+                low, x = stack.pop()
+                if not stack:
+                    return None, x
+                continue
+            middle = 0.5 * (low + high)
+            stack.append((middle, self._between(x, middle)))
+        return None, end
+
+    def _between(self, x: np.ndarray, share: float) -> np.ndarray | None:
+        """Find the stable equilibrium at a load factor from positions x; None: none was found."""
+        self.state.x[:] = x
+        try:
+            self.find(share)
+            stable = unstable_at(self.newton(share)) < 0
+        except DivergedError:
+            stable = False
+        if not stable and self.hangs:
+            raise _Untold
+        return self.state.x.copy(order="K") if stable else None
+
+    def _motion(self, x, upper, low: float, high: float) -> _Motion | None:
+        """Compare the motion from x to `upper` (n, 3) [m] with predictions; None if a tangent is singular."""
+        state, motion, foreseen = self.state, upper - x, []
+        for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
+            state.x[:] = begin
+            predicted = self._answer(factor, target)
+            if predicted is None:
+                return None
+            foreseen.append(np.where(state.free[: len(predicted)] != 0, sign * predicted, motion))
+        a, b = state.ends.T
+        relative = motion[b] - motion[a]
+        size = lengths(relative)
+        counts = size > LEAST * state.elements_now().L
+        missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
+        exceeds = [bool((counts & (lengths(error) > OFF * size)).any()) for error in missed]
+        falls_short = [counts & ((error * relative).sum(1) > OFF * size**2) for error in missed]
+        owned = slice(state.n_owned)
+        beyond = lengths((motion - foreseen[0])[owned])
+        newton = self.newton(low)
+        gid = newton.distribution.subdomain.particle_gid[owned]
+        p = int(np.argmax(beyond)) if len(beyond) else -1
+        candidate = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
+        largest, particle = max(newton.comm.allgather(candidate))
+        flags = np.array([any(exceeds), falls_short[0].any()], np.int64)
+        newton.comm.Allreduce(MPI.IN_PLACE, flags, MPI.MAX)
+        return _Motion(not flags[0], bool(flags[1]), -particle, largest)
+
+    def _answer(self, factor: float, target: float) -> np.ndarray | None:
+        """Predict displacements (n, 3) [m] from the equilibrium at one load factor to another one.
+
+        Uses the tangent at the first factor, with the net in equilibrium there; target : the other factor.
+        Returns None if the tangent is singular.
+        """
+        newton = self.newton(factor)
+        newton.begin()
+        K = newton.tangent()
+        cycle, newton = newton.cycle(K), self.newton(target)
+        try:
+            s, _ = newton.solve(K, cycle, newton.residual())
+        except NoConvergence:
+            return None
+        newton.spread_out(s)
+        return newton.spread.copy()
+
+
+def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: float) -> Callable:
+    """Return a function load(share) (n, 3) [N] of the load on the way from one state to another.
+
+    finder : `find.Finder`
+    before, start : arrays of the state, by name: in equilibrium before the load, and with the unstressed
+        lengths and held nodes that come with the load
+    carried : load factor at the end of the way
+
+    The function also sets lengths and held nodes, which change in proportion. Collective.
+    """
+    state = finder.state
+    held, lengths = state.free == 0, [name for name in ("L0", "strand") if name in start]
+
+    def set_lengths(share: float) -> None:
+        for name in lengths:
+            getattr(state, name)[:] = before[name] + share * (start[name] - before[name])
+        state.x[held] = (before["x"] + share * (start["x"] - before["x"]))[held]
+
+    state.x[:] = before["x"]
+    set_lengths(0.0)
+    residual = finder.residual(load)
+
+    def load_at(share: float) -> np.ndarray:
+        set_lengths(share * carried)
+        return load - (1.0 - share * carried) * residual
+
+    return load_at
+
+
+def is_compressible(comm: MPI.Comm, state) -> bool:
+    """Return whether anything carries compression or bends; otherwise the energy is convex. Collective."""
+    return comm.allreduce(state.joints is not None or bool((state.bar != 0).any()), MPI.LOR)

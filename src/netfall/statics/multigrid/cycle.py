@@ -1,0 +1,169 @@
+"""Multigrid V-cycle: an approximate inverse of a net's tangent stiffness, at a cost proportional to the net.
+
+Smoothed aggregation (Vanek, Mandel, Brezina 1996) joins particles to aggregates of neighbours, and these to
+larger aggregates, until few are left. A correction on a coarse level moves each aggregate as a whole,
+smoothed by one Jacobi step.
+
+A line smoother works on the fine grid: it solves lines of elements exactly and damps errors that vary from
+line to line (`lines`). On coarser grids, and in a net with bending chains, a Chebyshev polynomial in the
+stiffness damps errors that vary from particle to particle. It is scaled by each particle's 3 x 3 block.
+
+A V-cycle is symmetric, so conjugate gradients may use it. All ranks set up the levels together, in double
+precision. A cycle is in single precision. Each rank holds small levels in full.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from netfall.core.linear import factorised, solve_factorised
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
+from netfall.statics.multigrid.distributed import DistributedMatrix, first_step
+from netfall.statics.multigrid.levels import COARSEST, TOP_OF_JOINTS, TOP_OF_NET, levels_of
+from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
+from netfall.statics.multigrid.rows import Pattern
+from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
+
+DEGREE = 4  # of the polynomial before and after each coarser level
+RANGE = 20.0  # largest eigenvalue over the smallest one that the polynomial damps [-]
+DENSE = 4 * COARSEST  # particles of the coarsest grid up to which a direct solver is used
+
+
+@dataclass
+class Structure:
+    """Data that the cycles of one net share while its elements, axes and joints stay the same.
+
+    The first cycle fills it.
+
+    lines() : returns the lines of the net, called if the line smoother applies. Collective
+    at : the elements at each particle; pattern : of the tangent; coarsenings : see `levels_of`
+    """
+
+    lines: Callable[[], Lines]
+    at: Incidence | None = None
+    pattern: Pattern | None = None
+    coarsenings: list = field(default_factory=list)
+
+
+class Cycle:
+    """Approximate inverse for rows (n_owned, 3) on each rank."""
+
+    def __init__(self, distribution: Distribution, net, K: Tangent, inertia: float, structure: Structure):
+        """Set up the levels for a net's tangent, without the effect of compression. Collective.
+
+        net : `relaxation.Net`; inertia : share of the nodal stiffness that is added; structure : data shared
+            by the cycles of the net
+        """
+        comm, d = distribution.comm, distribution.subdomain
+        self.comm = comm
+        if structure.at is None:
+            structure.at = incidence_of(net.ends, d.particle_gid, d.n_owned)
+        self.levels, self.factor = [], None
+        self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
+        rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
+        structure.pattern, has_joints = rows.pattern, K.joints is not None
+        top, coarsest = (TOP_OF_JOINTS, DENSE) if has_joints else (TOP_OF_NET, COARSEST)
+        for level in levels_of(rows, structure.coarsenings, top, coarsest):
+            is_distributed = level.matrix.comm is comm
+            if is_distributed:
+                self.rows = level.up.columns if level.up else level.matrix.rows
+            if level.up is None and level.matrix.rows.n <= DENSE:
+                self.factor = level.matrix.dense()
+                factorised(self.factor)
+                break
+            self.whole += is_distributed
+            down = DistributedMatrix(level.down) if level.up else None
+            up = DistributedMatrix(level.up) if level.up else None
+            lines = structure.lines() if not has_joints and not self.levels else None
+            if lines and 0 < lines.touching <= MOST_TOUCHING:
+                smoother = LineSmoother(lines, level.matrix, net, K)
+                self.levels.append(_LineLevel(smoother, level.product, down, up))
+            else:
+                self.levels.append(_PointLevel(level.single, level.top, level.product, down, up))
+            del level  # frees memory for the next one
+
+    def __call__(self, b: np.ndarray) -> np.ndarray:
+        """Return approximate displacements (n_owned, 3) due to the forces b (n_owned, 3). Collective."""
+        with np.errstate(over="ignore"):  # the caller notices divergence
+            single = b.astype(np.float32)
+        return self._cycle(0, single).astype(float)
+
+    def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
+        if k == self.whole:
+            b = self._gathered(b)
+        x = self._solved(b) if k == len(self.levels) else self._smoothed(k, b)
+        return x[self.rows.mine] if k == self.whole else x
+
+    def _smoothed(self, k: int, b: np.ndarray) -> np.ndarray:
+        level = self.levels[k]
+        x = level.matrix.own
+        level.smooth(b, True)
+        if level.down is None:
+            return x
+        x += level.up(self._cycle(k + 1, level.down(b - level.matrix()).copy()))
+        level.matrix.share()
+        level.smooth(b, False)
+        return x
+
+    def _gathered(self, b: np.ndarray) -> np.ndarray:
+        all_rows = np.zeros((self.rows.n, 3), np.float32)
+        all_rows[self.rows.mine] = b
+        self.comm.Allreduce(MPI.IN_PLACE, all_rows, MPI.SUM)  # only one term is not zero, so no rounding
+        return all_rows
+
+    def _solved(self, b: np.ndarray) -> np.ndarray:
+        flat = b.astype(float).ravel()
+        solve_factorised(self.factor, flat)
+        with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
+            return flat.reshape(-1, 3).astype(np.float32)
+
+
+@dataclass
+class _LineLevel:
+    lines: LineSmoother
+    matrix: DistributedMatrix
+    down: DistributedMatrix | None = None
+    up: DistributedMatrix | None = None
+
+    def smooth(self, b: np.ndarray, zero: bool) -> None:
+        """Take one step of the line smoother towards matrix x = b, on the x in `matrix.own`.
+
+        zero : whether to start from x = 0
+        """
+        x = self.matrix.own
+        if zero:
+            x[:] = 0.0
+            self.lines.add_step(b, x)
+            self.matrix.share()
+        else:
+            self.lines.add_step(b - self.matrix(), x)
+
+
+@dataclass
+class _PointLevel:
+    inverse: np.ndarray
+    top: float
+    matrix: DistributedMatrix
+    down: DistributedMatrix | None = None
+    up: DistributedMatrix | None = None
+
+    def smooth(self, b: np.ndarray, zero: bool) -> None:
+        """Take `DEGREE` terms of Chebyshev iteration towards matrix x = b, on the x in `matrix.own`.
+
+        zero : whether to start from x = 0
+        """
+        middle, half = 0.5 * (self.top + self.top / RANGE), 0.5 * (self.top - self.top / RANGE)
+        ratio = middle / half
+        factor, step = 1.0 / ratio, np.zeros_like(b)
+        keep, scale = 0.0, 1.0 / middle
+        for term in range(DEGREE):
+            if zero and term == 0:
+                first_step(self.inverse, b, np.float32(scale), step)
+                self.matrix.own[:] = step
+                self.matrix.share()
+            else:
+                self.matrix.take_step(b, self.inverse, np.float32(scale), np.float32(keep), step)
+            new_factor = 1.0 / (2.0 * ratio - factor)
+            keep, scale, factor = new_factor * factor, 2.0 * new_factor / half, new_factor

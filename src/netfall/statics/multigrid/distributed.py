@@ -1,0 +1,148 @@
+"""Sparse matrices of 3 x 3 blocks in single precision, with rows distributed over the ranks.
+
+They serve preconditioners. A row sums its blocks in ascending global number of the column, so a product has
+the same bits on any number of ranks.
+"""
+
+import numpy as np
+
+from netfall.core.arithmetic import fused
+from netfall.core.kernels import kernel, part_of_kernel
+from netfall.parallel.mpi import MPI
+from netfall.statics.multigrid.rows import BlockRows, Ghosts
+
+TAG = 31
+
+
+@kernel
+def multiply_rows(start, column, block, x, y):
+    """Compute y (rows, 3) = blocks times x (columns, 3)."""
+    for i in range(np.uint64(start.shape[0] - 1)):
+        a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint64(column[k])
+            u, v, w = x[j, 0], x[j, 1], x[j, 2]
+            a = fused(block[k, 2], w, fused(block[k, 1], v, fused(block[k, 0], u, a)))
+            b = fused(block[k, 5], w, fused(block[k, 4], v, fused(block[k, 3], u, b)))
+            c = fused(block[k, 8], w, fused(block[k, 7], v, fused(block[k, 6], u, c)))
+        y[i, 0], y[i, 1], y[i, 2] = a, b, c
+
+
+@part_of_kernel
+def add_step(i, inverse, r, s, t, scale, keep, step):
+    """Compute row i of step = keep step + scale inverse (r, s, t).
+
+    inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
+    """
+    a, b, c = inverse[i, 0], inverse[i, 1], inverse[i, 2]
+    d, e, f = inverse[i, 3], inverse[i, 4], inverse[i, 5]
+    step[i, 0] = fused(scale, fused(c, t, fused(b, s, a * r)), keep * step[i, 0])
+    step[i, 1] = fused(scale, fused(e, t, fused(d, s, b * r)), keep * step[i, 1])
+    step[i, 2] = fused(scale, fused(f, t, fused(e, s, c * r)), keep * step[i, 2])
+
+
+@kernel
+def first_step(inverse, b, scale, step):
+    """Compute step = scale inverse b, the step from zero. All (rows, 3); inverse : as in `add_step`"""
+    for i in range(step.shape[0]):
+        step[i, 0] = step[i, 1] = step[i, 2] = 0.0
+        add_step(i, inverse, b[i, 0], b[i, 1], b[i, 2], scale, scale, step)
+
+
+@kernel
+def step_rows(start, column, block, inverse, b, x, scale, keep, step):
+    """Compute step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
+    for i in range(np.uint64(step.shape[0])):
+        r, s, t = b[i, 0], b[i, 1], b[i, 2]
+        for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
+            j = np.uint64(column[k])
+            u, v, w = x[j, 0], x[j, 1], x[j, 2]
+            r = fused(-block[k, 2], w, fused(-block[k, 1], v, fused(-block[k, 0], u, r)))
+            s = fused(-block[k, 5], w, fused(-block[k, 4], v, fused(-block[k, 3], u, s)))
+            t = fused(-block[k, 8], w, fused(-block[k, 7], v, fused(-block[k, 6], u, t)))
+        add_step(i, inverse, r, s, t, scale, keep, step)
+
+
+@kernel
+def dot_rows(a, b, out):
+    """Fill out (n,) with the inner products of the rows of two arrays (n, 3)."""
+    for p in range(out.shape[0]):
+        out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
+
+
+@kernel
+def advance(step, p, q, s, remainder, previous):
+    """Compute s += step p, previous = remainder, remainder -= step q. All (n, 3), step a number."""
+    for i in range(s.shape[0]):
+        for k in range(3):
+            s[i, k] += step * p[i, k]
+            previous[i, k] = remainder[i, k]
+            remainder[i, k] -= step * q[i, k]
+
+
+@kernel
+def turn(share, z, p):
+    """Compute p = z + share p. Both (n, 3), share a number."""
+    for i in range(p.shape[0]):
+        for k in range(3):
+            p[i, k] = z[i, k] + share * p[i, k]
+
+
+class Shared:
+    """Rows float32 (n, 3) of this rank, `own`, with the needed rows of others: `rows`, own ones first."""
+
+    def __init__(self, comm: MPI.Comm, n: int, ghosts: Ghosts):
+        self.comm, self.rows = comm, np.zeros((n + len(ghosts.number), 3), np.float32)
+        self.own = self.rows[:n]
+        ends = n + np.cumsum(ghosts.counts)
+        self.receives = [
+            (rank, self.rows[end - count : end])
+            for rank, (end, count) in enumerate(zip(ends, ghosts.counts))
+            if count
+        ]
+        self.sends = [
+            (rank, places, np.empty((len(places), 3), np.float32))
+            for rank, places in enumerate(ghosts.asked)
+            if len(places)
+        ]
+
+    def share(self) -> None:
+        """Send `own` to the ranks that need it and receive their rows. Collective."""
+        requests = [self.comm.Irecv(rows, rank, TAG) for rank, rows in self.receives]
+        for rank, places, out in self.sends:
+            np.take(self.rows, places, axis=0, out=out)
+            requests.append(self.comm.Isend(out, rank, TAG))
+        MPI.Request.Waitall(requests)
+
+
+class DistributedMatrix:
+    """Product of a matrix with a vector, with rows float32 (rows, 3) of both on each rank."""
+
+    def __init__(self, rows: BlockRows):
+        """Collective."""
+        local = rows.local
+        self.shared = Shared(rows.comm, len(rows.columns.mine), rows.pattern.ghosts)
+        self.share, self.x, self.own = self.shared.share, self.shared.rows, self.shared.own
+        self.start, self.column = local.start, local.column
+        self.block = local.block.reshape(-1, 9).astype(np.float32, copy=False)
+        self.y = np.zeros((len(self.start) - 1, 3), np.float32)
+
+    def __call__(self, x: np.ndarray | None = None) -> np.ndarray:
+        """Return the rows of the product, in an array that the next call overwrites. Collective.
+
+        x : (n_columns, 3); None: the shared content of `own`
+        """
+        if x is not None:
+            self.own[:] = x
+            self.share()
+        multiply_rows(self.start, self.column, self.block, self.x, self.y)
+        return self.y
+
+    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
+        """Compute step = keep step + scale inverse (b - product with `own`), add it to `own`, and share.
+
+        Collective.
+        """
+        step_rows(self.start, self.column, self.block, inverse, b, self.x, scale, keep, step)
+        self.own += step
+        self.share()

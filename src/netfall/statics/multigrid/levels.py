@@ -1,0 +1,340 @@
+"""Levels of the multigrid cycle: aggregates of particles, and the transfer between levels.
+
+An aggregate is a block of particles that includes the corners: nine in a net of squares. Blocks of a particle
+and its four neighbours would leave gaps between them, so levels would be larger and converge more slowly.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from netfall.core.kernels import kernel, part_of_kernel
+from netfall.parallel.agree import on_root
+from netfall.parallel.sums import exact_sums
+from netfall.statics.multigrid.distributed import DistributedMatrix, dot_rows, first_step
+from netfall.statics.multigrid.products import Product, Transposed
+from netfall.statics.multigrid.rows import BlockRows, Everywhere, Owners, Pattern, entries_of, starts_of
+
+COARSEST = 100  # aggregates at which coarsening ends
+# largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
+EVERYWHERE = 4000
+MOST_LEVELS = 20
+MERGED = 0.7  # largest ratio of aggregates to particles of a level [-]; above it the level is the coarsest
+# power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
+POWERS = 30
+SAFE = 1.1  # factor on that eigenvalue [-]
+# bound of the eigenvalues of the fine grid [-]: an element's stiffness is at most twice its share of the
+# diagonal
+TOP_OF_NET = 2.0
+TOP_OF_JOINTS = 3.0  # the same for joints, which have three particles
+UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are stored
+FREE, ALONE, JOINS = -1, -2, -3  # marks of nodes without an aggregate
+TINY = 1e-9  # share of a block's trace that is added to it [-]: without support it would be singular
+
+
+@dataclass
+class Level:
+    """Level of the multigrid: `matrix`; `inverse` (rows, 3, 3) of the diagonal blocks of this rank's rows.
+
+    single, product : both in single precision, `inverse` as in `distributed.add_step`
+    top : bound of the eigenvalues of inverse times matrix
+    down, up : transfer to the next level and back, None: there is none
+    """
+
+    matrix: BlockRows
+    inverse: np.ndarray
+    top: float = 0.0
+    down: BlockRows | None = None
+    up: BlockRows | None = None
+
+    @cached_property
+    def single(self) -> np.ndarray:
+        return np.ascontiguousarray(self.inverse[:, *UPPER], np.float32)
+
+    @cached_property
+    def product(self) -> DistributedMatrix:
+        return DistributedMatrix(self.matrix)
+
+
+class Coarsening:
+    """Transfer from one level to the next.
+
+    It depends on the pattern alone, so it holds for all tangents of a net.
+
+    number : (n,) of each row's aggregate; own : the same of this rank's; up : pattern of the prolongation
+    transposed, moved, coarser, everywhere : compute its transpose, the matrix times it, the next matrix, and
+        all of that on each rank if it is small
+    """
+
+    def __init__(self, matrix: Pattern, number: np.ndarray, count: int):
+        """number, count : of `aggregates`. Collective."""
+        self.number, self.own = number, number[matrix.rows.mine]
+        start, aggregate = np.empty(len(matrix.start), np.int64), np.empty(len(matrix.column), np.int32)
+        meet_aggregates(matrix.start, matrix.column, number, start, aggregate)
+        owners = _owners(matrix, number, count)
+        self.up = Pattern(matrix.comm, start, aggregate[: start[-1]].copy(), matrix.rows, owners)
+        self.transposed = Transposed(self.up)
+        self.moved = Product(matrix, self.up)
+        self.coarser = Product(self.transposed.pattern, self.moved.pattern)
+        is_small = matrix.comm.size > 1 and owners.n <= EVERYWHERE
+        self.everywhere = Everywhere(self.coarser.pattern) if is_small else None
+
+    def matrix(self, down: BlockRows, matrix: BlockRows, up: BlockRows) -> BlockRows:
+        """Compute the matrix of the next level. Collective."""
+        coarser = self.coarser.of(down, self.moved.of(matrix, up))
+        return self.everywhere.of(coarser) if self.everywhere else coarser
+
+
+def levels_of(
+    matrix: BlockRows, coarsenings: list[Coarsening | None], top: float = TOP_OF_NET, coarsest: int = COARSEST
+) -> Iterator[Level]:
+    """Yield the levels of a tangent stiffness. Collective.
+
+    top : bound of the eigenvalues of the first level; coarsest : rows at which coarsening ends
+    coarsenings : transfers of the net's levels, the last one None; empty before the first call, which fills
+        it
+
+    All axes of the matrix can move: rows and columns of held ones are zero except for the diagonal. Each rank
+    computes small levels by itself.
+    """
+    for k in range(MOST_LEVELS):
+        level = Level(matrix, inverse_diagonal(matrix))
+        level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
+        if k == len(coarsenings):
+            continues = coarsest < matrix.rows.n and k < MOST_LEVELS - 1
+            coarsenings.append(_coarsening(matrix.pattern, k == 0) if continues else None)
+        coarsening = coarsenings[k]
+        if coarsening is None:
+            yield level
+            return
+        level.up = prolongation(level, coarsening)
+        level.down = coarsening.transposed.of(level.up)
+        matrix = coarsening.matrix(level.down, matrix, level.up)
+        yield level
+
+
+def _coarsening(matrix: Pattern, corners: bool) -> Coarsening | None:
+    number, count = aggregates(matrix, corners)
+    return Coarsening(matrix, number, count) if 0 < count < MERGED * matrix.rows.n else None
+
+
+def _owners(matrix: Pattern, number: np.ndarray, count: int) -> Owners:
+    """Give each aggregate to the owner of its first particle. Collective. number, count : of `aggregates`"""
+    rank, comm = np.empty(count, np.int32), matrix.comm
+    member = np.flatnonzero(number >= 0)[::-1]
+    rank[number[member]] = matrix.rows.rank[member]  # the last assignment stays
+    return Owners(comm, np.flatnonzero(rank == comm.rank))
+
+
+def prolongation(level: Level, coarsening: Coarsening) -> BlockRows:
+    """Compute the prolongation: each aggregate moves as a whole, smoothed by one Jacobi step."""
+    matrix, up, factor = level.matrix.pattern, coarsening.up, 4.0 / (3.0 * level.top)
+    block = np.zeros((len(up.column), 3, 3))
+    smooth_rows(
+        matrix.start,
+        matrix.column,
+        level.matrix.block,
+        coarsening.number,
+        coarsening.own,
+        level.inverse,
+        factor,
+        up.start,
+        up.column,
+        block,
+    )
+    return BlockRows(up, block)
+
+
+@kernel
+def meet_aggregates(begin, column, number, start, aggregate):
+    """Fill start (rows + 1,) and aggregate (k,) with the aggregates that each row touches, ascending.
+
+    k is an upper bound.
+    begin, column : rows of a matrix; number : (n,) of each column's aggregate
+    """
+    end = 0
+    for p in range(start.shape[0] - 1):
+        start[p], first = end, end
+        for entry in range(begin[p], begin[p + 1]):
+            a, k = number[column[entry]], end
+            while k > first and aggregate[k - 1] > a:
+                k -= 1
+            if a < 0 or (k > first and aggregate[k - 1] == a):
+                continue
+            for position in range(end, k, -1):
+                aggregate[position] = aggregate[position - 1]
+            aggregate[k] = a
+            end += 1
+    start[-1] = end
+
+
+@kernel
+def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggregate, block):
+    """Fill the blocks (k, 3, 3), zeros, of a prolongation with rows start (rows + 1,), aggregate (k,).
+
+    begin, column, matrix : rows of blocks; number : (n,) of each column's aggregate; own : (rows,) of each
+        row's; inverse : (rows, 3, 3); factor : of the step
+    """
+    for p in range(start.shape[0] - 1):
+        for entry in range(begin[p], begin[p + 1]):
+            a, k = number[column[entry]], start[p]
+            if a < 0:
+                continue
+            while aggregate[k] != a:
+                k += 1
+            for i in range(3):
+                for j in range(3):
+                    block[k, i, j] += matrix[entry, i, j]
+        for k in range(start[p], start[p + 1]):
+            identity = 1.0 if aggregate[k] == own[p] else 0.0
+            for j in range(3):
+                u, v, w = block[k, 0, j], block[k, 1, j], block[k, 2, j]
+                for i in range(3):
+                    change = inverse[p, i, 0] * u + inverse[p, i, 1] * v + inverse[p, i, 2] * w
+                    block[k, i, j] = (identity if i == j else 0.0) - factor * change
+
+
+def inverse_diagonal(matrix: BlockRows) -> np.ndarray:
+    """Compute inverses (rows, 3, 3) of the diagonal blocks, regularised in case they are singular."""
+    inverse = np.empty((len(matrix.rows.mine), 3, 3))
+    invert_diagonal(matrix.pattern.diagonal, matrix.block, inverse)
+    return inverse
+
+
+@kernel
+def invert_diagonal(diagonal, block, inverse):
+    """Fill inverse (rows, 3, 3) by cofactors; diagonal : (rows,) places of the blocks."""
+    for p in range(inverse.shape[0]):
+        k = diagonal[p]
+        a, b, c = block[k, 0, 0], block[k, 0, 1], block[k, 0, 2]
+        d, e, f = block[k, 1, 1], block[k, 1, 2], block[k, 2, 2]
+        a, b, c, d, e, f = invert(a, b, c, d, e, f, a + d + f)
+        inverse[p, 0, 0], inverse[p, 0, 1], inverse[p, 0, 2] = a, b, c
+        inverse[p, 1, 0], inverse[p, 1, 1], inverse[p, 1, 2] = b, d, e
+        inverse[p, 2, 0], inverse[p, 2, 1], inverse[p, 2, 2] = c, e, f
+
+
+@part_of_kernel
+def invert(a, b, c, d, e, f, trace):
+    """Compute entries 00, 01, 02, 11, 12, 22 of a symmetric block's inverse.
+
+    A small share of a trace is added to the diagonal, in case the block is singular.
+    """
+    shift = TINY * trace
+    if not shift > 0.0:
+        shift = 1.0
+    a, d, f = a + shift, d + shift, f + shift
+    A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
+    D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * A + b * B + c * C
+    return (
+        A / determinant,
+        B / determinant,
+        C / determinant,
+        D / determinant,
+        E / determinant,
+        F / determinant,
+    )
+
+
+def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: np.ndarray) -> float:
+    """Compute an upper bound of the largest eigenvalue of inverse times matrix by power iteration.
+
+    Collective.
+
+    number : (rows,) global ones of this rank's rows; inverse : (rows, 6), as in `distributed.add_step`. The
+        sums are exact.
+    """
+    number = 3 * number[:, None] + np.arange(3)
+    v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
+    squares = np.empty((2, len(v)))
+    for _ in range(POWERS):  # which grow the vector by 1e12 at most
+        previous = v.astype(float)
+        first_step(inverse, product(v), np.float32(1.0), v)
+    for vector, square in zip((previous, v.astype(float)), squares):
+        dot_rows(vector, vector, square)
+    old_square, new_square = exact_sums(product.shared.comm, *squares)
+    if new_square == 0.0:  # everything is slack and there is no stiffness: any bound holds
+        return TOP_OF_NET
+    return SAFE * math.sqrt(new_square / old_square)
+
+
+@kernel
+def aggregates_into(start, column, corners, number, mark, block):
+    """Join nodes to aggregates and return their number.
+
+    An aggregate is a node, its neighbours and, with corners, the nodes that touch two of these.
+    number : (n,) filled with each node's aggregate, -1 or less if it has no neighbour
+    mark : (n,) of zeros, block : (n,), overwritten
+
+    In a first pass, nodes whose block is all free become aggregates; in a second pass, those whose block is
+    half free. Then each remaining node joins the aggregate of a neighbour. In a last pass the nodes still
+    left form aggregates of what is free.
+    """
+    n, count = number.shape[0], 0
+    for i in range(n):
+        number[i] = FREE if start[i + 1] - start[i] > 1 else ALONE
+    for required_share in (1.0, 0.5, 0.0):
+        for i in range(n):
+            if number[i] != FREE:
+                continue
+            size = 0
+            for k in range(start[i], start[i + 1]):
+                mark[column[k]], block[size] = 2, column[k]
+                size += 1
+            for a in range(size if corners else 0):
+                neighbour = block[a]
+                for k in range(start[neighbour], start[neighbour + 1]):
+                    q = column[k]
+                    if neighbour == i or mark[q] == 2:
+                        continue
+                    if mark[q] == 0:
+                        block[size] = q
+                        size += 1
+                    mark[q] += 1
+            size_of_core = free = 0
+            for a in range(size):
+                if mark[block[a]] == 2:
+                    size_of_core += 1
+                    free += number[block[a]] == FREE
+            is_aggregate = free >= required_share * size_of_core and (free > 1 or required_share == 0.0)
+            for a in range(size):
+                q = block[a]
+                if is_aggregate and mark[q] == 2 and number[q] == FREE:
+                    number[q] = count
+                mark[q] = 0
+            count += is_aggregate
+        if required_share == 0.5:
+            for i in range(n):
+                if number[i] == FREE:
+                    for k in range(start[i], start[i + 1]):
+                        if number[column[k]] >= 0:
+                            number[i] = JOINS - number[column[k]]
+                            break
+            for i in range(n):
+                if number[i] <= JOINS:
+                    number[i] = JOINS - number[i]
+    return count
+
+
+def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
+    """Compute the number (n,) of each row's aggregate, -1 or less: none, and the number of aggregates.
+
+    Collective.
+
+    The algorithm is sequential in the order of the global numbers, so rank 0 runs it.
+    """
+    comm = matrix.comm
+    gathered = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
+
+    def joined():
+        row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
+        counts, entries = entries_of(counts, np.argsort(row))
+        number, block = np.empty((2, len(row)), np.int64)
+        start, mark = starts_of(counts), np.zeros(len(row), np.uint8)
+        return number, aggregates_into(start, column[entries], corners, number, mark, block)
+
+    return comm.bcast(on_root(comm, joined))

@@ -1,0 +1,261 @@
+"""Tangent stiffness of a net at its positions, for Newton's method."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.records import has
+from netfall.parallel.subdomain import Distribution
+from netfall.physics.bending import JointTangent
+from netfall.physics.elements import element_tangents, nodal_stiffness
+from netfall.physics.law.measures import largest_stiffness
+from netfall.physics.state import State
+from netfall.physics.supports import largest_springs
+from netfall.statics.multigrid.joints import joint_tangent, with_joints
+from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern, blocks_of
+
+# stiffness over a node's stiffness [-] along a line on which it is held; single precision tolerates it
+STIFF = 1e4
+
+
+class Tangent(NamedTuple):
+    """Stiffness of a net at its positions.
+
+    N : (m,) [N]; direction : (m, 3) along the elements; axial, across : (m,) [N/m], negative under
+        compression
+    support : (n, 3) [N/m] or None; between : (n,) [N/m] of it, coupling x and y, or None
+    nodal : (n,) [N/m], the elements' and supports' largest stiffness at each particle
+    joints : of bending chains, None: there are none
+    slip : reduction by sliding cables (`statics.slip.SlipTangent`), None: none slides
+    """
+
+    N: np.ndarray
+    direction: np.ndarray
+    axial: np.ndarray
+    across: np.ndarray
+    support: np.ndarray | None
+    nodal: np.ndarray
+    joints: JointTangent | None = None
+    slip: object | None = None
+    between: np.ndarray | None = None
+
+    @property
+    def softened(self) -> bool:
+        """Return whether this rank has anything that reduces the stiffness: compression, moments."""
+        return self.joints is not None or bool(self.across.min(initial=0.0) < 0.0)
+
+
+def tangent_of(state: State) -> Tangent:
+    """Compute the tangent stiffness of a state's elements and supports at its positions."""
+    N, axial, across = np.empty((3, state.m))
+    direction = np.empty((state.m, 3))
+    element_tangents(state.x, *state.of_a_moment, N, direction, axial, across)
+    springs = state.features.springs
+    nodal = largest_springs(state.spring, state.turned).astype(float) if springs else np.zeros(state.n_local)
+    nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
+    # a copy, because guides add to it
+    support = np.array(state.spring, float, order="C") if springs else None
+    between = None
+    if state.turned is not None:
+        support, between = _with_guides(support, state.turned[: len(nodal)], nodal)
+    joints = joint_tangent(state.x, state.joints, nodal) if state.joints is not None else None
+    return Tangent(N, direction, axial, across, support, nodal, joints, between=between)
+
+
+def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarray) -> tuple:
+    """Return `support` and `between` of a tangent with stiff springs along the lines held by supports.
+
+    Nothing moves along these lines. The springs keep matrices positive definite and approximate inverses
+    accurate.
+    """
+    stiff, n = STIFF * nodal, turned[:, :2]
+    support = np.zeros((len(turned), 3)) if support is None else support
+    support[:, :2] += stiff[:, None] * n**2
+    return support, turned[:, 2] + stiff * (n[:, 0] * n[:, 1])
+
+
+def without_compression(K: Tangent) -> Tangent:
+    """Return the tangent without the negative contributions of compression and moments."""
+    joints = K.joints and K.joints._replace(stiffness=K.joints.positive)
+    return K._replace(across=np.maximum(K.across, 0.0), joints=joints)
+
+
+def scattered(number: np.ndarray) -> np.ndarray:
+    """Compute pseudo-random numbers from -0.5 to 0.5 that depend on the given integers alone (SplitMix64)."""
+    bits = number.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (bits ^ (bits >> np.uint64(31))) / 2.0**64 - 0.5
+
+
+class Incidence(NamedTuple):
+    """Elements at each of the first particles, in ascending number of the far end.
+
+    start : (rows + 1,) first entry of each; element, far : (k,) row of the element, and of its far end
+    """
+
+    start: np.ndarray
+    element: np.ndarray
+    far: np.ndarray
+
+
+def incidence_of(ends: np.ndarray, number: np.ndarray, rows: int) -> Incidence:
+    """Find the elements at the first `rows` particles. ends : (m, 2); number : (n,) of the particles."""
+    start, ends = np.zeros(rows + 1, np.int64), ends.astype(np.uint32, copy=False)
+    count_elements(ends, start)
+    incidence = Incidence(start, *np.empty((2, start[-1]), np.int32))
+    list_elements(ends, number, start[:-1].copy(), *incidence)
+    return incidence
+
+
+@kernel
+def count_elements(ends, start):
+    """Fill start (rows + 1,), zeros, with the cumulative number of elements of the rows."""
+    rows = start.shape[0] - 1
+    for e in range(ends.shape[0]):
+        for end in range(2):
+            if ends[e, end] < rows:
+                start[ends[e, end] + 1] += 1
+    for p in range(rows):
+        start[p + 1] += start[p]
+
+
+@kernel
+def list_elements(ends, number, free_place, start, element, far):
+    """Fill an `Incidence`; free_place : (rows,) a copy of start, overwritten."""
+    rows = start.shape[0] - 1
+    for e in range(ends.shape[0]):
+        for end in range(2):
+            p, other = ends[e, end], ends[e, 1 - end]
+            if p >= rows:
+                continue
+            k = free_place[p]
+            while k > start[p] and number[far[k - 1]] > number[other]:
+                element[k], far[k] = element[k - 1], far[k - 1]
+                k -= 1
+            element[k], far[k] = e, other
+            free_place[p] += 1
+
+
+@part_of_kernel
+def _block_of(e, direction, axial, across, i, j):
+    """Compute an entry of the stiffness [N/m] of one end of an element against itself."""
+    along = (axial[e] - across[e]) * direction[e, i]
+    return along * direction[e, j] + (across[e] if i == j else 0.0)
+
+
+@kernel
+def add_diagonal(ends, direction, axial, across, out):
+    """Add the elements' stiffness to the diagonal blocks (n, 3, 3) of first ends, then of second ones."""
+    for end in range(2):
+        for e in range(ends.shape[0]):
+            for i in range(3):
+                for j in range(3):
+                    out[ends[e, end], i, j] += _block_of(e, direction, axial, across, i, j)
+
+
+@kernel
+def hold_diagonal(free, support, inertia, between, out):
+    """Add supports to diagonal blocks (rows, 3, 3), then set held axes to 1. Others : of `block_matrix`
+
+    support, between : empty if there is none
+    """
+    for p in range(out.shape[0]):
+        for i in range(3):
+            out[p, i, i] += inertia[p] + (support[p, i] if has(support) else 0.0)
+        if has(between):
+            out[p, 0, 1] += between[p]
+            out[p, 1, 0] += between[p]
+        for i in range(3):
+            for j in range(3):
+                if not (free[p, i] and free[p, j]):
+                    out[p, i, j] = 1.0 if i == j else 0.0
+
+
+@kernel
+def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block):
+    """Fill the rows of a matrix: start (rows + 1,), column (k,), block (k, 3, 3) of zeros; k is a bound.
+
+    at : `Incidence`; the others are of `block_matrix`; diagonal : (n, 3, 3)
+    """
+    k = 0
+    for p in range(start.shape[0] - 1):
+        start[p] = k
+        moves = free[p, 0] or free[p, 1] or free[p, 2]
+        needs_diagonal = True  # the diagonal block is still to be added
+        for entry in range(at.start[p], at.start[p + 1] + 1):
+            is_end = entry == at.start[p + 1]
+            if needs_diagonal and (is_end or number[at.far[entry]] > number[p]):
+                column[k] = number[p]
+                for i in range(3):
+                    for j in range(3):
+                        block[k, i, j] = diagonal[p, i, j]
+                k, needs_diagonal = k + 1, False
+            if is_end:
+                break
+            e, q = at.element[entry], at.far[entry]
+            if not (moves and (free[q, 0] or free[q, 1] or free[q, 2])):
+                continue
+            if k == start[p] or column[k - 1] != number[q]:
+                column[k] = number[q]
+                k += 1
+            first = ends[e, 0] == p
+            for i in range(3):
+                for j in range(3):
+                    if free[p, i] and free[q, j]:
+                        a, b = (i, j) if first else (j, i)
+                        block[k - 1, i, j] -= _block_of(e, direction, axial, across, a, b)
+    start[-1] = k
+
+
+def block_matrix(
+    ends, direction, axial, across, free, support, inertia, number, at: Incidence, columns: int, between=None
+):
+    """Build the tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
+
+    ends : (m, 2); direction : (m, 3); axial, across : (m,) [N/m]; free : (n, 3) bool; support : (n, 3) or
+        None; inertia : (n,) [N/m]; number : (n,) of a particle's column; columns : their number
+    between : (n,) or None, of supports between x and y; at : the rows to build, of the first particles
+    """
+    rows, ends = len(at.start) - 1, ends.astype(np.uint32, copy=False)
+    diagonal, free = np.zeros((len(free), 3, 3)), np.ascontiguousarray(free)
+    add_diagonal(ends, direction, axial, across, diagonal)
+    diagonal = diagonal[:rows]
+    support = np.zeros((0, 3)) if support is None else np.ascontiguousarray(support)
+    between = np.zeros(0) if between is None else np.ascontiguousarray(between)
+    hold_diagonal(free, support, inertia, between, diagonal)
+    start, capacity = np.empty(rows + 1, np.int64), rows + len(at.far)
+    column, block = np.empty(capacity, np.int32), np.zeros((capacity, 3, 3))
+    fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)
+    return blocks_of(block[: start[-1]], column[: start[-1]], start, columns)
+
+
+def tangent_rows(
+    distribution: Distribution, net, K: Tangent, at: Incidence, inertia: float, pattern: Pattern | None = None
+) -> BlockRows:
+    """Build the tangent as a distributed matrix, without compression. Collective.
+
+    net : `relaxation.Net`; at : of the particles that this rank owns; inertia : share of the nodal stiffness
+        that is added; pattern : of an earlier one of the same net
+    """
+    d, K = distribution.subdomain, without_compression(K)
+    matrix = block_matrix(
+        net.ends,
+        K.direction,
+        K.axial,
+        K.across,
+        net.free != 0,
+        K.support,
+        inertia * K.nodal,
+        d.particle_gid,
+        at,
+        distribution.n,
+        K.between,
+    )
+    if K.joints is not None:
+        matrix = with_joints(matrix, K.joints, net.free != 0, d.particle_gid)
+    if pattern is None:
+        owners = Owners(distribution.comm, d.particle_gid[: d.n_owned])
+        pattern = Pattern(distribution.comm, matrix.indptr, matrix.indices, owners, owners)
+    return BlockRows(pattern, matrix.data)

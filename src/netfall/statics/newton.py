@@ -1,0 +1,404 @@
+"""Equilibrium by Newton's method with the tangent stiffness.
+
+Conjugate gradients with a multigrid cycle as preconditioner solve for each correction. The displacement of a
+full correction estimates the error before it, in displacement and in tension, at any refinement. If the
+tangent is not positive definite, the geometric stiffness of compressed elements is left out. If it is
+singular even so (no prestress, all slack), inertia is added until it is not.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.core.stop import NEVER, StopRequest
+from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
+from netfall.parallel.sums import exact_sums
+from netfall.physics.bending import add_joint_stiffness
+from netfall.physics.elements import add_stiffness, axial_forces
+from netfall.physics.supports import keep_on_guides, largest_residual
+from netfall.statics.multigrid.cycle import Cycle
+from netfall.statics.multigrid.distributed import advance, dot_rows, turn
+from netfall.statics.multigrid.tangent import Tangent, without_compression
+
+MOST_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
+MOST_GRADIENTS = 200  # conjugate gradient iterations per correction: a singular tangent takes more
+MANY_GRADIENTS = 25  # iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
+# share of the residual left after a correction [-]: two corrections then nearly reach the default tolerance
+LEFT = 3e-3
+LEFT_LAST = 0.1  # the same for the last correction before the tolerance [-]
+CAUTION = 10.0  # factor on the remaining error after many iterations [-]: slow modes hold more of the error
+# largest displacement of a correction over the net's extent [-]: beyond it the tangent is not valid
+FARTHEST = 0.1
+HALVINGS = 10  # reductions of a correction that goes too far
+SHORT = 0.3  # share of a correction [-]: if less of it is possible, the next correction gets more inertia
+FAR = 0.6  # unpredicted change of tension over the largest tension [-], above which the start is too far away
+# share of the nodal stiffness added to a singular tangent [-], first and largest value: more would slow the
+# directions that have stiffness
+INERTIA = 1e-6, 1e-3
+# times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
+NEARLY = 10.0
+ULPS = 4.0  # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
+# smallest reference displacement of errors over the net's extent [-]
+NIL = 1e-6
+
+
+STABLE, UNKNOWN = -1, -2  # values of `unstable_at` that are not the number of a particle
+
+
+class Solution(NamedTuple):
+    """Equilibrium found by one of the methods.
+
+    iterations : of conjugate gradients, or of the relaxation
+    residual : largest residual force [N]
+    displacement_error, tension_error : estimated errors, shares of the largest value, nan: no estimate. If
+        the tangent gives no estimate, they are the change caused by the last tenth of the residual.
+    relaxed : whether dynamic relaxation found it
+    unstable_at : global number of the particle that moves most in the unstable shape; `STABLE`; or `UNKNOWN`
+        if stability could not be decided
+    """
+
+    iterations: int
+    residual: float
+    displacement_error: float
+    tension_error: float
+    relaxed: bool = False
+    unstable_at: int = UNKNOWN
+
+    @property
+    def error(self) -> float:
+        """Return the larger of the two errors."""
+        return max(self.displacement_error, self.tension_error)
+
+
+class StartPoint(NamedTuple):
+    """Start of Newton's method at a net that another method has brought close to an equilibrium.
+
+    gradients : iterations so far; size : of the last correction, the larger of the shares of `Newton.sizes`
+    """
+
+    gradients: int = 0
+    size: float = np.inf
+
+
+class Stopped(Exception):
+    """Request to stop, raised inside Newton's method."""
+
+
+class NoConvergence(Exception):
+    """Failure of a method to find the equilibrium."""
+
+
+class SlowConvergence(NoConvergence):
+    """Failure of conjugate gradients to converge, because the tangent is nearly singular."""
+
+
+class NotPositiveDefinite(NoConvergence):
+    """Tangent without stiffness against the displacements `shape` (n_owned, 3)."""
+
+    def __init__(self, shape: np.ndarray):
+        super().__init__("the tangent is not positive")
+        self.shape = shape
+
+
+def still_missing(sizes: tuple[float, float], step_share: float, previous_size: float) -> tuple[float, ...]:
+    """Estimate the errors left after a share of a step, if step sizes go on to decrease at the same rate.
+
+    previous_size : the larger size of the step before. The estimate is at least the size of the step itself.
+    """
+    rate = max(sizes) / previous_size if previous_size else np.inf
+    remaining = max(1.0, rate / (1.0 - rate)) if rate < 1.0 else np.inf
+    return tuple(size * (1.0 - step_share + remaining) if size else 0.0 for size in sizes)
+
+
+class Newton:
+    """Newton's method for one net, distributed over the ranks."""
+
+    def __init__(self, comm: MPI.Comm, halo: Halo, distribution: Distribution, net, tangent, structure):
+        """net : `relaxation.Net`; tangent() : returns the `Tangent` at its positions. Collective."""
+        self.comm, self.halo, self.distribution = comm, halo, distribution
+        self.net, self.tangent, self.structure = net, tangent, structure
+        self.owned = slice(halo.n_owned)
+        self.moves = np.ascontiguousarray(net.free[self.owned]) != 0
+        self.stays = np.nonzero(~self.moves)
+        self.moved_elements = net.free.any(1)[net.ends].any(1)  # without elements between supports
+        self.spread = np.zeros_like(np.ascontiguousarray(net.x))
+        self.answer = np.zeros_like(self.spread)
+        self.f = np.zeros_like(net.x)
+        self.inertia = self.extent = 0.0
+
+    def begin(self) -> None:
+        """Reset the inertia and measure the extent of the net. Collective."""
+        x = self.net.x[self.owned]
+        low, high = x.min(0, initial=np.inf), x.max(0, initial=-np.inf)
+        self.comm.Allreduce(MPI.IN_PLACE, low, MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
+        self.extent, self.inertia = float((high - low).max()), 0.0
+
+    def dots(self, *pairs) -> list[float]:
+        """Compute inner products over all ranks, correctly rounded, of pairs of arrays (n_owned, 3).
+
+        Collective.
+        """
+        rows = np.empty((len(pairs), self.halo.n_owned))
+        for out, (a, b) in zip(rows, pairs):
+            dot_rows(a, b, out)
+        return exact_sums(self.comm, *rows)
+
+    def largest(self, *values) -> list[float]:
+        """Return the largest absolute value of each array over all ranks. Collective."""
+        maxima = np.array([np.abs(array).max(initial=0.0) for array in values])
+        self.comm.Allreduce(MPI.IN_PLACE, maxima, MPI.MAX)
+        return maxima.tolist()
+
+    def residual(self) -> np.ndarray:
+        """Compute the residual forces (n_owned, 3) [N] on the free axes."""
+        self.net.forces(self.net.x, self.f)
+        return self.not_held(self.f[self.owned])
+
+    def spread_out(self, u: np.ndarray) -> None:
+        """Copy displacements u (n_owned, 3) [m] to `spread` (n, 3) and update its halo. Collective."""
+        self.spread[self.owned] = u
+        self.halo.update(self.spread)
+
+    def stiffness_times(self, K: Tangent, u: np.ndarray) -> np.ndarray:
+        """Multiply the tangent stiffness by displacements u (n_owned, 3) [m]; [N], a view. Collective."""
+        self.spread_out(u)
+        self.answer[:] = 0.0
+        add_stiffness(self.spread, self.net.ends, K.direction, K.axial, K.across, self.answer)
+        if K.joints is not None:
+            add_joint_stiffness(self.spread, K.joints.particles, K.joints.stiffness, self.answer)
+        if K.support is not None:
+            self.answer += K.support * self.spread
+        if K.between is not None:
+            self.answer[:, :2] += K.between[:, None] * self.spread[:, 1::-1]
+        out = self.answer[self.owned]
+        if K.slip is not None:
+            K.slip.soften(self.spread, self.answer)
+        if self.inertia:
+            out += self.inertia * K.nodal[self.owned, None] * u
+        return self._held(out)
+
+    def not_held(self, rows: np.ndarray) -> np.ndarray:
+        """Return a copy of rows (n_owned, 3) without the components along held directions."""
+        return self._held(np.where(self.moves, rows, 0.0))
+
+    def _held(self, rows: np.ndarray) -> np.ndarray:
+        """Set rows (n_owned, 3) to 0 on held axes and along lines held by supports, in place; return them."""
+        rows[self.stays] = 0.0
+        if self.net.turned is not None:
+            keep_on_guides(self.net.turned, rows)
+        return rows
+
+    def solve(
+        self, K: Tangent, cycle: Cycle, r: np.ndarray, residual_share: float = LEFT
+    ) -> tuple[np.ndarray, int]:
+        """Return the correction (n_owned, 3) [m] of a residual and the iterations. Collective.
+
+        residual_share : of the residual that may be left
+
+        Raises NoConvergence if the tangent is singular in the direction of the residual.
+        """
+        s, remainder, previous_remainder = np.zeros_like(r), r.copy(), np.empty_like(r)
+        z = self._held(cycle(remainder))
+        p = z.copy()
+        rz, rr = self.dots((remainder, z), (remainder, remainder))
+        if rr == 0.0:
+            return s, 0
+        if not (0.0 < rz < np.inf and rr < np.inf):
+            raise NoConvergence("the preconditioner is not positive")
+        first = rz
+        for iteration in range(1, MOST_GRADIENTS + 1):
+            q = self.stiffness_times(K, p)
+            (pq,) = self.dots((p, q))
+            if not pq > 0.0:
+                raise NotPositiveDefinite(p)
+            step = rz / pq
+            advance(step, p, q, s, remainder, previous_remainder)
+            z = self._held(cycle(remainder))
+            size, new, mixed_product = self.dots(
+                (remainder, remainder), (remainder, z), (previous_remainder, z)
+            )
+            if (
+                size <= residual_share * residual_share * rr
+                and new <= residual_share * residual_share * first
+            ):
+                return s, iteration
+            turn((new - mixed_product) / rz, z, p)
+            rz = new
+            if not 0.0 < rz < np.inf:
+                raise NoConvergence("the preconditioner is not positive")
+        raise SlowConvergence(f"{MOST_GRADIENTS} iterations of conjugate gradients were not enough")
+
+    def cycle(self, K: Tangent) -> Cycle:
+        """Set up the multigrid cycle, the approximate inverse of a tangent. Collective."""
+        return Cycle(self.distribution, self.net, K, self.inertia, self.structure)
+
+    def find(
+        self,
+        tolerance: float,
+        start: np.ndarray,
+        stop: StopRequest = NEVER,
+        start_point: StartPoint | None = None,
+        quick: bool = False,
+    ) -> Solution:
+        """Move the net to equilibrium. Collective.
+
+        tolerance : of the remaining error after the last correction, a share of the largest displacement from
+            `start` (n, 3) and of the largest tension
+        stop : stop flag
+        start_point : set if another method has brought the net close to an equilibrium, so no correction is
+            too expensive
+        quick : whether to give up if a correction is too large, because another method is better
+
+        Raises NoConvergence, Stopped if asked to stop; the positions are then those of the last correction.
+        """
+        self.begin()
+        K, (total, previous_size) = self.tangent(), start_point or StartPoint()
+        cycle, r = None, self.residual()
+        exact = True  # whether the tangent includes compression
+        for _ in range(MOST_CORRECTIONS):
+            if self.comm.allreduce(int(stop.wanted), MPI.MAX):
+                raise Stopped
+            cycle = cycle or self.cycle(K)
+            residual_share = min(max(LEFT, tolerance / (LEFT * max(previous_size, tolerance))), LEFT_LAST)
+            try:
+                s, count = self.solve(K, cycle, r, residual_share)
+            except NoConvergence as error:
+                if quick or (isinstance(error, SlowConvergence) and not start_point):
+                    raise
+                if exact and self.comm.allreduce(K.softened, MPI.LOR):
+                    K, exact = without_compression(K), False
+                else:
+                    self._more_inertia()
+                    cycle = None
+                previous_size = np.inf
+                continue
+            total += count
+            displacement, change, predicted = self.sizes(K, s, start)
+            step_share = self.go(s, r)
+            old_tangent, r, K = K, self.residual(), self.tangent()
+            unpredicted = self.unforeseen(old_tangent, K, predicted)
+            is_full, change = step_share == 1.0 and not self.inertia, max(change, unpredicted)
+            if quick and (step_share < SHORT or unpredicted > FAR):
+                raise NoConvergence("it is not near")
+            size, changed = max(displacement, change), self.active_set_changes(old_tangent, K)
+            if changed:  # elements became slack or taut, or began or ceased to yield
+                previous_size = np.inf
+            if changed or count > MANY_GRADIENTS:
+                cycle = None
+            solver_share = CAUTION * residual_share if count > MANY_GRADIENTS else residual_share
+            remaining_share = (
+                max(solver_share, min(1.0, size / previous_size)) if 0.0 < previous_size < np.inf else 1.0
+            )
+            done = remaining_share * size <= tolerance or remaining_share * size <= self.rounding(K)
+            if is_full and exact and done:
+                local_residual = largest_residual(self.f, self.net.free, self.halo.n_owned)
+                worst = self.comm.allreduce(local_residual, MPI.MAX)
+                return Solution(total, worst, remaining_share * displacement, remaining_share * change)
+            previous_size, exact = size if is_full else np.inf, True
+            if step_share < SHORT:
+                self._more_inertia()
+            elif step_share == 1.0:
+                self.inertia = 0.0 if self.inertia <= INERTIA[0] else 0.1 * self.inertia
+        raise NoConvergence(f"{MOST_CORRECTIONS} corrections were not enough")
+
+    def rounding(self, K: Tangent) -> float:
+        """Estimate the change of tensions by rounded coordinates, over the largest tension. Collective."""
+        size = np.abs(self.net.x).max(1, initial=0.0)[self.net.ends].max(1, initial=0.0)
+        force = ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size
+        force, tension = self.largest(force[self.moved_elements], K.N[self.moved_elements])
+        return force / tension if tension > 0.0 else 0.0
+
+    def errors(self, start: np.ndarray) -> tuple[float, float]:
+        """Estimate the errors at the present positions. Collective.
+
+        Returns the errors of displacement and tension, shares of the largest value. Raises NoConvergence if
+        the tangent is singular.
+        """
+        self.begin()
+        K = self.tangent()
+        s, _ = self.solve(K, self.cycle(K), self.residual())
+        return self.sizes(K, s, start)[:2]
+
+    def changes(self, x: np.ndarray, N: np.ndarray, state) -> tuple[float, float]:
+        """Compute the changes since positions x (n, 3) [m] and axial forces N (m,) [N]. Collective.
+
+        Returns shares of displacement and tension as `errors` does. Call `begin` first.
+        """
+        owned, tensions, counts = self.owned, state.elements_now().N, self.moved_elements
+        movement, distance, force_change, tension = self.largest(
+            lengths((state.x - x)[owned]),
+            lengths((state.x - state.x_start)[owned]),
+            (tensions - N)[counts],
+            tensions[counts],
+        )
+        return movement / max(distance, NIL * self.extent), force_change / tension if tension > 0.0 else 0.0
+
+    def _more_inertia(self) -> None:
+        self.inertia = 10.0 * self.inertia or INERTIA[0]
+        if self.inertia > INERTIA[1]:
+            raise NoConvergence("the tangent is singular")
+
+    def unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
+        """Return the largest change of tension that the old tangent missed, over the largest tension."""
+        difference, tension = self.largest(
+            (new.N - old.N - predicted)[self.moved_elements], new.N[self.moved_elements]
+        )
+        return difference / tension if tension > 0.0 else 0.0
+
+    def active_set_changes(self, old: Tangent, new: Tangent) -> int:
+        """Count the elements that became slack or taut, or began or ceased to yield. Collective."""
+        changed = (old.axial == 0.0) != (new.axial == 0.0)
+        return self.comm.allreduce(np.count_nonzero(changed & self.distribution.subdomain.element_owned))
+
+    def sizes(self, K: Tangent, s: np.ndarray, start: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """Return a correction's largest displacement and largest change of tension, and all changes (m,) [N].
+
+        The first two are shares of the largest displacement and tension.
+        """
+        self.spread_out(s)
+        change = np.empty(len(K.axial))
+        displacement = np.ascontiguousarray(self.net.x[self.owned] - start[self.owned])
+        axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
+        if K.slip is not None:
+            K.slip.add_changes(self.spread, change)
+        squares = np.empty((2, self.halo.n_owned))
+        dot_rows(s, s, squares[0])
+        displacement += s
+        dot_rows(displacement, displacement, squares[1])
+        counts = self.moved_elements
+        movement, distance, force_change, tension = self.largest(
+            np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts]
+        )
+        if movement <= ULPS * np.finfo(float).eps * self.extent:
+            return 0.0, 0.0, change
+        return (
+            movement / max(distance, NIL * self.extent),
+            force_change / tension if tension > 0.0 else 0.0,
+            change,
+        )
+
+    def most_of(self, s: np.ndarray) -> float:
+        """Return the share of a correction that moves nothing too far. Collective."""
+        return min(1.0, FARTHEST * self.extent / max(self.largest(s)[0], 1e-300))
+
+    def go(self, s: np.ndarray, r: np.ndarray) -> float:
+        """Move the net along a correction until the residual changes sign; return the share moved.
+
+        Collective.
+        """
+        step_share = self.most_of(s)
+        start = self.net.x.copy()
+        (slope,) = self.dots((r, s))
+        self.spread_out(s)
+        for _ in range(HALVINGS):
+            self.net.x[:] = start + step_share * self.spread
+            (new_slope,) = self.dots((self.residual(), s))
+            if np.isfinite(new_slope) and new_slope >= -0.5 * slope:
+                break
+            fraction = slope / (slope - new_slope) if np.isfinite(new_slope) else 0.1
+            step_share *= min(max(fraction, 0.1), 0.5)
+        return step_share

@@ -1,0 +1,288 @@
+"""Dynamic relaxation: particles move under their residual forces until the forces vanish.
+
+Kinetic damping (Barnes 1999): when the kinetic energy has passed a peak, the particles return to their
+positions at the peak, with zero velocity. Without the return, the stops can synchronise with a mode that is
+then never damped. The virtual mass is M = dt^2/2 sum(k), with the stiffness of the attached elements. So dt =
+1 is the largest stable step of every particle. Form finding and statics use the same code with different
+forces.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import DivergedError
+from netfall.core.kernels import kernel
+from netfall.core.stop import NEVER, StopRequest
+from netfall.parallel.halo import Halo
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution
+from netfall.parallel.sums import ALL, LIMBS, add_exactly, rounded
+from netfall.physics.bending import add_bending_forces, add_joint_bounds
+from netfall.physics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
+from netfall.physics.law.measures import largest_stiffness
+from netfall.physics.state import State
+from netfall.physics.supports import add_springs, keep_on_guides, largest_residual, largest_springs
+from netfall.statics.limit_load import is_lost
+
+MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
+OF_JOINTS = 1.5  # virtual mass of a joint over its stiffness [-]: a joint has three particles, an element two
+LOOK_EVERY = 10  # iterations between checks of the residual, which need a reduction
+
+
+@dataclass
+class Relaxation:
+    """State of a relaxation before an iteration: arrays (n, 3) of owned and halo particles.
+
+    stage : index of the residual, if an equilibrium is relaxed to several in turn
+    total : iterations before this stage
+    start : positions from which the equilibrium is sought, None: x
+    """
+
+    iteration: int
+    previous: float
+    rested: bool
+    x: np.ndarray
+    v: np.ndarray
+    mass: np.ndarray
+    stage: int = 0
+    total: int = 0
+    start: np.ndarray | None = None
+
+    @property
+    def is_begun(self) -> bool:
+        """Return whether any iteration has been done."""
+        return self.iteration > 0 or self.stage > 0 or self.total > 0
+
+
+class RunsAway(DivergedError):
+    """Unbounded displacements of yielding elements."""
+
+
+class Paused(Exception):
+    """Pause of a relaxation on request, at the same iteration on every rank."""
+
+    def __init__(self, at: Relaxation):
+        self.at = at
+
+
+def not_begun(x: np.ndarray) -> Relaxation:
+    """Return the state of a relaxation before its first iteration."""
+    return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
+
+
+@kernel
+def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
+    """Move all particles (n, 3) by one step; `kinetic` (n_owned,) receives their energy.
+
+    `first` : whether the velocity is zero, so that this step takes half a velocity update
+    """
+    factor = 0.5 if first else 1.0
+    for p in range(mass.shape[0]):
+        energy = 0.0
+        for k in range(3):
+            if free[p, k]:
+                v[p, k] += factor * f[p, k] / mass[p, k]
+                x[p, k] += v[p, k]
+                energy += v[p, k] * v[p, k]
+        if p < n_owned:
+            kinetic[p] = 0.5 * mass[p, 0] * energy
+
+
+@kernel
+def return_to_peak(x, v, f, mass, free):
+    """Return the particles, with zero velocity, to the peak of the kinetic energy.
+
+    The peak lies half a step before the last but one (Barnes 1999): x* = x - 3/2 v + 1/2 f / M, dt = 1.
+    """
+    for p in range(mass.shape[0]):
+        for k in range(3):
+            if free[p, k]:
+                x[p, k] += 0.5 * f[p, k] / mass[p, k] - 1.5 * v[p, k]
+            v[p, k] = 0.0
+
+
+class Net(NamedTuple):
+    """Problem that `relax` solves: positions x (n, 3) [m], owned and halo, and the forces on them.
+
+    free : (n, 3), 1 if the axis can move; ends : (m, 2)
+    forces(x, f) : writes the total force f (n, 3) [N] of the owned particles
+    stiffness(x) : returns an upper bound (m,) [N/m] of the elements' stiffness at x
+    support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
+    bound(x, out) : adds to out (n,) the stiffness of bending joints, None: there are none
+    lost(comm, u, residual) : see `limit_load.is_lost`, for displacements u (n, 3); None: nothing yields
+    turned : (n, 3) of supports with axes of their own, None: there are none; `forces` leaves no component
+        along the lines that they hold
+    """
+
+    x: np.ndarray
+    free: np.ndarray
+    ends: np.ndarray
+    forces: Callable[[np.ndarray, np.ndarray], None]
+    stiffness: Callable[[np.ndarray], np.ndarray]
+    support: np.ndarray | None = None
+    bound: Callable[[np.ndarray, np.ndarray], None] | None = None
+    lost: Callable[..., bool] | None = None
+    turned: np.ndarray | None = None
+
+
+def relax(
+    comm: MPI.Comm,
+    halo: Halo,
+    net: Net,
+    tolerance: float,
+    max_iterations: int,
+    name: str,
+    report: Callable[[int, float], None] = lambda iteration, residual: None,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
+) -> tuple[int, float]:
+    """Move net.x to equilibrium; return the iterations and the largest residual [N]. Collective.
+
+    tolerance : [N] of the largest residual; stop : stop flag; resume : where an earlier relaxation was paused
+
+    Raises DivergedError if the iterations run out or the residual is not finite, RunsAway, Paused if asked to
+    stop.
+    """
+    x, free, n_owned = net.x, net.free, halo.n_owned
+    f, v = np.zeros_like(x), np.zeros_like(x)
+    kinetic, limbs = np.zeros(n_owned), np.zeros(LIMBS, np.int64)
+    mass = np.ones_like(x)  # three equal columns, so that the halo exchange is that of a force
+    previous, rested, first = 0.0, True, 0
+    if resume:
+        previous, rested, first = resume.previous, resume.rested, resume.iteration
+        x[:], v[:], mass[:] = resume.x, resume.v, resume.mass
+    for iteration in range(first, max_iterations + 1):
+        net.forces(x, f)
+        if iteration % LOOK_EVERY == 0 or rested:
+            checked = np.array([largest_residual(f, free, n_owned), stop.wanted])
+            comm.Allreduce(MPI.IN_PLACE, checked, MPI.MAX)
+            residual, stopping = checked.tolist()
+            if residual <= tolerance:
+                return iteration, residual
+            if not np.isfinite(residual):
+                raise DivergedError(
+                    f"{name}: the residual is no number after {iteration} iterations; "
+                    "check the net's geometry and sections"
+                )
+            report(iteration, residual)
+            if stopping:
+                raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
+        if net.lost is not None and iteration % (10 * LOOK_EVERY) == 0 and net.lost(comm, v, residual):
+            raise RunsAway(f"{name}: what yields stretches without end")
+        halo.update(f)
+        if rested:
+            total = np.zeros(len(x)) if net.support is None else net.support.copy()
+            nodal_stiffness(net.ends, net.stiffness(x), total)
+            if net.bound is not None:
+                net.bound(x, total)
+            mass[:] = np.where(total > 0.0, 0.5 * MARGIN * total, 1.0)[:, None]
+            halo.update(mass)
+        relax_step(x, v, f, mass, free, rested, n_owned, kinetic)
+        limbs[:] = 0
+        add_exactly(kinetic, ALL, limbs)
+        comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
+        energy = rounded(limbs)
+        rested = not energy > previous
+        previous = energy
+        if rested:
+            return_to_peak(x, v, f, mass, free)
+            previous = 0.0
+    raise DivergedError(
+        f"{name}: not in equilibrium after {max_iterations} iterations: largest residual {residual:.3g} N, "
+        f"tolerance {tolerance:.3g} N"
+    )
+
+
+def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load=None) -> float:
+    """Return the largest force [N] on anything that can move, the reference of tolerances. Collective.
+
+    N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone
+
+    Loads directly on supports and backstays between them are left out, because they act on no free axis.
+    """
+    local_maximum = np.abs(N[free.any(1)[ends].any(1)]).max(initial=0.0)
+    if load is not None:
+        local_maximum = max(local_maximum, np.abs(load[free[: len(load)] != 0]).max(initial=0.0))
+    return float(comm.allreduce(local_maximum, MPI.MAX))
+
+
+def net_of(state: State, load: np.ndarray, slips=None) -> Net:
+    """Build the `Net` of a state under a load (n, 3) [N] of owned and halo particles, plastic strain fixed.
+
+    slips : `slip.Slips`, None: no cable slides
+    """
+    load = np.asfortranarray(load)  # the layout of positions and forces
+    turned = np.zeros((0, 3)) if state.turned is None else state.turned
+
+    def forces(x, f):
+        f[:] = 0.0
+        if slips is not None:
+            slips.forces(x, f)
+        add_element_forces(x, *state.of_a_moment, f)
+        if state.joints is not None:
+            add_bending_forces(x, state.joints, f)
+        if state.features.springs:
+            add_springs(x, state.x_start, state.spring, state.spring_rest, turned, f)
+        f += load
+        if state.turned is not None:
+            keep_on_guides(state.turned, f)
+
+    def stiffness(x):
+        elements = state.elements_now()
+        return largest_stiffness(state.EA, state.L0) + geometric_stiffness(elements.N, elements.L)
+
+    support = largest_springs(state.spring, state.turned) if state.features.springs else None
+    bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)
+
+    def lost(comm, u, residual=np.inf):
+        stiffness = np.zeros(len(u)) if support is None else support.copy()
+        if bound is not None:
+            bound(state.x, stiffness)
+        return is_lost(comm, state, load, stiffness > 0.0, (u, state.x - state.x_start), residual)
+
+    return Net(
+        state.x,
+        state.free,
+        state.ends,
+        forces,
+        stiffness,
+        support,
+        bound,
+        lost if state.features.plastic else None,
+        state.turned,
+    )
+
+
+def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:
+    """Return the largest residual force [N] on a free axis at the present positions. Collective.
+
+    load : (n, 3) [N]
+    """
+    f = np.zeros_like(state.x)
+    net_of(state, load).forces(state.x, f)
+    return comm.allreduce(largest_residual(f, state.free, state.n_owned), MPI.MAX)
+
+
+RELAXATION = "relaxation"  # key in checkpoints
+RELAXED = ("x", "v", "mass", "start")  # arrays of a relaxation in checkpoints
+
+
+def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
+    """Convert a relaxation to small values and, on rank 0, global arrays, for `restored_relaxation`.
+
+    Collective.
+    """
+    local_arrays = {name: getattr(at, name) for name in RELAXED} | {
+        "start": at.x if at.start is None else at.start
+    }
+    arrays = {name: distribution.gather_particles(rows) for name, rows in local_arrays.items()}
+    small = {"iteration": at.iteration, "previous": at.previous, "rested": bool(at.rested), "stage": at.stage}
+    return small | {"total": at.total}, arrays if distribution.comm.rank == 0 else {}
+
+
+def restored_relaxation(distribution: Distribution, small: dict, arrays: dict | None) -> Relaxation:
+    """Restore the relaxation of a record; arrays : on rank 0. Collective."""
+    return Relaxation(**small, **{name: distribution.particles(arrays and arrays[name]) for name in RELAXED})

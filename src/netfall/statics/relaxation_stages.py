@@ -1,0 +1,114 @@
+"""Dynamic relaxation to decreasing residuals, with Newton's method tried after each of them.
+
+The search ends when the estimated errors are within the tolerance. The tangent may give no estimate, because
+compressed bars buckle or part of the net is a mechanism. Then the net is relaxed to a tenth of the residual,
+repeatedly, until the state no longer changes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from netfall.core.errors import DivergedError
+from netfall.core.stop import NEVER, StopRequest
+from netfall.physics.state import State
+from netfall.statics.newton import NEARLY, Newton, NoConvergence, Solution, StartPoint
+from netfall.statics.relaxation import Paused, Relaxation, not_begun, relax
+from netfall.statics.stability import unstable_at
+
+# residuals over the largest force [-], after which Newton's method is tried
+NEARER = (1e-2, 1e-3, 1e-4, 1e-5)
+MOST_AGAIN = 6  # further residuals, each a tenth of the one before, if no tangent estimates the error
+AGAIN = 1000  # iterations allowed for each of these, in addition to the number taken before
+
+
+def relaxed_in_turn(
+    finder,
+    newton: Newton,
+    tolerance: float,
+    reference: float,
+    max_iterations: int,
+    name: str,
+    stop: StopRequest,
+    start: np.ndarray,
+    resume: Relaxation | None,
+) -> Solution:
+    """Relax the state of a `find.Finder` to equilibrium and return the `Solution`. Collective.
+
+    start : positions (n, 3) [m] from which the equilibrium is sought; see `Finder.find` for the others
+
+    Raises DivergedError if the iterations run out, RunsAway, Paused.
+    """
+    state, final_residual = finder.state, tolerance * reference
+    residuals = [share * reference for share in NEARER if share > tolerance]
+    residuals += [final_residual / 10.0**k for k in range(MOST_AGAIN)]
+    first, total = (resume.stage, resume.total) if resume else (0, 0)
+    positions, solution, previous, resume_point = start, None, None, None
+    for stage in range(first, len(residuals)):
+        goal = residuals[stage]
+
+        def report(_: int, residual: float, goal: float = goal) -> None:
+            finder.report(f"{name}: relaxing, residual {residual:.2g} N of {goal:.2g} N")
+
+        allowed = min(max_iterations, AGAIN + total) if solution else max_iterations
+        try:
+            net = newton.net
+            iterations, residual = relax(
+                finder.comm, finder.halo, net, goal, allowed, name, report, stop, resume
+            )
+        except Paused as pause:
+            pause.at.stage, pause.at.total = stage, total
+            pause.at = resume_point or pause.at  # the run resumed here takes the same path
+            pause.at.start = start
+            raise
+        except DivergedError:
+            if solution is None:
+                raise
+            state.x[:] = positions
+            break
+        if solution and not iterations:  # the state has not changed
+            continue
+        total, resume, positions = total + iterations, None, state.x.copy(order="K")
+        try:
+            return finder.corrected(newton, tolerance, NEVER, StartPoint(total))
+        except NoConvergence:
+            state.x[:] = positions
+        if goal <= final_residual:
+            solution = Solution(total, residual, *_errors(newton, state, previous), True, unstable_at(newton))
+            previous = positions, state.elements_now().N
+            if solution.error <= tolerance:
+                break
+            resume_point = resume_point or replace(not_begun(positions), stage=stage, total=total)
+    _check_error(newton, solution, tolerance, residuals[-1], name)
+    return solution
+
+
+def _errors(newton: Newton, state: State, previous: tuple | None) -> tuple[float, float]:
+    """Estimate the errors of the relaxed state. Collective.
+
+    previous : positions (n, 3) [m] and axial forces (m,) [N] at ten times the residual, None: not known
+    """
+    try:
+        return newton.errors(state.x_start)
+    except NoConvergence:
+        return newton.changes(*previous, state) if previous else (np.nan, np.nan)
+
+
+def _check_error(
+    newton: Newton, solution: Solution, tolerance: float, sufficient_residual: float, name: str
+) -> None:
+    """Raise DivergedError if the error of a solution is too large or not known. Collective.
+
+    sufficient_residual : [N] that suffices: if a net hardly moves, its relative error is meaningless
+    """
+    allowed = NEARLY * max(tolerance, newton.rounding(newton.tangent()))
+    if not (solution.error <= allowed or solution.residual <= sufficient_residual):
+        error_text = (
+            f"an estimated error of {solution.error:.1g}"
+            if solution.error == solution.error
+            else "no known error"
+        )
+        raise DivergedError(
+            f"{name}: {solution.iterations} iterations of relaxation led to a residual of "
+            f"{solution.residual:.3g} N with {error_text}, tolerance {tolerance:.3g}"
+        )

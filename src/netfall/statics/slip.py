@@ -1,0 +1,343 @@
+"""Equilibria of nets with sliding cables.
+
+For positions x the slips s minimise W(x, s) = strain energy + potential of the self weight + sum R |s -
+s_old|. A slip point sticks while |Q| <= R and slips with |Q| = R (`physics.slip.law`). When a fifth of a
+free segment is left, a stop on the cable ends the slip (a stiff spring, `free_segments.STOP`). W is convex in
+s, so Newton's method on the slip points that slip finds the minimum. Its steps end where a slip would
+reverse. The forces on the nodes are the gradient of the minimum of W. The tangent is that of the net without
+slip, reduced by what slips: K_xx - K_xs K_ss^-1 K_sx. So an equilibrium is found as without slip, and every
+trial includes the slips.
+
+R is constant within one search for an equilibrium. It is then updated with the tensions, and the search
+starts again from the same positions, until R does not change. The effect of friction depends on the path:
+s_old is the slip of the last equilibrium.
+
+Every rank computes all slips from the same positions, so they have the same bits on any number of ranks.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.errors import DivergedError
+from netfall.core.stop import NEVER, StopRequest
+from netfall.parallel.mpi import MPI
+from netfall.parallel.subdomain import Distribution, rows_of
+from netfall.physics.slip.law import LEAST, slipped_lengths
+from netfall.physics.state import State
+from netfall.statics.free_segments import (
+    STOP,
+    CableChains,
+    Strands,
+    limits_of,
+    make_work,
+    slips_at,
+    solve_chains,
+    strand_forces,
+)
+from netfall.statics.newton import Solution
+from netfall.statics.relaxation import Paused, Relaxation, not_begun
+
+INEXACT = 1e-8  # residual force on slips over the largest tension [-], accepted in an equilibrium
+SETTLED = 0.1  # accepted change of slip resistances over the tolerance of the equilibrium [-]
+MOST_ROUNDS = 100  # updates of the slip resistances with the tensions
+
+
+class SlipTangent(NamedTuple):
+    """Reduction of the tangent stiffness by slip, at the positions of construction. slips : `Slips`
+
+    way : (k,) 0 if a slip point sticks; coupling, stiffness : (q,) of `_force_of`; direction : (q, 3)
+    hold : (g,) of `strand_forces`
+    """
+
+    slips: "Slips"
+    way: np.ndarray
+    coupling: np.ndarray
+    stiffness: np.ndarray
+    hold: np.ndarray
+    direction: np.ndarray
+
+    def changes(self, u: np.ndarray) -> np.ndarray:
+        """Compute the changes (q,) [m] of unstressed lengths if particles move by u (n, 3) [m].
+
+        Collective.
+        """
+        slips, chains = self.slips, self.slips.chains
+        ends = slips.at_ends(u)
+        elongation = ((ends[:, 3:] - ends[:, :3]) * self.direction).sum(1)
+        return self._answer(
+            self.coupling * elongation - slips.weights * chains.weight * 0.5 * (ends[:, 2] + ends[:, 5])
+        )
+
+    def of_strands(self, change: np.ndarray) -> np.ndarray:
+        """Compute the changes (m,) [m] of unstressed lengths at fixed nodes, slip included. Collective.
+
+        change : (m,) [m], prescribed
+        """
+        slips, total = self.slips, change.copy()
+        slipped = self._answer(-self.stiffness * slips.shared(change[slips.my_rows]))
+        for e, row, _ in slips.here:
+            total[row] += slipped[e]
+        return total
+
+    def _answer(self, q: np.ndarray) -> np.ndarray:
+        """Compute changes (q,) [m] of unstressed lengths from changes q (q,) [N] of the driving forces."""
+        chains = self.slips.chains
+        drive = chains.by_segment(q)
+        forces = drive[chains.segment_after] - drive[chains.segment_before]
+        s, (pivot, off_diagonal, border) = np.empty(len(self.way)), np.empty((3, len(self.way)))
+        solve_chains(chains, self.way, self.hold, forces, pivot, off_diagonal, border, s)
+        return chains.passed(np.where(self.way != 0, s, 0.0))
+
+    def soften(self, u: np.ndarray, answer: np.ndarray) -> None:
+        """Subtract the effect of slip from forces `answer` (n, 3) [N] of the net without slip. Collective."""
+        slips = self.slips
+        length_change = self.changes(u)
+        tension, weight = (
+            -self.coupling * length_change,
+            0.5 * slips.weights * slips.chains.weight * length_change,
+        )
+        for e, _, (a, b) in slips.here:
+            pull = tension[e] * self.direction[e]
+            answer[b] += pull
+            answer[a] -= pull
+            answer[a, 2] += weight[e]
+            answer[b, 2] += weight[e]
+
+    def add_changes(self, u: np.ndarray, change: np.ndarray) -> None:
+        """Add the effect of slip to changes of axial forces (m,) [N] if particles move by u (n, 3) [m].
+
+        Collective.
+        """
+        slips = self.slips
+        tension = -self.coupling * self.changes(u)
+        for e, row, _ in slips.here:
+            change[row] += tension[e]
+
+
+class Slips:
+    """Slips of a net, known to every rank.
+
+    weights : factor of the self weight that follows the unstressed lengths, 0: none acts
+    held : whether everything sticks; left : residual force on slips over the largest tension
+    """
+
+    def __init__(self, distribution: Distribution, state: State, chains: CableChains):
+        self.distribution, self.state, self.chains = distribution, state, chains
+        self.comm, self.weights, self.left = distribution.comm, 0.0, 0.0
+        self.held, self.resistance = False, chains.resistance
+        d = distribution.subdomain
+        row = rows_of(d.element_gid, chains.element)
+        self.mine = np.flatnonzero(np.isin(row, np.flatnonzero(state.owned)))
+        self.my_rows = row[self.mine]
+
+        def along(e: int) -> np.ndarray:
+            ends = state.ends[row[e]].astype(int)
+            return ends[:: int(chains.along[e])]  # from begin to end along the cable
+
+        self.rows = np.flatnonzero(row >= 0), row[row >= 0]
+        self.here = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
+        self.my_ends = np.array([along(e) for e in self.mine.tolist()], int).reshape(-1, 2)
+        self.work = make_work(len(chains.element), len(chains.into), len(chains.node))
+        self.old, self.s, self.limit = np.zeros((3, len(chains.node)))
+        at = rows_of(d.particle_gid, chains.node)
+        self.places = np.flatnonzero(at >= 0)
+        self.at = at[self.places], chains.column[self.places]
+
+    def shared(self, values: np.ndarray) -> np.ndarray:
+        """Share rows (q, ...) of this rank's own elements with every rank. Collective."""
+        rows = np.zeros((len(self.chains.element), *values.shape[1:]))
+        rows[self.mine] = values + 0.0
+        self.comm.Allreduce(MPI.IN_PLACE, rows, MPI.SUM)
+        return rows
+
+    def at_ends(self, rows: np.ndarray) -> np.ndarray:
+        """Collect rows (n, 3) of the particles at both ends of the elements, (q, 6). Collective."""
+        return self.shared(rows[self.my_ends].reshape(-1, 6))
+
+    def open_clamps(self, opened: bool) -> None:
+        """Set the slip resistance of the clamps to zero, or restore it."""
+        self.chains = self.chains.replaced(resistance=self.resistance * (not opened))
+
+    def begin(self) -> None:
+        """Start an equilibrium: slips count from here, slip resistances follow the present tensions.
+
+        Collective.
+        """
+        state = self.state
+        row, column = self.at
+        slips, is_owned = np.zeros(len(self.s)), row < state.n_owned
+        slips[self.places[is_owned]] = state.slip[row[is_owned], column[is_owned]] + 0.0
+        self.comm.Allreduce(MPI.IN_PLACE, slips, MPI.SUM)
+        carries = (state.broken[self.my_rows] == 0) & (state.EA[self.my_rows] > 0.0)
+        values = np.column_stack([np.where(carries, state.EA[self.my_rows], 0.0), state.strand[self.my_rows]])
+        self.sections = self.shared(values)
+        is_torn = np.bincount(self.chains.segment, self.sections[:, 0] == 0.0) > 0
+        # a segment carries nothing if one of its elements carries nothing
+        self.sections[is_torn[self.chains.segment], 0] = 0.0
+        self.stop = STOP * self.sections[:, 0].max(initial=0.0) / self.sections[:, 1]
+        self.old[:] = self.s[:] = slips
+        self.renew_limits()
+
+    def numbers(self) -> tuple[np.ndarray, int]:
+        """Return the index of each of `State.places` among all slip points, (places,), and their number."""
+        row, column = self.at
+        order = np.lexsort((column, row))
+        return self.places[order][row[order] < self.state.n_owned], len(self.s)
+
+    def weigh(self, factor: float) -> None:
+        """Convert the self weight and its pull at slip points to constant loads. Collective.
+
+        factor : of the self weight. Serves the dynamic stage, in which weights do not follow slips.
+        """
+        self.begin()
+        state, ends = self.state, self.at_ends(self.state.x)
+        carries = self.sections[:, 0] > 0.0
+        weight = np.where(carries, factor * self.chains.weight, 0.0)
+        pull = self.chains.by_segment(weight * 0.5 * (ends[:, 2] + ends[:, 5]))
+        pulls = pull[self.chains.segment_before] - pull[self.chains.segment_after]
+        state.slip_load[self.at] = pulls[self.places]
+        shifted = -0.5 * weight * self.chains.passed(self.s)
+        for e, _, pair in self.here:
+            state.load[pair, 2] += shifted[e]
+
+    def _strands(self) -> Strands:
+        ends = self.at_ends(self.state.x)
+        along = ends[:, 3:] - ends[:, :3]
+        L = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
+        EA, strand = np.ascontiguousarray(self.sections.T)
+        return Strands(
+            EA, strand, self.stop, L, 0.5 * (ends[:, 2] + ends[:, 5]), along / np.maximum(L, 1e-300)[:, None]
+        )
+
+    def renew_limits(self) -> float:
+        """Update slip resistances with the tensions; return the largest change over the largest tension."""
+        strands, w, previous = self._strands(), self.work, self.limit.copy()
+        law, weights = self.state.law, self.weights
+        strand_forces(
+            self.s,
+            self.chains,
+            strands,
+            weights,
+            law,
+            w.L0,
+            w.T,
+            w.q,
+            w.coupling,
+            w.stiffness,
+            w.drive,
+            w.hold,
+        )
+        limits_of(self.chains, strands, w.T, law, self.limit)
+        largest = np.abs(w.T).max(initial=0.0)
+        return float(np.abs(self.limit - previous).max(initial=0.0) / largest) if largest > 0.0 else 0.0
+
+    def follow(self) -> Strands:
+        """Update slips and unstressed lengths to the present positions. Collective."""
+        strands = self._strands()
+        limit = self.limit + np.inf if self.held else self.limit
+        self.left = slips_at(
+            self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s
+        )
+        self.state.slip[self.at] = self.s[self.places]
+        carries = self.sections[self.rows[0], 0] > 0.0  # torn elements keep their length
+        e, row = (rows[carries] for rows in self.rows)
+        self.state.L0[row] = self.work.L0[e]
+        return strands
+
+    def forces(self, x: np.ndarray, f: np.ndarray) -> None:
+        """Update the slips at x (n, 3), the positions of the state; add the shift of self weight to f.
+
+        Collective.
+        """
+        self.follow()
+        self.add_moved_weights(f)
+
+    def add_moved_weights(self, f: np.ndarray) -> None:
+        """Add to f (n, 3) [N] the self weight that the present slips move from node to node."""
+        if self.weights:
+            shifted = -0.5 * self.weights * self.chains.weight * (self.work.L0 - self.sections[:, 1])
+            for e, _, ends in self.here:
+                f[ends, 2] += shifted[e]
+
+    def tangent(self) -> SlipTangent:
+        """Return the reduction of the tangent at the present positions. Collective."""
+        strands, w = self.follow(), self.work
+        coupling = np.where(w.T > 0.0, w.coupling, 0.0)
+        return SlipTangent(self, w.way.copy(), coupling, w.stiffness.copy(), w.hold.copy(), strands.direction)
+
+    def tangent_at_rest(self) -> SlipTangent:
+        """Return the reduction of the tangent by frictionless pulleys; all other slip points stick.
+
+        Collective.
+        """
+        self.begin()
+        w, is_loose = self.work, (self.chains.friction == 0.0) & (self.chains.resistance == 0.0)
+        coupling = np.where(w.T > 0.0, w.coupling, 0.0)
+        way, direction = is_loose.astype(np.int64), self._strands().direction
+        return SlipTangent(self, way, coupling, w.stiffness.copy(), w.hold.copy(), direction)
+
+    def stopped(self) -> tuple[int, ...]:
+        """Return the global numbers of elements whose stop is reached, after an equilibrium."""
+        return tuple(self.chains.element[self.work.L0 < LEAST * self.sections[:, 1]].tolist())
+
+
+def _near(slips: Slips, finder, find: Callable[[], Solution]) -> None:
+    """Bring the net to the equilibrium in which everything sticks, a better start for friction. Collective.
+
+    find() : finds it, and may raise. If there is none, or a stop is requested, the positions are restored.
+    """
+    positions, slips.held = finder.state.x.copy(order="K"), True
+    try:
+        find()
+    except (DivergedError, Paused):
+        finder.state.x[:] = positions
+    slips.held = False
+
+
+def find_slipping(
+    finder,
+    load: np.ndarray,
+    tolerance: float,
+    reference: float,
+    max_iterations: int,
+    name: str,
+    stop: StopRequest = NEVER,
+    resume: Relaxation | None = None,
+    relaxes: bool = True,
+    watch: Callable[[], None] | None = None,
+) -> Solution:
+    """Find the equilibrium of a net with sliding cables, with slip resistances consistent with tensions.
+
+    Collective.
+
+    The arguments are those of `Finder.find`. Raises as it does, and DivergedError if friction does not
+    converge. If a stop is requested, the search starts again from its first positions.
+    """
+    slips, state = finder.slips, finder.state
+    start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
+
+    def find() -> Solution:
+        return finder.find(load, tolerance, reference, max_iterations, name, stop, resume, relaxes, watch)
+
+    slips.begin()
+    if slips.limit.any():
+        _near(slips, finder, find)
+    for _ in range(MOST_ROUNDS):
+        try:
+            solution = find()
+        except Paused:
+            state.x[:], state.slip[:] = start, slip
+            slipped_lengths(state.particles.slip, state.elements)
+            raise Paused(not_begun(start)) from None
+        slips.follow()
+        if not slips.left <= INEXACT:
+            raise DivergedError(f"{name}: the slips of cables over nodes were not found")
+        slips_before = slips.s.copy()
+        if slips.renew_limits() <= SETTLED * tolerance:
+            return solution
+        slips.follow()
+        if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
+            return solution
+    raise DivergedError(f"{name}: friction of what slips did not settle in {MOST_ROUNDS} rounds")

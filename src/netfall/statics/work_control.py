@@ -1,0 +1,167 @@
+"""Limit load factor of a net of cables by work control.
+
+Close to the limit load a small increment of load moves the net far, and above it there is no equilibrium. So
+each trial prescribes the work of the load instead: force times displacement, over all particles. An
+equilibrium exists for any work, because the energy of cables is convex in the positions. The load factor is
+one more unknown. The utilisation of the net grows nearly in proportion to the work, so few trials suffice.
+The load hardly changes between the last of them.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from netfall.core.stop import StopRequest
+from netfall.physics.state import State
+from netfall.statics.interior_point import MOST_STEPS, NARROWED, Mixed
+from netfall.statics.limit_load import NOTHING, OF_WORK, UNSTRAINED, Strained, Trial, search_limit
+from netfall.statics.multigrid.tangent import Tangent
+from netfall.statics.newton import Newton, NoConvergence
+
+
+class Work:
+    """Work control of a load (n_owned, 3) [N] that acts in addition to the load of the net.
+
+    The displacements count from the positions at construction.
+    factor : load factor; target : prescribed work [J] of the load with factor 1
+    """
+
+    def __init__(self, newton: Newton, load: np.ndarray):
+        self.newton, self.load = newton, newton.not_held(load)
+        self.start = newton.net.x[newton.owned].copy()
+        self.factor = self.target = 0.0
+
+    def done(self) -> float:
+        """Compute the work [J] of the load with factor 1 at the present positions. Collective."""
+        (work,) = self.newton.dots((self.load, self.newton.net.x[self.newton.owned] - self.start))
+        return work
+
+    def solve(self, K: Tangent, cycle, r: np.ndarray, residual_share: float) -> tuple[np.ndarray, float, int]:
+        """Return the correction (n_owned, 3) [m], the change of `factor`, and the iterations. Collective.
+
+        r : residual without the load; residual_share : largest share of the residual that may remain
+
+        A first correction brings the work to `target`. Conjugate gradients then search among displacements in
+        which the load does no work (Gould, Hribar, Nocedal 2001). Raises as `Newton.solve`.
+        """
+        newton, load, factor_change = self.newton, self.load, 0.0
+        response = newton.not_held(cycle(load))
+        (compliance,) = newton.dots((load, response))
+
+        def without_work(rows: np.ndarray) -> np.ndarray:
+            """Apply the cycle and remove the work of the load from the result.
+
+            Subtracts the same multiple of the load from `rows`, in place.
+            """
+            nonlocal factor_change
+            z = newton.not_held(cycle(rows))
+            (work,) = newton.dots((load, z))
+            excess = work / compliance
+            rows -= excess * load
+            z -= excess * response
+            factor_change -= excess
+            return z
+
+        to_target = (self.target - self.done()) / compliance * response
+        r = r + self.factor * load - newton.stiffness_times(K, to_target)
+        s, count = newton.solve(K, without_work, r, residual_share)
+        return to_target + s, factor_change, count
+
+
+class LimitLoad(NamedTuple):
+    """Limit load factor and the state at the limit.
+
+    factor : limit load factor, 1: the whole load is carried
+    beyond : utilisation slightly above it, `UNSTRAINED` if the whole load is carried
+    gradients : iterations; missing : estimated errors, shares of the largest displacement and tension
+    """
+
+    factor: float
+    beyond: Strained
+    gradients: int
+    missing: tuple[float, float]
+
+
+def limit_load(
+    newton: Newton,
+    state: State,
+    load: np.ndarray,
+    strained: Callable[[], Strained],
+    tolerances: tuple[float, float],
+    stop: StopRequest,
+    report: Callable[[float, float], None],
+) -> LimitLoad:
+    """Bring the net to the limit load factor of a load (n_owned, 3) [N], to within `SHARP`. Collective.
+
+    newton : of the loads that act in addition; strained() : returns the utilisation of the net;
+    tolerances : of the errors, during the search and at its end; report(low, high) : receives the factors
+        that bracket the limit
+
+    Raises NoConvergence, Stopped.
+    """
+    newton.begin()
+    work, best_positions = Work(newton, load), state.x.copy(order="K")
+    _begin(newton, state, work, strained)
+    first = work.done()
+    mixed = Mixed(newton, state, stop, work)
+
+    def trial(target: float) -> Trial:
+        if target != first:
+            mixed.begin_again()
+        work.target = target
+        mixed.narrow(NARROWED[0], tolerances[0])
+        result = Trial(target, work.factor, strained())
+        if not result.there.reason:
+            best_positions[:] = state.x
+        return result
+
+    low, high = _ends(trial, first)
+    if high is not None:
+        low, high = search_limit(trial, low, high, OF_WORK, report)
+    beyond = UNSTRAINED if high is None or low.factor >= 1.0 else high.there
+    state.x[:], work.target, work.factor = best_positions, low.at, low.factor
+    if beyond is UNSTRAINED:
+        return LimitLoad(low.factor, beyond, mixed.gradients, mixed.missing)
+    mixed.begin_again()
+    try:
+        mixed.narrow(0.0, tolerances[1])
+    except NoConvergence:  # the estimated errors decide
+        if max(mixed.missing) > tolerances[0]:
+            raise
+    return LimitLoad(work.factor, beyond, mixed.gradients, mixed.missing)
+
+
+def _ends(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:
+    """Find trials below and above the limit; None above if the whole load is carried. first : work [J]"""
+    low, work = NOTHING, first
+    for _ in range(MOST_STEPS):
+        result = trial(work)
+        if result.there.reason:
+            return low, result
+        low, work = result, 2.0 * work
+        if low.factor >= 1.0:
+            return low, None
+    raise NoConvergence("nothing gives way under any work")
+
+
+def _begin(newton: Newton, state: State, work: Work, strained: Callable[[], Strained]) -> None:
+    """Move the net along its linear response to the load, to within a factor of 2 of its limit.
+
+    Raises NoConvergence if no displacement of that shape brackets the limit.
+    """
+    K, x = newton.tangent(), state.x.copy(order="K")
+    shape, _ = newton.solve(K, newton.cycle(K), work.load)
+    newton.spread_out(shape)
+    (largest,) = newton.largest(newton.spread)
+    if largest == 0.0:
+        raise NoConvergence("the load moves nothing")
+    shape, scale = newton.extent / largest * newton.spread, 1.0
+    state.x[:] = x + shape
+    factor = 0.5 if strained().reason else 2.0
+    for _ in range(MOST_STEPS):
+        scale *= factor
+        state.x[:] = x + scale * shape
+        if bool(strained().reason) == (factor > 1.0):
+            return
+    raise NoConvergence("no displacements are about those with which something gives way")

@@ -1,1 +1,0 @@
-"""Interactive page of a result, for any browser without network."""

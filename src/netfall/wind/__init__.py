@@ -1,1 +1,0 @@
-"""Gusts and pressures at points, in time. Arrays, no MPI."""

@@ -1,1 +1,0 @@
-"""Files that a run writes, by all ranks: result, checkpoints, locks."""
