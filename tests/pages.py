@@ -22,23 +22,12 @@ from netfall.job.schema import GENERATOR_KEYS, OVERRIDES, SECTIONS
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"
 WIDEST = 110  # characters of a line of a page
-ROOMS = (  # from the ground up: a room imports from those before it
-    *("core", "ground", "numerics", "job", "net", "net/generators", "roof", "wind", "physics"),
-    *("mechanics/law", "mechanics", "mechanics/slip", "parallel", "step"),
-    *(
-        "multigrid",
-        "equilibrium",
-        "model",
-        "record",
-        "write",
-        "form",
-        "stages",
-        "erection",
-        "messages",
-        "program",
-    ),
-    *("results", "checks", "plots", "view", "report", "study", "study/answers", "plots/study", "measure"),
-    *("api", "exchange", "exchange/formats", "exchange/drawings", "cli"),
+PACKAGES = (  # each imports from those before it
+    *("core", "physics", "physics/law", "physics/slip", "job", "geometry", "geometry/generators", "parallel"),
+    *("loads", "loads/wind", "model", "explicit", "results", "statics", "statics/multigrid", "statics/form"),
+    *("run", "run/erection", "run/messages", "study", "study/answers"),
+    *("post", "post/checks", "post/plots", "post/plots/study", "post/report", "post/page", "post/accuracy"),
+    *("exchange", "exchange/formats", "exchange/drawings", "api", "cli"),
 )
 HEAD = """# The map of the code
 
@@ -56,7 +45,7 @@ def first_sentence(path: Path) -> str:
 def code_map() -> str:
     """A page of all files."""
     parts = [HEAD]
-    for room in ROOMS:
+    for room in PACKAGES:
         files = sorted(path for path in (PACKAGE / room).glob("*.py") if path.name != "__init__.py")
         rows = "".join(f"| `{path.name}` | {first_sentence(path)} |\n" for path in files)
         whole = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text()))

@@ -10,88 +10,51 @@ from conftest import ROOT
 
 PACKAGE = ROOT / "src" / "netfall"
 
-# What every room stands on, and what each of these may import; they know nothing of the others.
-GROUND = {"core": [], "ground": [], "numerics": ["core"]}
-# Room (a folder with all below it) -> what it may import besides these and itself.
-LAW = ["mechanics.law.limits", "mechanics.law.measures"]  # of arrays, without kernels
+# A package imports only from packages before it.
+LAYERS = (
+    *("core", "physics", "job", "geometry", "parallel", "loads", "model", "explicit", "results", "statics"),
+    *("run", "study", "post", "exchange", "api", "cli", "__main__"),
+)
+# Module -> what it may import from later layers: a picture that check draws, the program that a process runs.
 MAY_IMPORT = {
-    "physics": [],
-    "job": ["wind.spectra"],  # how long a gust is
-    "net": ["job"],
-    "roof": ["job", "net"],
-    "wind": ["job"],
-    "mechanics": ["physics"],
-    "parallel": ["mechanics.motion"],  # what is done with a force that was received
-    "step": ["physics", "mechanics", "parallel.halo", "parallel.mpi_calls", "parallel.sums"],
-    "multigrid": ["mechanics", "parallel"],
-    "equilibrium": ["mechanics", "parallel", "multigrid"],
-    "model": ["job", "net", "roof", "wind", "mechanics", "parallel"],
-    "record": ["job", "net.turned", "wind", "mechanics", "parallel", "model", "step"],
-    "write": ["net", "roof", "mechanics", "parallel", "results.datasets"],
-    "form": ["job", "net", "mechanics", "parallel", "multigrid", "equilibrium", "model", "write"],
-    "stages": [
-        *("job", "net", "roof", "wind", "mechanics", "parallel", "step", "multigrid", "equilibrium"),
-        *("form", "model", "record", "write", "results.loss_lines", "results.notes"),
-    ],
-    "erection": [
-        *("job", "net", "mechanics", "parallel.agree", "equilibrium", "model", "stages", "results.notes"),
-    ],
-    "messages": [
-        *("job", "net", "roof", "wind", "mechanics", "parallel", "model", "record", "results", "stages"),
-    ],
-    "program": [
-        *("job", "net", "roof", "wind", "mechanics", "parallel", "equilibrium", "model", "record", "write"),
-        *("form", "step", "stages", "erection", "messages", "results", "plots.job", "__main__"),
-    ],
-    "results": ["job", *LAW],
-    "checks": ["job", *LAW, "results"],
-    "plots": ["job.table", "net", "roof", "write.locks", "results", "checks", "study.answers"],
-    "view": ["write.locks", "results", "checks", "plots", "study.answers", "study.files"],
-    "report": ["job.table", "roof", "write.locks", "results", "checks", "plots"],
-    "study": ["job", "net", "write.locks", "results"],
-    "measure": ["job", "write.locks", "results", "study", "plots.canvas"],
-    "api": ["job", "parallel.agree", "parallel.alone", "results", "program.run"],
-    "exchange": ["job", "net.parts", *LAW, "write.locks", "results", "checks.reactions", "plots"],
-    "cli": [
-        *("job", "net", "parallel", "program", "results", "checks", "plots", "report", "study", "measure"),
-        *("view", "exchange", "write.locks"),
-    ],
-    "__main__": ["cli"],
+    "run.check": ["post.plots.job"],
+    "run.child_process": ["__main__"],
+    "run.worker": ["__main__"],
 }
 
-# Package -> the rooms and modules that may import it; numpy and the standard library are free to all.
+# Third-party package -> the packages and modules that may import it; numpy and the standard library are free.
 PACKAGES = {
-    "mpi4py": ["parallel.mpi", "program.provenance", "__main__"],
-    "h5py": ["write", "results", "report", "checks", "plots", "study", "measure", "program", "wind.measured"],
+    "mpi4py": ["parallel.mpi", "run.provenance", "__main__"],
+    "h5py": ["results", "post", "study", "run", "loads.wind.measured"],
     "numba": [  # types of fields; the versions for compiled code and for /provenance
-        *("core", "mechanics.fields", "parallel.mpi_calls", "program.compile", "program.provenance"),
+        *("core", "physics.fields", "parallel.mpi_calls", "run.compile", "run.provenance"),
     ],
-    "llvmlite": ["core", "parallel.mpi_calls", "program.compile"],
+    "llvmlite": ["core", "parallel.mpi_calls", "run.compile"],
     "scipy": [
-        *("net.parts", "stages.modes", "parallel.subdomain", "multigrid.rows", "study.draws", "study.rare"),
-        *("study.answers", "exchange.drawings", "plots"),
+        *("geometry.connected_parts", "run.modes", "parallel.subdomain", "statics.multigrid.rows"),
+        *("study.draws", "study.answers", "exchange.drawings", "post.plots"),
     ],
-    "shapely": ["roof", "exchange.drawings"],
-    "pymetis": ["parallel.partition", "numerics.sparse"],
-    "matplotlib": ["plots", "view.quantities"],
-    "mpl_toolkits": ["plots"],
-    "imageio_ffmpeg": ["plots.film"],
-    "adjustText": ["plots.labels"],
+    "shapely": ["geometry", "exchange.drawings"],
+    "pymetis": ["parallel.partition", "core.sparse"],
+    "matplotlib": ["post.plots", "post.page.quantities"],
+    "mpl_toolkits": ["post.plots"],
+    "imageio_ffmpeg": ["post.plots.film"],
+    "adjustText": ["post.plots.labels"],
     "vtkmodules": ["exchange.vtu"],
-    "k3d": ["view.page"],
-    "tqdm": ["ground.progress"],
+    "k3d": ["post.page.page"],
+    "tqdm": ["core.progress"],
     "ezdxf": ["exchange"],
-    "markdown_it": ["report.html"],
+    "markdown_it": ["post.report.html"],
 }
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.
 WITHOUT = {
-    name: ["mpi4py", "program", "stages"]
-    for name in ("plots.run", "report.info", "results.frames", "report.report", "view.page")
-    + ("plots.study.study", "study.answers.info")
+    name: ["mpi4py", "run"]
+    for name in ("post.plots.run", "post.report.info", "results.frames", "post.report.report")
+    + ("post.page.page", "post.plots.study.study", "study.answers.info")
 }
 
-# Functions whose last bit numpy and the C library choose by the processor (`numerics` has its own), and who
+# Functions whose last bit numpy and the C library choose by the processor (`core` has its own), and who
 # may take them all the same: what is told, drawn or rounded from them is not kept.
 BY_PROCESSOR = {
     *("log", "log1p", "log2", "log10", "exp", "exp2", "expm1", "sin", "cos", "tan", "sinh", "cosh", "tanh"),
@@ -111,11 +74,11 @@ BY_PROCESSOR = {
     ),
 }
 MAY_BE_INEXACT = [
-    *("plots", "view", "measure", "exchange", "checks.slides", "record.wind", "study.answers"),
-    *("net.cables", "net.generators.ellipse", "messages.slip"),  # rounded; an order alone; a note
+    *("post", "exchange", "explicit.wind", "study.answers"),
+    *("geometry.cables", "geometry.generators.ellipse", "run.messages.slip"),
 ]
 
-MOST_FILES, LONGEST_CHAIN = 14, 5  # of a room
+MOST_FILES, LONGEST_CHAIN = 26, 8  # of a package, without packages within it
 MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 450, 110
 
 
@@ -162,12 +125,13 @@ def reached(module: str) -> set[str]:
     return found
 
 
-def test_a_module_imports_only_from_rooms_below_it():
-    """MAY_IMPORT is what the rooms may do; a room that does not stand there may do nothing."""
+def test_imports_run_one_way():
+    """A package imports only from the layers before its own, but for MAY_IMPORT."""
     wrong = []
     for module in MODULES:
-        room = module.split(".")[0]
-        allowed = [room, *(GROUND[room] if room in GROUND else [*GROUND, *MAY_IMPORT.get(room, [])])]
+        layer = module.split(".")[0]
+        before = LAYERS[: LAYERS.index(layer) + 1] if layer else ("core", "results", "api")
+        allowed = [*before, *MAY_IMPORT.get(module, [])]
         inner = [name[1:] for name in imports(module) if name.startswith(".") and name != "."]
         wrong += [f"{module} imports {name}" for name in inner if not within(name, allowed)]
     assert wrong == []
@@ -190,7 +154,7 @@ def test_what_is_kept_comes_of_functions_that_are_the_same_everywhere():
     wrong = {
         f"{module}: {node.value.id}.{node.attr}"
         for module in MODULES
-        if not within(module, ["numerics", *MAY_BE_INEXACT])
+        if not within(module, ["core", *MAY_BE_INEXACT])
         for node in ast.walk(ast.parse(MODULES[module].read_text()))
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
         if node.value.id in ("np", "math") and node.attr in BY_PROCESSOR

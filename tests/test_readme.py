@@ -66,10 +66,10 @@ def test_pages_are_those_of_the_code(page):
     assert page.read_text() == pages.PAGES[page](), "tests/pages.py writes it anew"
 
 
-def test_the_map_has_every_room():
+def test_the_map_has_every_package():
     """No folder of the package is left out of the map."""
-    rooms = {path.parent.relative_to(pages.PACKAGE).as_posix() for path in pages.PACKAGE.rglob("*.py")}
-    assert rooms - {"."} == set(pages.ROOMS)
+    packages = {path.parent.relative_to(pages.PACKAGE).as_posix() for path in pages.PACKAGE.rglob("*.py")}
+    assert packages - {"."} == set(pages.PACKAGES)
 
 
 def test_every_page_is_linked_from_the_first():
