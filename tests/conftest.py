@@ -11,10 +11,10 @@ from results import Report, assert_same_results
 from standing_ranks import StandingRanks
 from validation_table import Comparison, Table
 
-from netfall.core.cache import choose_folder
+from netfall.core.cache import set_cache_folder
 from netfall.core.errors import Interrupted
 
-choose_folder()  # of compiled kernels: here, and in what is started
+set_cache_folder()  # of compiled kernels: here, and in what is started
 
 # As it was before any MPI start-up in this process: mpirun fails silently with more.
 # Ranks of two tests share the cores, so they do not wait in busy loops. Warnings are errors, as in the tests.

@@ -15,7 +15,7 @@ import textwrap
 from pathlib import Path
 
 from netfall.cli.parser import parser
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.keys import ABSENT, REQUIRED, Key
 from netfall.job.schema import GENERATOR_KEYS, OVERRIDES, SECTIONS
 
@@ -83,7 +83,7 @@ def takes(key: Key) -> str:
     """What a key takes: its type or the words to choose from, and the words in place of a number."""
     if key.kind == "choice":
         return ", ".join(f'`"{word}"`' for word in key.choices)
-    return NOUNS[key.kind] + "".join(f', or `"{word}"`' for word in key.also)
+    return NOUNS[key.kind] + "".join(f', or `"{word}"`' for word in key.special_words)
 
 
 def limits(key: Key) -> str:
@@ -209,7 +209,10 @@ RUNNING = ROOT / "jobs" / "RUNNING.md"
 PAGES = {  # page: its text as the code says it
     KEYS: lambda: with_parts(
         KEYS,
-        {f"keys of {name or 'the job'}": keys_of(name, keys) for name, keys in (SECTIONS | LISTS).items()},
+        {
+            f"keys of {name or 'the job'}": keys_of(name, keys)
+            for name, keys in (SECTIONS | LIST_KEYS).items()
+        },
     ),
     RUNNING: lambda: with_parts(RUNNING, {"options": options()}),
 }

@@ -12,13 +12,13 @@ from scipy.spatial import Delaunay
 import netfall
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.geometry.areas import normals, roof_of, tributary_areas
+from netfall.geometry.areas import find_roof, normals, tributary_areas
 from netfall.geometry.build import build_net
 from netfall.geometry.faces import find_faces
 from netfall.geometry.net import Net, subdivide
-from netfall.geometry.panels import panels_of
+from netfall.geometry.panels import make_panels
 from netfall.geometry.plan import draw_plan
-from netfall.geometry.shares import shares_of
+from netfall.geometry.shares import share_out_faces
 from netfall.job.read import read_job
 from netfall.model.layout import layout_digest, make_layout
 from netfall.model.model import make_model
@@ -75,7 +75,7 @@ def roof_from(workshop, text, nodes, elements, overrides=()):
     """Net, roof and areas of a job with tables."""
     job = read_job(workshop.job(text, nodes, elements), list(overrides))
     net = build_net(job)
-    roof = roof_of(job, net)
+    roof = find_roof(job, net)
     return net, roof, tributary_areas(net.x, net, roof.faces)[1]
 
 
@@ -233,7 +233,7 @@ def test_an_open_rim_is_said(workshop):
     note = next(note for note in roof.notes if "without closing a face" in note)
     assert "8 free nodes" in note and "11, 12, 13, 21, 23, ..." in note and "28.6%" in note
     _, roof, _ = roof_from(workshop, PRESSED, *grid_tables("short"))
-    assert roof.notes == [] and roof.covered == 1.0
+    assert roof.notes == [] and roof.covered_share == 1.0
 
 
 U_SHAPE = [(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)]
@@ -400,7 +400,7 @@ def test_panels_are_whole_faces_and_carry_what_their_corners_have(parts):
     net = subdivide(net_of(xy, elements, z=[0.1 * x * y for x, y in xy]), parts)
     faces = find_faces(net)
     areas = tributary_areas(net.x, net, faces)
-    panels = panels_of(net, faces, areas.shares)
+    panels = make_panels(net, faces, areas.shares)
     assert panels.count == faces.count == 3 and len(faces) > 3
     at_nodes = lambda values: np.bincount(panels.node, values, net.n)
     assert np.allclose(at_nodes(panels.area), areas.surface, rtol=1e-14)
@@ -479,7 +479,7 @@ def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
     z = rng.uniform(-3, 3, points)
     net = subdivide(net_of(xy, elements, z=z), parts)
     assume(not draw_plan(net).notes)  # no triangle so flat that its node lies on the side opposite
-    found = shares_of(net.x, find_faces(net))
+    found = share_out_faces(net.x, find_faces(net))
     assume(len(found.face))
     assert np.allclose(np.bincount(found.face, found.share), 1.0, rtol=1e-12) and (found.share >= 0).all()
     order, number = rng.permutation(len(elements)), rng.permutation(points)
@@ -494,7 +494,7 @@ def test_areas_of_random_faces_are_exact(seed, points, kept, parts):
     slope = np.array([0.75, 0.0])
     plane = subdivide(net_of(xy, elements, z=xy @ slope), parts)
     faces = find_faces(plane)
-    areas, found = tributary_areas(plane.x, plane, faces), shares_of(plane.x, faces)
+    areas, found = tributary_areas(plane.x, plane, faces), share_out_faces(plane.x, faces)
     assert np.allclose(areas.vector, areas.surface[:, None] * [-0.6, 0.0, 0.8], rtol=1e-11, atol=1e-12)
     rings = faces.rings
     for face in range(faces.count):
@@ -523,7 +523,7 @@ def areas_of(workshop, elements, *arguments) -> np.ndarray:
     """Areas of the nodes as the roof of two rings is read."""
     job = read_job(workshop.job(LOADED, RINGS, elements), arguments)
     net = build_net(job)
-    return tributary_areas(net.x, net, roof_of(job, net).faces)[0]
+    return tributary_areas(net.x, net, find_roof(job, net).faces)[0]
 
 
 def test_an_opening_is_left_out(workshop):

@@ -7,7 +7,7 @@ import pytest
 
 from netfall.core.arithmetic import logarithm
 from netfall.core.kernels import kernel
-from netfall.core.vectors import LANES, load, put
+from netfall.core.vectors import LANES, load, store_below
 from netfall.physics.targets import element
 
 inverse_length = element.inverse_length
@@ -18,9 +18,9 @@ def in_vectors(x, z, numbers, inverses, lengths, logarithms):
     for p in range(0, numbers.shape[0], LANES):
         high, dx, dz = numbers.shape[0], load(x, 0, p), load(z, 0, p)
         inverse, length = inverse_length(dx, dz - dz, dz)
-        put(p, high, inverses, 0, inverse)
-        put(p, high, lengths, 0, length)
-        put(p, high, logarithms, 0, logarithm(load(numbers, 0, p)))
+        store_below(p, high, inverses, 0, inverse)
+        store_below(p, high, lengths, 0, length)
+        store_below(p, high, logarithms, 0, logarithm(load(numbers, 0, p)))
 
 
 @kernel

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from netfall.core.kernels import kernel
 from netfall.geometry.build import build_net
-from netfall.geometry.cables import CHAIN_END, NO_BENDING, chains_of
+from netfall.geometry.cables import CHAIN_END, NO_BENDING, find_bending_chains
 from netfall.job.read import read_job
 from netfall.physics.bending import (
     Joints,
@@ -314,7 +314,7 @@ def chains(workshop, elements, parts=1):
     text = RING if "other" in elements else RING.partition("[cable.other]")[0]
     job = read_job(workshop.job(text, nodes, elements), [f"net.subdivide={parts}"])
     net = build_net(job)
-    found = chains_of(net)
+    found = find_bending_chains(net)
     return {
         tuple(sorted(net.node_id[[a, c]].tolist()) + [int(net.node_id[b])]) for a, b, c in found.particles
     }, found

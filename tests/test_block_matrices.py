@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from netfall.statics.multigrid.distributed import DistributedMatrix
 from netfall.statics.multigrid.levels import aggregates
-from netfall.statics.multigrid.products import Product, Transposed
+from netfall.statics.multigrid.products import Product, TransposedMatrix
 from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern
 
 SEEDS = 24
@@ -54,7 +54,7 @@ def products(comm, seed: int) -> tuple[float, float, str]:
     x, b = rng.normal(size=(2, n, 3)).astype(np.float32)
     rows, columns = owners(comm, rng, n), owners(comm, rng, m)
     matrix, up = A.spread(comm, rows, columns=rows), P.spread(comm, rows, columns)
-    transposed = Transposed(up.pattern)
+    transposed = TransposedMatrix(up.pattern)
     down = transposed.of(up)
     first = Product(matrix.pattern, up.pattern)
     coarse = Product(transposed.pattern, first.pattern).of(down, first.of(matrix, up))

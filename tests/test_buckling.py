@@ -6,11 +6,11 @@ from conftest import STEEL, assert_same_bits_on, run_on_standing_ranks
 from mpi4py import MPI
 
 from netfall.core.errors import InputError
-from netfall.job.cache import Memory
+from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
-from netfall.post.checks.buckling import IMPERFECTION, reduction, slenderness
+from netfall.post.checks.buckling import IMPERFECTION, buckling_reduction, slenderness
 from netfall.post.checks.codes import read_codes
-from netfall.run.sample import run_member
+from netfall.run.sample import run_sample
 
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.
 NODES = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,1,1,0,-200e3\n3,5,0,4,1,1,1,0\n"
@@ -33,7 +33,7 @@ BY_CURVE = {  # chi of the curves a0 to d by hand; EN 1993-1-1, figure 6.4
 def test_reduction_is_that_of_the_five_curves(slender):
     """At five slendernesses, to the four figures that tables have."""
     alpha = np.array(list(IMPERFECTION.values()))
-    assert np.round(reduction(np.full(5, slender), alpha), 4).tolist() == list(BY_CURVE[slender])
+    assert np.round(buckling_reduction(np.full(5, slender), alpha), 4).tolist() == list(BY_CURVE[slender])
     assert slenderness(np.array([slender**2 * 3e5]), np.array([3e5])) == pytest.approx(slender, rel=1e-12)
 
 
@@ -101,7 +101,7 @@ def test_parts_of_a_bar_buckle_as_one_and_a_given_length_counts(workshop):
     long = rows_of(workshop, 'buckling_length = 8.0\nbuckling_curve = "a0"\n')
     assert float(long[7]["euler_load"]) == pytest.approx(np.pi**2 * 2.1e11 * 5e-6 / 64.0, rel=1e-10)
     slender = np.sqrt(3e-3 * 355e6 / float(long[7]["euler_load"]))
-    assert float(long[7]["chi"]) == pytest.approx(reduction(slender, IMPERFECTION["a0"]), rel=1e-9)
+    assert float(long[7]["chi"]) == pytest.approx(buckling_reduction(slender, IMPERFECTION["a0"]), rel=1e-9)
 
 
 def test_without_a_second_moment_the_report_is_as_before(workshop):
@@ -260,7 +260,7 @@ def test_a_post_breaks_in_compression(workshop, keys, limit, strain, heat):
 
 def used_by(job):
     """The utilisation that a study is told of a job."""
-    return run_member(MPI.COMM_SELF, lambda: read_job(job), None, Memory(1))["utilisation_before_break"]
+    return run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))["utilisation_before_break"]
 
 
 def test_a_study_is_told_of_what_breaks_in_compression(workshop):

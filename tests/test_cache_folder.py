@@ -27,16 +27,16 @@ def package(tmp_path, monkeypatch):
         (package / name).write_text(text)
     monkeypatch.setattr(cache, "PACKAGE", package)
     monkeypatch.setattr(cache, "CONSTANTS", (f"{package / 'physics'}{os.sep}",))
-    monkeypatch.setenv(cache.FOLDER, "")
+    monkeypatch.setenv(cache.CACHE_VARIABLE, "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     return package
 
 
 def chosen(given: str = "") -> Path:
     """The folder that a process chooses, with what the environment says before it."""
-    os.environ[cache.FOLDER] = given
-    cache.choose_folder()
-    return Path(os.environ[cache.FOLDER])
+    os.environ[cache.CACHE_VARIABLE] = given
+    cache.set_cache_folder()
+    return Path(os.environ[cache.CACHE_VARIABLE])
 
 
 def test_code_of_changed_sources_is_kept_apart(package):
@@ -85,7 +85,7 @@ def test_folders_of_old_sources_go(package):
     for path in (old, young, *others):
         path.mkdir()
         (path / "code.nbc").write_text("")
-        days = cache.KEPT_DAYS + (-1 if path is young else 1)
+        days = cache.MAX_CACHE_AGE_DAYS + (-1 if path is young else 1)
         os.utime(path, (0, time.time() - 86400 * days))
     os.utime(first, (0, 0))
     assert chosen() == first and first.is_dir()
@@ -95,7 +95,7 @@ def test_folders_of_old_sources_go(package):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """Where nothing is compiled yet, and nothing is compiled but in name."""
-    monkeypatch.setenv(cache.FOLDER, str(tmp_path))
+    monkeypatch.setenv(cache.CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setattr(compiling, "GROUPS", {})
     return tmp_path
 
@@ -112,7 +112,7 @@ def test_a_turn_is_one_process_at_a_time_and_no_reason_to_hang(folder, monkeypat
     """A process that was stopped while it compiled keeps others waiting for a while, and not for ever."""
     monkeypatch.setattr(compiling, "PATIENCE", 0.5)
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    own = ENVIRONMENT | {cache.FOLDER: str(folder)}
+    own = ENVIRONMENT | {cache.CACHE_VARIABLE: str(folder)}
     waited = []
     with subprocess.Popen([sys.executable, "-c", HOLDS_ITS_TURN], env=own, **pipes) as other:
         assert other.stdout.readline() == "there\n"

@@ -56,11 +56,11 @@ def test_check_says_the_warnings(workshop, two_rows):
 
 def test_rows_name_keys_that_have_the_new_default():
     """The table agrees with the table of keys."""
-    from netfall.job.entries import LISTS
+    from netfall.job.entries import LIST_KEYS
     from netfall.job.schema import SECTIONS
 
     for row in CHANGED:
-        (key,) = [key for key in (SECTIONS | LISTS)[row.section] if key.name == row.key]
+        (key,) = [key for key in (SECTIONS | LIST_KEYS)[row.section] if key.name == row.key]
         assert key.default in (row.new, None), row
 
 

@@ -26,16 +26,16 @@ from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.loads.wind.field import make_wind_field
 from netfall.loads.wind.onset import GrowingGusts
-from netfall.parallel.halo import buffers_alone, exchange_rows
+from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 from netfall.post.checks.reactions import reaction_columns
-from netfall.results.checkpoint import checkpoint_path, remove_older
-from netfall.results.states import envelope_of
-from netfall.run.step_limit import long_step_allowed
+from netfall.results.checkpoint import checkpoint_path, remove_old_checkpoints
+from netfall.results.states import compute_envelope
+from netfall.run.step_limit import is_long_step_stable
 from netfall.study.answers.info import _losses
-from netfall.study.answers.losses import losses_of, one_draw
-from netfall.study.runs import Queue
+from netfall.study.answers.losses import asymmetric_pair, losses_of
+from netfall.study.runs import SampleQueue
 
 STATE = ("position", "velocity", "tension", "plastic_strain")  # in /final
 
@@ -249,7 +249,7 @@ def test_the_long_step_is_allowed_up_to_what_the_net_as_it_is_stands(bar, most):
         state.invert_masses()
         longest = 0.9 * most / np.sqrt(2e5 * 2.0 / 20.0) * shorter
         for dt, allowed in ((longest * (1 - 1e-9), True), (longest * (1 + 1e-9), False)):
-            assert long_step_allowed(MPI.COMM_SELF, state, nobody, dt, 0.9) is allowed
+            assert is_long_step_stable(MPI.COMM_SELF, state, nobody, dt, 0.9) is allowed
 
 
 def test_a_spring_holds_the_form_that_was_found(workshop):
@@ -283,7 +283,7 @@ def test_a_case_that_yields_leaves_the_next_one_alone(workshop):
     job = workshop.job(text, nodes(), ELEMENTS)
     f = workshop.run_here(job)
     of_cases = [f[f"cases/{name}/tension"][:] for name in ("first", "heavy", "again")]
-    whole = envelope_of(f, np.full(2, np.nan))
+    whole = compute_envelope(f, np.full(2, np.nan))
     assert (whole.most == np.max(of_cases, axis=0)).all() and (whole.least == 0.0).all()  # as given
     assert (f["cases/heavy/tension"][:] == 2000.0).all()  # at yield
     for name in ("displacement", "tension"):
@@ -305,7 +305,7 @@ def test_a_run_that_goes_on_leaves_the_last_two_checkpoints(tmp_path):
     for k, path in enumerate(paths):
         with h5py.File(path, "w") as file:
             file["record"] = json.dumps({"job": "another" if k == 1 else "this"})
-    remove_older(paths[5], result, "this", paths[2])
+    remove_old_checkpoints(paths[5], result, "this", paths[2])
     assert sorted(tmp_path.iterdir()) == [paths[k] for k in (1, 2, 4, 5)]
 
 
@@ -316,7 +316,7 @@ def test_a_worker_goes_on_with_what_it_knows():
     """Members that share all but the gusts, one after the other; another worker begins with others."""
     values = {1: ("a", 1), 2: ("b", 1), 3: ("a", 2), 4: ("b", 2)}
     member = lambda k: SimpleNamespace(values={"load.snow": values[k][0], "wind.seed": values[k][1]})
-    queue = Queue(SimpleNamespace(member=member), [1, 2, 3, 4])
+    queue = SampleQueue(SimpleNamespace(member=member), [1, 2, 3, 4])
     first, number = queue.take(None)
     assert number == 1 and queue.take(first) == (first, 3)
     assert [queue.take(first)[1], queue.take(None)[1], queue.take(None)] == [2, 4, None]
@@ -352,23 +352,23 @@ def test_symmetric_losses_that_differ_have_one_draw_of_gusts(capsys):
     }
     net = {"particles": x, "elements": spokes, "element_id": np.array([1, 2, 3, 4])}
     study = SimpleNamespace(members=members, finished=np.ones(4, bool), net=net)
-    assert one_draw(study, losses_of(study)) == (0, 1)
+    assert asymmetric_pair(study, losses_of(study)) == (0, 1)
     _losses(study, print)
     told = capsys.readouterr().out
     assert "after one 3 elements (loss of 1) break, after the other 5 elements (loss of 2)" in told
     assert "have one draw of gusts, or one table" in told and "a table that stays at its mean" in told
     members["gusts"][:] = 0
-    assert one_draw(study, losses_of(study)) is None
+    assert asymmetric_pair(study, losses_of(study)) is None
     members |= {"gusts": np.ones(4, int), "wind.seed": np.array([1, 2, 1, 2])}
-    assert one_draw(study, losses_of(study)) is None
+    assert asymmetric_pair(study, losses_of(study)) is None
     del members["wind.seed"]
     x[2] = [0, 5, 1]  # no longer symmetric
-    assert one_draw(study, losses_of(study)) is None
+    assert asymmetric_pair(study, losses_of(study)) is None
 
 
 def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
     """A dot for the loss that was borne; the other one is told to have none, and why."""
-    from netfall.post.plots.study.losses import loss_chart
+    from netfall.post.plots.study.losses import removal_chart
 
     members = {
         "removed": np.array(["1", "2"]),
@@ -377,7 +377,7 @@ def test_a_loss_after_which_more_breaks_has_no_factor_in_the_chart():
         "broken": np.array([0, 3]),
         "dynamic_factor_max": np.array([1.7, np.nan]),
     }
-    left = loss_chart(SimpleNamespace(members=members, finished=np.ones(2, bool), title="")).axes[0]
+    left = removal_chart(SimpleNamespace(members=members, finished=np.ones(2, bool), title="")).axes[0]
     assert left.lines[0].get_xdata().tolist() == [1.7] and "hollow" not in left.get_xlabel()
     assert [text.get_text() for text in left.texts] == [" no factor: more broke"]
 
@@ -424,7 +424,7 @@ def test_a_rank_may_be_one_exchange_ahead():
     numbers, none = np.zeros(64), np.zeros(0, np.uint32)
     address = numbers.ctypes.data
     ahead, behind = (
-        buffers_alone().replaced(
+        buffers_without_neighbours().with_values(
             send_index=send, numbers=numbers, send_at=8, receive_at=receive, to_second=8,
             count=np.zeros(1, np.int64), own_count=own, counts=np.array([address], np.uint64),
         )

@@ -5,7 +5,7 @@ import pytest
 from conftest import STEEL, run_on_standing_ranks
 
 from netfall.explicit.history import energy_in_play
-from netfall.results.warning_text import balance_notes, detached_notes_of
+from netfall.results.warning_text import balance_warnings, detached_notes_of
 
 RHO, STEP = 1.25, 1e-3
 BARE = STEEL.replace("prestress = 100e3\n", "")
@@ -142,9 +142,9 @@ def test_either_share_of_the_balance_error_is_warned_of(took_part, attached):
         "balance_error": np.array([0, took_part, 0]),
         "balance_error_attached": np.array([0, -attached, 0]),
     }
-    (said,) = balance_notes(history | off)
+    (said,) = balance_warnings(history | off)
     assert (
         said.startswith("warning: dynamics: the energy balance is off by up to") and "t = 1 s to 1 s" in said
     )
     within = dict.fromkeys(off, np.full(3, -9e-4))
-    assert balance_notes(history | within) == []
+    assert balance_warnings(history | within) == []

@@ -11,16 +11,16 @@ from conftest import ROOT, StopAfter
 from mpi4py import MPI
 from nets import elastic, equilibrium
 
-from netfall.core.stop import NEVER
-from netfall.core.timings import Phases
+from netfall.core.stop import NEVER_STOP
+from netfall.core.timings import PhaseTimes
 from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
-from netfall.physics.slip.law import set_strands
+from netfall.physics.slip.law import set_slipless_lengths
 from netfall.run import check, statics
 from netfall.run.check import check_job
-from netfall.run.equilibrium import committed, put_back
+from netfall.run.equilibrium import restore_saved, save_state
 from netfall.run.erection.settings import jack_of
-from netfall.run.setup import prepare
+from netfall.run.setup import prepare_scene
 from netfall.statics import interior_point, newton, relaxation_stages
 from netfall.statics.newton import NoConvergence
 from netfall.statics.relaxation import Paused
@@ -131,9 +131,9 @@ class Statics:
 
     def __init__(self, job):
         self.job, self.seen = read_job(job), []
-        self.scene, _ = prepare(MPI.COMM_SELF, self.job, Phases())
+        self.scene, _ = prepare_scene(MPI.COMM_SELF, self.job, PhaseTimes())
 
-    def find(self, stop=NEVER, path=None, resume=None):
+    def find(self, stop=NEVER_STOP, path=None, resume=None):
         """All equilibria; positions of the last. Raises Paused."""
         self.path = path or statics.StaticPath()
         statics.find_equilibria(self.scene, Mock(stop=stop), self.path, resume, self.seen)
@@ -194,7 +194,7 @@ def hung(workshop, strain, yields):
     elements = "start,end,unstressed_length\n1,3,12\n2,3,12\n3,4,60\n"
     text = HUNG.format(strain=strain, yields="yield_stress = 1e9" if yields else "")
     job = workshop.job(text, nodes, elements)
-    scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+    scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
     low, high = SIDE, 4 * SIDE
     for _ in range(100):
         L = 0.5 * (low + high)
@@ -213,11 +213,11 @@ def hung(workshop, strain, yields):
 def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yields, until):
     """As near as the last step, or what is missing, by hand; the tensions are those of the law."""
     method, state, depth = hung(workshop, strain, yields)
-    way = interior_point.Mixed(method, state, NEVER)
-    way.narrow(*until)
+    way = interior_point.InteriorPoint(method, state, NEVER_STOP)
+    way.iterate(*until)
     assert state.x[2] == pytest.approx([0.0, 0.0, -depth], rel=1e-6, abs=1e-5)
     assert max(way.missing) < 1e-5 and way.now[2, 0] < 1e-5 * way.now[0, 0]
-    assert (state.elements_now().eps_p[:2] > 0.01).all() == yields
+    assert (state.present_element_state().eps_p[:2] > 0.01).all() == yields
 
 
 GIVEN = """
@@ -246,14 +246,14 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
     for steps, tolerance in ((interior_point.MOST_STEPS, 1e-6), (0, 1e-9)):
         monkeypatch.setattr(interior_point, "MOST_STEPS", steps)
         job = read_job(workshop.job(text + f"tolerance = {tolerance}\nmax_iterations = 1000000\n"))
-        scene, _ = prepare(MPI.COMM_SELF, job, Phases())
+        scene, _ = prepare_scene(MPI.COMM_SELF, job, PhaseTimes())
         load = scene.model.loading.permanent
         with monkeypatch.context() as only:
             if steps:
                 only.setattr(relaxation_stages, "relax", None)
             found = scene.finder.find(load, tolerance, 80e3, 1_000_000, "weight")
         errors_told.append((found.displacement_error, found.tension_error))
-        states.append((scene.state.x.copy(), scene.state.elements_now().N))
+        states.append((scene.state.x.copy(), scene.state.present_element_state().N))
     (x, N), (rest, exact) = states
     far = np.linalg.norm(rest - scene.state.x_start, axis=1).max()
     assert far > 20.0 and np.count_nonzero(exact == 0.0) > 0.15 * len(exact)
@@ -264,7 +264,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
 
 def given(workshop, cells):
     """Newton's method for the saddle as given, which is far from rest, and the state."""
-    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(GIVEN.format(cells=cells))), Phases())
+    scene, _ = prepare_scene(MPI.COMM_SELF, read_job(workshop.job(GIVEN.format(cells=cells))), PhaseTimes())
     return scene.finder.newton(scene.model.loading.permanent), scene.state
 
 
@@ -275,7 +275,7 @@ def test_newtons_method_leaves_a_net_that_is_not_near(workshop, monkeypatch):
     monkeypatch.setattr(method, "go", lambda *to: gone.append(go(*to)) or gone[-1])
     with pytest.raises(NoConvergence):
         method.find(1e-6, state.x_start, quick=True)
-    assert [part < newton.SHORT for part in gone] == [False] * (len(gone) - 1) + [True]
+    assert [part < newton.SHORT_STEP for part in gone] == [False] * (len(gone) - 1) + [True]
 
 
 def test_what_yields_is_not_relaxed(workshop, monkeypatch):
@@ -322,11 +322,11 @@ def hung_wheel():
     """
     changes = ["net.spokes=8", "net.hoops=1"]
     job = replace(read_job(ROOT / "jobs" / "wheel_erection.toml", changes), stages=(), cases=())
-    scene, _ = prepare(MPI.COMM_SELF, job, Phases())
+    scene, _ = prepare_scene(MPI.COMM_SELF, job, PhaseTimes())
     L0 = scene.model.cut_length
     for name in ("upper", "lower"):
         L0 = jack_of(scene.model.net, name).changed(L0, 0.35)
-    set_strands(scene.state, L0)
+    set_slipless_lengths(scene.state, L0)
     load = scene.distribution.particles(scene.model.loading.permanent)
     return scene.state, lambda tolerance, *stop: scene.finder.find(
         load, tolerance, 3e6, 500_000, "hung", *stop
@@ -351,7 +351,7 @@ def test_a_pause_while_an_error_is_told_changes_no_bit():
     state, find = hung_wheel()
     with pytest.raises(Paused) as pause:
         find(1e-6, StopAfter(looks.count - 2))
-    again = find(1e-6, NEVER, pause.value.at)
+    again = find(1e-6, NEVER_STOP, pause.value.at)
     assert again == whole and np.array_equal(state.x, x)
 
 
@@ -365,8 +365,8 @@ def test_a_run_can_be_interrupted_in_its_equilibria(workshop, corrections):
     with pytest.raises(Paused) as pause:
         stopped.find(StopAfter(corrections))
     again = Statics(job)
-    put_back(again.scene.state, committed(stopped.scene.state))
-    assert np.array_equal(again.find(NEVER, stopped.path, pause.value.at), x)
+    restore_saved(again.scene.state, save_state(stopped.scene.state))
+    assert np.array_equal(again.find(NEVER_STOP, stopped.path, pause.value.at), x)
 
 
 def test_a_weight_on_one_cable_is_an_equilibrium_only_where_the_cable_carries_it(workshop):

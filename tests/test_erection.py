@@ -14,24 +14,24 @@ from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
 from netfall.geometry.build import build_net
 from netfall.geometry.net import GRAVITY
-from netfall.job.cache import Memory
+from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.checks.cables import Cutting, cutting_columns
-from netfall.post.checks.cases import slack_cables
-from netfall.post.checks.reactions import pull_at, reaction_columns
-from netfall.post.checks.shop import Deduction, pieces_of
-from netfall.post.checks.slides import slide_columns
-from netfall.post.page.states import drawn_part, states_shown
+from netfall.post.checks.cases import count_slack_cables
+from netfall.post.checks.reactions import reaction_columns, sum_end_forces
+from netfall.post.checks.shop import Deduction, shop_cables
+from netfall.post.checks.slides import slip_point_columns
+from netfall.post.page.states import select_drawn, shown_series
 from netfall.post.plots.film import animate
-from netfall.post.plots.states import force_words, named_state
+from netfall.post.plots.states import find_equilibrium, force_words
 from netfall.post.plots.states import stages as stages_picture
-from netfall.results.cases import cases_of
+from netfall.results.cases import read_cases
 from netfall.results.frames import Frames, StageFrames
-from netfall.results.states import envelope_of, start_position
+from netfall.results.states import compute_envelope, start_position
 from netfall.run import permanent_state
 from netfall.run.erection import erect
 from netfall.run.run import run_job
-from netfall.run.sample import run_member
+from netfall.run.sample import run_sample
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 # of forces and displacements, of an equilibrium ([load] tolerance); Newton's last step is far below
@@ -120,7 +120,7 @@ def test_a_cable_that_is_pulled_weighs_as_much_as_is_left_of_it(workshop):
         g, x = f["stages/pulled"], f["net/particles"][:]
         N, L0 = g["tension"][:], g["unstressed_length"][:]
         assert N[1] == pytest.approx(300.0, rel=FOUND) and L0[1] < 9.0
-        pull = pull_at(x + g["displacement"][:], f["net/elements"][:], N)[2]
+        pull = sum_end_forces(x + g["displacement"][:], f["net/elements"][:], N)[2]
         assert pull == pytest.approx([0, 0, WEIGHT + 0.5 * GRAVITY * L0.sum()], abs=FOUND * WEIGHT)
         assert g["reaction"][:, 2].sum() == pytest.approx(-WEIGHT - GRAVITY * L0.sum(), rel=FOUND)
 
@@ -163,7 +163,10 @@ def test_what_is_taken_out_is_not_slack_and_a_released_support_does_not_settle(w
     path = workshop.folder / "result.vtkhdf"
     with workshop.solve(CABLES + text + cases, NODES, elements) as f:
         assert f["stages/free/active"][:].tolist() == [1, 1, 0]
-        assert slack_cables(f, cases_of(f)) == [0] and not envelope_of(f, np.ones(3)).slack[1:].any()
+        assert (
+            count_slack_cables(f, read_cases(f)) == [0]
+            and not compute_envelope(f, np.ones(3)).slack[1:].any()
+        )
     told = run_on_standing_ranks("export", path, "-o", workshop.folder / "net.json")
     assert "element 3 out of the net by then: no edges" in told.stdout
     text += stage("loose", hold="[3]", release="[2]")
@@ -230,7 +233,7 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
     job = workshop.job(
         text + prop + '[[case]]\nname = "all"\nset = {"load.temperature" = 0.0}\n', nodes, elements
     )
-    found = run_member(MPI.COMM_SELF, lambda: read_job(job), None, Memory(1))
+    found = run_sample(MPI.COMM_SELF, lambda: read_job(job), None, ResultCache(1))
     assert found["utilisation_before_break"] == pytest.approx(WEIGHT / EA / 0.01, rel=FOUND)
 
 
@@ -272,14 +275,14 @@ def test_what_is_there_in_one_stage_has_the_forces_and_the_mass_of_that(workshop
     text = stage("first", active=["left", "right", "stay"]) + stage("second", active=["left", "right", "tie"])
     text += stage("moved", move="{2 = [-3.0, 0.0, 0.0]}")
     with workshop.solve(CABLES + text, NODES, elements) as f:
-        envelope, rows = envelope_of(f, np.ones(4)), cutting_columns(f, Cutting())
+        envelope, rows = compute_envelope(f, np.ones(4)), cutting_columns(f, Cutting())
         N = [f[f"stages/{name}/tension"][:] for name in ("first", "second", "moved")]
         assert envelope.least[2] == envelope.most[2] == N[0][2] > 100.0
         assert envelope.least[3] == min(N[1][3], N[2][3]) and envelope.of_least[2] == 0
         assert np.isnan(rows["length_in_form"]).tolist() == [False, False, True, False]
         assert rows["mass"] == pytest.approx(rows["unstressed_length"])  # 1 kg/m
         (stay,) = (
-            piece for piece in pieces_of(f, Cutting(), [Deduction("", "", 0.0, 0.2)]) if piece.cable == 2
+            piece for piece in shop_cables(f, Cutting(), [Deduction("", "", 0.0, 0.2)]) if piece.cable == 2
         )
         assert stay.cut == pytest.approx(4.5) and stay.mass == pytest.approx(4.5)
 
@@ -313,9 +316,9 @@ def test_a_form_has_its_own_supports_loads_and_elements(workshop):
         pull, all_of_it = of["force_z"][rows], of["foundation_z"][rows]
         assert pull - all_of_it == pytest.approx(weight / 2)
         assert all_of_it.sum() == pytest.approx(-weight.sum(), abs=1e-6 * 1e3)  # the form's tolerance
-        first = next(state for state in states_shown(f, drawn_part(f))[0] if state.name == "form")
+        first = next(state for state in shown_series(f, select_drawn(f))[0] if state.name == "form")
         assert not first.away.any() and (first.tension[0] == form["tension"][:]).all()
-        assert force_words(f, named_state(f, "form")) == "form: 490.4 to 828.5 N"
+        assert force_words(f, find_equilibrium(f, "form")) == "form: 490.4 to 828.5 N"
         rows = of["stage"] == "stage free"
         assert of["node"][rows].tolist() == [1, 2, 3]
 
@@ -336,9 +339,9 @@ def test_what_is_there_for_a_while_is_shown_so(workshop):
         assert f["VTKHDF/CellData/broken"][:3].tolist() == [0, 0, 2] and not frames.broken(0).any()
         assert frames.present(0).tolist() == [True, True, False]
         assert [stages.present(k).all() for k in (0, 1)] == [True, False]
-        envelope = envelope_of(f, np.ones(3))
+        envelope = compute_envelope(f, np.ones(3))
         assert not envelope.slack[-1].any()
-        assert [state.slack.sum() for state in states_shown(f, drawn_part(f))[0]] == [0, 3, 0]
+        assert [state.slack.sum() for state in shown_series(f, select_drawn(f))[0]] == [0, 3, 0]
         figure = stages_picture(f)
         assert [len(axes.lines[0].get_xdata()) for axes in figure.axes[:2]] == [3, 2]  # squares
         ((film, told), (motion, _)) = animate(Path(f.filename), workshop.folder, "gif")
@@ -441,7 +444,7 @@ def test_clamps_are_open_and_closed_in_stages(workshop):
         assert of["unstressed_length"][0] == pytest.approx(length, rel=1e-9), name
         assert of["slip"][:] == pytest.approx([slip], abs=1e-10), name
     assert [f[f"stages/{name}"].attrs["clamps"] for name in ("moved", "opened")] == ["closed", "open"]
-    held = slide_columns(f)
+    held = slip_point_columns(f)
     assert held["holds"][held["stage"] == "stage moved"] == pytest.approx([3e5])
     assert not held["holds"][held["stage"] == "stage opened"].any()
     assert f["statics/tension"][-1, :2] == pytest.approx(PULLED, rel=1e-6)
@@ -589,7 +592,7 @@ def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
     with workshop.solve(text, *STAYED) as f:
         x, N = start_position(f), f["form_finding/tension"][:]
         assert N[2] == pytest.approx(2e4, rel=FOUND)
-        assert np.abs(pull_at(x, f["net/elements"][:], N)[2]).max() < FOUND * 2e4
+        assert np.abs(sum_end_forces(x, f["net/elements"][:], N)[2]).max() < FOUND * 2e4
         assert np.abs(x[2] - [4, 0, -3]).max() > 0.05
         there = x + f["statics/displacement"][-1]
         assert np.abs(there - f["VTKHDF/Points"][-len(x) :]).max() < 1e-6  # single precision
@@ -609,7 +612,7 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
         assert f["provenance"].attrs["exit_state"] == "no_equilibrium"
         came = f["form_finding"].attrs["reason"].split("force of stay = -10 N: came to ")[1].split(" N")[0]
         assert abs(float(came)) < 1e-6  # a cable that is slack to rounding
-        pull = pull_at(start_position(f), f["net/elements"][:], f["form_finding/tension"][:])
+        pull = sum_end_forces(start_position(f), f["net/elements"][:], f["form_finding/tension"][:])
         assert np.abs(pull[2]).max() < FOUND * 1e4
     assert "NOT REACHED: the targets" in run_on_standing_ranks("info", path).stdout
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from netfall.parallel.sums import ALL, LIMBS, add_exactly, exact_sums, rounded
+from netfall.parallel.sums import ALL, LIMBS, add_exactly, exact_sums, round_limbs
 
 
 def test_sum_is_correctly_rounded():
@@ -41,7 +41,7 @@ def test_sum_does_not_depend_on_order_or_parts():
     parts = np.zeros((2, LIMBS), np.int64)
     add_exactly(values[:400].copy(), ALL, parts[0])
     add_exactly(values[400:].copy(), ALL, parts[1])
-    assert rounded(parts.sum(0)) == exact_sums(MPI.COMM_SELF, rng.permutation(values))[0]
+    assert round_limbs(parts.sum(0)) == exact_sums(MPI.COMM_SELF, rng.permutation(values))[0]
 
 
 def test_special_values():

@@ -12,7 +12,7 @@ from test_validation_opensees import shipped, tensions_in_opensees
 
 import netfall
 from netfall.core.errors import InputError
-from netfall.exchange.drawings.reading import Options, read_net
+from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.exchange.export import Wanted, export
 
 # Digits of a number that a text holds in full.
@@ -372,7 +372,7 @@ def test_what_is_held_along_some_axes_is_no_support_elsewhere(tmp_path, ending):
     told = written(tmp_path / "r.vtkhdf", tmp_path / f"r.{ending}")
     assert ("1 points on layer supports, 2 on layer held in part" in told[0]) == (ending == "dxf")
     assert ("axes of supports" in told[-1]) == (ending == "dxf")
-    back = read_net(tmp_path / f"r.{ending}", Options(supports="supports" if ending == "dxf" else None))
+    back = read_net(tmp_path / f"r.{ending}", ImportOptions(supports="supports" if ending == "dxf" else None))
     assert back.net.x[back.fixed].tolist() == [[0, 0, 0]]
     if ending != "dxf":
         at = [line for line in back.lines if line.startswith("    at (4, 0, 1)") or "held in part: 2" in line]
@@ -397,7 +397,7 @@ def test_each_group_has_a_layer_of_its_own(tmp_path):
     lines = [e for e in ezdxf.readfile(tmp_path / "r.dxf").modelspace() if e.dxftype() == "LINE"]
     layers = ["supports_2", "Broken_2", "0", "a_b", "A_B_2", "cables", "cables_2", "Defpoints_2"]
     assert sorted(e.dxf.layer for e in lines) == sorted(layers[:3] + ["A_B", "a_b_2"] + layers[5:])
-    back = read_net(tmp_path / "r.dxf", Options(supports="supports"))
+    back = read_net(tmp_path / "r.dxf", ImportOptions(supports="supports"))
     assert len(back.net.ends) == 8 and back.fixed.sum() == 8 and "0, A_B, Broken_2, Def" in told[0]
 
 
@@ -423,7 +423,9 @@ def test_what_is_out_of_the_net_is_no_line(tmp_path):
 def test_what_was_exported_is_imported_as_the_same_net(broken, tmp_path, ending):
     """The form goes out and comes in again: places, elements and supports."""
     written(broken, tmp_path / f"form.{ending}")
-    again = read_net(tmp_path / f"form.{ending}", Options(supports="supports" if ending == "dxf" else None))
+    again = read_net(
+        tmp_path / f"form.{ending}", ImportOptions(supports="supports" if ending == "dxf" else None)
+    )
     with netfall.open(broken) as result:
         x = result.form_finding["position"][result.file["net/elements"][:]]
     in_order = lambda lines: lines[np.lexsort(lines.reshape(-1, 6).T)]  # a Graph is ordered by its nodes

@@ -143,16 +143,16 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     the energy it brings back, averaged over the moment of contact, for omega dt = phase.
     """
     from netfall.explicit.loop import Interval
-    from netfall.explicit.plan import Plan
+    from netfall.explicit.plan import StepPlan
     from netfall.parallel.halo import Halo
-    from netfall.parallel.subdomain import cut_net
+    from netfall.parallel.subdomain import split_net
     from netfall.physics.fields import Features
     from netfall.physics.state import State
 
     n, stiffness, mass, reach = 2000, 1e6, 10.0, 1e-5  # reach: m in a step, of a cable of 1 m
     dt = phase / np.sqrt(stiffness / mass)
     pairs = np.arange(2 * n).reshape(n, 2)
-    (subdomain,) = cut_net(2 * n, pairs, np.zeros(2 * n, np.int32), 1)
+    (subdomain,) = split_net(2 * n, pairs, np.zeros(2 * n, np.int32), 1)
     state = State(Features(energy=False), 2 * n, 0, n)
     state.ends[:], state.L0[:], state.EA[:], state.mass[:] = subdomain.ends, 1.0, stiffness, mass
     far = np.isin(subdomain.particle_gid, pairs[:, 1])
@@ -160,7 +160,7 @@ def test_energy_that_a_slack_cable_returns(phase, least, most):
     state.x[far, 0] = 1.0 - reach * (np.arange(n) + 0.5) / n
     state.v[far, 0] = reach / dt
     halo = Halo(MPI.COMM_SELF, subdomain, 3)
-    Plan(state, halo).run(Interval(1, 40, dt, dt, 0.0, 0.0, 1e9))
+    StepPlan(state, halo).run(Interval(1, 40, dt, dt, 0.0, 0.0, 1e9))
     assert (state.x[far, 0] < 1.0).all()  # slack again
     gain = float(np.mean((state.v[far, 0] * dt / reach) ** 2)) - 1.0
     assert least <= gain <= most

@@ -12,9 +12,9 @@ from mpi4py import MPI
 from nets import along, pulls
 
 from netfall.core.errors import Interrupted
-from netfall.core.timings import Phases
+from netfall.core.timings import PhaseTimes
 from netfall.job.read import read_job
-from netfall.run.setup import prepare
+from netfall.run.setup import prepare_scene
 from netfall.statics import newton
 from netfall.statics.form import tensions
 from netfall.statics.newton import NoConvergence
@@ -178,12 +178,13 @@ NEVER_LARGE = 10**9
 
 @pytest.fixture
 def form_of(monkeypatch):
-    """The form of a job: as of a net that is large from so many particles on; options : of `prepare`."""
+    """The form of a job: as of a net that is large from so many particles on; options : of
+    `prepare_scene`."""
 
     def find(job, large, *settings, **options):
         monkeypatch.setattr(tensions, "MANY", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
-        return prepare(MPI.COMM_SELF, job, Phases(), **options)[0].form
+        return prepare_scene(MPI.COMM_SELF, job, PhaseTimes(), **options)[0].form
 
     return find
 

@@ -11,14 +11,14 @@ from test_kernels import ALL_FEATURES, lattice, make_state
 
 from netfall.core.kernels import kernel
 from netfall.explicit.loop import Interval
-from netfall.explicit.plan import Plan
+from netfall.explicit.plan import StepPlan
 from netfall.geometry.net import Net
-from netfall.loads.removal import comes_loose
-from netfall.model.schedule import stride_of
+from netfall.loads.removal import is_unsupported
+from netfall.model.schedule import choose_stride
 from netfall.parallel.halo import Halo
-from netfall.parallel.subdomain import cut_net
+from netfall.parallel.subdomain import split_net
 from netfall.physics.fields import Features, fields_of
-from netfall.physics.fracture import FractureRules, dissipate
+from netfall.physics.fracture import FractureRules, dissipate_stored_now
 from netfall.physics.state import State
 from netfall.post.report.info import print_info
 
@@ -114,7 +114,7 @@ def test_frames_and_checkpoints_move_no_step(workshop):
 @pytest.mark.parametrize("ratio, stride", [(1.0, 1), (1.4, 1), (1.45, 2), (2.4, 2), (2.5, 3), (7.9, 8)])
 def test_the_long_step_is_so_many_short_ones(ratio, stride):
     """Whichever loses less: a long step shorter than it need be, or a short one."""
-    assert stride_of(ratio) == stride and stride_of(np.inf) == 1
+    assert choose_stride(ratio) == stride and choose_stride(np.inf) == 1
 
 
 def test_refused_step_names_the_fragments(workshop):
@@ -166,7 +166,7 @@ def test_an_elastic_element_taken_out_balances(workshop):
 
 @kernel
 def dissipate_one(e, dt, elements, particles, law):
-    dissipate(e, dt, elements, particles, law)
+    dissipate_stored_now(e, dt, elements, particles, law)
 
 
 def test_what_cannot_yield_dissipates_its_strain_energy_when_it_goes():
@@ -183,15 +183,15 @@ def test_a_part_that_is_held_along_other_axes_only_is_loose():
     fixed = np.array([[True, True, True], [True, True, False]])
     net = Net(x=np.zeros((2, 3)), elements=np.array([[0, 1]]), fixed=fixed, group=[0], group_names=[""])
     load, gone = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), np.zeros(2, bool)
-    assert not comes_loose(net, np.array([True]), load, gone)
-    assert comes_loose(net, np.array([False]), load, gone)
-    assert not comes_loose(net, np.array([False]), load[:, [0, 2, 1]], gone)
+    assert not is_unsupported(net, np.array([True]), load, gone)
+    assert is_unsupported(net, np.array([False]), load, gone)
+    assert not is_unsupported(net, np.array([False]), load[:, [0, 2, 1]], gone)
     net.fixed[1], net.angle = [True, False, True], np.array([0.0, 90.0])  # held along y, by its angle
-    assert not comes_loose(net, np.array([False]), load[:, [0, 2, 1]], gone)
-    assert comes_loose(net, np.array([False]), load[:, [2, 0, 1]], gone)
+    assert not is_unsupported(net, np.array([False]), load[:, [0, 2, 1]], gone)
+    assert is_unsupported(net, np.array([False]), load[:, [2, 0, 1]], gone)
 
 
-def torn_lattice(fragments: bool) -> tuple[State, Plan]:
+def torn_lattice(fragments: bool) -> tuple[State, StepPlan]:
     """A lattice of 1,600 particles and elements of all kinds after 400 steps in which hundreds break."""
     n = 1600
     x = np.column_stack([np.arange(n) % 40, np.arange(n) // 40, np.zeros(n)])
@@ -199,16 +199,16 @@ def torn_lattice(fragments: bool) -> tuple[State, Plan]:
     state = make_state(replace(ALL_FEATURES, fragments=fragments), n, elements, x, 3)
     state.valence[:], state.half_mass[:] = np.bincount(elements.ravel()), 0.01
     state.gid[:], state.v[:] = np.arange(n), 10.0 * np.random.default_rng(3).normal(size=(n, 3))
-    (subdomain,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
+    (subdomain,) = split_net(n, elements, np.zeros(n, np.int32), 1)
     ranks = n, n, np.arange(len(elements))  # all particles are owned
     rules = FractureRules(n, *ranks, 9.81, True, True, True, 2e-5 if fragments else np.nan)
-    plan = Plan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
+    plan = StepPlan(state, Halo(MPI.COMM_SELF, subdomain, 5), rules)
     advance(plan, 0, 400)
     assert (state.broken == 1).sum() > 200
     return state, plan
 
 
-def advance(plan: Plan, step: int, last: int) -> None:
+def advance(plan: StepPlan, step: int, last: int) -> None:
     """From one step to another, with all that breaks."""
     while step < last:
         step += plan.run(Interval(step, last - step, 2e-5, 2e-5, 0.0, 0.0, 1e9))
@@ -250,8 +250,8 @@ def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     state.x[1, 0], state.L0[:], state.EA[:], state.eps_u[:] = 1.0, 1.0, EA, eps_u
     state.broken[:], state.valence[:], state.gid[:] = 1, 1, [0, 3]
     state.v[1, 0] = np.sqrt(4.0 * strength * eps_u / mass)
-    (subdomain,) = cut_net(2, state.ends.astype(np.int64), np.zeros(2, np.int32), 1)
-    plan = Plan(
+    (subdomain,) = split_net(2, state.ends.astype(np.int64), np.zeros(2, np.int32), 1)
+    plan = StepPlan(
         state,
         Halo(MPI.COMM_SELF, subdomain, 5),
         FractureRules(2, 2, 2, np.zeros(1, int), 0.0, False, False, False, dt),
@@ -260,7 +260,7 @@ def test_what_is_left_of_an_element_that_cannot_yield_has_its_strength(strain):
     most, over, step = 0.0, 0, 0
     while state.v[1, 0] > 0.0:
         step += plan.run(Interval(step, 1, dt, dt, 0.0, 0.0, 1.0))
-        N = state.elements_now().N[0]
+        N = state.present_element_state().N[0]
         most, over = max(most, N), over + (N > strength * (1.0 + 1e-6))
     assert over == 1
     assert strength < most < strength + adds and not plan.events.count[0]

@@ -21,9 +21,9 @@ from netfall.study.answers.correlation import spearman
 from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.hazard import Hazard
 from netfall.study.answers.info import print_study
-from netfall.study.answers.intervals import narrower
-from netfall.study.answers.losses import elements_lost, losses_of
-from netfall.study.answers.measures import Failure, failure_section
+from netfall.study.answers.intervals import next_half_width
+from netfall.study.answers.losses import losses_of, removal_of_element
+from netfall.study.answers.measures import FailureCriterion, failure_section
 from netfall.study.answers.read import read_study
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
@@ -201,9 +201,9 @@ def test_few_samples_have_no_interval():
 
 def test_a_narrower_band_takes_the_square_of_samples():
     """+-14 % with 50: 10 % takes 98; what is narrow or says nothing has no number."""
-    assert narrower(0.14, 50) == (0.1, 98)
-    assert narrower(0.0693, 200) == (0.05, 390)
-    assert narrower(0.45, 50)[1] == 0 and narrower(math.nan, 50)[1] == 0
+    assert next_half_width(0.14, 50) == (0.1, 98)
+    assert next_half_width(0.0693, 200) == (0.05, 390)
+    assert next_half_width(0.45, 50)[1] == 0 and next_half_width(math.nan, 50)[1] == 0
 
 
 def test_rank_correlation_of_a_known_case():
@@ -327,7 +327,7 @@ def test_the_loss_of_a_cable_is_that_of_its_elements(tmp_path):
     members = columns({"removed": np.array(["south", "north"], object)}, np.zeros(2, bool), np.zeros(2))
     write_study(tmp_path / "cables.study.h5", members, {}, roof)
     study = read_study(tmp_path / "cables.study.h5")
-    assert elements_lost(study, losses_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
+    assert removal_of_element(study, losses_of(study)).tolist() == [1] * 4 + [0] * 5 + [-1] * (m - 9)
     for gusts in (0, 1):
         told = []
         gusty = members | {"gusts": np.full(2, gusts)}
@@ -356,5 +356,5 @@ def test_every_dataset_is_described(storm):
     members = drawn_members(np.random.default_rng(1), 10, SPEEDS, 38.0, 0.1)
     hazard = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
     names += curve_sections(members, hazard=hazard)["hazard"]
-    names += failure_section(members, (Failure("much", "broken", 3.0),))
+    names += failure_section(members, (FailureCriterion("much", "broken", 3.0),))
     assert [name for name in names if f"`{name}`" not in text] == []

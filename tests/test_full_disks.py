@@ -26,8 +26,8 @@ from test_long_runs import JOB as TINY
 
 from netfall.core.errors import OutputError
 from netfall.results import locks as room
-from netfall.results.h5 import SharedFile, check_seal
-from netfall.results.locks import h5_whole, reserve
+from netfall.results.h5 import SharedFile, is_intact
+from netfall.results.locks import atomic_h5, reserve_disk_space
 
 SHORT = JOB.replace("duration = 0.4", "duration = 0.06").replace("frames = 80", "frames = 240")
 DISK = 16  # MB
@@ -96,7 +96,7 @@ def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
         checkpoints = sorted(name for name in there if name.startswith("r.checkpoint"))
         parts = {name for name in there if name.startswith(".r.vtkhdf.segment")}
         assert there == {*checkpoints, *parts} and bool(parts) == bool(checkpoints)
-        assert all(check_seal(disk.folder / name) for name in checkpoints)
+        assert all(is_intact(disk.folder / name) for name in checkpoints)
         assert (f"{checkpoints[-1]} (--restart)" in line) if checkpoints else ("--restart" not in line)
         refusals.append((line.split(": cannot")[0].rpartition("/")[2].rstrip("0123456789"), len(checkpoints)))
     assert len(checkpoints) == 2 and ("r.vtkhdf", 2) in refusals  # at the last, while parts were joined
@@ -143,7 +143,7 @@ def test_a_stop_before_dynamics_ends_where_the_disk_is_full(disk, workshop, stag
     disk.leave(4000)
     assert name in run_netfall(*arguments, ranks=ranks, timeout=120, code=4).stderr
     (checkpoint,) = (path for path in disk.names() if path.startswith(name))
-    assert check_seal(disk.folder / checkpoint)
+    assert is_intact(disk.folder / checkpoint)
 
 
 def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
@@ -230,7 +230,7 @@ def test_studies_end_where_the_disk_is_full(disk, workshop):
 def test_a_file_that_is_written_anew_is_there_or_the_one_before_is(tmp_path, monkeypatch):
     """A table: a full disk leaves the old one, to the byte."""
     path = tmp_path / "table.h5"
-    with h5_whole(path) as file:
+    with atomic_h5(path) as file:
         file["a"] = 1
     before = path.read_bytes()
 
@@ -241,11 +241,11 @@ def test_a_file_that_is_written_anew_is_there_or_the_one_before_is(tmp_path, mon
         patch.setattr(room, "sync", full)
         with (
             pytest.raises(OutputError, match=f"table.h5: cannot be written .{CUT}"),
-            h5_whole(path) as file,
+            atomic_h5(path) as file,
         ):
             file["b"] = 2
     assert path.read_bytes() == before and {p.name for p in tmp_path.iterdir()} == {"table.h5"}
-    with h5_whole(path) as file:
+    with atomic_h5(path) as file:
         file["b"] = 2
     with h5py.File(path) as file:
         assert {*file} == {"b"}
@@ -256,14 +256,14 @@ def test_room_is_reserved_without_a_change_of_the_file(disk):
     disk.leave(4 << 10)
     path = disk.folder / "file"
     path.write_bytes(b"abc")
-    reserve(path, 3 << 20)
+    reserve_disk_space(path, 3 << 20)
     assert path.read_bytes() == b"abc"
     with pytest.raises(OSError, match=CUT):
         (disk.folder / "other").write_bytes(bytes(2 << 20))
     (disk.folder / "other").unlink()
     with pytest.raises(OSError, match=CUT):
-        reserve(path, 5 << 20)
-    room.give_back(path)
+        reserve_disk_space(path, 5 << 20)
+    room.truncate_to_size(path)
     (disk.folder / "other").write_bytes(bytes(2 << 20))
     assert path.read_bytes() == b"abc"
 
@@ -279,9 +279,9 @@ def test_where_nothing_can_be_reserved_what_is_free_counts(disk, monkeypatch):
     disk.leave(4 << 10)
     path = disk.folder / "file"
     path.touch()
-    reserve(path, 3 << 20)
+    reserve_disk_space(path, 3 << 20)
     with pytest.raises(OSError, match=CUT):
-        reserve(path, 5 << 20)
+        reserve_disk_space(path, 5 << 20)
 
 
 @pytest.mark.parametrize(

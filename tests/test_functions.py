@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from netfall.core import functions
-from netfall.core.arithmetic import exponential, exponential_less_one
+from netfall.core.arithmetic import exponential, exponential_minus_one
 from netfall.core.kernels import kernel
 from netfall.core.linear import (
-    eliminate,
-    factorised,
+    factorise_cholesky,
+    largest_tridiagonal_eigenpair,
     product,
-    solve_columns,
-    solve_factorised,
-    top_of_tridiagonal,
+    solve_cholesky,
+    solve_cholesky_columns,
+    solve_complex,
 )
 from netfall.core.normal import quantile
-from netfall.core.sets import among, distinct
+from netfall.core.sets import distinct, is_one_of
 from netfall.core.sparse import Singular, solve_sparse
 from netfall.loads.wind.noise import standard_normal
 
@@ -45,7 +45,7 @@ def worst(ours: np.ndarray, exact, arguments: np.ndarray) -> float:
 def each(numbers, whole, less_one):
     for i in range(numbers.shape[0]):
         whole[i] = exponential(numbers[i])
-        less_one[i] = exponential_less_one(numbers[i])
+        less_one[i] = exponential_minus_one(numbers[i])
 
 
 # Measured, in units of the last place: 0.85, 0.75, 1.9, 1.4, 1.4, 0.9, 1.7.
@@ -127,10 +127,10 @@ def test_dense_solutions_leave_residuals_of_rounding():
     root = rng.normal(size=(60, 60))
     matrix, right = root @ root.T + np.eye(60), rng.normal(size=(60, 4))
     upper, found = matrix.copy(), right.copy()
-    assert factorised(upper) == 0
-    solve_columns(upper, found)
+    assert factorise_cholesky(upper) == 0
+    solve_cholesky_columns(upper, found)
     one = right[:, 0].copy()
-    solve_factorised(upper, one)
+    solve_cholesky(upper, one)
     assert np.array_equal(one, found[:, 0])
     assert np.abs(matrix @ found - right).max() < 1e-11
     assert np.abs(np.linalg.solve(matrix, right) - found).max() < 1e-11
@@ -139,13 +139,17 @@ def test_dense_solutions_leave_residuals_of_rounding():
     assert np.abs(out - a @ right).max() < 1e-13
     left, solution = root[:6, :6] + 1j * root[6:12, :6], right[:6].astype(complex)
     mine = left.copy()
-    eliminate(mine, solution)
+    solve_complex(mine, solution)
     assert np.abs(left @ solution - right[:6]).max() < 1e-12
 
 
 def test_singular_rows_are_counted():
     singular = np.ones((3, 3))
-    assert factorised(singular) == 2 and np.triu(singular).tolist() == [[1, 1, 1], [0, 1, 0], [0, 0, 1]]
+    assert factorise_cholesky(singular) == 2 and np.triu(singular).tolist() == [
+        [1, 1, 1],
+        [0, 1, 0],
+        [0, 0, 1],
+    ]
 
 
 @pytest.mark.parametrize("n", [1, 2, 5, 300])
@@ -155,7 +159,7 @@ def test_the_top_of_a_tridiagonal_matrix(n):
     whole = np.diag(diagonal) + np.diag(beside[: n - 1], 1) + np.diag(beside[: n - 1], -1)
     values, vectors = np.linalg.eigh(whole)
     vector = np.empty(n)
-    assert abs(top_of_tridiagonal(diagonal, beside, np.empty(n), vector) - values[-1]) < 1e-13 * n
+    assert abs(largest_tridiagonal_eigenpair(diagonal, beside, np.empty(n), vector) - values[-1]) < 1e-13 * n
     assert np.abs(np.abs(vector) - np.abs(vectors[:, -1])).max() < 1e-11
 
 
@@ -199,5 +203,5 @@ def test_sets_of_whole_numbers_are_numpys():
         values, others = rng.integers(0, most, (2, size, 2))
         assert (distinct(values) == np.unique(values)).all()
         assert len(distinct(values)) == len(np.unique(values))
-        assert (among(values, others[: size // 2].ravel()) == np.isin(values, others[: size // 2])).all()
-        assert among(values, values.ravel()).all() and not among(values + most, values.ravel()).any()
+        assert (is_one_of(values, others[: size // 2].ravel()) == np.isin(values, others[: size // 2])).all()
+        assert is_one_of(values, values.ravel()).all() and not is_one_of(values + most, values.ravel()).any()

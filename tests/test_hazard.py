@@ -24,9 +24,9 @@ from netfall.study.answers.hazard import (
     tail_share,
 )
 from netfall.study.answers.info import print_study
-from netfall.study.answers.measures import Failure, failure_section, failures
+from netfall.study.answers.measures import FailureCriterion, failure_section, failures
 from netfall.study.answers.read import read_study
-from netfall.study.file import read_plan
+from netfall.study.file import read_study_plan
 
 SPEEDS = (30.0, 34.0, 38.0, 42.0, 46.0)
 GUMBEL = Hazard("gumbel", {"mode": 25.0, "scale": 2.5})
@@ -119,7 +119,7 @@ def test_own_measures_of_failure_are_those_of_the_columns():
     """More than a value is a failure, no number tells neither; what has no rest has failed by all."""
     members = drawn_members(np.random.default_rng(2), 10, SPEEDS, 38.0, 0.1)
     members["displacement_max"][0], members["state"][1] = np.nan, "no_rest"
-    own = (Failure("much", "displacement_max", 0.4), Failure("late", "first_fracture", 3.0))
+    own = (FailureCriterion("much", "displacement_max", 0.4), FailureCriterion("late", "first_fracture", 3.0))
     measures = failures(members, own)
     expected = members["displacement_max"] > 0.4
     expected[1] = True
@@ -137,14 +137,14 @@ def test_a_loss_without_a_dynamic_factor_failed_where_more_broke_or_nothing_rest
     members = columns({}, np.array([False, True, False, False]), np.zeros(4))
     members["dynamic_factor_max"] = np.array([1.2, np.nan, np.nan, np.nan])
     members["rest_after_loss"] = np.array(["equilibrium", "breaks", "unstable", "equilibrium"], object)
-    failed, judged = failures(members, (Failure("swings", "dynamic_factor_max", 2.0),))["swings"]
+    failed, judged = failures(members, (FailureCriterion("swings", "dynamic_factor_max", 2.0),))["swings"]
     assert failed.tolist() == [False, True, True, False] and judged.tolist() == [True, True, True, False]
 
 
 def test_info_and_pictures_tell_of_the_year(tmp_path):
     """Probability with its interval, reliability beside the targets, the tail, and that 6 s are no storm."""
     members = drawn_members(np.random.default_rng(3), 100, SPEEDS, 38.0, 0.1)
-    sections = curve_sections(members, (Failure("moves by 0.5 m", "displacement_max", 0.5),), GUMBEL)
+    sections = curve_sections(members, (FailureCriterion("moves by 0.5 m", "displacement_max", 0.5),), GUMBEL)
     write_study(tmp_path / "a.study.h5", members, sections["fragility"], net(), hazard=sections["hazard"])
     said = []
     print_study(tmp_path / "a.study.h5", said.append)
@@ -276,7 +276,7 @@ def test_losses_of_named_elements_alone(tmp_path):
     """`ids` keeps their order; an id that is not there is named."""
     text = 'job = "roof.toml"\n[vary]\nremove = {each = "element", ids = [IDS], time = 0.05}\n'
     ids = [9, 3, 7]
-    plan = read_plan(write(tmp_path, text.replace("IDS", "9, 3, 7")))
+    plan = read_study_plan(write(tmp_path, text.replace("IDS", "9, 3, 7")))
     assert [plan.member(k).remove["elements"] for k in range(len(plan))] == [[e] for e in ids]
     done = run_on_standing_ranks(
         "study", write(tmp_path, text.replace("IDS", "9, 9999")), cwd=tmp_path, code=2
@@ -319,7 +319,7 @@ frames = 2
 def test_a_study_with_a_removed_section_says_what_replaces_it(tmp_path):
     """`[rare]` was part of version 0.4."""
     with pytest.raises(InputError, match=r"\[rare\]: removed in version 0.5; see .*rare_openturns.py"):
-        read_plan(write(tmp_path, STUDY + "[rare]\nabove = 1.0\n"))
+        read_study_plan(write(tmp_path, STUDY + "[rare]\nabove = 1.0\n"))
 
 
 @pytest.mark.long

@@ -30,7 +30,7 @@ from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 from netfall.core.errors import InputError
 from netfall.exchange.drawings.importing import import_file
-from netfall.exchange.drawings.reading import Options, read_net
+from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.run.check import check_job
@@ -40,7 +40,7 @@ ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
 
 def report(path, **options) -> str:
     """What is told of a drawing."""
-    return "\n".join(read_net(path, Options(**options)).lines)
+    return "\n".join(read_net(path, ImportOptions(**options)).lines)
 
 
 def same_nodes(net, x) -> bool:
@@ -55,7 +55,7 @@ def test_a_drawing_comes_back_in_metres(tmp_path, unit):
     sketch = Sketch(unit).net()
     path = sketch.save(tmp_path / "roof.dxf")
     lines = []
-    import_file(path, tmp_path / "roof", Options(), lines.append)
+    import_file(path, tmp_path / "roof", ImportOptions(), lines.append)
     job = read_job(tmp_path / "roof" / "roof.toml")
     net = build_net(job)
     assert same_nodes(net, places(sketch))
@@ -98,7 +98,7 @@ def test_every_kind_of_line_is_read(tmp_path):
     space.add_blockref("outer", (8, 4, 2), dxfattribs={"layer": "f"})
     space.add_text("roof")
     path = sketch.save(tmp_path / "kinds.dxf")
-    reading = read_net(path, Options(supports="outline"))
+    reading = read_net(path, ImportOptions(supports="outline"))
     net, drawing = reading.net, reading.drawing
     length = np.linalg.norm(np.diff(net.x[net.ends], axis=1)[:, 0], axis=1)
     of = lambda name: length[[drawing.layers[k] == name for k in drawing.layer[net.line]]]
@@ -112,7 +112,7 @@ def test_every_kind_of_line_is_read(tmp_path):
     told = "\n".join(reading.lines)
     assert "2 blocks exploded, blocks in blocks to depth 2" in told and "left out: 1 TEXT" in told
     sketch.document.saveas(tmp_path / "binary.dxf", fmt="bin")
-    again = read_net(tmp_path / "binary.dxf", Options(supports="outline"))
+    again = read_net(tmp_path / "binary.dxf", ImportOptions(supports="outline"))
     assert (again.net.x == net.x).all() and (again.net.ends == net.ends).all()
 
 
@@ -141,7 +141,7 @@ def test_cables_end_on_curves(tmp_path):
     at = np.array([corner + 1000 * np.cos(turn), 1000 + 1000 * np.sin(turn)]) * 0.0254
     sketch.line((*at, 0.0), (250.0, 0.0, 3.0), "bend")
     sketch.line(on_arc(33.3, radius - 0.004), (30.0, 30.0, 5.0), "beside")
-    reading = read_net(sketch.save(tmp_path / "arcs.dxf"), Options(supports="edge"))
+    reading = read_net(sketch.save(tmp_path / "arcs.dxf"), ImportOptions(supports="edge"))
     told, net, drawing = "\n".join(reading.lines), reading.net, reading.drawing
     group = np.array([drawing.layers[k] for k in drawing.layer[net.line]])
     degree = np.bincount(net.ends[np.isin(group, ["edge", "rim"])].ravel(), minlength=len(net.x))
@@ -186,7 +186,7 @@ def test_a_spline_of_degree_one_is_a_polyline(tmp_path, knots):
     sketch = Sketch("m")
     spline(sketch.space, 1, [(0, 0, 0), (3, 4, 0), (6, 0, 0), (9, 4, 0)], knots)
     sketch.line((3, 4), (3, 9), "b")
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     assert lengths(reading, "a").tolist() == [5.0, 5.0, 5.0] and len(reading.net.x) == 5
 
 
@@ -200,7 +200,7 @@ def test_a_straight_curve_is_one_segment_and_a_shallow_one_keeps_its_depth(tmp_p
     half, radius = np.degrees(np.arcsin(50 / 1000.625)), 1000.625  # s = c^2 / 8 r + s / 2
     arc = dict(radius=radius, start_angle=90 - half, end_angle=90 + half, dxfattribs={"layer": "arc"})
     sketch.space.add_arc((50, 60 - radius), **arc)
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     assert lengths(reading, "cubic") == pytest.approx([9 * 3**0.5])
     assert lengths(reading, "fit") == pytest.approx([9])
     assert lengths(reading, "bulge")[:2].tolist() == [10.0, 10.0]
@@ -224,7 +224,7 @@ def test_curves_have_joints_where_they_turn(tmp_path):
     turn = np.tan(np.radians(22.5))  # bulge of a quarter
     wave = [(0, 60, turn), (5, 65, -turn), (10, 70, 0)]  # the first ends upright, and the second begins so
     sketch.space.add_lwpolyline(wave, format="xyb", dxfattribs={"layer": "wave"})
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     assert has_nodes(reading, (4, 4, 0), (6, 10, 0), (3, 20, 0), (4, 44, 0), (5, 65, 0))
     assert lengths(reading, "legs") == pytest.approx([6.0, 6.0])
     assert lengths(reading, "stacked") == pytest.approx([3.0, 4.0])
@@ -242,7 +242,7 @@ def test_closed_splines_without_clamped_ends_are_read_whole(tmp_path, degree, ra
     knots = np.arange(len(control) + degree + 1.0)
     sketch = Sketch("m")
     spline(sketch.space, degree, control.tolist(), knots.tolist(), weights.tolist() if rational else None)
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     homogeneous = BSpline(knots, np.column_stack([control * weights[:, None], weights]), degree)
     x = homogeneous(np.linspace(degree, len(control), 200_001))
     x = x[:, :3] / x[:, 3:]
@@ -271,7 +271,7 @@ def test_the_frame_of_a_fitted_polyline_is_no_cable(tmp_path):
     mesh.dxf.m_smooth_density, mesh.dxf.n_smooth_density = 2, 4
     for i, j in np.ndindex(2, 4):
         mesh.append_vertex((20 * i, 40 + 5 * j, 1), dxfattribs={"flags": 8 | 64})
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     sides = [10**0.5, 2**0.5, 2**0.5, 10**0.5]
     assert lengths(reading, "at 0") == pytest.approx(sides)
     assert lengths(reading, "at 20") == pytest.approx(sides)
@@ -294,7 +294,7 @@ def test_references_that_draw_nothing_are_told(tmp_path):
         made = sketch.space.add_blockref(name, (0, 0), dxfattribs={"layer": name})
     XClip(made).set_block_clipping_path([(30, 0), (31, 1)])
     sketch.document.blocks.delete_block("gone", safe=False)
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     assert lengths(reading).tolist() == [5.0, 5.0, 5.0]
     told = "\n".join(reading.lines)
     advice = "bind it in the drawing, or import that file"
@@ -316,7 +316,7 @@ def test_a_faulty_entity_is_a_line_of_the_report(tmp_path):
         spline(space, 3, [(0, 0, 0)] * 5, [0, 1, 2])
         space.add_line((3, y + 4), (6, y))
     sketch.space.add_blockref("block", (0, 0))
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     assert lengths(reading).tolist() == [5.0] * 4
     left = [line for line in reading.lines if line.startswith("left out")]
     assert len(left) == 4 and all("which cannot be read" in line for line in left)
@@ -340,7 +340,7 @@ def test_what_is_stored_but_not_drawn_is_counted(tmp_path):
     with mesh.edit_data() as data:
         data.vertices, data.faces = [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]
     sketch.document.layout("Layout1").add_line((0, 0), (1, 1))
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     assert lengths(reading).tolist() == [2.0] and reading.drawing.layers == ["own"]
     left = [line.removeprefix("left out: ") for line in reading.lines if line.startswith("left out")]
     assert left == [
@@ -364,7 +364,7 @@ def test_blocks_are_drawn_where_their_references_say(tmp_path):
     one.add_line((0, 0), (1, 0))
     grid = {"row_count": 2, "column_count": 3, "row_spacing": 5, "column_spacing": 1, "layer": "grid"}
     sketch.space.add_blockref("one", (0, 0), dxfattribs=grid)
-    reading = read_net(sketch.save(tmp_path / "a.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "a.dxf"), ImportOptions(supports="outline"))
     drawing, turn = reading.drawing, np.radians(30)
     ring = drawing.lines[drawing.layer == drawing.layers.index("ring")].reshape(-1, 3)
     centre = np.array([100 - 5 * np.sin(turn), 5 * np.cos(turn), 7])
@@ -496,7 +496,7 @@ def test_a_faulty_drawing_is_told_with_its_place(tmp_path, fault):
     path = sketch.save(tmp_path / "faulty.dxf")
     told = report(path, **options)
     assert [word for word in words if word not in told] == [], told
-    import_file(path, tmp_path / "net", Options(**options), lambda line: None)
+    import_file(path, tmp_path / "net", ImportOptions(**options), lambda line: None)
     said = []
     check_job(read_job(tmp_path / "net" / "net.toml"), said.append)
     assert "form finding" in "\n".join(said)
@@ -511,7 +511,7 @@ def test_joints_are_made_where_they_are_asked_for(tmp_path):
         sketch.line((0, 2 * j), (12, 2 * j), "x")
     path = sketch.save(tmp_path / "whole.dxf")
     assert "crossing: 20 elements cross without a joint; --split makes joints" in report(path)
-    reading = read_net(path, Options(split=True))
+    reading = read_net(path, ImportOptions(split=True))
     assert len(reading.net.ends) == 4 * 6 + 5 * 5 and len(reading.net.x) == 20 + 18
     assert reading.fixed.sum() == 18
     assert "split: joints at 0 touches and 20 crossings" in "\n".join(reading.lines)
@@ -537,7 +537,7 @@ def test_supports_come_from_a_layer_from_points_or_from_the_outline(tmp_path):
     for j in range(1, 4):
         edge.line((0, j), (8, j), "x")
     edge.space.add_lwpolyline([(0, 0), (8, 0), (8, 4), (0, 4)], close=True, dxfattribs={"layer": "beam"})
-    reading = read_net(edge.save(tmp_path / "edge.dxf"), Options(supports="beam"))
+    reading = read_net(edge.save(tmp_path / "edge.dxf"), ImportOptions(supports="beam"))
     assert reading.fixed.all() and len(reading.net.x) == 4 + 6 and len(reading.net.ends) == 3 + 10
 
 
@@ -608,7 +608,7 @@ def test_upright_cables_are_no_bars(tmp_path, draw, bars, cables):
         sketch.space.add_point(sketch.at(*place), dxfattribs={"layer": "held"})
     said = []
     path = sketch.save(tmp_path / "a.dxf")
-    import_file(path, tmp_path / "net", Options(supports="held"), said.append)
+    import_file(path, tmp_path / "net", ImportOptions(supports="held"), said.append)
     told, text = "\n".join(said), (tmp_path / "net" / "net.toml").read_text()
     assert re.findall(r"^\[cable\.(.*)\]", text, re.M) == bars
     assert re.findall(r'group "(.*)": upright, taken as kind', told) == bars
@@ -622,7 +622,7 @@ def test_compas_files_of_both_versions_come_back(tmp_path):
     edge = {"0": {"1": {"q": 2.0}}, "1": {"7": {"q": 3.0}}, "7": {"3": {"q": 4.0}}, "3": {}}
     graph = {"default_node_attributes": {"x": 0.0, "y": 0.0, "z": 0.0}, "node": attributes, "edge": edge}
     (tmp_path / "graph.json").write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": graph}))
-    import_file(tmp_path / "graph.json", tmp_path / "graph", Options(unit="in"), lambda line: None)
+    import_file(tmp_path / "graph.json", tmp_path / "graph", ImportOptions(unit="in"), lambda line: None)
     net = build_net(read_job(tmp_path / "graph" / "graph.toml"))
     assert net.node_id.tolist() == [0, 1, 7, 3] and net.fixed.all(1).tolist() == [True, True, False, True]
     assert net.x == pytest.approx(0.0254 * np.array(list(x.values())), abs=ROUNDING)
@@ -630,7 +630,7 @@ def test_compas_files_of_both_versions_come_back(tmp_path):
     mesh = {"attributes": {}, "dva": {"x": 0.0, "y": 0.0, "z": 0.0}, "vertex": attributes}
     mesh |= {"face": {"0": ["0", "1", "7", "3"]}, "edgedata": {"1-7": {"q": 5.0, "group": "edge"}}}
     (tmp_path / "mesh.json").write_text(json.dumps({"dtype": "compas.datastructures/Mesh", "value": mesh}))
-    reading = read_net(tmp_path / "mesh.json", Options(unit="mm"))
+    reading = read_net(tmp_path / "mesh.json", ImportOptions(unit="mm"))
     assert len(reading.net.ends) == 4 and reading.drawing.layers == ["cables", "edge"]
     assert np.nansum(reading.drawing.columns["force_density"]) == 5.0
 
@@ -660,7 +660,7 @@ def test_vtu_files_of_every_encoding_come_back(tmp_path, mode, compressor):
     getattr(writer, f"SetCompressorTypeTo{compressor}")()
     writer.SetEncodeAppendedData("encoded" in mode)
     writer.Write()
-    reading = read_net(tmp_path / "net.vtu", Options())
+    reading = read_net(tmp_path / "net.vtu", ImportOptions())
     assert (reading.net.x == x).all() and reading.fixed.sum() == count / 10
     assert len(reading.net.ends) == count - 3 + 3  # a side of the quadrangle is an element of the polyline
 
@@ -689,7 +689,7 @@ def test_cells_of_a_grid_are_lines_or_counted(tmp_path):
     writer.SetInputData(grid)
     writer.SetFileName(str(tmp_path / "grid.vtu"))
     writer.Write()
-    reading = read_net(tmp_path / "grid.vtu", Options(supports="outline"))
+    reading = read_net(tmp_path / "grid.vtu", ImportOptions(supports="outline"))
     assert sorted(lengths(reading)) == [3.0, 4.0, 6.0, 6.0, 8.0, 8.0]
     assert [line for line in reading.lines if line.startswith("left out")] == [
         "left out: 6 points between the ends or corners of 3 cells of higher order, those of curves up to "
@@ -743,7 +743,7 @@ def test_the_outline_of_each_roof_of_a_drawing_is_held(tmp_path):
     sketch = two_roofs(Sketch("m"))
     for a, b in [((-5, -5), (50, -5)), ((50, -5), (50, 20)), ((50, 20), (-5, 20)), ((-5, 20), (-5, -5))]:
         sketch.line(a, b, "frame")
-    reading = read_net(sketch.save(tmp_path / "two.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "two.dxf"), ImportOptions(supports="outline"))
     told = "\n".join(reading.lines)
     assert "supports: 26 of 40 nodes are held (nodes on the outline of each of 2 parts" in told
     assert reading.fixed.sum() == 26 and len(reading.net.x) == 36
@@ -764,7 +764,7 @@ def test_lines_that_are_left_out_are_told_however_many_parts_are_held(tmp_path):
     for y in (0.0, 2.0):
         sketch.line((200.0, y, 0.0), (203.0, y, 0.0), "stray")
     sketch.space.add_point(sketch.at(*sketch.corner(0, 0)), dxfattribs={"layer": "held"})
-    told = "\n".join(read_net(sketch.save(tmp_path / "many.dxf"), Options(supports="held")).lines)
+    told = "\n".join(read_net(sketch.save(tmp_path / "many.dxf"), ImportOptions(supports="held")).lines)
     assert "loose part: 2 parts (2 of 57 elements) are not joined to the rest of the net, and without" in told
     assert "1 elements at (200, 2, 0), layer stray" in told and "loose part: 6 parts (24 of 57" in told
 
@@ -775,7 +775,7 @@ def test_a_largest_part_without_a_support_is_told(tmp_path):
     for i, j in [(i, j) for i in range(4) for j in range(4) if i in (0, 3) or j in (0, 3)]:
         x, y, z = sketch.corner(i, j)
         sketch.space.add_point((x + 20.0, y, z), dxfattribs={"layer": "held"})
-    reading = read_net(sketch.save(tmp_path / "two.dxf"), Options(supports="held"))
+    reading = read_net(sketch.save(tmp_path / "two.dxf"), ImportOptions(supports="held"))
     told = "\n".join(reading.lines)
     assert "LARGEST PART LEFT OUT: 31 of 55 elements are without a support; --supports takes" in told
     assert len(reading.net.ends) == 24 and reading.net.x[:, 0].min() == 20.0
@@ -794,7 +794,7 @@ def test_what_is_invisible_is_left_out_and_counted(tmp_path):
     mesh = sketch.space.add_polyface(dxfattribs={"layer": "d"})
     mesh.append_face([(8, 0, 0), (12, 0, 0), (12, 4, 0)])
     next(v for v in mesh.vertices if v.is_face_record).dxf.vtx1 *= -1
-    reading = read_net(sketch.save(tmp_path / "hidden.dxf"), Options(supports="outline"))
+    reading = read_net(sketch.save(tmp_path / "hidden.dxf"), ImportOptions(supports="outline"))
     drawing = reading.drawing
     of = lambda name: sum(drawing.layers[k] == name for k in drawing.layer.tolist())
     assert (of("a"), of("b"), of("c"), of("d")) == (1, 3, 2, 2)
@@ -806,7 +806,7 @@ def test_what_is_invisible_is_left_out_and_counted(tmp_path):
     graph = {"node": node, "edge": edge, "default_edge_attributes": {"group": "rope", "q": 7.0}}
     graph["edge"]["2"]["3"] = {"group": "mast", "q": -1.0}
     (tmp_path / "g.json").write_text(json.dumps({"data": graph}))
-    reading = read_net(tmp_path / "g.json", Options(supports="outline"))
+    reading = read_net(tmp_path / "g.json", ImportOptions(supports="outline"))
     assert "left out: 2 edges, which are hidden" in reading.lines
     assert [reading.drawing.layers[k] for k in reading.drawing.layer] == ["rope", "rope", "mast"]
     assert reading.drawing.columns["force_density"].tolist() == [7.0, 7.0, -1.0]
@@ -825,10 +825,10 @@ def test_sides_of_faces_have_the_group_of_their_face_and_ghosts_none(tmp_path):
     path = tmp_path / "faces.vtu"
     path.write_text(vtu(8, 3, points, arrays, groups))
     of = lambda drawing: [drawing.layers[k] for k in drawing.layer.tolist()]
-    drawing = read_net(path, Options(supports="outline")).drawing
+    drawing = read_net(path, ImportOptions(supports="outline")).drawing
     assert sorted(of(drawing)) == ["group 5"] * 4 + ["group 6"] * 3 + ["group 7"] * 3
     path.write_text(vtu(8, 3, points, arrays, groups + data_array("vtkGhostType", "0 1 0", "UInt8")))
-    reading = read_net(path, Options(supports="outline"))
+    reading = read_net(path, ImportOptions(supports="outline"))
     assert sorted(of(reading.drawing)) == ["group 5"] * 4 + ["group 7"] * 4
     assert "left out: 1 cells, ghosts or hidden" in reading.lines
 
@@ -840,7 +840,7 @@ def test_layers_are_the_same_in_upper_and_lower_case(tmp_path):
     sketch.space.add_circle(sketch.corner(4, 3), 0.1, dxfattribs={"layer": "Held"})
     sketch.space.add_lwpolyline([(50, 50), (51, 50)], dxfattribs={"layer": "other"})
     path = sketch.save(tmp_path / "case.dxf")
-    reading = read_net(path, Options(supports="held", layers=["X", "Y"]))
+    reading = read_net(path, ImportOptions(supports="held", layers=["X", "Y"]))
     told = "\n".join(reading.lines)
     assert "supports: 3 of 20 nodes are held" in told
     assert 'layers "HELD" and "Held" differ by upper and lower case alone, and are one' in told
@@ -854,7 +854,7 @@ def test_gaps_within_the_digits_of_a_drawing_are_no_faults(tmp_path):
         sketch.net(skip=(4,))
         a, b = sketch.corner(1, 0), sketch.corner(2, 0)
         sketch.line((a[0] + 1e-3 * gap, a[1], a[2]), b)
-        lines = read_net(sketch.save(tmp_path / "gap.dxf"), Options()).lines
+        lines = read_net(sketch.save(tmp_path / "gap.dxf"), ImportOptions()).lines
         assert sum(line.startswith("gap: 1 ends") for line in lines) == count
         assert sum(line.startswith("gap") for line in lines) == count
 
@@ -883,12 +883,12 @@ def test_tables_made_by_hand_are_not_written_over(tmp_path):
     path = Sketch().net().save(tmp_path / "roof.dxf")
     (tmp_path / "nodes.csv").write_text("id, x, y, z\n")
     with pytest.raises(InputError, match="that no import wrote"):
-        import_file(path, tmp_path, Options(), print)
-    import_file(path, tmp_path / "roof", Options(), lambda line: None)
+        import_file(path, tmp_path, ImportOptions(), print)
+    import_file(path, tmp_path / "roof", ImportOptions(), lambda line: None)
     job = tmp_path / "roof" / "roof.toml"
     job.write_text(job.read_text().replace("50e3", "70e3"))
     said = []
-    import_file(path, tmp_path / "roof", Options(), said.append)
+    import_file(path, tmp_path / "roof", ImportOptions(), said.append)
     assert "70e3" in job.read_text() and "stays as it is" in said[-2]
 
 
@@ -897,6 +897,6 @@ def test_a_drawing_of_a_hundred_thousand_lines_is_read_in_seconds(tmp_path):
     sketch = Sketch("mm", cells=(224, 223))
     path = sketch.save_at_once(tmp_path / "large.dxf")
     begin = time.process_time()
-    reading = read_net(path, Options())
+    reading = read_net(path, ImportOptions())
     assert time.process_time() - begin < 30.0
     assert len(reading.net.ends) > 1e5 and same_nodes(reading.net, places(sketch))

@@ -10,14 +10,14 @@ from conftest import STEEL
 from netfall.cli.parser import EXAMPLES, VERBS, parser
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.read import read_job
 from netfall.job.schema import SECTIONS
 from netfall.job.template import new_template
 from netfall.model.layout import make_layout
 from netfall.post.plots import canvas
-from netfall.post.plots.net import whole_cables
-from netfall.run.check import check_job, draw_check
+from netfall.post.plots.net import select_cables
+from netfall.run.check import check_job, plot_job_net
 
 
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):
@@ -28,8 +28,8 @@ def test_the_first_job_is_valid_and_names_every_key(tmp_path):
     check_job(read_job(path), said.append)
     assert any(line.startswith("stages: form finding") for line in said)
     text = path.read_text()
-    for section, keys in (SECTIONS | LISTS).items():
-        place = f"[[{section}]]" if section in LISTS else f"[{section}]"
+    for section, keys in (SECTIONS | LIST_KEYS).items():
+        place = f"[[{section}]]" if section in LIST_KEYS else f"[{section}]"
         part = text.split(f"{place}\n")[-1].split("\n\n")[0] if section else text
         assert [key.name for key in keys if f"{key.name} =" not in part] == [], section
     dynamics = text.split("# [dynamics]\n")[1].split("\n\n")[0]
@@ -102,7 +102,7 @@ def test_check_draws_what_the_job_says(workshop, monkeypatch):
     monkeypatch.setattr(canvas.plt, "close", kept.append)
     job = workshop.job(STEEL + DRAWN, *drawn_net())
     read = read_job(job)
-    picture = draw_check(read, make_layout(read, 1), workshop.folder / "pictures")
+    picture = plot_job_net(read, make_layout(read, 1), workshop.folder / "pictures")
     assert picture.name == "job_net.png" and picture.stat().st_size > 10_000
     legends = [legend for half in kept[0].subfigs for legend in half.legends]
     told = [text.get_text() for legend in legends for text in legend.get_texts()]
@@ -120,7 +120,7 @@ def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
     path = tmp_path / "job.toml"
     path.write_text(f'[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 101\n{STEEL}')
     net = build_net(read_job(path))
-    rows, every = whole_cables(net.x, net.elements, net.cable, net.group, net.m // 5)
+    rows, every = select_cables(net.x, net.elements, net.cable, net.group, net.m // 5)
     assert every == 5 and net.m == 20_200
     for group, axis in ((0, 1), (1, 0)):
         mine = rows[net.group[rows] == group]

@@ -11,7 +11,7 @@ from conftest import STEEL, on_ranks, run_netfall, run_on_standing_ranks, run_pr
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.keys import REQUIRED
 from netfall.job.read import read_job
 from netfall.job.schema import GENERATOR_KEYS, SECTIONS
@@ -55,7 +55,7 @@ def errors_of(path, overrides):
 def test_every_number_has_an_upper_bound():
     """So 1e300 is refused where it stands, not by an overflow or by nothing."""
     numbers = ("number", "integer", "vector", "pressure", "points", "places", "polygon")
-    rows = [key for keys in (*SECTIONS.values(), *LISTS.values()) for key in keys if key.kind in numbers]
+    rows = [key for keys in (*SECTIONS.values(), *LIST_KEYS.values()) for key in keys if key.kind in numbers]
     free = {"max_iterations"}  # of integers, which are refused beyond 64 bits
     assert {key.name for key in rows if key.high is None or key.high > 1e20} <= free | {"integers"}
 

@@ -11,10 +11,10 @@ from netfall.explicit.forces import chunk_forces
 from netfall.explicit.incidence import collect_elements
 from netfall.explicit.loop import Chunks
 from netfall.explicit.motion import PLAIN_LAW
-from netfall.explicit.plan import CHUNK, Plan, traits_of
-from netfall.parallel.halo import buffers_alone
-from netfall.parallel.subdomain import cut_net
-from netfall.physics.elements import add_tensions
+from netfall.explicit.plan import CHUNK, StepPlan, feature_bits
+from netfall.parallel.halo import buffers_without_neighbours
+from netfall.parallel.subdomain import split_net
+from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
@@ -22,7 +22,7 @@ from netfall.physics.state import State
 class NoHalo:
     """One rank: nothing is sent."""
 
-    boundary, buffers = 0, buffers_alone()
+    boundary, buffers = 0, buffers_without_neighbours()
 
 
 def random_state(scene: Features, seed: int, n: int = CHUNK + 7) -> State:
@@ -39,7 +39,7 @@ def random_state(scene: Features, seed: int, n: int = CHUNK + 7) -> State:
 def make_state(scene: Features, n: int, elements: np.ndarray, x: np.ndarray, seed: int) -> State:
     """Elements of all kinds: some taut, some slack, some yielding, one without length."""
     rng = np.random.default_rng(seed)
-    (subdomain,) = cut_net(n, elements, np.zeros(n, np.int32), 1)
+    (subdomain,) = split_net(n, elements, np.zeros(n, np.int32), 1)
     state = State(scene, n, 0, len(elements), int(np.bincount(elements.ravel()).max()))
     state.ends[:], state.owned[:], state.free[:], state.mass[:] = subdomain.ends, 1, 1, 1.0
     state.x[:] = x
@@ -67,7 +67,7 @@ def run_chunk(c, plain, x, chunks, slots, law, scratch):
     return chunk_forces(c, plain, x, chunks, slots, law, scratch)
 
 
-def chunks_of(plan: Plan) -> Chunks:
+def chunks_of(plan: StepPlan) -> Chunks:
     """Those that its loop goes through."""
     return plan._works[False].chunks
 
@@ -78,9 +78,9 @@ def forces_of(state: State, plain: bool | None = None) -> tuple[np.ndarray, np.n
     alike : whether by that of cables that are all alike; None: if they are
     """
     s, found, near = state, np.zeros_like(state.x), np.zeros(state.n_owned, bool)
-    plan = Plan(state, NoHalo())
+    plan = StepPlan(state, NoHalo())
     chunks, scratch = chunks_of(plan), plan.scratch
-    plain = bool(traits_of(state) & PLAIN_LAW) if plain is None else plain
+    plain = bool(feature_bits(state) & PLAIN_LAW) if plain is None else plain
     for c, (low, high) in enumerate(zip(chunks.low, chunks.high)):
         any_near = run_chunk(c, plain, s.particles.x, chunks, s.slots, s.law, scratch)
         found[low:high], near[low:high] = scratch.f[:, : high - low].T, scratch.near[: high - low]
@@ -90,8 +90,8 @@ def forces_of(state: State, plain: bool | None = None) -> tuple[np.ndarray, np.n
 
 def law_forces(state: State) -> np.ndarray:
     """The same forces by the law of one element."""
-    now, expected = state.elements_now(), np.zeros_like(state.x)
-    add_tensions(state.x, state.ends, now.N, now.L, expected)
+    now, expected = state.present_element_state(), np.zeros_like(state.x)
+    add_axial_forces_now(state.x, state.ends, now.N, now.L, expected)
     return expected
 
 
@@ -137,7 +137,7 @@ def of_scenes(rows: list[str]):
 def test_vector_kernel_gives_the_forces_of_the_element_law(scene):
     """To rounding; and they point at every particle with an element past yield or fracture."""
     state = random_state(scene, 1)
-    now, expected = state.elements_now(), law_forces(state)
+    now, expected = state.present_element_state(), law_forces(state)
     eps, eps_p = now.eps, now.eps_p
     found, near = forces_of(state)
     assert_close(found, expected)
@@ -180,7 +180,7 @@ def test_yield_is_found_whether_or_not_any_was_before(scene):
     for yielded in (0, 1):
         state = make_state(scene, 1600, lattice(40), LATTICE, 2)
         state.eps_p[:] = 0.0
-        plan = Plan(state, NoHalo())
+        plan = StepPlan(state, NoHalo())
         chunks = chunks_of(plan)
         assert not chunks.has_yielded.any()
         chunks.has_yielded[:] = yielded
@@ -194,11 +194,11 @@ def test_yield_is_found_whether_or_not_any_was_before(scene):
 def test_the_extreme_forces_of_each_element_are_kept(scene):
     """Those of the element law, to rounding."""
     state = make_state(scene, 1600, lattice(40), LATTICE, 2)
-    N = state.elements_now().N
+    N = state.present_element_state().N
     forces_of(state)
     collect_elements(state.n_owned, state.first_split, state.elements, state.slots, state.law)
     assert np.abs(state.highest - np.maximum(N, 0.0)).max() <= ROUNDING * np.abs(N).max()
-    if scene.dips:
+    if scene.tracks_minima:
         assert np.abs(state.lowest - np.minimum(N, 0.0)).max() <= ROUNDING * np.abs(N).max()
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from netfall.core.timings import Phases
+from netfall.core.timings import PhaseTimes
 from netfall.job.read import read_job
-from netfall.run.setup import prepare
+from netfall.run.setup import prepare_scene
 from netfall.statics.multigrid import cycle
-from netfall.statics.multigrid.lines import MOST_TOUCHING, LineSmoother, all_lines, lines_of
+from netfall.statics.multigrid.lines import MOST_TOUCHING, LineSmoother, all_lines, distribute_lines
 from netfall.statics.multigrid.tangent import incidence_of, tangent_rows
 
 SADDLE = """
@@ -67,12 +67,12 @@ def test_a_ring_is_one_line_and_spokes_end_at_a_hub_of_many():
 
 def smoother(job):
     """That of a net's tangent at the start, and the tangent's matrix; both of one rank."""
-    scene, _ = prepare(MPI.COMM_SELF, job, Phases())
+    scene, _ = prepare_scene(MPI.COMM_SELF, job, PhaseTimes())
     state, distribution = scene.state, scene.distribution
     of_net = scene.finder.newton(scene.model.loading.permanent)
     K, at = of_net.tangent(), incidence_of(state.ends, distribution.subdomain.particle_gid, state.n_owned)
     rows = tangent_rows(distribution, of_net.net, K, at, 0.0)
-    found = lines_of(distribution, state.ends, state.x_start, state.free)
+    found = distribute_lines(distribution, state.ends, state.x_start, state.free)
     return LineSmoother(found, rows, of_net.net, K), rows.dense(), of_net, K
 
 

@@ -11,8 +11,8 @@ import netfall
 from netfall.core.kernels import kernel
 from netfall.physics.fields import Elements
 from netfall.physics.law.element import axial_force, stored_energy, strain, yield_energy
-from netfall.physics.law.law import Law, law_of
-from netfall.results.warning_text import motion_notes_of
+from netfall.physics.law.law import LawParameters, build_law
+from netfall.results.warning_text import dynamic_limit_notes_of
 
 EA, YIELD = 1000.0, 10.0  # N; yield strain 0.01
 
@@ -21,13 +21,13 @@ def element(bar=0, L0=1.0, euler=None) -> Elements:
     """A single element that yields, or buckles, without what the law does not read."""
     values = {"EA": EA, "yield_force": YIELD, "L0": L0} | ({} if euler is None else {"euler": euler})
     columns = {name: np.array([value]) for name, value in values.items()}
-    return Elements.absent().replaced(bar=np.array([bar], np.uint8), **columns)
+    return Elements.absent().with_values(bar=np.array([bar], np.uint8), **columns)
 
 
-def law_with(logarithmic: bool) -> Law:
+def law_with(logarithmic: bool) -> LawParameters:
     """The law of the element."""
     measure = "logarithmic" if logarithmic else "engineering"
-    return law_of(measure, True, EA, YIELD, None, np.inf, None)
+    return build_law(measure, True, EA, YIELD, None, np.inf, None)
 
 
 @kernel
@@ -91,5 +91,5 @@ def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path
             2.3e8 * 500e-6 * (L0 * eps_p).sum(), rel=1e-12 if measure[0] == "e" else 1e-2
         )
         assert heat[0] == 0.0 and np.abs(result.history["balance_error"]).max() < 1e-3
-        (note,) = motion_notes_of(result.file)
+        (note,) = dynamic_limit_notes_of(result.file)
         assert note.startswith("note: dynamics: 2 elements (1, 2) yielded by its end; ")

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import pytest
 from test_study import NODES, TABLES
 
-from netfall.job.cache import OF_SPEED, Memory, key_of
-from netfall.job.entries import LISTS
-from netfall.job.job import PATHS, Job
+from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
+from netfall.job.entries import LIST_KEYS
+from netfall.job.job import PATH_KEYS, Job
 from netfall.job.read import read_job
 from netfall.job.schema import OVERRIDES, SECTIONS
 from netfall.model.layout import make_layout
-from netfall.study.file import read_plan
+from netfall.study.file import read_study_plan
 from netfall.study.files import Watch
-from netfall.study.runs import Queue
+from netfall.study.runs import SampleQueue
 
 # Two values of each kind that most keys allow; numbers, words and names are tried until two of them fit.
 TWO = {
@@ -53,7 +53,7 @@ AFTER_REST = {
     "removes.time": "lost after the rest",
     "removes.duration": "lost after the rest",
 }
-NO_WIND_YET = dict.fromkeys(OF_SPEED, "the net and its form know no wind")
+NO_WIND_YET = dict.fromkeys(WIND_SPEED_KEYS, "the net and its form know no wind")
 NOT_ASKED = {
     "path": "the same job elsewhere, with the same files, is the same job",
     "overrides": "their values stand in the sections",
@@ -83,7 +83,7 @@ def whole_job(tmp_path):
     for name, (under, keys) in OVERRIDES.items():
         if under:
             setattr(sections[name], under, {"one": vars(table_of(keys))})
-    lists = {f"{name}s": [table_of(keys)] for name, keys in LISTS.items()}
+    lists = {f"{name}s": [table_of(keys)] for name, keys in LIST_KEYS.items()}
     groups = {"one": vars(table_of(OVERRIDES["cable"][1]))}
     return Job(tmp_path / "job.toml", "[net]\n", (), "a roof", groups=groups, **sections, **lists)
 
@@ -102,7 +102,7 @@ def changed(job):
                 yield f"{name}.{under}.one.{key.name}", replace(job, **{name: section})
             else:
                 yield f"groups.one.{key.name}", replace(job, groups=inner)
-    for name, keys in LISTS.items():
+    for name, keys in LIST_KEYS.items():
         for key in keys:
             entry = SimpleNamespace(**vars(table_of(keys)) | {key.name: two_values(key)[1]})
             yield f"{name}s.{key.name}", replace(job, **{f"{name}s": [entry]})
@@ -123,11 +123,11 @@ def test_every_field_of_a_job_is_varied(whole_job):
 
 
 def test_every_key_counts_for_equilibria_and_wind_but_these(whole_job):
-    assert unnoticed(whole_job, key_of) == {*AFTER_REST}
+    assert unnoticed(whole_job, cache_key) == {*AFTER_REST}
 
 
 def test_every_key_counts_for_the_net_and_its_form_but_these(whole_job):
-    figure = lambda job: key_of(job, without=OF_SPEED)
+    figure = lambda job: cache_key(job, without=WIND_SPEED_KEYS)
     assert unnoticed(whole_job, figure) == {*AFTER_REST, *NO_WIND_YET}
 
 
@@ -137,33 +137,35 @@ def test_every_key_counts_for_the_digest_of_checkpoints_and_studies_but_these(wh
 
 def test_that_something_is_lost_at_all_counts(whole_job):
     """Then the dynamic stage begins at rest under all loads, which is one more equilibrium."""
-    assert key_of(replace(whole_job, removes=[])) != key_of(whole_job)
+    assert cache_key(replace(whole_job, removes=[])) != cache_key(whole_job)
 
 
 def test_an_override_of_the_net_counts(whole_job):
     """Then a partition that was made for the job's own net does not apply."""
-    assert key_of(replace(whole_job, overrides=("net.cells=4",))) != key_of(whole_job)
+    assert cache_key(replace(whole_job, overrides=("net.cells=4",))) != cache_key(whole_job)
 
 
-@pytest.mark.parametrize("section, name", PATHS)
+@pytest.mark.parametrize("section, name", PATH_KEYS)
 def test_what_stands_in_a_file_counts_for_both(whole_job, section, name):
     """Each key that is a path, by itself: the file under the same name, with other bytes in it."""
     alone = replace(whole_job)
-    for place, key in PATHS:
+    for place, key in PATH_KEYS:
         setattr(getattr(alone, place), key, "b.csv" if (place, key) == (section, name) else None)
-    before = key_of(alone), alone.digest()
+    before = cache_key(alone), alone.digest()
     (alone.path.parent / "b.csv").write_text("something else\n")
     after = replace(alone)  # what is read of a job is read anew by the next one
-    assert before[0] != key_of(after) and before[1] != after.digest()
+    assert before[0] != cache_key(after) and before[1] != after.digest()
 
 
 def test_all_paths_are_known(whole_job):
     """A key that names a file is of the kind that digests follow, in entries of lists as well."""
     named = {(name, key.name) for name, keys in SECTIONS.items() for key in keys if "path of" in key.meaning}
-    assert named == set(PATHS)
-    in_lists = {f"{name}s.{key.name}" for name, keys in LISTS.items() for key in keys if key.kind == "path"}
+    assert named == set(PATH_KEYS)
+    in_lists = {
+        f"{name}s.{key.name}" for name, keys in LIST_KEYS.items() for key in keys if key.kind == "path"
+    }
     assert not in_lists & unnoticed(whole_job, Job.files)
-    assert all(key.kind == "path" for keys in LISTS.values() for key in keys if "path of" in key.meaning)
+    assert all(key.kind == "path" for keys in LIST_KEYS.values() for key in keys if "path of" in key.meaning)
     for _, keys in OVERRIDES.values():
         assert not [key.name for key in keys if key.kind == "path" or "path of" in key.meaning]
 
@@ -172,7 +174,7 @@ def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
     """Two runs of one process, the table changed in between: node 2 lies where it says now."""
     job = workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
-    memory = Memory(4)
+    memory = ResultCache(4)
     assert make_layout(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.0]
     again = make_layout(read_job(job), 1, memory)
     assert again.net is make_layout(read_job(job), 1, memory).net  # it is remembered
@@ -183,7 +185,7 @@ def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
 def plan_of(workshop, study: str):
     path = workshop.folder / "study.toml"
     path.write_text(study)
-    return read_plan(path)
+    return read_study_plan(path)
 
 
 def test_members_are_batched_by_all_that_is_shared(workshop):
@@ -192,7 +194,7 @@ def test_members_are_batched_by_all_that_is_shared(workshop):
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
     vary = '"dynamics.damping" = [0.1, 0.2]\n"output.history" = [0.01, 0.02]\n"wind.seed" = [1, 2]\n'
     plan = plan_of(workshop, 'job = "job.toml"\n[vary]\n' + vary)
-    queue, last, batches = Queue(plan, [*range(len(plan))]), None, {}
+    queue, last, batches = SampleQueue(plan, [*range(len(plan))]), None, {}
     while task := queue.take(last):
         last = task[0]
         batches.setdefault(last, []).append(plan.member(task[1]).values["dynamics.damping"])

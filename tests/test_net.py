@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from conftest import STEEL
 
-from netfall.geometry.areas import roof_of, tributary_areas
+from netfall.geometry.areas import find_roof, tributary_areas
 from netfall.geometry.build import build_net
 from netfall.geometry.faces import find_faces
 from netfall.geometry.generators import generate as generators
 from netfall.geometry.net import subdivide
-from netfall.geometry.shares import shares_of
+from netfall.geometry.shares import share_out_faces
 from netfall.job.read import read_job
 
 
@@ -57,7 +57,7 @@ def test_tributary_areas_cover_the_roof():
     fine = subdivide(net, 3)
     faces = find_faces(fine)
     fine_area = tributary_areas(fine.x, fine, faces)[1]
-    assert np.isclose(shares_of(np.concatenate([fine.x, fine.corners]), faces).plans().sum(), 6400.0)
+    assert np.isclose(share_out_faces(np.concatenate([fine.x, fine.corners]), faces).plans().sum(), 6400.0)
     assert area.sum() < fine_area.sum() < 6400.0 and (fine_area[net.n :] > 0).all()
 
 
@@ -97,10 +97,10 @@ def test_areas_of_tables_need_a_closed_outline(workshop):
     net = generators.saddle(80.0, 4.0, 4)
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(net, closed=True)))
     closed = build_net(job)
-    roof = roof_of(job, closed)
+    roof = find_roof(job, closed)
     area = tributary_areas(closed.x, closed, roof.faces)[1]
     inner = ~net.fixed.all(1)
     assert roof.notes == [] and np.allclose(area[inner][4], 400.0)
     job = read_job(workshop.job(TABLE_SADDLE, *tables_of(generators.saddle(80.0, 4.0, 2), closed=False)))
     with pytest.raises(Exception, match="no closed face"):
-        roof_of(job, build_net(job))
+        find_roof(job, build_net(job))

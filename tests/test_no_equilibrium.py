@@ -10,17 +10,23 @@ from mpi4py import MPI
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
-from netfall.core.stop import NEVER
-from netfall.core.timings import Phases
+from netfall.core.stop import NEVER_STOP
+from netfall.core.timings import PhaseTimes
 from netfall.job.read import read_job
 from netfall.run import equilibrium as settling
 from netfall.run.run import run_job
-from netfall.run.setup import prepare
+from netfall.run.setup import prepare_scene
 from netfall.run.statics import StaticPath, find_equilibria
 from netfall.statics import interior_point, relaxation_stages
 from netfall.statics import work_control as limits
-from netfall.statics.limit_load import UNSTRAINED, Strained, Trial, search_limit, strained
-from netfall.statics.solver import Finder
+from netfall.statics.limit_load import (
+    NO_UTILISATION,
+    LimitUtilisation,
+    Trial,
+    limit_utilisation_of,
+    search_limit,
+)
+from netfall.statics.solver import EquilibriumFinder
 
 CABLES = """
 [cable]
@@ -187,9 +193,9 @@ def test_what_swings_far_on_the_way_is_not_lost(workshop, monkeypatch, steps):
     job = workshop.job(PLASTIC.format(steps=1), SIDEWAYS.format(load=3.0 * YIELD), ROPE)
     with monkeypatch.context() as only:
         only.setattr(interior_point, "MOST_STEPS", steps)
-        scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+        scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
         path = StaticPath()
-        find_equilibria(scene, Mock(stop=NEVER), path)
+        find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     assert path.steps[-1]["load_factor"] == pytest.approx(1.0 / 3.0, rel=4e-3)
 
 
@@ -211,11 +217,13 @@ def test_nothing_gives_way_in_what_is_told_to_be_borne(workshop, times):
     loads = (round(times * load) for load in (120.8e3, 2.4e3, 38.9e3, 106.9e3, -11.3e3, 36.1e3))
     ends = "id,start,end,area\n" + "".join(f"{i},{i},{i + 1},{A}\n" for i, A in enumerate(AREAS, 1))
     text = PLASTIC.format(steps=1).replace("1e9", "1e8").replace("2e11", '1.6e11\nstrain = "logarithmic"')
-    scene, _ = prepare(MPI.COMM_SELF, read_job(workshop.job(text, LINE.format(*loads), ends)), Phases())
+    scene, _ = prepare_scene(
+        MPI.COMM_SELF, read_job(workshop.job(text, LINE.format(*loads), ends)), PhaseTimes()
+    )
     path = StaticPath()
-    find_equilibria(scene, Mock(stop=NEVER), path)
+    find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     assert path.steps[-1]["load_factor"] * times == pytest.approx(0.06, rel=0.02)
-    assert strained(scene.comm, scene.distribution, scene.state, False).most <= 1.0
+    assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
 
 
 def by_work(monkeypatch, job, works=True, **instead):
@@ -225,12 +233,12 @@ def by_work(monkeypatch, job, works=True, **instead):
     with monkeypatch.context() as only:
         only.setattr(limits, "search_limit", searched)
         if not works:
-            only.setattr(Finder, "has_limit_load", lambda own: False)
+            only.setattr(EquilibriumFinder, "has_limit_load", lambda own: False)
         for name, function in (({"_by_trials": None} if works else {}) | instead).items():
             only.setattr(settling, name, function)
-        scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+        scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
         path = StaticPath()
-        find_equilibria(scene, Mock(stop=NEVER), path)
+        find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     return scene, path.steps[-1], asked
 
 
@@ -243,11 +251,15 @@ def test_the_search_comes_from_both_sides():
         def trial(at, most=most, known=known, asked=asked):
             asked.append(at)
             breaks = most(at) > 1.0
-            there = Strained(most(at) if known else np.inf, (), "breaks") if breaks else Strained(most(at))
+            there = (
+                LimitUtilisation(most(at) if known else np.inf, (), "breaks")
+                if breaks
+                else LimitUtilisation(most(at))
+            )
             return Trial(at, at, there)
 
         whole = trial(1.0)
-        low, high = search_limit(trial, Trial(0.0, 0.0, UNSTRAINED), whole, 1.0, lambda *ends: None)
+        low, high = search_limit(trial, Trial(0.0, 0.0, NO_UTILISATION), whole, 1.0, lambda *ends: None)
         assert low.at <= 0.37 < high.at and high.at - low.at <= 0.004 * high.at and len(asked) < 20
 
 
@@ -259,9 +271,9 @@ def test_a_fan_bears_its_plastic_limit_load_by_work_control(workshop, monkeypatc
     cosine = 10.0 / np.hypot(10.0, 0.5), 22.0 / np.hypot(22.0, 0.5)
     assert row["load_factor"] == pytest.approx(YIELD * (1.0 + 2.0 * np.mean(cosine)) / load, rel=4e-3)
     assert 0 < len(asked) < 6 and row["residual"] < 1e-6 * YIELD
-    N = scene.state.elements_now().N
+    N = scene.state.present_element_state().N
     assert N[3] == pytest.approx(row["load_factor"] * load, rel=1e-6)
-    assert strained(scene.comm, scene.distribution, scene.state, False).most <= 1.0
+    assert limit_utilisation_of(scene.comm, scene.distribution, scene.state, False).most <= 1.0
 
 
 @pytest.mark.parametrize("breaks", [True, False])
@@ -284,8 +296,8 @@ def test_a_load_that_is_borne_after_all_is_found_whole(workshop, monkeypatch):
     """What is not found at once, work control tells to be borne."""
     job = workshop.job(PLASTIC.format(steps=1), FAN.format(load=-2.9e6), HANGERS)
     _, exact, none = by_work(monkeypatch, job)
-    tried = settling._tried
-    unknown = Strained(np.inf, (), "no equilibrium was found at once")
+    tried = settling._try_load
+    unknown = LimitUtilisation(np.inf, (), "no equilibrium was found at once")
     undecided = lambda scene, each, reference, stop, effort, *more: (
         (unknown, None)
         if each.kind == "step" and not effort.relaxes
@@ -330,13 +342,13 @@ def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
 def test_how_far_a_step_turns_cables(workshop):
     """By what moves one end of a cable past the other, in its lengths: two cables that share a node."""
     job = workshop.job(CABLES.format(steps=1), nodes(borne()), ENDS)
-    scene, _ = prepare(MPI.COMM_SELF, read_job(job), Phases())
+    scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
     state, u = scene.state, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 3.0, -4.0]])
-    L = state.elements_now().L
+    L = state.present_element_state().L
     by_hand = max(5.0 / L[0], np.sqrt(26.0) / L[1])
-    assert interior_point.most_turned(u, interior_point.cables_of(state), L, state.ends) == pytest.approx(
-        by_hand, rel=1e-14
-    )
+    assert interior_point.largest_rotation(
+        u, interior_point.cable_properties(state), L, state.ends
+    ) == pytest.approx(by_hand, rel=1e-14)
 
 
 @pytest.mark.parametrize("looks, ranks", [(10, 2), (20, 3), (30, 1)])

@@ -22,16 +22,16 @@ from PIL import Image
 
 from netfall.core.errors import InputError
 from netfall.exchange.export import Wanted, export
-from netfall.post.plots.canvas import VIEWS, charts, heading, save
-from netfall.post.plots.collapse import collapse, stage_steps
-from netfall.post.plots.film import Shot, animate
-from netfall.post.plots.force import ForceScale, edge_of
+from netfall.post.plots.canvas import VIEWS, open_charts, save, set_figure_title
+from netfall.post.plots.collapse import collapse, select_snapshots
+from netfall.post.plots.film import FilmView, animate
+from netfall.post.plots.force import ForceScale, support_edge
 from netfall.post.plots.labels import add_labels
 from netfall.post.plots.run import plot_all, plot_state
 from netfall.post.plots.states import deflection_scale, states
 from netfall.post.report.info import print_info
 from netfall.post.report.report import Inputs, write_report
-from netfall.results.warning_text import balance_notes
+from netfall.results.warning_text import balance_warnings
 from netfall.run.ranks import ranks_line, ranks_notes, steps_time
 
 STORM = """title = "Storm over a saddle"
@@ -247,12 +247,12 @@ def test_stages_are_those_where_something_happens():
     """Around the first fracture and as they go on; after losses; else where the motion is largest."""
     times, none = np.linspace(0.0, 10.0, 101), np.zeros(0)
     fractures = np.array([4.05, 4.15, 4.35, 4.55, 9.0])
-    shown = times[stage_steps(times, fractures, none, [])]
+    shown = times[select_snapshots(times, fractures, none, [])]
     assert shown == pytest.approx([0.0, 4.0, 4.1, 4.2, 4.4, 4.6])
-    assert times[stage_steps(times, fractures[:1], np.array([2.0, 6.0]), [6.55])] == pytest.approx(
+    assert times[select_snapshots(times, fractures[:1], np.array([2.0, 6.0]), [6.55])] == pytest.approx(
         [0.0, 1.9, 2.1, 4.1, 6.1, 6.6]  # what is lost at 2 s is gone after it
     )
-    assert times[stage_steps(times, none, none, [3.04, 7.04])] == pytest.approx([0, 2, 3.1, 4, 7.1, 10])
+    assert times[select_snapshots(times, none, none, [3.04, 7.04])] == pytest.approx([0, 2, 3.1, 4, 7.1, 10])
 
 
 def test_scales_end_where_nearly_all_forces_are():
@@ -263,11 +263,11 @@ def test_scales_end_where_nearly_all_forces_are():
     assert scale.compression == pytest.approx((0.99 * 5.0, 1.01 * 5.0))
     assert ForceScale.of(np.array([98.0, 104.0])).tension[0] > 97.0  # a narrow range is not lost on 0 to 104
     x = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 3], [0, 1, 0], [0.5, 0.4, 1]], float)
-    assert edge_of(x, np.array([3, 0, 2, 1])).tolist() == [0, 1, 2, 3, 0]
-    assert edge_of(x, np.array([0, 1, 2, 4])).tolist() == []  # node 3 is outside
+    assert support_edge(x, np.array([3, 0, 2, 1])).tolist() == [0, 1, 2, 3, 0]
+    assert support_edge(x, np.array([0, 1, 2, 4])).tolist() == []  # node 3 is outside
     around = 2.0 * np.pi * np.arange(12) / 12
     feet = np.array([[r * np.cos(a), r * np.sin(a), 0.0] for a, r in zip(around, [8.0, 14.0] * 6)])
-    assert edge_of(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
+    assert support_edge(feet, np.arange(12)).tolist() == []  # masts and anchors in turn
 
 
 def test_scales_are_those_of_what_can_move():
@@ -522,7 +522,7 @@ def test_animation_has_a_picture_for_each_frame(storm, tmp_path):
 
 def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_path):
     """As MP4, read back by ffmpeg. What ends before the second frame is an error."""
-    shot = Shot(VIEWS["plan"], (640, 480), 1.3, 0.41)
+    shot = FilmView(VIEWS["plan"], (640, 480), 1.3, 0.41)
     ((path, told),) = animate(Path(storm.filename), tmp_path, "mp4", 10, shot)
     assert told.startswith("9 frames at 10 a second: 0.9 s for 0.4 s")  # of every 0.05 s
     reader = imageio_ffmpeg.read_frames(str(path))
@@ -532,7 +532,7 @@ def test_animation_from_another_side_of_another_size_to_another_end(storm, tmp_p
         reader.close()
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 9
     with pytest.raises(InputError, match=r"the second frame is at 0\.05 s"):
-        animate(Path(storm.filename), tmp_path, "gif", 10, Shot(until=0.01))
+        animate(Path(storm.filename), tmp_path, "gif", 10, FilmView(until=0.01))
 
 
 def test_a_state_has_a_page_of_its_own(storm, tmp_path):
@@ -546,7 +546,7 @@ def test_a_state_has_a_page_of_its_own(storm, tmp_path):
 
 def test_labels_do_not_cover_one_another_and_stay_within_the_picture():
     """Twelve around one place, and one that fits neither left nor right of its place."""
-    figure, ((axes,),) = charts(1, 1, 6, 5)
+    figure, ((axes,),) = open_charts(1, 1, 6, 5)
     texts = [*(f"element {k}" for k in range(12)), "node 209: (116.2, 7.3, -578.0) mm, down"]
     add_labels(axes, np.array([(0.5, 0.5)] * 12 + [(0.7, 0.9)]), texts)
     figure.canvas.draw()
@@ -614,17 +614,17 @@ def test_a_balance_that_is_off_is_told_with_its_time(last, words):
         "balance_error": [0.0, -0.02, 0.03, last],
         "balance_error_attached": [0.0, -0.01, 0.04, 0.5 * last],
     }
-    (warning,) = balance_notes(history | off)
+    (warning,) = balance_warnings(history | off)
     shares = "0.03 of the energy that took part, 0.04 of the largest that attached parts stored (limit 0.001)"
     assert f"off by up to {shares}, {words}. " in warning
-    assert balance_notes(history | dict.fromkeys(off, np.full(4, 9e-4))) == []
+    assert balance_warnings(history | dict.fromkeys(off, np.full(4, 9e-4))) == []
 
 
 @pytest.mark.parametrize("width", [4.6, 5.4, 12.0])
 def test_a_title_stays_within_a_narrow_picture(width):
     """In as many lines as it takes."""
     figure = plt.figure(figsize=(width, 4.0))
-    heading(
+    set_figure_title(
         figure, "Roof over the Market Hall", ": what was drawn, and what came of it (grey: within chance)"
     )
     box = figure._suptitle.get_window_extent(figure.canvas.get_renderer())
@@ -634,9 +634,9 @@ def test_a_title_stays_within_a_narrow_picture(width):
 
 def test_dollars_in_names_are_no_formulas(tmp_path):
     """A title that is none of matplotlib's formulas is drawn as it stands; powers of ten have no dollars."""
-    figure, ((axes,),) = charts(1, 1, 6, 4)
+    figure, ((axes,),) = open_charts(1, 1, 6, 4)
     axes.semilogy([1, 2, 3], [1e-8, 1e-5, 1.0])
-    heading(figure, r"Roof of 5 M$ \nowhere 7 M$", ": errors")
+    set_figure_title(figure, r"Roof of 5 M$ \nowhere 7 M$", ": errors")
     save(figure, tmp_path / "a.png")
     assert figure._suptitle.get_text() == r"Roof of 5 M$ \nowhere 7 M$: errors"
     labels = [label.get_text() for label in axes.get_yticklabels()]

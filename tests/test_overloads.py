@@ -6,7 +6,7 @@ from conftest import ROOT, run_on_standing_ranks
 
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.results.limit_load_text import Carried, overload_lines, overloaded
+from netfall.results.limit_load_text import Carried, exceeds_strength, overload_lines
 
 # A post of 6 m between four ropes above and four below, 20 m out; each rope has 2000 kN, the top carries
 # 150 kN. Without element 1 it swings, and the ropes break one after another.
@@ -55,7 +55,7 @@ def test_what_an_element_that_breaks_reaches_in_one_step_is_not_told():
     (line,) = overload_lines(carried([320.0, 50.0], [100.0, 100.0], broke), str)
     assert "1 element had tensions beyond its strength, the most element 0 with 320 N at t = 2 s" in line
     assert "its strength is 100 N, and it broke at t = 1 s" in line and "safety" in line
-    assert overloaded(carried([320.0, 50.0], [100.0, 100.0], broke)).tolist() == [True, False]
+    assert exceeds_strength(carried([320.0, 50.0], [100.0, 100.0], broke)).tolist() == [True, False]
     assert not overload_lines(carried([320.0, 50.0], [100.0, 100.0], [np.nan] * 2), str)
 
 

@@ -14,7 +14,7 @@ import pytest
 from conftest import ENVIRONMENT, ROOT
 
 import netfall
-from netfall.core.extras import BRINGS, EXTRAS
+from netfall.core.extras import EXTRA_OF_PACKAGE, EXTRAS
 
 BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "src")
 
@@ -85,7 +85,7 @@ def test_every_extra_is_one_of_the_package():
     """What pyproject.toml calls extras, and no compute node needs what they bring."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert {*EXTRAS} <= {*project["optional-dependencies"]}
-    assert [one for one in project["dependencies"] if re.match(r"[\w]+", one)[0] in BRINGS] == []
+    assert [one for one in project["dependencies"] if re.match(r"[\w]+", one)[0] in EXTRA_OF_PACKAGE] == []
 
 
 @pytest.mark.long

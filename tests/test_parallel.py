@@ -250,7 +250,7 @@ def test_a_place_that_a_kill_has_left_goes_with_the_next_start(tmp_path, monkeyp
     """Each kill left one for good; those that are held, or were just made, stay."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(atexit, "register", lambda *done, **how: None)
-    held, left, young = (Path(alone.own_place()) for _ in range(3))
+    held, left, young = (Path(alone.session_folder()) for _ in range(3))
     for place in (left, young):
         shutil.copytree(place, tmp_path / "copy")  # that nobody holds
         place.rmdir()
@@ -258,5 +258,5 @@ def test_a_place_that_a_kill_has_left_goes_with_the_next_start(tmp_path, monkeyp
     (left / "ompi.host.0").mkdir()
     for place in (held, left):
         os.utime(place, (0, 0))
-    alone.own_place()
+    alone.session_folder()
     assert held.is_dir() and young.is_dir() and not left.exists()

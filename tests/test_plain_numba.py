@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 
 from netfall.core.kernels import OPTIONS, call, inner_kernel, kernel, routine
-from netfall.core.records import Record, f8, f8_2, has, real, u1, u4_2, whole
+from netfall.core.records import Record, f8, f8_2, is_present, real, u1, u4_2, whole
 from netfall.core.vectors import (
     LANES,
     as_number,
@@ -18,8 +18,8 @@ from netfall.core.vectors import (
     maximum,
     minimum,
     number_of,
-    put,
     sqrt,
+    store_below,
     where,
 )
 
@@ -43,7 +43,7 @@ class Outer(Record):
 def read(outer, out):
     """What compiled code finds in a record."""
     out[0], out[1] = outer.factor, outer.count
-    out[2], out[3], out[4] = has(outer.flags), has(outer.pairs), has(outer.inner.table)
+    out[2], out[3], out[4] = is_present(outer.flags), is_present(outer.pairs), is_present(outer.inner.table)
     for i in range(outer.flags.shape[0]):
         out[5] += outer.flags[i]
     for i in range(outer.pairs.shape[0]):
@@ -75,9 +75,9 @@ def test_compiled_code_reads_what_a_record_was_given():
     whole = outer()
     assert found(whole) == [-0.1, -7, 1, 1, 1, 256, 11, 210 + 543]
     by_place = Outer(-0.1, -7, whole.flags, whole.pairs, whole.inner)
-    for other in (by_place, pickle.loads(pickle.dumps(whole)), whole.replaced()):
+    for other in (by_place, pickle.loads(pickle.dumps(whole)), whole.with_values()):
         assert found(other) == found(whole)
-    assert found(whole.replaced(factor=np.inf, count=2**40))[:2] == [np.inf, 2.0**40]
+    assert found(whole.with_values(factor=np.inf, count=2**40))[:2] == [np.inf, 2.0**40]
     assert found(whole)[:2] == [-0.1, -7]  # a record is never changed,
     whole.inner.table[0] = 0.0  # but its arrays may be
     assert found(by_place)[7] == 543
@@ -90,7 +90,7 @@ def test_absent_fields_are_seen_as_absent():
     assert found(nothing) == [0.0] * 8
     assert found(outer(inner=nothing.inner))[4:] == [0, 256, 11, 0]
     assert found(outer(pairs=np.zeros((0, 2), np.uint32)))[2:5] == [1, 0, 1]
-    assert found(nothing.replaced(inner=inner()))[2:5] == [0, 0, 1]
+    assert found(nothing.with_values(inner=inner()))[2:5] == [0, 0, 1]
     assert not [name for name in ("flags", "pairs") if getattr(nothing, name).size]
 
 
@@ -195,7 +195,7 @@ def both_ways(operation) -> tuple:
     @njit(**OPTIONS)
     def of_vectors(rows, high, out):
         for p in range(0, high, LANES):
-            put(p, high, out, 0, each(load(rows, 0, p), load(rows, 1, p), load(rows, 2, p)))
+            store_below(p, high, out, 0, each(load(rows, 0, p), load(rows, 1, p), load(rows, 2, p)))
 
     @njit(**OPTIONS)
     def one_by_one(rows, high, out):

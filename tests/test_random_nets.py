@@ -14,7 +14,7 @@ from conftest import run_on_standing_ranks
 from drawn_jobs import FULL, OTHER, QUIET, jobs
 from results import differences, figures
 
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.schema import SECTIONS
 
 EXAMPLES = int(os.environ.get("NETFALL_EXAMPLES", "40"))  # of random scenes, with --long
@@ -115,7 +115,7 @@ def keys_of(job: dict, place: str = "") -> set[str]:
     """Names of the keys in nested dicts; those inside groups and zones as those of the section."""
     found = set()
     for name, value in job.items():
-        if name in SECTIONS or name in LISTS:
+        if name in SECTIONS or name in LIST_KEYS:
             entries = value if isinstance(value, list) else [value]
             found |= set().union(
                 *(keys_of(entry, f"{name}.") for entry in entries if isinstance(entry, dict))
@@ -137,7 +137,7 @@ def test_every_key_of_a_job_is_drawn():
         found.update(keys_of(drawn.job))
 
     collect()
-    named = (SECTIONS | LISTS).items()
+    named = (SECTIONS | LIST_KEYS).items()
     every = {f"{name}.{key.name}".removeprefix(".") for name, keys in named for key in keys}
     of_generators = {"generator", *(key.name for key in SECTIONS["net"][5:])}
     undrawn = {key for key in every if key.partition(".")[0] in SECTIONS_OF_THEIR_OWN} | KEYS_OF_THEIR_OWN

@@ -14,7 +14,7 @@ from loaded_nets import FEATURES, LoadedNet, case_load, loaded_net
 from netfall.geometry.net import GRAVITY
 from netfall.parallel.mpi import MPI
 from netfall.results.warning_text import force_balance_warnings
-from netfall.statics.reactions import Parts, summed
+from netfall.statics.reactions import BalanceTerms, sum_balance
 
 # of the sum of absolute reactions: reactions and residuals against loads; rounding is below 1e-12
 EXACT = 1e-9
@@ -211,8 +211,8 @@ def test_a_run_finds_reactions_that_do_not_balance_the_loads(left, right, betwee
         np.outer(rows, -UP) for rows in ([0, 10, 0], [left, 0, right], [0, between, 0])
     )
     moves, N = np.array([False, True, False]), np.array([7.0, 7.0])
-    parts = Parts(ROW, load, reaction, residual, moves, N, np.array([hold]))
-    found = summed(MPI.COMM_SELF, parts, 5e-4, 1e-6)
+    parts = BalanceTerms(ROW, load, reaction, residual, moves, N, np.array([hold]))
+    found = sum_balance(MPI.COMM_SELF, parts, 5e-4, 1e-6)
     assert found.unexplained == pytest.approx(expected, rel=1e-4, abs=1e-12)
     assert found.error == pytest.approx(abs(10.0 - left - right) / max(left + right, 7.0), abs=1e-15)
     assert found.residual_sum == pytest.approx([0.0, 0.0, -between])

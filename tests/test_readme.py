@@ -10,11 +10,11 @@ from conftest import BIN, ROOT, run_on_standing_ranks, run_process
 
 import netfall
 from netfall.cli.parser import parser
-from netfall.geometry.sections import OF_TYPE
+from netfall.geometry.sections import TYPE_COLUMNS
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.schema import SECTIONS
-from netfall.post.checks.reactions import pull_at
+from netfall.post.checks.reactions import sum_end_forces
 
 PAGES = sorted(
     page
@@ -96,7 +96,7 @@ def test_a_part_without_a_place_is_an_error(tmp_path):
 def test_every_key_stands_in_the_page_of_keys():
     """jobs/KEYS.md has each key of each section, with its unit, range and meaning."""
     text = pages.KEYS.read_text()
-    for name, keys in (SECTIONS | LISTS).items():
+    for name, keys in (SECTIONS | LIST_KEYS).items():
         part = text.split(f"<!-- keys of {name or 'the job'}:")[1].split("<!-- end -->")[0]
         rows = {row.split("`")[1]: row for row in part.splitlines() if row.startswith("| `")}
         for key in keys:
@@ -117,7 +117,7 @@ def test_columns_of_tables_are_those_that_are_read():
     page = ROOT / "jobs" / "TABLES.md"
     assert columns(page, "## Nodes") == set(NODE_COLUMNS)
     assert columns(page, "## Elements") == set(ELEMENT_COLUMNS)
-    assert columns(page, "## Catalogue") == {"name", *OF_TYPE}
+    assert columns(page, "## Catalogue") == {"name", *TYPE_COLUMNS}
 
 
 def test_versions_agree():
@@ -234,7 +234,7 @@ def check_the_office_of_the_dome(result, report):
         inwards = 2.0 * N[group == "hoop3"].max() * np.sin(np.pi / 24)
         assert inwards == pytest.approx(1548e3, rel=5e-4)
         p = ends[group == "hoop3"][0, 0]
-        pull = pull_at(x, ends[group == "diagonal4"], N[group == "diagonal4"])[p]
+        pull = sum_end_forces(x, ends[group == "diagonal4"], N[group == "diagonal4"])[p]
         assert pull[:2] @ x[p, :2] / np.hypot(*x[p, :2]) == pytest.approx(1534e3, rel=5e-4)
         for name, kN in (("cold", 1665.0), ("ULS 2", 7793.0)):
             assert f[f"cases/{name}/reaction"][:, 2].sum() == pytest.approx(-1e3 * kN, rel=5e-4)

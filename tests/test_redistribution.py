@@ -10,13 +10,13 @@ from mpi4py import MPI
 from test_removal import BREAKING, LOSSES
 
 from netfall.geometry.net import GRAVITY
-from netfall.job.cache import Memory
+from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.loads.redistribution import redistribute
 from netfall.physics.fields import Features
-from netfall.physics.removal import Carried, join, leave
+from netfall.physics.removal import CarriedLoad, remove_particles, transfer_carried
 from netfall.physics.state import State
-from netfall.run.sample import run_member
+from netfall.run.sample import run_sample
 from netfall.run.varying_loads import FadingLoad
 
 
@@ -119,9 +119,11 @@ def test_what_joins_a_particle_brings_its_momentum():
     state.load[:, 2], state.wind[:, 2] = [-10.0, -20.0, -40.0], [0.1, 0.2, 0.8]
     kinetic = lambda: float((0.5 * state.mass * (state.v**2).sum(1)).sum())
     before, source, share = kinetic(), np.array([0, 0]), np.array([0.5, 0.5])
-    given = Carried(*(getattr(state, name)[2:].copy() for name in ("mass", "v", "load", "wind")), *[None] * 3)
-    join(state, np.array([0, 1]), source, share, given)
-    leave(state, np.array([2]))
+    given = CarriedLoad(
+        *(getattr(state, name)[2:].copy() for name in ("mass", "v", "load", "wind")), *[None] * 3
+    )
+    transfer_carried(state, np.array([0, 1]), source, share, given)
+    remove_particles(state, np.array([2]))
     assert state.mass.tolist() == [3.0, 3.0, 0.0]
     assert state.v[:, 0] == pytest.approx([-1 / 3, -4 / 3, 0.0])
     assert state.v[:, 1] == pytest.approx([10 / 3, 0.0, 0.0])  # the second one is held along y
@@ -359,7 +361,7 @@ def test_answers_do_not_depend_on_the_refinement(workshop):
                 )
             )
         if parts < 8:
-            outcome = run_member(MPI.COMM_WORLD, lambda job=job: read_job(job), None, Memory())
+            outcome = run_sample(MPI.COMM_WORLD, lambda job=job: read_job(job), None, ResultCache())
             lost.append((outcome["state"], outcome["roof_lost"]))
     assert lost == [("finished", 0.0)] * 3
     for values in list(zip(*found))[:3]:

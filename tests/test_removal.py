@@ -21,9 +21,9 @@ from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout
 from netfall.post.report.report import Inputs, write_report
-from netfall.results.removal_text import loss_lines, telling_factor
+from netfall.results.removal_text import removal_lines, significant_dynamic_factors
 from netfall.run.equilibrium import settle
-from netfall.run.removed_equilibria import words_of
+from netfall.run.removed_equilibria import removed_names
 
 EA, L0, MASS, WEIGHT = 1.6e7, 10.0, 1000.0, 1e4  # N, m, kg, N
 
@@ -273,7 +273,7 @@ def each_loss_breaks_something_at_rest_too(torn):
         at_rest = g["tension_after"][k]
         assert len(breaking) and at_rest[breaking] == pytest.approx(yield_force, rel=1e-9)  # rounding
         assert at_rest.max() <= yield_force * (1 + 1e-9)
-    (line, *_) = loss_lines(g, torn["events"], torn["net/element_id"][:])
+    (line, *_) = removal_lines(g, torn["events"], torn["net/element_id"][:])
     ids = torn["net/element_id"][:][g["breaking_element"][:][g["breaking_entry"][:] == 0]]
     assert f"something breaks there: {counted('element', ids)}; " in line
 
@@ -490,12 +490,12 @@ def test_the_parts_of_an_element_are_named_once():
         "tension_highest": rows([2.0, 2.0, np.nan, np.nan]),
         "dynamic_factor": rows([1.8, 1.9, np.nan, np.nan]),
     } | RESTED
-    (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, of_two)
+    (line,) = removal_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, of_two)
     assert line.startswith("loss 1, t = 0.1 s: element 9; ") and "factors 1.9 (element 7), where" in line
     assert "before 2 (element 7: 0.001 -> 0.002 kN); largest dynamic" in line
     entry = SimpleNamespace(elements=(7, 7, 7), cables=None, group=None)
     job, loss = SimpleNamespace(removes=[entry]), SimpleNamespace(entries=(0,))
-    assert words_of(job, loss) == "element 7"
+    assert removed_names(job, loss) == "element 7"
 
 
 @pytest.mark.parametrize("later, told", [(1.99, False), (1.5, True)])
@@ -512,7 +512,7 @@ def test_a_loss_in_the_motion_after_another_is_told(later, told):
     } | RESTED
     removal["state"] = np.array(["equilibrium", "equilibrium"])
     none = {"time": np.zeros(0), "element": np.zeros(0, int)}
-    second, first = loss_lines(removal, none, np.array([7, 8, 9]))
+    second, first = removal_lines(removal, none, np.array([7, 8, 9]))
     assert ("the roof still moved from loss 2, with tensions up to 0.0005 kN off" in second) == told
     assert "still moved" not in first
 
@@ -561,7 +561,9 @@ def test_a_rise_is_told_where_the_factor_is_near_one():
         "tension_after": rows(2247.4, 0.0, 5.0, 445.0),
         "dynamic_factor": np.array([[1.09, np.nan, np.nan, 78.0]]),
     } | RESTED
-    (line,) = loss_lines(removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, np.array([7, 8, 9, 10]))
+    (line,) = removal_lines(
+        removal, {"time": np.zeros(0), "element": np.zeros(0, int)}, np.array([7, 8, 9, 10])
+    )
     assert line.endswith(
         "; largest tension over tension before 9.78 (element 10: 400 -> 3910 kN), 6.46 (element 7: 374 -> "
         "2416 kN); largest dynamic factors 1.09 (element 7), where the equilibrium changes by more than 10% "
@@ -578,7 +580,7 @@ def test_a_factor_is_told_where_the_equilibrium_changes_by_a_tenth_of_the_larges
             "tension_after": np.array([[1000.0, 400.0 + sign * 1000.0 * change]]),
             "dynamic_factor": np.array([[np.nan, 2.5]]),
         }
-        assert np.isfinite(telling_factor(removal, 0)[1]) == told
+        assert np.isfinite(significant_dynamic_factors(removal, 0)[1]) == told
 
 
 def report_tells_of_losses(workshop):

@@ -14,7 +14,7 @@ import netfall
 from netfall.core.errors import InputError
 from netfall.post.checks.cables import Cutting, cutting_columns
 from netfall.post.checks.codes import read_codes
-from netfall.post.checks.shop import Piece, chain_of
+from netfall.post.checks.shop import Piece, order_elements
 from netfall.post.plots import utilisation
 from netfall.post.report.report import Inputs, write_report
 
@@ -328,9 +328,9 @@ def test_the_shop_list_is_that_by_hand(loaded, tmp_path):
 def test_clamps_are_marked_along_a_cable_from_either_end():
     """A piece of three segments and its mirror image are made alike; a ring has no ends."""
     ends = np.array([[4, 3], [1, 2], [2, 3], [7, 8], [8, 9], [9, 7]])
-    chain = chain_of(ends, np.array([0, 1, 2]))
+    chain = order_elements(ends, np.array([0, 1, 2]))
     assert chain.elements.tolist() == [0, 2, 1] and chain.in_order and not chain.closed
-    ring = chain_of(ends, np.array([3, 4, 5]))
+    ring = order_elements(ends, np.array([3, 4, 5]))
     assert ring.elements.tolist() in ([3, 4, 5], [3, 5, 4]) and ring.closed
     piece = lambda marks: Piece(0, "", "", chain, 6.0, 6.0, 6.0, np.array(marks), 0.0, 1.0)
     assert piece([1.0, 3.0]).alike(piece([3.0, 5.0])) and not piece([1.0, 3.0]).alike(piece([1.0, 4.0]))

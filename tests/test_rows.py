@@ -12,7 +12,7 @@ from test_restart import SLOW
 
 from netfall.core.errors import DivergedError
 from netfall.explicit import rows
-from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, rounded
+from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, round_limbs
 from netfall.run import dynamics
 
 
@@ -27,8 +27,8 @@ def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
     limbs = np.zeros((2, LIMBS), np.int64)
     add_exactly(values, ALL, limbs[0])
     add_exactly(values, there, limbs[1])
-    assert rounded(limbs[0]) == math.fsum(values)
-    assert rounded(limbs[1]) == math.fsum(values[there == 1])
+    assert round_limbs(limbs[0]) == math.fsum(values)
+    assert round_limbs(limbs[1]) == math.fsum(values[there == 1])
 
 
 def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch):
@@ -58,7 +58,9 @@ def let_go(workshop, **output) -> Path:
     """The job of a weight on a cable, let go 1 mm above its rest, with rows at 0 and at 0.9 of a period."""
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-10 - 10e-3 + 1e-3!r},0,1000,-10000\n"
     text = "[cable]\naxial_stiffness = 1e7\nmass_per_length = 1e-3\n"
-    text += f"[dynamics]\nduration = {0.9 * PERIOD!r}\ntime_step = {PERIOD / (4 * dynamics.WIDEN_STEPS)!r}\n"
+    text += (
+        f"[dynamics]\nduration = {0.9 * PERIOD!r}\ntime_step = {PERIOD / (4 * dynamics.ENVELOPE_STEPS)!r}\n"
+    )
     text += f"[output]\nhistory = {PERIOD!r}\nframes = 1\n"
     text += "".join(f"{key} = {value!r}\n" for key, value in output.items())
     return workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")

@@ -9,11 +9,11 @@ import pytest
 from conftest import ROOT, run_on_standing_ranks
 from scipy.optimize import brentq
 
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.schema import OVERRIDES, SECTIONS
 
 FILES = sorted((ROOT / "jobs").rglob("*.toml"))
-KEYS = [f"{name}.{key.name}" for name, keys in (SECTIONS | LISTS).items() for key in keys if name]
+KEYS = [f"{name}.{key.name}" for name, keys in (SECTIONS | LIST_KEYS).items() for key in keys if name]
 GIVES_UP = "where a run gives up; one that comes to its end never gets there"
 NOT_SHOWN = {
     "form_finding.max_iterations": GIVES_UP,

@@ -6,7 +6,7 @@ from conftest import run_on_standing_ranks
 from nets import table
 from scipy.optimize import brentq
 
-from netfall.post.checks.slides import slide_columns
+from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots.utilisation import slips
 from netfall.post.report.page import _slides
 from netfall.run import statics
@@ -85,14 +85,14 @@ def test_clamps_take_the_tension_one_after_the_other(both_ways):
 def test_how_far_saddles_and_clamps_are_used(workshop):
     """As above: clamps at 1 but the last, 100 of 300 N; a saddle that slips, its friction over 1.65."""
     f = workshop.solve(*half_circle(5, "resistance = 300.0\n"))
-    used = slide_columns(f)
+    used = slip_point_columns(f)
     passed, of_clamps = (panel.lines[5].get_ydata() for panel in slips(f).axes)  # of the last load step
     last = used["stage"] == "statics, load factor 1"
     assert used["node"][last].tolist() == [1, 2, 3, 4, 5]
     assert used["utilisation"][last] == pytest.approx([0.0, 1.0 / 3.0, 1.0, 1.0, 1.0], abs=1e-4)
     assert passed == pytest.approx(1e3 * f["statics/slip"][-1])
     assert of_clamps[-1] == pytest.approx(1.0, abs=1e-4)
-    used = slide_columns(workshop.solve(*half_circle(1, f"friction = {MU}\n")))
+    used = slip_point_columns(workshop.solve(*half_circle(1, f"friction = {MU}\n")))
     turn = MU * np.pi / 2.0
     assert used["utilisation"][-1] == pytest.approx(np.expm1(turn) / np.expm1(turn / 1.65), rel=1e-4)
     assert used["slip"][-1] > 0.0 and used["tension_after"][-1] == pytest.approx(1000.0, rel=1e-6)

@@ -10,10 +10,10 @@ import pytest
 from conftest import BIN, ENVIRONMENT, STEEL, refused, run_netfall, run_on_standing_ranks, wait_for
 from results import rows_of
 
-from netfall.core.errors import BUSY
+from netfall.core.errors import OUTPUT_IN_USE
 from netfall.job.read import read_job
-from netfall.post.accuracy.outcome import Outcome, Outcomes, outcome_of
-from netfall.results.locks import claim, release
+from netfall.post.accuracy.outcome import AccuracyOutcome, OutcomeJournal, read_outcome
+from netfall.results.locks import lock_output, release
 from netfall.study.journal import read_journal
 
 LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
@@ -181,9 +181,9 @@ def test_what_failed_is_tried_again(workshop):
 def test_a_second_study_of_the_same_table_is_refused_at_once(workshop):
     """Two would write one file."""
     _, arguments = with_tables(workshop)
-    claimed = claim(workshop.folder / "job_trade.h5")
+    claimed = lock_output(workshop.folder / "job_trade.h5")
     try:
-        assert BUSY in refused(*arguments, cwd=workshop.folder)
+        assert OUTPUT_IN_USE in refused(*arguments, cwd=workshop.folder)
     finally:
         release(claimed)
 
@@ -194,19 +194,19 @@ def test_an_outcome_lasts_if_another_try_would_give_it_again(tmp_path):
     """
     path, header = tmp_path / "x.journal", {"program": "a"}
     told = {code: {"state": "failed", "exit_code": code, "reason": "why"} for code in (1, 2, 3)}
-    ended = [outcome_of(told[code], None, None) for code in (1, 2, 3)]
+    ended = [read_outcome(told[code], None, None) for code in (1, 2, 3)]
     assert [outcome.state for outcome in ended] == ["failed", "refused", "diverged"]
-    outcomes = Outcomes(path, header)
+    outcomes = OutcomeJournal(path, header)
     for key, outcome in zip("abc", ended):
         outcomes.add(key, outcome)
         assert outcomes.best(key, 3) == outcome
     for seconds in (2.0, 1.0, 3.0):
         assert outcomes.best("d", 3) is None
-        outcomes.add("d", Outcome("finished", seconds=seconds))
-    again = Outcomes(path, header)
+        outcomes.add("d", AccuracyOutcome("finished", seconds=seconds))
+    again = OutcomeJournal(path, header)
     assert sorted(again.there) == ["b", "c", "d"] and again.best("a", 1) is None
     assert again.best("d", 3).seconds == 1.0 and again.best("d", 4) is None
-    assert Outcomes(path, {"program": "b"}).there == {} and read_journal(path)[0] == [{"program": "b"}]
+    assert OutcomeJournal(path, {"program": "b"}).there == {} and read_journal(path)[0] == [{"program": "b"}]
 
 
 @pytest.mark.parametrize("signal_, code", [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGTERM, 4)])

@@ -20,20 +20,20 @@ from mpi4py import MPI
 
 from netfall.core import machine_memory
 from netfall.core.errors import InputError
-from netfall.core.stop import NEVER
+from netfall.core.stop import NEVER_STOP
 from netfall.geometry.net import Net
-from netfall.job.cache import Memory
+from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.plots.study.study import plot_study
 from netfall.results.outcomes import NOTHING
-from netfall.run.sample import roof_lost, run_member
-from netfall.study.answers.info import _audit, print_study
+from netfall.run.sample import roof_lost, run_sample
+from netfall.study.answers.info import _print_energy_check, print_study
 from netfall.study.draws import draw
-from netfall.study.file import read_plan
-from netfall.study.files import Watch, place_of
+from netfall.study.file import read_study_plan
+from netfall.study.files import Watch, study_files
 from netfall.study.journal import Journal, read_journal
-from netfall.study.pool import Pool
-from netfall.study.runs import Runs
+from netfall.study.pool import WorkerPool
+from netfall.study.runs import StudyRuns
 from netfall.study.table import Table
 
 JOB = """
@@ -128,11 +128,11 @@ def test_members_are_the_runs_of_the_job(whole, tmp_path):
 
 def test_what_a_worker_remembers_has_the_bits_of_what_it_finds(tmp_path):
     """Load steps, cases and the rest of a second run, reactions included."""
-    job, memory = tmp_path / "roof.toml", Memory(4)
+    job, memory = tmp_path / "roof.toml", ResultCache(4)
     job.write_text(JOB + '[[case]]\nname = "snow"\nset = {"load.snow" = 100.0}\n')
     paths = tmp_path / "first.vtkhdf", tmp_path / "second.vtkhdf"
     for path in paths:
-        run_member(MPI.COMM_WORLD, lambda: read_job(job), path, memory)
+        run_sample(MPI.COMM_WORLD, lambda: read_job(job), path, memory)
     with h5py.File(paths[0]) as first, h5py.File(paths[1]) as second:
         assert np.abs(second["cases/snow/reaction"][:]).max() > 1e4
         assert assert_same_results(first, second) > 50
@@ -276,7 +276,7 @@ def test_parts_are_those_of_the_name_whatever_stands_in_it(tmp_path):
     stem = "roof [1] *"
     for name in (f"{stem}.2-of-3.study.h5", f"{stem}.1-of-3.study.journal", f"{stem}.v2.1-of-3.study.h5"):
         (tmp_path / name).touch()
-    place = place_of(Path("roof.toml"), tmp_path / f"{stem}.study.h5", None)
+    place = study_files(Path("roof.toml"), tmp_path / f"{stem}.study.h5", None)
     assert [part.part for part in place.parts()] == [".1-of-3", ".2-of-3"]
 
 
@@ -317,7 +317,7 @@ def test_no_file_of_an_earlier_study_is_taken_for_one_that_was_kept(tmp_path, ke
         new.write_text("new")
     name = lambda number, token="": new if token else kept
     runs = SimpleNamespace(plan=SimpleNamespace(keep=keep), token="new", _kept=name)
-    Runs._keep(runs, 7, {"broken": broken})
+    StudyRuns._keep(runs, 7, {"broken": broken})
     assert not new.exists() and (kept.read_text() if kept.exists() else None) == stays
 
 
@@ -361,9 +361,9 @@ def test_what_a_stage_took_out_is_no_loss_of_a_study(tmp_path, more, lost):
     path = write(tmp_path, f'job = "job.toml"\n[vary]\nremove = {{each = "element", time = 0.0{more}}}\n')
     if isinstance(lost, str):
         with pytest.raises(InputError, match=re.escape(lost)):
-            read_plan(path)
+            read_study_plan(path)
     else:
-        (axis,) = read_plan(path).axes
+        (axis,) = read_study_plan(path).axes
         assert axis.values == lost
 
 
@@ -425,12 +425,12 @@ def test_the_balance_of_a_member_is_the_worst_of_its_history(tmp_path, capsys):
     with h5py.File(tmp_path / "job.vtkhdf") as f:
         error = np.abs(f["history/balance_error"][:])
     assert error.max() > 0.01 > error[-1]
-    told = run_member(MPI.COMM_WORLD, lambda: read_job(job), None, Memory())
+    told = run_sample(MPI.COMM_WORLD, lambda: read_job(job), None, ResultCache())
     assert told["balance_error"] == error.max()
     for name in ("balance_error", "balance_error_attached"):  # either is enough
         members = dict.fromkeys(("balance_error", "balance_error_attached"), np.full(2, 1e-4))
         members |= {name: np.array([1e-4, told["balance_error"]])}
-        _audit(SimpleNamespace(members=members), print)
+        _print_energy_check(SimpleNamespace(members=members), print)
         lines = capsys.readouterr().out
         assert "worst in row 1" in lines and "energy balance of 1 members is off by more than 0.1%" in lines
 
@@ -483,7 +483,7 @@ def test_workers_that_die_or_take_too_long_are_replaced():
     )
 
     note = lambda *told: died.append(told)
-    Pool([sys.executable, "-c", FAKE, "0"], 2, 3.0, take, done.__setitem__, note).run(NEVER)
+    WorkerPool([sys.executable, "-c", FAKE, "0"], 2, 3.0, take, done.__setitem__, note).run(NEVER_STOP)
     assert sorted(done) == [0, 3, 4]
     assert (2, "took longer than time_limit = 3 s", False) in died
     why = "its worker ended with exit code 1: netfall: rank 0: no memory"
@@ -500,20 +500,20 @@ def test_many_workers_need_no_more_open_files_than_there_may_be(monkeypatch):
     take = lambda _: tasks.pop() if tasks else None
     resource.setrlimit(resource.RLIMIT_NOFILE, (256, before[1]))
     try:
-        Pool(STAND_IN, 150, 60.0, take, lambda number, _: done.append(number), None).run(NEVER)
+        WorkerPool(STAND_IN, 150, 60.0, take, lambda number, _: done.append(number), None).run(NEVER_STOP)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
     assert sorted(done) == list(range(150))
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 1024))
     with pytest.raises(InputError, match=r"600 workers .* the limit is 1024 .* --workers of 320 at most"):
-        Pool(STAND_IN, 600, 60.0, take, None, None).run(NEVER)
+        WorkerPool(STAND_IN, 600, 60.0, take, None, None).run(NEVER_STOP)
 
 
 def test_workers_that_memory_does_not_take_are_told_beforehand(monkeypatch):
     monkeypatch.setattr(machine_memory, "memory_left", lambda: 1e9)
-    assert machine_memory.memory_line(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
-    assert "note: that is enough for 2; expected --workers 2" in machine_memory.memory_line(3, 2, 0)
-    assert "enough for 1" in machine_memory.memory_line(2, 1, 1_000_000)
+    assert machine_memory.memory_message(4, 1, 0) == "memory: at most 1 GB for 4 workers, 1 GB are free"
+    assert "note: that is enough for 2; expected --workers 2" in machine_memory.memory_message(3, 2, 0)
+    assert "enough for 1" in machine_memory.memory_message(2, 1, 1_000_000)
     monkeypatch.undo()
     assert 1e7 < machine_memory.memory_left() < 1e14
 
@@ -522,9 +522,9 @@ def test_the_start_of_a_worker_is_no_part_of_a_run():
     """A time limit is of the run."""
     tasks, done = [("a", 0, {"what": "go"})], []
     take = lambda _: tasks.pop() if tasks else None
-    Pool([sys.executable, "-c", FAKE, "3.0"], 1, 2.0, take, lambda number, _: done.append(number), None).run(
-        NEVER
-    )
+    WorkerPool(
+        [sys.executable, "-c", FAKE, "3.0"], 1, 2.0, take, lambda number, _: done.append(number), None
+    ).run(NEVER_STOP)
     assert done == [0]
 
 
@@ -562,7 +562,7 @@ def test_workers_that_do_not_start_end_the_study():
     """And make no row of any run."""
     command, tasks = [sys.executable, "-c", "raise SystemExit('no slots')"], [("a", 0, {})] * 9
     with pytest.raises(InputError, match="does not start: its worker ended with exit code 1: no slots"):
-        Pool(command, 1, 60.0, lambda _: tasks.pop(), None, lambda *_: None).run(NEVER)
+        WorkerPool(command, 1, 60.0, lambda _: tasks.pop(), None, lambda *_: None).run(NEVER_STOP)
 
 
 # --- draws, the roof that is lost
@@ -677,7 +677,7 @@ WRONG = [
 @pytest.mark.parametrize(("text", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
 def test_a_wrong_study_file_is_refused_in_one_line(tmp_path, text, line):
     with pytest.raises(InputError) as error:
-        read_plan(write(tmp_path, OF_STUDY + text))
+        read_study_plan(write(tmp_path, OF_STUDY + text))
     told = line.format(job=ROOT / "jobs" / "saddle.toml")
     assert any(told in each and "toml" in each for each in error.value.lines), error.value.lines
 
@@ -687,7 +687,7 @@ def test_a_job_is_no_study_and_a_study_no_job(tmp_path):
     with pytest.raises(InputError, match=r"storm.toml: is a study file; netfall study .*storm.toml runs it"):
         read_job(study)
     with pytest.raises(InputError, match=r"roof.toml: is a job file; netfall run"):
-        read_plan(tmp_path / "roof.toml")
+        read_study_plan(tmp_path / "roof.toml")
 
 
 def test_the_order_of_the_members(tmp_path):
@@ -695,7 +695,7 @@ def test_the_order_of_the_members(tmp_path):
     text = OF_STUDY + '[vary]\n"wind.seed" = [3, 1]\nwind.speed = [20.0, 30.0]\n'
     text += '[sample]\ncount = 2\nmethod = "random"\n'
     text += '"cable.prestress" = {distribution = "uniform", from = 1e5, to = 2e5}\n'
-    plan = read_plan(write(tmp_path, text))
+    plan = read_study_plan(write(tmp_path, text))
     found = [plan.member(k).values for k in range(len(plan))]
     first, second = plan.draws[:, 0].tolist()
     assert [(m["wind.seed"], m["wind.speed"], m["cable.prestress"]) for m in found] == [

@@ -7,7 +7,7 @@ import pytest
 from conftest import STEEL, run_netfall, run_on_standing_ranks
 
 from netfall.core.errors import InputError
-from netfall.geometry.areas import roof_of, tributary_areas
+from netfall.geometry.areas import find_roof, tributary_areas
 from netfall.geometry.build import build_net
 from netfall.geometry.connected_parts import close_pairs
 from netfall.job.read import read_job
@@ -112,14 +112,14 @@ def test_faces_of_a_table_are_those_that_carry(workshop):
     """A triangle of 9 m2 and a square of 18 m2 with a corner that is no node; the spokes close no ring."""
     job = roofed(workshop, GIVEN)
     net = build_net(job)
-    faces = roof_of(job, net).faces
+    faces = find_roof(job, net).faces
     assert faces.corner.tolist() == [0, 1, 4, 1, 5, 2, 4] and net.corners.tolist() == [[9.0, 3.0, 0.0]]
     plan = tributary_areas(net.x, net, faces)[1]
     assert plan[0] == pytest.approx(3.0, rel=1e-12)  # a third of the triangle
     assert plan.sum() == pytest.approx(27.0 - 18.0 * share_of_the_corner(), rel=1e-12)
     job = roofed(workshop, GIVEN, subdivide=2)  # nodes within the sides are corners too
     net = build_net(job)
-    assert len(roof_of(job, net).faces.corner) == 7 + 4
+    assert len(find_roof(job, net).faces.corner) == 7 + 4
 
 
 def test_upright_faces_are_one_error(workshop):
@@ -127,7 +127,7 @@ def test_upright_faces_are_one_error(workshop):
     upright = "face,node,x,y,z\n0,1,,,\n0,2,,,\n0,,3,0,2\n1,2,,,\n1,3,,,\n1,,6,3,2\n"
     with pytest.raises(InputError) as raised:
         job = roofed(workshop, upright)
-        roof_of(job, build_net(job))
+        find_roof(job, build_net(job))
     assert len(raised.value.lines) == 1
     assert raised.value.lines[0].endswith(
         "2 upright faces, the first is face = 0: 0 m2 in plan, 6 m2 of surface; faces of the roof have an "
@@ -156,7 +156,7 @@ def test_faces_that_are_none_are_named(workshop):
     """Unknown nodes, too few corners, the wrong way round, rows apart, other keys: a line for each."""
     with pytest.raises(InputError, match="line 3: node = 7: no such node"):  # 7: in the middle of 2-5
         job = roofed(workshop, GIVEN.replace("0,2,,,", "0,7,,,"), subdivide=2)
-        roof_of(job, build_net(job))
+        find_roof(job, build_net(job))
     for old, new, words in (
         ("0,2,,,", "0,7,,,", "line 3: node = 7: no such node"),
         ("0,2,,,", "0,,,,", "line 3: node is empty; expected an id, or x, y, z"),
@@ -166,10 +166,10 @@ def test_faces_that_are_none_are_named(workshop):
     ):
         job = roofed(workshop, GIVEN.replace(old, new))
         with pytest.raises(InputError, match=re.escape(words)):
-            roof_of(job, build_net(job))
+            find_roof(job, build_net(job))
     job = roofed(workshop, GIVEN, "openings = [[1.0, 1.0]]\n")
     with pytest.raises(InputError, match="faces and openings exclude each other"):
-        roof_of(job, build_net(job))
+        find_roof(job, build_net(job))
 
 
 def test_a_line_after_comments_is_named_by_its_number(workshop):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from netfall.core.errors import InputError
-from netfall.loads.wind.measured import place_weights, read_taps
+from netfall.loads.wind.measured import point_weights, read_taps
 
 TAPS = "name,x,y\nA,0,0\nB,10,0\nC,0,10\n"
 TIME = np.arange(-2, 200) * 0.05
@@ -42,7 +42,7 @@ def test_a_node_takes_what_is_near(files):
     """At a tap its own value, between three at one distance their mean, far outside nearly the mean."""
     history = read_taps(files / "taps.csv", files / "cp.csv", 9.0)
     x = np.array([[10.0, 0, 3], [5.0, 5, 7], [-3e5, -3e5, 0]])
-    corner, weight = place_weights(x, history.places)
+    corner, weight = point_weights(x, history.places)
     value = np.array([1.0, -2.0, 0.5])
     assert np.allclose((weight * value[corner]).sum(1), [-2, -0.5 / 3, -0.5 / 3], atol=1e-3)
 

@@ -10,7 +10,7 @@ from test_validation_opensees import tensions_in_opensees
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.core.rotation import from_own
+from netfall.core.rotation import from_rotated_axes
 from netfall.exchange.export import Wanted, export
 from netfall.geometry.build import build_net
 from netfall.job.csv_table import write_table
@@ -53,7 +53,7 @@ def wheel(folder, angle: float, more: str = "", tighter: float = 1.0, guides: bo
         spring[:, :2], fixed[:, :2] = np.where(held, 1e9, spring[:, :2]), 0
     load = np.random.default_rng(1).normal(0.0, 2e3, (net.n, 3))
     turned = np.full(net.n, angle)
-    x, load = from_own(net.x, turned), from_own(load, turned)
+    x, load = from_rotated_axes(net.x, turned), from_rotated_axes(load, turned)
     columns = {"id": net.node_id} | {k: x[:, i] for i, k in enumerate("xyz")}
     for name, rows in (("fixed", fixed), ("spring", spring), ("load", load)):
         columns |= {f"{name}_{k}": rows[:, i] for i, k in enumerate("xyz")}
@@ -87,7 +87,7 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
 
 def turned_rows(rows: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) turned by ANGLE."""
-    return from_own(rows, np.full(len(rows), ANGLE))
+    return from_rotated_axes(rows, np.full(len(rows), ANGLE))
 
 
 @pytest.mark.parametrize("place", ["statics", "cases/snow", "cases/all"])

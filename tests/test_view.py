@@ -21,9 +21,9 @@ from netfall.core.errors import InputError
 from netfall.core.extras import naming_extras
 from netfall.post.page import page, states
 from netfall.post.page.describe import FARTHEST
-from netfall.post.page.numbers import LARGEST, NONE, Numbers
-from netfall.post.page.states import drawn_part, states_shown
-from netfall.post.page.study import chosen, member_page, net_page
+from netfall.post.page.numbers import LARGEST, NONE, ArrayBlock
+from netfall.post.page.states import select_drawn, shown_series
+from netfall.post.page.study import choose_sample, net_page, sample_page
 from netfall.results.frames import Frames
 from netfall.results.states import start_position
 from netfall.study.answers.read import read_study
@@ -72,8 +72,8 @@ def test_numbers_of_states_are_within_half_a_unit():
     """Whole shares of the largest; nan and what is far away have no value; what is not zero stays so."""
     values = np.random.default_rng(1).normal(size=(5, 40))
     values[2, 3], values[3, 4], values[4, 5], values[1, 6] = np.nan, 50.0, 1e-9, 0.0
-    numbers = Numbers()
-    place = numbers.add_in_time(values, 4.0, nonzero=True)
+    numbers = ArrayBlock()
+    place = numbers.add_series(values, 4.0, nonzero=True)
     whole = np.cumsum(np.frombuffer(numbers.parts[0], "<i2")[: values.size].reshape(5, 40), 0, dtype=np.int16)
     assert whole[2, 3] == NONE and whole[3, 4] == NONE and whole[4, 5] == 1 and whole[1, 6] == 0
     known = (whole != NONE) & (np.abs(values) > 1e-6)
@@ -84,8 +84,8 @@ def test_numbers_of_states_are_within_half_a_unit():
 def test_what_is_drawn_is_where_the_result_has_it(broken):
     """The ends of each element in each frame, those that split off included; what is broken has no force."""
     with h5py.File(broken) as f:
-        drawn = drawn_part(f)
-        (motion, *rest), left_out = states_shown(f, drawn)
+        drawn = select_drawn(f)
+        (motion, *rest), left_out = shown_series(f, drawn)
         frames = Frames(f)
         assert len(drawn.loose) > 5 and left_out == [] and [each.name for each in rest] == ["form"]
         for k in range(len(frames.times)):
@@ -103,8 +103,8 @@ def test_a_large_result_is_thinned_and_says_so(broken, monkeypatch):
     monkeypatch.setattr(states, "MOST_ELEMENTS", 14)
     monkeypatch.setattr(states, "MOST_VALUES", 14 * 10)
     with h5py.File(broken) as f:
-        drawn = drawn_part(f)
-        (motion, *_), left_out = states_shown(f, drawn)
+        drawn = select_drawn(f)
+        (motion, *_), left_out = shown_series(f, drawn)
         assert drawn.every == 2 and len(drawn.rows) == 16
         cables = f["net/cable"][:]
         assert all(np.isin(np.flatnonzero(cables == name), drawn.rows).all() for name in cables[drawn.rows])
@@ -282,9 +282,9 @@ def test_the_page_of_a_study_shows_a_member_that_was_kept(broken, tmp_path):
     for k in (1, 2):
         shutil.copy(broken, tmp_path / "s.members" / f"{k:06d}.vtkhdf")
     told = read_study(tmp_path / "s.study.h5")
-    made = member_page(told, tmp_path / "s.members", chosen(told, tmp_path / "s.members", None))
+    made = sample_page(told, tmp_path / "s.members", choose_sample(told, tmp_path / "s.members", None))
     assert made.data["title"] == "a roof, member 2" and len(made.data["states"][0]["time"]) == 26
     assert shares_of(made, "first to break")[7] == 1.0
-    assert chosen(told, tmp_path / "s.members", 1) == 1
+    assert choose_sample(told, tmp_path / "s.members", 1) == 1
     with pytest.raises(InputError, match=r"--member 0: .* is not there"):
-        chosen(told, tmp_path / "s.members", 0)
+        choose_sample(told, tmp_path / "s.members", 0)

@@ -9,7 +9,7 @@ from conftest import STEEL, run_on_standing_ranks
 
 from netfall.core.errors import InputError
 from netfall.job.read import read_job
-from netfall.loads.wind.measured import place_weights
+from netfall.loads.wind.measured import point_weights
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
 
@@ -63,18 +63,18 @@ def test_weights_of_places_sum_to_one_and_fade():
     rng = np.random.default_rng(1)
     places = rng.uniform(-50, 50, (9, 3))
     line = np.column_stack([np.linspace(-60, 60, 20_001), np.full(20_001, 3.0), np.zeros(20_001)])
-    corner, weight = place_weights(line, places)
+    corner, weight = point_weights(line, places)
     assert np.allclose(weight.sum(1), 1) and weight.min() >= 0
     speeds = rng.uniform(10, 40, 9)
     along = (weight * speeds[corner]).sum(1)
     assert len(np.unique(np.sort(corner, axis=1), axis=0)) > 5  # the nearest change
     assert np.abs(np.diff(along)).max() < 0.1  # m/s in 6 mm; the smallest change of a set moves none
-    corner, weight = place_weights(places, places)
+    corner, weight = point_weights(places, places)
     assert (corner[:, 0] == np.arange(9)).all() and np.allclose(weight[:, 0], 1, atol=1e-6)
-    corner, weight = place_weights(line, places[:1])
+    corner, weight = point_weights(line, places[:1])
     assert (weight[:, 0] == 1).all() and (weight[:, 1:] == 0).all()
     square = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.6, 0.8, 0]])  # all at one distance
-    assert np.isfinite(place_weights(np.zeros((1, 3)), square)[1]).all()
+    assert np.isfinite(point_weights(np.zeros((1, 3)), square)[1]).all()
 
 
 @pytest.mark.parametrize(

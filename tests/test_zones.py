@@ -5,10 +5,10 @@ import pytest
 from conftest import STEEL
 
 from netfall.core.errors import InputError
-from netfall.geometry.areas import Roofing, roof_of, tributary_areas
+from netfall.geometry.areas import RoofFaces, find_roof, tributary_areas
 from netfall.geometry.build import build_net
-from netfall.geometry.faces import no_faces
-from netfall.geometry.zones import zones_of
+from netfall.geometry.faces import empty_faces
+from netfall.geometry.zones import make_zones
 from netfall.job.read import read_job
 from netfall.loads.wind.sectors import read_sectors
 from netfall.model.layout import make_layout
@@ -53,8 +53,8 @@ def zones(workshop, text: str, *overrides, column=lambda x, y: ""):
 
 def zones_at(job, net=None):
     """The zones of a job, of a net without faces."""
-    net, none = net or build_net(job), no_faces()
-    return zones_of(job, net, Roofing(none, tributary_areas(net.x, net, none)))
+    net, none = net or build_net(job), empty_faces()
+    return make_zones(job, net, RoofFaces(none, tributary_areas(net.x, net, none)))
 
 
 def places(net, found, name: str) -> set[tuple[float, float]]:
@@ -604,13 +604,13 @@ def test_of_cut_zones_the_last_has_what_they_share(workshop):
     text = cut("a", 0, 0, 2, 5) + cut("b", 1.75, 0, 5, 5)
     _, net, _ = zones(workshop, text)
     job = read_job(workshop.job(STEEL + text, *grid()))
-    found = zones_of(job, net, roof_of(job, net))
+    found = make_zones(job, net, find_roof(job, net))
     row = [node(2, y) for y in range(SIDE)]
     assert found.share[row] == pytest.approx(np.tile([0.25, 0.75, 0.0], (SIDE, 1)), abs=1e-14)
     assert (found.of_node[row] == 1).all() and (found.share[:, :2].sum(1) == 1.0).all()
     text = cut("a", 0, 0, 2, 5) + square("whole", 1.9, 0, 2.1, 2) + cut("b", 1.75, 0, 5, 1)
     job = read_job(workshop.job(STEEL + text, *grid()))
-    found = zones_of(job, net, roof_of(job, net))
+    found = make_zones(job, net, find_roof(job, net))
     shares = np.array([found.share[row, k] for k in (0, 1, 2)]).T
     # at y = 0 and 1: b over the whole; at 1 it ends in the middle of the node; 2 belongs to the zone whole
     expected = [[0, 0.25, 0.75], [0, 0.625, 0.375], [0, 1, 0], [0.5, 0, 0], [0.5, 0, 0], [0.5, 0, 0]]

@@ -21,11 +21,11 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu
 
-from netfall.core.stop import NEVER
-from netfall.core.timings import Phases
+from netfall.core.stop import NEVER_STOP
+from netfall.core.timings import PhaseTimes
 from netfall.job.read import read_job
 from netfall.run.load_sequence import equilibria, loaded
-from netfall.run.setup import prepare
+from netfall.run.setup import prepare_scene
 from netfall.run.statics import StaticPath, find_equilibria
 
 JOB = Path(__file__).with_name("equilibrium.toml")
@@ -131,10 +131,10 @@ def job_of(cells: int):
 def measure(comm: MPI.Comm, cells: int) -> str:
     """A row of the table: elements, seconds, iterations; seconds of the direct solver, error. Collective."""
     job = job_of(cells)
-    scene, _ = prepare(comm, job, Phases())
+    scene, _ = prepare_scene(comm, job, PhaseTimes())
     gather, found, path = scene.distribution.gather_particles, [], StaticPath()
     began = time.perf_counter()
-    find_equilibria(scene, Mock(stop=NEVER), path, seen=found)
+    find_equilibria(scene, Mock(stop=NEVER_STOP), path, seen=found)
     seconds = time.perf_counter() - began
     loads = [gather(loaded(scene, want).load) for want in equilibria(scene)]
     x = [gather(there["x"]) for _, there, _ in found]
@@ -181,9 +181,9 @@ def overload(comm: MPI.Comm, cells: int) -> str:
     pressure, seconds = pressure * cells / 8, []
     for _ in range(2):
         keys = [f"net.cells={cells}", "load.steps=1", f"load.pressure=[0, 0, {pressure}]", *more]
-        scene, _ = prepare(comm, read_job(JOB, keys), Phases())
+        scene, _ = prepare_scene(comm, read_job(JOB, keys), PhaseTimes())
         path, began = StaticPath(), time.perf_counter()
-        find_equilibria(scene, Mock(stop=NEVER), path)
+        find_equilibria(scene, Mock(stop=NEVER_STOP), path)
         seconds.append(time.perf_counter() - began)
         factor = path.steps[-1]["load_factor"]
         pressure *= CARRIED * factor

@@ -16,13 +16,13 @@ import numpy as np
 from mpi4py import MPI
 
 from netfall.explicit.energy import total_energies
-from netfall.explicit.envelope import Envelope
+from netfall.explicit.envelope import DynamicEnvelope
 from netfall.explicit.loop import Interval
-from netfall.explicit.plan import Plan, halo_width
+from netfall.explicit.plan import StepPlan, halo_width
 from netfall.explicit.rows import MOST_ROWS, RowTable
 from netfall.model.probes import Probes
 from netfall.parallel.halo import Halo
-from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.parallel.subdomain import Distribution, split_net
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
@@ -48,7 +48,7 @@ def measure(N: int) -> dict:
     """The figures of a net of N x N particles, with the audit and damping."""
     whole = net.make_net(N)
     n, m = len(whole.x), len(whole.elements)
-    distribution = Distribution(MPI.COMM_SELF, n, m, cut_net(n, whole.elements, np.zeros(n, int), 1))
+    distribution = Distribution(MPI.COMM_SELF, n, m, split_net(n, whole.elements, np.zeros(n, int), 1))
     subdomain = distribution.subdomain
     state = State(Features(energy=True, losses="losses" in sys.argv), n, 0, m)
     state.gid[:], state.ends[:], state.owned[:] = subdomain.particle_gid, subdomain.ends, 1
@@ -57,10 +57,10 @@ def measure(N: int) -> dict:
     state.mass[:], state.load[:, 2], state.half_mass[:] = net.MASS, -net.LOAD, 1.0
     state.L0[:], state.EA[:] = whole.L0, net.EA
     halo = Halo(MPI.COMM_SELF, subdomain, halo_width(state))
-    at, none, envelope = SimpleNamespace(first=1), np.zeros(0, np.int64), Envelope(distribution)
+    at, none, envelope = SimpleNamespace(first=1), np.zeros(0, np.int64), DynamicEnvelope(distribution)
     due = np.arange(1, 10_000_000)
     rows = RowTable(state, due, net.DT, due[-1], subdomain, Probes(none, none, none, none), envelope)
-    plan, observed = Plan(state, halo), Plan(state, halo, rows=rows)
+    plan, observed = StepPlan(state, halo), StepPlan(state, halo, rows=rows)
     steps = min(MOST_ROWS, max(1, 200_000 // m))
 
     def step(plan=plan):

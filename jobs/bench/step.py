@@ -26,15 +26,15 @@ arguments = parser.parse_args()
 import net
 
 from netfall.explicit.loop import Interval
-from netfall.explicit.plan import Plan, halo_width
+from netfall.explicit.plan import StepPlan, halo_width
 from netfall.parallel.halo import Halo
 from netfall.parallel.partition import metis_partition
-from netfall.parallel.subdomain import Distribution, cut_net
+from netfall.parallel.subdomain import Distribution, split_net
 from netfall.physics.bending import Joints, curvatures
 from netfall.physics.fields import FIELDS, Features
 from netfall.physics.law.branches import band_branches
 from netfall.physics.slip.inertia import slip_inertia
-from netfall.physics.slip.motion import places_of
+from netfall.physics.slip.motion import slip_points_of
 from netfall.physics.state import State
 
 STIFFNESS = 1e3  # N m, of joints of chains that bend
@@ -53,7 +53,7 @@ n, m = len(whole.x), len(whole.elements)
 number = np.arange(n).reshape(arguments.N, -1)
 joints = np.stack([number[:, :-2], number[:, 1:-1], number[:, 2:]], -1).reshape(-1, 3)[: n * scene.bending]
 subdomains = (
-    cut_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size, joints)
+    split_net(n, whole.elements, metis_partition(n, whole.elements, comm.size), comm.size, joints)
     if comm.rank == 0
     else None
 )
@@ -87,12 +87,12 @@ if scene.slip:
     through = (along[:, 1] - along[:, 0] == 1)[:, None] & ~whole.fixed[along]
     state.strand[:], state.slip_along[:], state.slip_place[:] = state.L0, 1, np.where(through, 0, -1)
     state.resistance[:, 0] = 0.0 if "loose" in words else 1e12
-    state.places = places_of(state.ends, state.slip_place, state.slip_along, subdomain.n_owned)
+    state.places = slip_points_of(state.ends, state.slip_place, state.slip_along, subdomain.n_owned)
     state.slip_mass[state.places.node, 0] = slip_inertia(
         state.places, state.EA, state.L0, state.half_mass, net.DT
     )
 halo = Halo(comm, subdomain, halo_width(state))
-plan = Plan(state, halo)
+plan = StepPlan(state, halo)
 centre = whole.centre
 del whole
 set_up = time.perf_counter() - begin
@@ -119,7 +119,7 @@ buffers, alone = halo.buffers, halo.buffers.numbers.copy()  # the step without i
 for place in (0, buffers.to_second):
     alone[place + buffers.receive_at[:, None] + np.arange(3)] = 0.0  # forces on the halo; masses stay
 nobody = {"counts": buffers.counts[:0], "requests": np.zeros((2, 0), np.uint8)}
-halo.buffers = buffers.replaced(numbers=alone, **nobody)
+halo.buffers = buffers.with_values(numbers=alone, **nobody)
 plan.attach(state)
 without = min(advance(0, steps) / steps for _ in range(2))
 halo.buffers = buffers

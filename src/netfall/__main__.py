@@ -8,15 +8,15 @@ from pathlib import Path
 
 from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
-from netfall.core.cache import choose_folder
+from netfall.core.cache import set_cache_folder
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
 from netfall.core.extras import naming_extras
 from netfall.core.launch import launched_rank
-from netfall.core.progress import tell, unread
+from netfall.core.progress import print_lines, redirect_to_null
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")  # one thread per rank; must be set before numpy and numba are loaded
-choose_folder()
+set_cache_folder()
 
 
 def check_verb(words: list[str]) -> None:
@@ -41,12 +41,12 @@ def _open_standard_files() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _tell(what) -> None:
+def _print_error(what) -> None:
     """Print a line to standard error, if it is still open."""
     try:
-        tell(what, stream=sys.stderr)
+        print_lines(what, stream=sys.stderr)
     except OSError:
-        unread(sys.stderr)
+        redirect_to_null(sys.stderr)
 
 
 def main() -> None:
@@ -65,10 +65,10 @@ def main() -> None:
         sys.stdout.flush()
     except (InputError, DivergedError, Interrupted) as error:
         if _rank() == 0:
-            _tell(error)
+            _print_error(error)
         sys.exit(error.exit_code)
     except BrokenPipeError:
-        unread(sys.stdout)
+        redirect_to_null(sys.stdout)
         sys.exit(1)
     except BaseException as error:
         abort(error)
@@ -98,7 +98,7 @@ def abort(error: BaseException) -> None:
         time.sleep(min(5.0, 0.5 * _rank()))
     common = getattr(error, "on_every_rank", False)
     if not common or _rank() == 0:
-        _tell(f"netfall: {_in_words(error)}")
+        _print_error(f"netfall: {_in_words(error)}")
     _end_other_ranks(common)
     os._exit(1)  # at a normal exit HDF5 would repeat the failed write
 

@@ -12,7 +12,7 @@ AXES = ("x", "y", "z")
 
 OF_NODES = {"id": "node_id"} | dict.fromkeys(AXES, "nodes")  # array of a Net by column of the table
 OF_NODES |= dict.fromkeys(("fixed", *(f"fixed_{k}" for k in AXES)), "fixed")
-OF_ELEMENTS = {"id": "element_id", "start": "elements", "end": "elements"}
+ELEMENT_COLUMN_SOURCES = {"id": "element_id", "start": "elements", "end": "elements"}
 
 
 @dataclass
@@ -61,7 +61,9 @@ class Net:
         table = {"id": _ids("element_id", self.element_id, m), "start": ends[:, 0], "end": ends[:, 1]}
         if self.groups is not None:
             table |= _columns("groups", {"group": self.groups}, m)
-        given = OF_ELEMENTS if self.groups is None else OF_ELEMENTS | {"group": "groups"}
+        given = (
+            ELEMENT_COLUMN_SOURCES if self.groups is None else ELEMENT_COLUMN_SOURCES | {"group": "groups"}
+        )
         return table | _columns("element_columns", self.element_columns, m, given)
 
     def write(self, folder: str | Path) -> dict[str, str]:

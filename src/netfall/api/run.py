@@ -14,11 +14,18 @@ from pathlib import Path
 
 from netfall.api.net import Net
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
-from netfall.core.launch import RANKS, SIZES, default_launcher, environment_alone, launched, run_command
+from netfall.core.launch import (
+    RANKS,
+    SIZES,
+    default_launcher,
+    environment_without_launcher,
+    launcher_variables,
+    run_command,
+)
 from netfall.job.toml_text import toml_text, toml_value
 from netfall.results.reader import Result
 
-ENDS = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
+ERROR_OF_EXIT_CODE = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exit code
 STOP = 60.0  # s within which a run must stop with a checkpoint
 
 
@@ -28,8 +35,8 @@ def run(job, overrides: dict | None, ranks: int | None, output, quiet: bool) -> 
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
         raise InputError(f"ranks = {ranks!r}: expected a whole number >= 1")
     if under_mpirun():
-        return _run_on_these_ranks(job, settings, ranks, output, quiet)
-    with _Place(job, output) as place:
+        return _run_on_current_ranks(job, settings, ranks, output, quiet)
+    with _RunFiles(job, output) as place:
         _run_in_processes(place, settings, ranks or 1, quiet)
         return place.result()
 
@@ -39,13 +46,13 @@ def under_mpirun() -> bool:
 
     A single rank does not count: srun may have started a notebook.
     """
-    mpi, sizes = sys.modules.get("mpi4py.MPI"), launched(SIZES)
+    mpi, sizes = sys.modules.get("mpi4py.MPI"), launcher_variables(SIZES)
     if mpi and mpi.Is_initialized() and not mpi.Is_finalized() and mpi.COMM_WORLD.size > 1:
         return True
-    return next(iter(sizes.values())) > 1 if sizes else bool(launched(RANKS))
+    return next(iter(sizes.values())) > 1 if sizes else bool(launcher_variables(RANKS))
 
 
-class _Place:
+class _RunFiles:
     """The files of a run. A temporary folder is removed with the result in it, or after the run.
 
     job : path of the job file; output : path of the result file
@@ -97,7 +104,7 @@ def _temporary_folder() -> tempfile.TemporaryDirectory:
 
 def _job_file(job: dict, folder: Path) -> Path:
     """Write a job, and the tables of its net. Paths in it are relative to the working directory."""
-    job = {name: _absolute(value) if name != "title" else value for name, value in job.items()}
+    job = {name: _with_absolute_paths(value) if name != "title" else value for name, value in job.items()}
     net, fields = job.get("net"), Net.__dataclass_fields__
     if isinstance(net, Net):
         job["net"] = net.write(folder)
@@ -112,16 +119,16 @@ def _job_file(job: dict, folder: Path) -> Path:
     return path
 
 
-def _absolute(value):
+def _with_absolute_paths(value):
     """Return names of existing files as absolute paths, since the job file is in another folder."""
     if isinstance(value, dict):
-        return {name: _absolute(item) for name, item in value.items()}
+        return {name: _with_absolute_paths(item) for name, item in value.items()}
     if isinstance(value, (str, os.PathLike)) and os.path.isfile(value):
         return os.path.abspath(value)
     return value
 
 
-def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: bool) -> None:
+def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: bool) -> None:
     """Run a job in a separate process, or on separate ranks.
 
     Raises the error of the command, KeyboardInterrupt after a checkpoint.
@@ -133,7 +140,7 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
     text = {"encoding": "utf-8", "errors": "replace"}
     interrupt, pipe = None, subprocess.PIPE
     with tempfile.TemporaryFile("w+", **text) as complaints:
-        streams = {"stdin": pipe, "stdout": _output(quiet), "stderr": complaints}
+        streams = {"stdin": pipe, "stdout": _output_stream(quiet), "stderr": complaints}
         with subprocess.Popen(command, env=_environment(), **streams, **text) as process:
             try:
                 for line in process.stdout or ():
@@ -142,7 +149,7 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
             except BaseException as raised:
                 interrupt = raised
                 process.stdin.close()  # the run stops when its input ends
-                _end(process)
+                _wait_or_kill(process)
         complaints.seek(0)
         lines = [line for line in complaints.read().splitlines() if line.strip()]
     if interrupt:
@@ -158,10 +165,10 @@ def _run_in_processes(place: _Place, settings: list[str], ranks: int, quiet: boo
 def _environment() -> dict[str, str]:
     """Return the environment of a run: it finds the modules that this process finds, in the same order."""
     folders = [folder or os.getcwd() for folder in sys.path if isinstance(folder, str)]
-    return environment_alone() | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
+    return environment_without_launcher() | {"PYTHONPATH": os.pathsep.join(folders), "PYTHONSAFEPATH": "1"}
 
 
-def _output(quiet: bool) -> int | None:
+def _output_stream(quiet: bool) -> int | None:
     """Return where a run prints: a pipe if Python's output differs from that of the process."""
     if quiet:
         return subprocess.DEVNULL
@@ -171,7 +178,7 @@ def _output(quiet: bool) -> int | None:
     return None
 
 
-def _end(process: subprocess.Popen) -> None:
+def _wait_or_kill(process: subprocess.Popen) -> None:
     """Wait for the end of a run that has been asked to stop; kill it after STOP, or at an interrupt."""
     try:
         process.wait(STOP)
@@ -183,8 +190,8 @@ def _error(code: int, lines: list[str], command: list[str]) -> Exception:
     """Return the exception for the exit code of a command, with its standard error."""
     if code == InputError.exit_code:
         return InputError(lines)
-    if code in ENDS:
-        return ENDS[code]("\n".join(lines))
+    if code in ERROR_OF_EXIT_CODE:
+        return ERROR_OF_EXIT_CODE[code]("\n".join(lines))
     messages = [line.removeprefix("netfall: ") for line in lines if line.startswith("netfall: ")]
     if code == OutputError.exit_code and messages and not messages[0].startswith("rank "):
         return OutputError("\n".join(messages))
@@ -192,11 +199,11 @@ def _error(code: int, lines: list[str], command: list[str]) -> Exception:
     return RuntimeError("\n".join([f"{shlex.join(command)} {ended}", *lines]))
 
 
-def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, quiet: bool) -> Result:
+def _run_on_current_ranks(job, settings: list[str], ranks: int | None, output, quiet: bool) -> Result:
     """Run a job on the ranks of mpirun; each rank gets the result. Collective."""
-    from netfall.parallel.alone import world
+    from netfall.parallel.alone import world_communicator
 
-    comm = world()
+    comm = world_communicator()
     from netfall.core.progress import Progress
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_all, on_root
@@ -207,7 +214,7 @@ def _run_on_these_ranks(job, settings: list[str], ranks: int | None, output, qui
             f"ranks = {ranks}: this script runs on {comm.size} ranks of mpirun already, and so does the job; "
             "leave ranks out"
         )
-    place = on_root(comm, lambda: _Place(job, output))
+    place = on_root(comm, lambda: _RunFiles(job, output))
     path, prefix = comm.bcast(place and (place.output, place.prefix))
     with place or nullcontext():
         try:

@@ -12,7 +12,7 @@ SIZE, LEAST_PIXELS, MOST_PIXELS = re.compile(r"(\d+)x(\d+)"), 300, 8000
 SHARD = re.compile(r"(\d+)/(\d+)")
 
 
-def refusal(text: str, expected: str) -> argparse.ArgumentTypeError:
+def argument_error(text: str, expected: str) -> argparse.ArgumentTypeError:
     """Return the error for a text that does not match the expectation."""
     return argparse.ArgumentTypeError(f"{text}: expected {expected}")
 
@@ -27,7 +27,7 @@ def file(text: str) -> Path:
 def count(text: str, least: int = 1) -> int:
     """Return a whole number >= least."""
     if not text.isdigit() or int(text) < least:
-        raise refusal(text, f"a whole number >= {least}")
+        raise argument_error(text, f"a whole number >= {least}")
     return int(text)
 
 
@@ -41,27 +41,29 @@ def words(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
-def between(text: str, low: float, high: float, what: str) -> float:
+def bounded_number(text: str, low: float, high: float, what: str) -> float:
     """Return a number within limits; what : its description for messages"""
     try:
         value = float(text)
     except ValueError:
         value = float("nan")
     if not low <= value <= high:
-        raise refusal(text, what)
+        raise argument_error(text, what)
     return value
 
 
 number = partial(count, least=0)
-length = partial(between, low=TINY, high=1e3, what="a length > 0 in m")
-tension = partial(between, low=0.0, high=1e12, what="a tension >= 0 in N")
-warming = partial(between, low=-273.0, high=1e3, what="a change of temperature from -273 to 1000 K")
-factor = partial(between, low=TINY, high=1e3, what="a number > 0")
+length = partial(bounded_number, low=TINY, high=1e3, what="a length > 0 in m")
+tension = partial(bounded_number, low=0.0, high=1e12, what="a tension >= 0 in N")
+temperature_change = partial(
+    bounded_number, low=-273.0, high=1e3, what="a change of temperature from -273 to 1000 K"
+)
+factor = partial(bounded_number, low=TINY, high=1e3, what="a number > 0")
 
 
 def time(text: str) -> float:
     """Return seconds; inf for "end"."""
-    return between("inf" if text == "end" else text, 0.0, float("inf"), "a time >= 0 in s, or end")
+    return bounded_number("inf" if text == "end" else text, 0.0, float("inf"), "a time >= 0 in s, or end")
 
 
 def view(text: str) -> tuple[float, float] | str:
@@ -72,7 +74,7 @@ def view(text: str) -> tuple[float, float] | str:
         elevation, azimuth = map(float, text.split(","))
     except ValueError:
         names = "space, plan, front, side"
-        raise refusal(text, f"{names}, or elevation and azimuth in degrees: 28,-60") from None
+        raise argument_error(text, f"{names}, or elevation and azimuth in degrees: 28,-60") from None
     return elevation, azimuth
 
 
@@ -80,7 +82,7 @@ def size(text: str) -> tuple[int, int]:
     """Return width and height [pixels], even."""
     pixels = [int(part) for part in found.groups()] if (found := SIZE.fullmatch(text)) else []
     if not pixels or not all(LEAST_PIXELS <= length <= MOST_PIXELS for length in pixels):
-        raise refusal(text, f"WIDTHxHEIGHT, {LEAST_PIXELS} to {MOST_PIXELS} pixels each: 1280x720")
+        raise argument_error(text, f"WIDTHxHEIGHT, {LEAST_PIXELS} to {MOST_PIXELS} pixels each: 1280x720")
     return pixels[0] // 2 * 2, pixels[1] // 2 * 2
 
 
@@ -88,7 +90,7 @@ def duration(text: str) -> float:
     """Return the seconds of HH:MM:SS."""
     match = DURATION.fullmatch(text)
     if not match:
-        raise refusal(text, "HH:MM:SS")
+        raise argument_error(text, "HH:MM:SS")
     hours, minutes, seconds = map(int, match.groups())
     return 3600.0 * hours + 60.0 * minutes + seconds
 
@@ -97,7 +99,7 @@ def shard(text: str) -> tuple[int, int]:
     """Return I and N of I/N."""
     part, parts = map(int, found.groups()) if (found := SHARD.fullmatch(text)) else (0, 0)
     if not 1 <= part <= parts:
-        raise refusal(text, "I/N, the I-th of N parts, for example 2/8")
+        raise argument_error(text, "I/N, the I-th of N parts, for example 2/8")
     return part, parts
 
 
@@ -110,5 +112,5 @@ def springs(text: str) -> tuple[str, tuple[float, ...]]:
         stiffness = ()
     is_valid = len(stiffness) in (1, 3) and all(0.0 <= k < 1e15 for k in stiffness) and any(stiffness)
     if not layer or not is_valid:
-        raise refusal(text, "LAYER=K or LAYER=KX,KY,KZ, with a stiffness > 0 in N/m")
+        raise argument_error(text, "LAYER=K or LAYER=KX,KY,KZ, with a stiffness > 0 in N/m")
     return layer.strip(), stiffness * (3 // len(stiffness))

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import netfall
 from netfall.core.errors import InputError
-from netfall.core.progress import tell
+from netfall.core.progress import print_lines
 
-OF_FILMS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot` for animations
+ANIMATION_OPTIONS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot` for animations
 
 
 def init(arguments) -> None:
@@ -22,19 +22,19 @@ def init(arguments) -> None:
     text = new_template(arguments.job)
     with whole(arguments.job) as place:
         place.write_text(text, encoding="utf-8")
-    tell(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
+    print_lines(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
 
 
 def check(arguments) -> None:
     """Check a job: netfall check JOB"""
-    from netfall.parallel.alone import start_alone
+    from netfall.parallel.alone import start_mpi
 
-    start_alone()
+    start_mpi()
     from netfall.job.read import read_job
     from netfall.run.check import check_job
 
-    folder = arguments.folder and _folder(arguments.folder)
-    check_job(read_job(arguments.job, arguments.overrides), tell, folder)
+    folder = arguments.folder and _output_folder(arguments.folder)
+    check_job(read_job(arguments.job, arguments.overrides), print_lines, folder)
 
 
 def partition(arguments) -> None:
@@ -42,7 +42,7 @@ def partition(arguments) -> None:
     from netfall.geometry.build import build_net
     from netfall.job.read import read_job
     from netfall.parallel import partition as p
-    from netfall.results.locks import whole_folder
+    from netfall.results.locks import atomic_folder
 
     if arguments.parts < 1:
         raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
@@ -51,9 +51,9 @@ def partition(arguments) -> None:
     if arguments.parts > net.n:
         raise InputError(f"-n {arguments.parts}: expected at most as many parts as particles, {net.n}")
     part = p.metis_partition(net.n, net.elements, arguments.parts)
-    with whole_folder(p.FOLDER) as folder:
+    with atomic_folder(p.FOLDER) as folder:
         p.write_partition(folder, job.name, net.elements, part, arguments.parts)
-    tell(
+    print_lines(
         f"{p.FOLDER / job.name}.graph.part.{arguments.parts}: "
         f"{net.n} particles, {net.m} elements in {arguments.parts} parts, "
         f"edge cut {p.edge_cut(net.elements, part)}, "
@@ -63,23 +63,23 @@ def partition(arguments) -> None:
 
 def run(arguments) -> None:
     """Run a job: mpirun -n P netfall run JOB"""
-    from netfall.parallel.alone import world
+    from netfall.parallel.alone import world_communicator
 
-    comm = world()
+    comm = world_communicator()
     _check_same_options(comm.allgather(vars(arguments)))
     from netfall.core.progress import Progress
-    from netfall.core.stop import StopRequest
+    from netfall.core.stop import StopFlag
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
-    from netfall.run.compile import compile_first
+    from netfall.run.compile import compile_missing
     from netfall.run.run import run_job
 
-    stop = StopRequest(arguments.walltime)
+    stop = StopFlag(arguments.walltime)
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
     progress = Progress(comm.rank == 0 and not arguments.quiet, arguments.verbose)
     path = arguments.output or Path(f"{job.name}.vtkhdf")
     if comm.size > 1:
-        compile_first(comm)
+        compile_missing(comm)
     run_job(comm, job, path, progress, arguments.restart, stop, arguments.profile)
 
 
@@ -108,15 +108,15 @@ def _check_same_options(given: list[dict]) -> None:
 
 def compile(arguments) -> None:
     """Compile the kernels: netfall compile"""
-    from netfall.parallel.alone import start_alone
+    from netfall.parallel.alone import start_mpi
 
-    start_alone()
-    from netfall.core.cache import FOLDER
+    start_mpi()
+    from netfall.core.cache import CACHE_VARIABLE
     from netfall.run.compile import compile_all, turn
 
     with turn():
-        compile_all(tell)
-    tell(f"kept in {os.environ[FOLDER]}")
+        compile_all(print_lines)
+    print_lines(f"kept in {os.environ[CACHE_VARIABLE]}")
 
 
 def info(arguments) -> None:
@@ -125,7 +125,7 @@ def info(arguments) -> None:
     from netfall.study.answers.info import print_study
     from netfall.study.answers.read import is_study
 
-    (print_study if is_study(arguments.result) else print_info)(arguments.result, tell)
+    (print_study if is_study(arguments.result) else print_info)(arguments.result, print_lines)
 
 
 def plot(arguments) -> None:
@@ -133,39 +133,39 @@ def plot(arguments) -> None:
     from netfall.study.answers.read import is_study
 
     a = arguments
-    if a.animate or any(getattr(a, name) is not None for name in OF_FILMS):
+    if a.animate or any(getattr(a, name) is not None for name in ANIMATION_OPTIONS):
         _animate(a)
         return
     from netfall.post.plots.run import plot_all, plot_state
     from netfall.post.plots.study.study import plot_study
 
-    folder = _folder(a.folder or a.result.parent)
+    folder = _output_folder(a.folder or a.result.parent)
     if a.case is None:
-        tell(*(plot_study if is_study(a.result) else plot_all)(a.result, folder))
+        print_lines(*(plot_study if is_study(a.result) else plot_all)(a.result, folder))
     elif is_study(a.result):
         raise InputError(f"--case {a.case}: {a.result} is a study file")
     else:
-        tell(plot_state(a.result, folder, a.case))
+        print_lines(plot_state(a.result, folder, a.case))
 
 
 def _animate(arguments) -> None:
     """Draw animations: netfall plot RESULT --animate"""
     from netfall.post.plots.canvas import VIEWS
-    from netfall.post.plots.film import Shot, animate
+    from netfall.post.plots.film import FilmView, animate
     from netfall.study.answers.read import is_study
 
     a = arguments
     if not a.animate:
-        names = ", ".join(f"--{name}" for name in OF_FILMS)
+        names = ", ".join(f"--{name}" for name in ANIMATION_OPTIONS)
         raise InputError(f"netfall plot: {names} are of the animation; add --animate")
     if is_study(a.result):
         raise InputError(f"{a.result}: a study file has no frames; animate the result file of one run")
-    settings = {name: getattr(a, name) for name in OF_FILMS[2:] if getattr(a, name) is not None}
+    settings = {name: getattr(a, name) for name in ANIMATION_OPTIONS[2:] if getattr(a, name) is not None}
     if isinstance(a.view, str):
         settings["view"] = VIEWS[a.view]
-    folder = _folder(a.folder or a.result.parent)
-    for path, words in animate(a.result, folder, a.format, a.fps, Shot(**settings)):
-        tell(f"{path}: {words}")
+    folder = _output_folder(a.folder or a.result.parent)
+    for path, words in animate(a.result, folder, a.format, a.fps, FilmView(**settings)):
+        print_lines(f"{path}: {words}")
 
 
 def view(arguments) -> None:
@@ -176,14 +176,14 @@ def view(arguments) -> None:
 
     a, path = arguments, arguments.result
     page = a.output or path.with_name(f"{path.name.removesuffix('.h5').removesuffix('.vtkhdf')}.html")
-    _folder(page.parent)
+    _output_folder(page.parent)
     if is_study(path):
         words = write_study_page(path, page, a.member)
     elif a.member is not None:
         raise InputError(f"--member {a.member}: {path} is not a study file")
     else:
         words = write_page(path, page)
-    tell(f"{page}: {words}; open it in a browser")
+    print_lines(f"{page}: {words}; open it in a browser")
 
 
 def report(arguments) -> None:
@@ -193,7 +193,7 @@ def report(arguments) -> None:
 
     a, default_folder = arguments, arguments.result.with_name(f"{arguments.result.stem}-report")
     inputs = Inputs(a.codes, Cutting(a.temperature, a.load), a.deductions)
-    tell(*write_report(a.result, _folder(a.folder or default_folder), inputs))
+    print_lines(*write_report(a.result, _output_folder(a.folder or default_folder), inputs))
 
 
 def scale(arguments) -> None:
@@ -204,24 +204,28 @@ def scale(arguments) -> None:
             "netfall scale: expected either --ranks 1,2, for a job, or --workers 1,2, for a study"
         )
     if a.workers:
-        from netfall.post.accuracy.throughput import throughput
+        from netfall.post.accuracy.throughput import run_throughput
 
         if a.overrides:
             raise InputError(f"netfall scale: --set {a.overrides[0]}: change the study file instead")
-        paths = throughput(a.job, a.workers, a.launcher, a.repeats, _folder(a.folder), _say())
+        paths = run_throughput(
+            a.job, a.workers, a.launcher, a.repeats, _output_folder(a.folder), _line_printer()
+        )
     else:
         from netfall.core.launch import default_launcher
         from netfall.post.accuracy.scale import scale as run_scale
 
         launcher = a.launcher or default_launcher()
-        paths = run_scale(a.job, a.overrides, a.ranks, launcher, a.repeats, _folder(a.folder), _say())
-    tell(*paths)
+        paths = run_scale(
+            a.job, a.overrides, a.ranks, launcher, a.repeats, _output_folder(a.folder), _line_printer()
+        )
+    print_lines(*paths)
 
 
 def trade(arguments) -> None:
     """Run an accuracy study: netfall trade JOB"""
     from netfall.core.launch import default_launcher
-    from netfall.core.stop import StopRequest
+    from netfall.core.stop import StopFlag
     from netfall.post.accuracy.trade import trade as run_trade
 
     a = arguments
@@ -234,14 +238,14 @@ def trade(arguments) -> None:
         launcher=a.launcher or default_launcher(),
         repeats=a.repeats,
         tolerance=a.tolerance,
-        folder=_folder(a.folder),
-        say=_say(),
-        stop=StopRequest(),
+        folder=_output_folder(a.folder),
+        say=_line_printer(),
+        stop=StopFlag(),
     )
-    tell(*paths)
+    print_lines(*paths)
 
 
-def _say():
+def _line_printer():
     """Return a function that prints lines, and continues without output if the reader has ended."""
     from netfall.core.progress import Progress
 
@@ -250,23 +254,23 @@ def _say():
 
 def study(arguments) -> None:
     """Run a study: netfall study STUDY"""
-    from netfall.core.launch import SIZES, launched
+    from netfall.core.launch import SIZES, launcher_variables
     from netfall.core.progress import Progress
-    from netfall.core.stop import StopRequest
+    from netfall.core.stop import StopFlag
     from netfall.study.study import study as run_study
 
-    if max(launched(SIZES).values(), default=1) > 1:
+    if max(launcher_variables(SIZES).values(), default=1) > 1:
         raise InputError("netfall study: starts ranks itself; run it without mpirun, with [run] ranks = P")
     a, progress = arguments, Progress(not arguments.quiet)
-    run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopRequest())
+    run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopFlag())
 
 
 def import_(arguments) -> None:
     """Import a drawing or mesh: netfall import FILE -o FOLDER"""
-    from netfall.exchange.drawings.importing import Options, import_file
+    from netfall.exchange.drawings.importing import ImportOptions, import_file
 
-    settings = {name: getattr(arguments, name) for name in Options.__dataclass_fields__}
-    import_file(arguments.drawing, arguments.folder, Options(**settings), tell)
+    settings = {name: getattr(arguments, name) for name in ImportOptions.__dataclass_fields__}
+    import_file(arguments.drawing, arguments.folder, ImportOptions(**settings), print_lines)
 
 
 def export(arguments) -> None:
@@ -275,17 +279,17 @@ def export(arguments) -> None:
     from netfall.exchange.export import export as write
 
     wanted = Wanted(arguments.time, arguments.case, arguments.unit)
-    write(arguments.result, arguments.output, wanted, tell)
+    write(arguments.result, arguments.output, wanted, print_lines)
 
 
 def version() -> None:
     """Print versions: netfall --version"""
-    from netfall.run.run import how_it_writes
+    from netfall.run.run import library_text
 
-    tell(f"netfall {netfall.__version__}, {how_it_writes()}")
+    print_lines(f"netfall {netfall.__version__}, {library_text()}")
 
 
-def _folder(path: Path) -> Path:
+def _output_folder(path: Path) -> Path:
     """Return a folder for output, which need not exist yet. Raises InputError if a file is in its place."""
     existing = next((place for place in (path, *path.parents) if place.exists()), path)
     if existing.exists() and not existing.is_dir():

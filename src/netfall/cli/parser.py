@@ -6,7 +6,7 @@ from pathlib import Path
 
 from netfall.cli import arguments as take
 from netfall.core.errors import InputError
-from netfall.core.text_tables import rows_of
+from netfall.core.text_tables import table_rows
 from netfall.exchange.formats import endings
 
 VERBS = (
@@ -49,7 +49,7 @@ job | file | JOB | job.toml | default: job.toml
     file
 -o folder | Path | DIR | | folder of the report (default: RESULT-report beside the result file)
 --codes | Path | FILE | | checks and their factors, instead of EN 1993-1-11, ASCE 19
---temperature | warming | K | 0 | temperature at which cables are measured, above that of form finding
+--temperature | temperature_change | K | 0 | temperature at which cables are measured, above that of form finding
     (default: 0)
 --measuring-load load | tension | N | | tension under which cables are measured (default: the mean tension of
     each in the form)
@@ -143,7 +143,7 @@ def parser() -> Parser:
     top = Parser(prog="netfall", description=about)
     top.add_argument("--version", action="store_true", help="print the version and the MPI and HDF5 in use")
     verbs = top.add_subparsers(dest="verb", metavar=" | ".join(VERBS))
-    for name, *cells in rows_of(COMMANDS):
+    for name, *cells in table_rows(COMMANDS):
         if name.startswith("/"):
             name, *argument = name[1:].split()
             verb = verbs.add_parser(name, help=cells[0], description=cells[0])

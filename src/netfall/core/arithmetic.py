@@ -13,7 +13,7 @@ from netfall.core.kernels import part_of_kernel
 from netfall.core.vectors import as_number, bits_of, fma, number_of
 
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
-FOLD = 1e-6  # lower bound of sin psi near pi; psi / sin psi is constant below it
+MIN_SINE_NEAR_PI = 1e-6  # lower bound of sin psi near pi; psi / sin psi is constant below it
 
 
 fused = fma
@@ -58,7 +58,7 @@ def exponential(a):
 
 
 @part_of_kernel
-def exponential_less_one(a):
+def exponential_minus_one(a):
     """Compute e to the power of a, less 1, |a| < 700, with full relative accuracy for small a."""
     if abs(a) < 0.35:
         return fused(a * a, _series(a), a)
@@ -84,4 +84,4 @@ def angle_per_sine(S, C):
     for n in range(9, -1, -1):
         series = fused(series, z, 1.0 / (2 * n + 1))
     ratio = 8.0 * series / (half * fourth * eighth)
-    return ratio if C >= 0.0 else (math.pi - ratio * S) / max(S, FOLD * H)
+    return ratio if C >= 0.0 else (math.pi - ratio * S) / max(S, MIN_SINE_NEAR_PI * H)

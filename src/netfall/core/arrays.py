@@ -7,29 +7,29 @@ multiple of 512, all have about the same offset and evict one another: a step th
 
 import numpy as np
 
-LINE, PAGE, WIDEST = 64, 4096, 8  # bytes of a cache line, a page, and the widest number
+LINE, PAGE, MAX_ITEM_BYTES = 64, 4096, 8  # bytes of a cache line, a page, and the widest number
 LINES = PAGE // LINE
-APART = 13  # cache lines, offset within a page from one column to the next
-SHIFT = 5  # cache lines, offset within a page from one table to the next
+COLUMN_OFFSET_LINES = 13  # cache lines, offset within a page from one column to the next
+TABLE_OFFSET_LINES = 5  # cache lines, offset within a page from one table to the next
 
 
-def columns(count: int, rows: int, dtype, table: int = 0) -> np.ndarray:
+def allocate_columns(count: int, rows: int, dtype, table: int = 0) -> np.ndarray:
     """Allocate zeros (count, rows or more): contiguous columns, each starting at a cache line.
 
     The padded row count does not depend on the type, so that one index is valid for all arrays.
     table : number of the table among those read together
     """
-    lines = -(-rows * WIDEST // LINE)
-    lines += (APART - lines) % LINES
-    length, size = lines * LINE // WIDEST, np.dtype(dtype).itemsize
+    lines = -(-rows * MAX_ITEM_BYTES // LINE)
+    lines += (COLUMN_OFFSET_LINES - lines) % LINES
+    length, size = lines * LINE // MAX_ITEM_BYTES, np.dtype(dtype).itemsize
     memory = np.zeros(count * length * size + 2 * PAGE, np.uint8)
-    begin = -memory.ctypes.data % PAGE + SHIFT * table % LINES * LINE
+    begin = -memory.ctypes.data % PAGE + TABLE_OFFSET_LINES * table % LINES * LINE
     return np.ndarray((count, length), dtype, memory.data, begin)
 
 
-def placed(array: np.ndarray) -> np.ndarray:
+def padded_copy(array: np.ndarray) -> np.ndarray:
     """Copy an array (rows, width) into such columns; never contiguous, so that kernels see one type."""
     rows, width = array.shape
-    copy = columns(width, rows + 1, array.dtype)[:, :rows].T
+    copy = allocate_columns(width, rows + 1, array.dtype)[:, :rows].T
     copy[:] = array
     return copy

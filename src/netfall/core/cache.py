@@ -14,30 +14,40 @@ import shutil
 import time
 from pathlib import Path
 
-FOLDER = "NUMBA_CACHE_DIR"  # environment variable that numba reads on import
-KEPT_DAYS = 30.0  # age at which folders of other sources are removed; runs may still use younger ones
+CACHE_VARIABLE = "NUMBA_CACHE_DIR"  # environment variable that numba reads on import
+MAX_CACHE_AGE_DAYS = (
+    30.0  # age at which folders of other sources are removed; runs may still use younger ones
+)
 PACKAGE = Path(__file__).parents[1]
 CONSTANTS = tuple(f"{PACKAGE / name}{os.sep}" for name in ("core", "mechanics", "physics"))  # used in kernels
-OURS = re.compile("netfall-[0-9a-f]{16}")
-OF_PROCESSORS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features")
+CACHE_FOLDER_NAME = re.compile("netfall-[0-9a-f]{16}")
+CPU_IDENTITY_KEYS = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features")
 
 
-def choose_folder() -> None:
+def set_cache_folder() -> None:
     """Set the folder for this process and its children; call it before numba is imported."""
-    given, home = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    given, home = (
+        os.environ.get(CACHE_VARIABLE),
+        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"),
+    )
     parents = [PACKAGE / "__pycache__", Path(home, "netfall")]
     if given:  # by the user, or by the command that started this process
-        parents.insert(0, Path(given).parent if OURS.fullmatch(Path(given).name) else Path(given).absolute())
+        parents.insert(
+            0, Path(given).parent if CACHE_FOLDER_NAME.fullmatch(Path(given).name) else Path(given).absolute()
+        )
     name = f"netfall-{hashlib.sha256(b''.join([processor(), *sources()])).hexdigest()[:16]}"
     for parent in parents:
         with contextlib.suppress(OSError):  # for example a read-only folder
             (parent / name).mkdir(parents=True, exist_ok=True)
             os.utime(parent / name)  # mark as used
-            os.environ[FOLDER] = str(parent / name)
+            os.environ[CACHE_VARIABLE] = str(parent / name)
             break
     for old in parent.glob("netfall-*"):
         with contextlib.suppress(OSError):  # another process may be removing it
-            if OURS.fullmatch(old.name) and time.time() - old.stat().st_mtime > KEPT_DAYS * 86400:
+            if (
+                CACHE_FOLDER_NAME.fullmatch(old.name)
+                and time.time() - old.stat().st_mtime > MAX_CACHE_AGE_DAYS * 86400
+            ):
                 shutil.rmtree(old, ignore_errors=True)
 
 
@@ -59,5 +69,5 @@ def processor() -> bytes:
     ]
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as file:
         first_core = itertools.takewhile(str.strip, file)
-        identity += [line for line in first_core if line.split(":")[0].strip() in OF_PROCESSORS]
+        identity += [line for line in first_core if line.split(":")[0].strip() in CPU_IDENTITY_KEYS]
     return repr(identity).encode()

@@ -3,7 +3,9 @@
 from collections.abc import Iterable
 from pathlib import Path
 
-BUSY = "another run is writing it at this moment"  # reason in the message if an output name is refused
+OUTPUT_IN_USE = (
+    "another run is writing it at this moment"  # reason in the message if an output name is refused
+)
 
 
 class InputError(Exception):
@@ -16,7 +18,7 @@ class InputError(Exception):
         super().__init__("\n".join(self.lines))
 
 
-def refuse(lines: Iterable[str]) -> None:
+def raise_errors(lines: Iterable[str]) -> None:
     """Raise InputError with all lines, if there are any."""
     if lines := list(lines):
         raise InputError(lines)
@@ -28,11 +30,11 @@ class DivergedError(Exception):
     exit_code = 3
 
 
-class NoRest(DivergedError):
+class NoEquilibriumError(DivergedError):
     """Absence of an equilibrium under the mean wind."""
 
 
-class Undecided(DivergedError):
+class UndecidedError(DivergedError):
     """End of the search for an equilibrium without a decision: none was found, but one may exist."""
 
 
@@ -51,6 +53,6 @@ class OutputError(Exception):
     exit_code = 1
 
 
-def interrupted(when: str, path: Path) -> Interrupted:
+def interruption_error(when: str, path: Path) -> Interrupted:
     """Build the exception for a run that was asked to stop."""
     return Interrupted(f"interrupted {when}; resume with --restart {path}")

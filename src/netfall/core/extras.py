@@ -10,7 +10,7 @@ EXTRAS = {
     "view": ("k3d",),
     "study": ("openturns",),
 }
-BRINGS = {package: extra for extra, packages in EXTRAS.items() for package in packages}
+EXTRA_OF_PACKAGE = {package: extra for extra, packages in EXTRAS.items() for package in packages}
 
 
 @contextmanager
@@ -20,8 +20,9 @@ def naming_extras():
         yield
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        if package not in BRINGS:
+        if package not in EXTRA_OF_PACKAGE:
             raise
         raise InputError(
-            f"needs {package}, which is not installed; get it with: pip install 'netfall[{BRINGS[package]}]'"
+            f"needs {package}, which is not installed; get it with: pip install "
+            f"'netfall[{EXTRA_OF_PACKAGE[package]}]'"
         ) from error

@@ -15,13 +15,13 @@ import numpy as np
 # Constants in parts: the first have so few digits that their products with small integers are exact (Cody and
 # Waite 1980).
 LN2_HIGH, LN2_LOW = float.fromhex("0x1.62e42fefa3800p-1"), float.fromhex("0x1.ef35793c76730p-45")
-QUARTER = tuple(
+QUARTER_TURN_PARTS = tuple(
     float.fromhex(part) for part in ("0x1.921fb544p+0", "0x1.0b4611a6p-34", "0x1.3198a2e037073p-69")
 )
 LARGEST_ANGLE = 1e6  # [rad] up to which sine and cosine have an absolute error of 1e-16
 SQRT_HALF = float.fromhex("0x1.6a09e667f3bcdp-1")
 TERMS = 14  # of a series; the remainder is below the last digit
-PIECE = 8192  # length up to which every numpy version adds in the same order
+SUM_BLOCK = 8192  # length up to which every numpy version adds in the same order
 
 
 def exp(x: np.ndarray) -> np.ndarray:
@@ -61,7 +61,7 @@ def log1p(x: np.ndarray) -> np.ndarray:
     return np.where(is_tiny, x, log(shifted) * (x / np.where(is_tiny, 1.0, rounded_x)))
 
 
-def _quarters(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _reduce_angles(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reduce angles by whole quarter turns.
 
     Return sine and cosine of the remainder, and the number of quarters modulo 4.
@@ -69,7 +69,7 @@ def _quarters(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     x = np.asarray(x, float)
     number = np.rint(x * (2.0 / math.pi))
     remainder = x
-    for part in QUARTER:
+    for part in QUARTER_TURN_PARTS:
         remainder = remainder - number * part
     square = remainder * remainder
     sine, cosine = np.zeros_like(remainder), np.zeros_like(remainder)
@@ -81,13 +81,13 @@ def _quarters(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def sin(x: np.ndarray) -> np.ndarray:
     """Compute the sine of angles x up to `LARGEST_ANGLE`."""
-    s, c, quarter = _quarters(x)
+    s, c, quarter = _reduce_angles(x)
     return np.choose(quarter, [s, c, -s, -c])
 
 
 def cos(x: np.ndarray) -> np.ndarray:
     """Compute the cosine of angles x up to `LARGEST_ANGLE`."""
-    s, c, quarter = _quarters(x)
+    s, c, quarter = _reduce_angles(x)
     return np.choose(quarter, [c, -s, -c, s])
 
 
@@ -120,7 +120,7 @@ def lengths(rows: np.ndarray) -> np.ndarray:
 
 def total(x: np.ndarray) -> float:
     """Compute the sum of numbers (n,) in the order of numpy 2.3 and later."""
-    if len(x) <= PIECE:
+    if len(x) <= SUM_BLOCK:
         return x.sum()
     half = len(x) // 2
     half -= half % 8

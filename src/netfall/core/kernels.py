@@ -12,11 +12,11 @@ from numba.extending import intrinsic
 
 OPTIONS = {"error_model": "numpy"}
 # Options of kernels that only kernels call: no Python and C wrappers, which take a third of the compile time.
-INNER = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+INNER_OPTIONS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 kernel = njit(**OPTIONS, cache=True, no_cfunc_wrapper=True)  # called from Python and by kernels
-inner_kernel = njit(**OPTIONS, **INNER)  # called by kernels
-part_of_kernel = njit(**OPTIONS, **INNER, forceinline=True)  # always inlined into its caller
+inner_kernel = njit(**OPTIONS, **INNER_OPTIONS)  # called by kernels
+part_of_kernel = njit(**OPTIONS, **INNER_OPTIONS, forceinline=True)  # always inlined into its caller
 
 
 class Routine:
@@ -46,7 +46,7 @@ def routine(*kinds):
     return lambda function: Routine(function, kinds)
 
 
-def calling(result):
+def address_caller(result):
     """Return an intrinsic that calls the function at an address; result : its numba return type."""
 
     @intrinsic
@@ -65,4 +65,4 @@ def calling(result):
     return call
 
 
-call = calling(types.int64)
+call = address_caller(types.int64)

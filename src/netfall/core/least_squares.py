@@ -13,7 +13,7 @@ from netfall.core.kernels import kernel
 from netfall.core.linear import product
 
 
-class Fit(NamedTuple):
+class LeastSquaresSolution(NamedTuple):
     """Solution of the equations A x = b.
 
     x : (c,) the smallest x that minimises |A x - b|; null : (c, k) orthonormal, A null = 0
@@ -100,7 +100,7 @@ def orthonormalise(z):
                 z[i, c] /= np.sqrt(square)
 
 
-def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> Fit:
+def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> LeastSquaresSolution:
     """Return the smallest x (c,) that minimises |A x - b|, and the null space; A (r, c), b (r,).
 
     share : relative to the largest pivot; smaller pivots count as zero
@@ -115,7 +115,7 @@ def least_squares(A: np.ndarray, b: np.ndarray, share: float = 1e-12) -> Fit:
     x[fixed], null[fixed], null[free] = solved[:, 0], solved[:, 1:], np.eye(len(free))
     orthonormalise(null)
     pivot_ratio = pivot[rank - 1] / pivot[0] if rank else 0.0
-    return Fit(x - times(null, times(null.T, x)), null, pivot_ratio)
+    return LeastSquaresSolution(x - times(null, times(null.T, x)), null, pivot_ratio)
 
 
 def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:

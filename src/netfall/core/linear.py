@@ -23,7 +23,7 @@ def product(a, b, out):
 
 
 @kernel
-def factorised(matrix):
+def factorise_cholesky(matrix):
     """Compute Cholesky's factor U of a symmetric matrix U^T U (n, n), in place, in the upper half.
 
     Return the number of singular rows; they become 1 on the diagonal and 0 otherwise.
@@ -42,7 +42,7 @@ def factorised(matrix):
 
 
 @kernel
-def solve_factorised(upper, b):
+def solve_cholesky(upper, b):
     """Solve U^T U x = b in place, b (n,)."""
     n = upper.shape[0]
     for i in range(n):
@@ -57,7 +57,7 @@ def solve_factorised(upper, b):
 
 
 @kernel
-def solve_columns(upper, b):
+def solve_cholesky_columns(upper, b):
     """Solve U^T U x = b in place, b (n, m), for each column."""
     n, m = b.shape
     for i in range(n):
@@ -75,7 +75,7 @@ def solve_columns(upper, b):
 
 
 @kernel
-def eliminate(matrix, b):
+def solve_complex(matrix, b):
     """Solve matrix x = b in place by Gauss with row pivoting; matrix (n, n) and b (n, m) complex."""
     n, m = b.shape
     for k in range(n):
@@ -105,7 +105,7 @@ def eliminate(matrix, b):
 
 
 @inner_kernel
-def how_many_below(diagonal, off_diagonal, value):
+def count_eigenvalues_below(diagonal, off_diagonal, value):
     """Count the eigenvalues of a symmetric tridiagonal matrix below a value (Sturm's sequence)."""
     count, pivot = 0, 1.0
     for i in range(diagonal.shape[0]):
@@ -118,7 +118,7 @@ def how_many_below(diagonal, off_diagonal, value):
 
 
 @kernel
-def top_of_tridiagonal(diagonal, off_diagonal, pivot, vector):
+def largest_tridiagonal_eigenpair(diagonal, off_diagonal, pivot, vector):
     """Compute the largest eigenvalue, to its last digits, and unit eigenvector of a tridiagonal matrix.
 
     The matrix is symmetric.
@@ -134,7 +134,7 @@ def top_of_tridiagonal(diagonal, off_diagonal, pivot, vector):
     low, high = low - 1e-15 * size, high + 1e-15 * size
     middle = 0.5 * (low + high)
     while low < middle < high:
-        if how_many_below(diagonal, off_diagonal, middle) == n:
+        if count_eigenvalues_below(diagonal, off_diagonal, middle) == n:
             high = middle
         else:
             low = middle

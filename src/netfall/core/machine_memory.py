@@ -15,7 +15,7 @@ def memory_left() -> float | None:
         return None
 
 
-def memory_line(workers: int, ranks: int, elements: int) -> str:
+def memory_message(workers: int, ranks: int, elements: int) -> str:
     """Describe the memory use of workers on this machine, and the possible number if there are too many."""
     worker_bytes = ranks * RANK_BYTES + WORKER_BYTES * elements
     available = memory_left()

@@ -6,7 +6,7 @@ import sys
 import time
 from contextlib import contextmanager
 
-from netfall.core.launch import RANKS, launched
+from netfall.core.launch import RANKS, launcher_variables
 
 LINE_EVERY = 10.0  # [s] minimum time between plain lines
 DRAW_EVERY = 0.2  # [s] minimum time between updates of the bar
@@ -25,7 +25,7 @@ def one_line(text) -> str:
     return plain(" ".join(str(text).split()))
 
 
-def tell(*lines, stream=None) -> None:
+def print_lines(*lines, stream=None) -> None:
     """Print lines, escaped as by `plain`, since they may contain names from jobs and tables."""
     for line in lines:
         print(plain(line), file=stream or sys.stdout, flush=True)
@@ -52,7 +52,7 @@ class Progress:
             self.end()
             self._print(line)
 
-    def detail(self, text: str) -> None:
+    def verbose_message(self, text: str) -> None:
         """Print a line if the run is verbose."""
         if self.verbose:
             self.say(text)
@@ -80,19 +80,19 @@ class Progress:
         rate = f"{done_count / max(passed, 1e-9):.3g} {unit}/s"
         text = f"{done}  {rate}  {f'left {_duration(remaining)}  ' if even else ''}{note}"
         if self._terminal:
-            with self._while_read():
+            with self._quiet_on_error():
                 self._draw(now, share, text)
         elif (now - self._last >= LINE_EVERY and 100 * share - self._percent >= 5) or share >= 1.0:
             self._print(f"{100 * share:3.0f} %  {text}")
             self._last, self._percent = now, 100 * share
 
-    def doing(self, text: str) -> None:
+    def show_task(self, text: str) -> None:
         """Show the present task, whose duration is unknown."""
         if not self.shown:
             return
         now = time.perf_counter()
         if self._terminal:
-            with self._while_read():
+            with self._quiet_on_error():
                 self._draw(now, self._bar.n / 100.0 if self._bar else 0.0, text)
         elif now - self._last >= LINE_EVERY:
             self._print(text)
@@ -101,13 +101,13 @@ class Progress:
     def end(self) -> None:
         """Close the bar, if there is one."""
         if self._bar is not None:
-            with self._while_read():
+            with self._quiet_on_error():
                 self._bar.close()
             self._bar = None
 
     def _print(self, text: str) -> None:
-        with self._while_read():
-            tell(text, stream=self.stream)
+        with self._quiet_on_error():
+            print_lines(text, stream=self.stream)
 
     def _draw(self, now: float, share: float, text: str) -> None:
         """Update the bar if DRAW_EVERY has passed."""
@@ -122,16 +122,16 @@ class Progress:
             self._last = now
 
     @contextmanager
-    def _while_read(self):
+    def _quiet_on_error(self):
         """Become quiet if writing fails because the reader has gone."""
         try:
             yield
         except OSError:
             self.shown, self.verbose, self._bar = False, False, None
-            unread(self.stream)
+            redirect_to_null(self.stream)
 
 
-def unread(stream) -> None:
+def redirect_to_null(stream) -> None:
     """Redirect a stream to the null device, so that a flush at exit cannot fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
@@ -146,7 +146,7 @@ def _is_terminal(stream) -> bool:
     """
     if not stream.isatty():
         return False
-    if not launched(RANKS):
+    if not launcher_variables(RANKS):
         return True
     try:
         return os.readlink(f"/proc/{os.getppid()}/fd/1").startswith(("/dev/pts/", "/dev/tty"))

@@ -12,7 +12,7 @@ reads where a field is used.
     joints.stiffness[k]                        # in kernels: arrays in C order, numbers, or other records
 
 The type of a record does not depend on the features of a problem: an absent field is an array without
-elements (`has`). So all problems share one compiled kernel.
+elements (`is_present`). So all problems share one compiled kernel.
 
 This module uses undocumented parts of numba: `AttributeTemplate`, `make_array`, `populate_array`
 (MAINTAINING.md).
@@ -99,7 +99,7 @@ class Record:
         """Rebuild the record when unpickled, as the addresses differ in another process."""
         return type(self), tuple(getattr(self, name) for name in self.kind.fields)
 
-    def replaced(self, **changes):
+    def with_values(self, **changes):
         """Return a record with other values in some fields."""
         return type(self)(**({name: getattr(self, name) for name in self.kind.fields} | changes))
 
@@ -151,7 +151,7 @@ def _add_words(words: list, value, kind, name: str, record_type: RecordType) -> 
 
 
 @intrinsic
-def has(typing, array):
+def is_present(typing, array):
     """Return whether a field is present: whether its array has elements."""
 
     def code(context, builder, signature, values):

@@ -11,17 +11,17 @@ def directions(angle: np.ndarray) -> np.ndarray:
     return np.column_stack([cos(radians), sin(radians)])
 
 
-def to_own(rows: np.ndarray, angle: np.ndarray | None) -> np.ndarray:
+def to_rotated_axes(rows: np.ndarray, angle: np.ndarray | None) -> np.ndarray:
     """Transform vectors (n, 3) from x, y, z to axes rotated by angles (n,) [degrees]; None: no change."""
-    return rows if angle is None else _turned(rows, angle, 1.0)
+    return rows if angle is None else _rotated(rows, angle, 1.0)
 
 
-def from_own(rows: np.ndarray, angle: np.ndarray | None) -> np.ndarray:
+def from_rotated_axes(rows: np.ndarray, angle: np.ndarray | None) -> np.ndarray:
     """Transform vectors (n, 3) from axes rotated by angles (n,) [degrees] to x, y, z; None: no change."""
-    return rows if angle is None else _turned(rows, angle, -1.0)
+    return rows if angle is None else _rotated(rows, angle, -1.0)
 
 
-def _turned(rows: np.ndarray, angle: np.ndarray, sign: float) -> np.ndarray:
+def _rotated(rows: np.ndarray, angle: np.ndarray, sign: float) -> np.ndarray:
     """Rotate the vectors with a nonzero angle; the others keep their bits."""
     rotated, index = rows.copy(), np.flatnonzero(angle != 0.0)
     c, s = directions(angle[index]).T

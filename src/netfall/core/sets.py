@@ -9,7 +9,7 @@ def distinct(values: np.ndarray) -> np.ndarray:
     return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]
 
 
-def among(values: np.ndarray, others: np.ndarray) -> np.ndarray:
+def is_one_of(values: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return whether each value is one of others (k,)."""
     if not len(others):
         return np.zeros(np.shape(values), bool)

@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 # Parts of the package that present results and do not compute them.
-TELLING = ("study/", "measure/", "exchange/", "api/", "checks/", "report/", "plots/", "cli/")
+PRESENTATION_PACKAGES = ("study/", "measure/", "exchange/", "api/", "checks/", "report/", "plots/", "cli/")
 
 
 @functools.cache

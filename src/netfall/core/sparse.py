@@ -9,10 +9,10 @@ import numpy as np
 
 from netfall.core.kernels import kernel
 
-LEFT = 1e-10  # relative to the terms of a pivot; less is rounding, or leaves at most six digits
-SHARE = 1e-3  # relative to the largest displacement; rows that move less count as held
-FORCELESS = 1e-8  # relative to the terms of a force; less counts as no force
-MOST_DELAYED = 20  # rows moved to the end, each at the cost of a new factorisation
+PIVOT_TOLERANCE = 1e-10  # relative to the terms of a pivot; less is rounding, or leaves at most six digits
+MOVING_SHARE = 1e-3  # relative to the largest displacement; rows that move less count as held
+FORCE_TOLERANCE = 1e-8  # relative to the terms of a force; less counts as no force
+MAX_DELAYED_ROWS = 20  # rows moved to the end, each at the cost of a new factorisation
 
 
 class Singular(ValueError):
@@ -77,7 +77,7 @@ def factorise(matrix, parent, lower, d, work):
             d[k] -= factor[end] * row_sum
             size_sum += abs(factor[end] * row_sum)
             filled[i] += 1
-        if not abs(d[k]) > LEFT * size_sum or not abs(d[k]) < np.inf:
+        if not abs(d[k]) > PIVOT_TOLERANCE * size_sum or not abs(d[k]) < np.inf:
             return k
     return n
 
@@ -98,7 +98,7 @@ def substitute(lower, d, b):
 
 
 @kernel
-def unheld(lower, filled, v):
+def null_displacement(lower, filled, v):
     """Write the displacement v (k + 1,) without force in which the last row moves by 1.
 
     filled : (n,) number of computed entries of each column of L
@@ -122,8 +122,8 @@ def solve_sparse(
     A zero pivot does not imply that an indefinite matrix is singular: its row is then eliminated last.
     """
     size = np.abs(diagonal) if size is None else size
-    order = dissected(ends, len(diagonal))
-    for _ in range(MOST_DELAYED):
+    order = nested_dissection_order(ends, len(diagonal))
+    for _ in range(MAX_DELAYED_ROWS):
         number = np.argsort(order)
         lower, d, last, filled = _factors(number[ends], q, diagonal[order], size[order])
         if last == len(order):
@@ -132,32 +132,32 @@ def solve_sparse(
                 substitute(lower, d, column)
             return np.ascontiguousarray(x.T)[number]
         v, rows = np.empty(last + 1), order[: last + 1]
-        unheld(lower, filled, v)
+        null_displacement(lower, filled, v)
         displacement = np.zeros(len(order))
         displacement[rows] = v
-        if last + 1 == len(order) or _without_force(ends, q, diagonal, size, displacement):
+        if last + 1 == len(order) or _is_forceless(ends, q, diagonal, size, displacement):
             break
         order = np.append(np.delete(order, last), order[last])
-    raise Singular(np.sort(rows[np.abs(v) > SHARE * np.abs(v).max()]))
+    raise Singular(np.sort(rows[np.abs(v) > MOVING_SHARE * np.abs(v).max()]))
 
 
 def _factors(ends, q, diagonal, size):
-    """Factorise a matrix given by pairs as in `solve_sparse`; return as `factors_of`."""
+    """Factorise a matrix given by pairs as in `solve_sparse`; return as `sparse_factors`."""
     n = len(diagonal)
     high, low = np.sort(ends, axis=1).T[::-1]
     places, pair_place = np.unique(high * n + low, return_inverse=True)
     start = np.searchsorted(places, n * np.arange(n + 1))
     value = np.bincount(pair_place, q, len(places)).astype(float)  # without pairs it counts in integers
-    return factors_of(start, places % n, value, diagonal, size)
+    return sparse_factors(start, places % n, value, diagonal, size)
 
 
-def factors_of(start, column, value, diagonal, size):
+def sparse_factors(start, column, value, diagonal, size):
     """Return L by columns, D, the row at which the factorisation ended, and the entries per column of L.
 
     The arguments are those of `matrix` in `factorise`.
     """
     n = len(diagonal)
-    parent, count = tree_of(start, column)
+    parent, count = elimination_tree(start, column)
     begin = np.concatenate([[0], np.cumsum(count)])
     lower = (begin, np.empty(begin[-1], np.int64), np.empty(begin[-1]))
     d, work = np.empty(n), (np.zeros(n), *np.empty((4, n), np.int64))
@@ -165,22 +165,22 @@ def factors_of(start, column, value, diagonal, size):
     return lower, d, last, work[3]
 
 
-def tree_of(start: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def elimination_tree(start: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the elimination tree (n,), and the number (n,) of entries below the diagonal of L's columns."""
     parent, count, seen = np.empty((3, len(start) - 1), np.int64)
     count_columns(start, column, parent, count, seen)
     return parent, count
 
 
-def _without_force(ends, q, diagonal, size, v) -> bool:
+def _is_forceless(ends, q, diagonal, size, v) -> bool:
     """Return whether the matrix times v (n,) is zero to rounding."""
     force = diagonal * v
     np.add.at(force, ends[:, 0], q * v[ends[:, 1]])
     np.add.at(force, ends[:, 1], q * v[ends[:, 0]])
-    return np.abs(force).max() <= FORCELESS * (size * np.abs(v)).max()
+    return np.abs(force).max() <= FORCE_TOLERANCE * (size * np.abs(v)).max()
 
 
-def dissected(ends: np.ndarray, n: int) -> np.ndarray:
+def nested_dissection_order(ends: np.ndarray, n: int) -> np.ndarray:
     """Return an order (n,) of the rows for which L has few entries."""
     import pymetis
 

@@ -6,7 +6,7 @@ import time
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 
 
-class StopRequest:
+class StopFlag:
     """Record of stop signals since construction, and of the deadline from a wall time [s], None: no limit."""
 
     def __init__(self, walltime: float | None = None, catch: bool = True):
@@ -25,4 +25,4 @@ class StopRequest:
         return self.signal is not None or (self.deadline is not None and time.monotonic() >= self.deadline)
 
 
-NEVER = StopRequest(catch=False)
+NEVER_STOP = StopFlag(catch=False)

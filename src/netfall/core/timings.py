@@ -8,7 +8,7 @@ import numpy as np
 STEP_PHASES = ("dynamics: forces and kick", "dynamics: exchange", "dynamics: drift", "dynamics: rows")
 
 
-class Phases:
+class PhaseTimes:
     """Wall time [s] of each phase of a run on this rank."""
 
     def __init__(self, steps: bool = False):

@@ -34,10 +34,10 @@ class _Model(models.PrimitiveModel):
 
 NUMBERS = Vector(types.float64, DOUBLE)
 INTEGERS = Vector(types.int64, WORD)
-TRUTHS = Vector(types.boolean, BIT)
+BOOLEANS = Vector(types.boolean, BIT)
 
 
-def _spread(context, builder, value, kind, like):
+def _broadcast(context, builder, value, kind, like):
     """Broadcast a number to all lanes; return a vector unchanged."""
     if isinstance(kind, Vector):
         return value
@@ -69,7 +69,7 @@ def _operator(function, make, result=None):
 
     def lower(context, builder, signature, values):
         like = next(k for k in signature.args if isinstance(k, Vector))
-        operands = (_spread(context, builder, v, k, like) for v, k in zip(values, signature.args))
+        operands = (_broadcast(context, builder, v, k, like) for v, k in zip(values, signature.args))
         return make[like.kind](builder, *operands)
 
     for kinds in ((Vector, Vector), (Vector, types.Number), (types.Number, Vector)):
@@ -83,10 +83,10 @@ _operator(operator.mul, {_f8: lambda b, x, y: b.fmul(x, y)})
 _operator(operator.truediv, {_f8: lambda b, x, y: b.fdiv(x, y)})
 _operator(operator.rshift, {_i8: lambda b, x, y: b.ashr(x, y)})
 _operator(operator.lshift, {_i8: lambda b, x, y: b.shl(x, y)})
-_operator(operator.gt, {_f8: lambda b, x, y: b.fcmp_ordered(">", x, y)}, TRUTHS)
-_operator(operator.lt, {_f8: lambda b, x, y: b.fcmp_ordered("<", x, y)}, TRUTHS)
-_operator(operator.ne, {_f8: lambda b, x, y: b.fcmp_unordered("!=", x, y)}, TRUTHS)
-_operator(operator.eq, {_f8: lambda b, x, y: b.fcmp_ordered("==", x, y)}, TRUTHS)
+_operator(operator.gt, {_f8: lambda b, x, y: b.fcmp_ordered(">", x, y)}, BOOLEANS)
+_operator(operator.lt, {_f8: lambda b, x, y: b.fcmp_ordered("<", x, y)}, BOOLEANS)
+_operator(operator.ne, {_f8: lambda b, x, y: b.fcmp_unordered("!=", x, y)}, BOOLEANS)
+_operator(operator.eq, {_f8: lambda b, x, y: b.fcmp_ordered("==", x, y)}, BOOLEANS)
 _operator(operator.or_, {_bool: lambda b, x, y: b.or_(x, y)})
 _operator(operator.and_, {_bool: lambda b, x, y: b.and_(x, y)})
 
@@ -125,11 +125,11 @@ def _elementwise(make, truth_first=False):
         vectors = any(isinstance(a, Vector) for a in args)
         kinds = [NUMBERS if vectors else types.float64] * len(args)
         if truth_first:
-            kinds[0] = TRUTHS if vectors else types.boolean
+            kinds[0] = BOOLEANS if vectors else types.boolean
 
         def code(context, builder, signature, values):
             if vectors:
-                operands = [_spread(context, builder, v, a, k) for v, a, k in zip(values, args, kinds)]
+                operands = [_broadcast(context, builder, v, a, k) for v, a, k in zip(values, args, kinds)]
             else:
                 operands = [context.cast(builder, v, a, k) for v, a, k in zip(values, args, kinds)]
             return make(builder, *operands)
@@ -175,7 +175,7 @@ def sqrt(typing, a):
     return _elementwise(lambda builder, x: _llvm("sqrt", builder, x))(typing, a)
 
 
-def _as(kind, result):
+def _reinterpret(kind, result):
     """Return the typing of a function that reinterprets the bits of a number or vector as another kind."""
     if isinstance(kind, Vector):
         target = {types.float64: NUMBERS, types.int64: INTEGERS}[result]
@@ -188,13 +188,13 @@ def _as(kind, result):
 @intrinsic
 def bits_of(typing, a):
     """Return the 64 bits of a number as an integer."""
-    return _as(a, types.int64)
+    return _reinterpret(a, types.int64)
 
 
 @intrinsic
 def number_of(typing, a):
     """Return the number with these 64 bits."""
-    return _as(a, types.float64)
+    return _reinterpret(a, types.float64)
 
 
 @intrinsic
@@ -229,7 +229,7 @@ def zeros(typing):
 def nowhere(typing):
     """Return false in all lanes."""
     false = ir.Constant(ir.VectorType(BIT, LANES), [0] * LANES)
-    return TRUTHS(), lambda context, builder, signature, values: false
+    return BOOLEANS(), lambda context, builder, signature, values: false
 
 
 # --- memory: arrays (rows, particles) in C order
@@ -260,14 +260,14 @@ def load(typing, array, row, p):
 
 
 @intrinsic
-def load_truths(typing, array, row, p):
+def load_mask(typing, array, row, p):
     """Load the bytes of particles p to p + LANES in a row; true if not zero."""
 
     def code(context, builder, signature, values):
         marks = builder.load(_vector_at(context, builder, array, *values, number=BYTE), align=1)
         return builder.icmp_unsigned("!=", marks, ir.Constant(marks.type, [0] * LANES))
 
-    return TRUTHS(array, types.int64, types.int64), code
+    return BOOLEANS(array, types.int64, types.int64), code
 
 
 @intrinsic
@@ -282,7 +282,7 @@ def store(typing, array, row, p, value):
 
 
 @intrinsic
-def store_truths(typing, array, row, p, truth):
+def store_mask(typing, array, row, p, truth):
     """Store bytes of particles p to p + LANES, 1 if true."""
 
     def code(context, builder, signature, values):
@@ -290,7 +290,7 @@ def store_truths(typing, array, row, p, truth):
         builder.store(byte, _vector_at(context, builder, array, *values[:3], number=BYTE), align=1)
         return context.get_dummy_value()
 
-    return types.none(array, types.int64, types.int64, TRUTHS), code
+    return types.none(array, types.int64, types.int64, BOOLEANS), code
 
 
 def _store_below(context, builder, kind, array, row, p, high, vector):
@@ -313,7 +313,7 @@ def _put(context, builder, kind, array, row, p, high, vector):
 
 
 @intrinsic
-def put(typing, p, high, array, row, value):
+def store_below(typing, p, high, array, row, value):
     """Store the numbers of particles p to `high`, at most LANES."""
 
     def code(context, builder, signature, values):

@@ -9,8 +9,8 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange.formats import endings
-from netfall.exchange.state import MARK, RECORD, state_of
-from netfall.results.file import telling_what_lacks
+from netfall.exchange.state import MARK, NET_RECORD, export_state
+from netfall.results.file import missing_dataset_errors
 from netfall.results.reader import Result
 
 
@@ -48,8 +48,8 @@ def export(source: Path, target: Path, state: Wanted, say: Callable[[str], None]
         raise InputError("--time and --case: each names a state; leave one of them out")
     if state.unit != "m" and not form.UNITS:
         raise InputError(f"--unit {state.unit}: a {ending} is written in metres; a .dxf takes units")
-    with Result(source) as result, telling_what_lacks(source):
-        lines = form.write(result, state_of(result, state.time, state.case), target, state.unit)
+    with Result(source) as result, missing_dataset_errors(source):
+        lines = form.write(result, export_state(result, state.time, state.case), target, state.unit)
         if form.HOLDS is not None:
             lines += lacking(result, ending, form.HOLDS)
     for line in lines:
@@ -59,13 +59,13 @@ def export(source: Path, target: Path, state: Wanted, say: Callable[[str], None]
 def lacking(result: Result, ending: str, contents: tuple[str, ...]) -> list[str]:
     """Return a note on the contents of this net that a file with this ending does not hold.
 
-    contents : contents of `of_net` that it holds
+    contents : contents of `net_contents` that it holds
     """
-    missing = [word for word, present in of_net(result).items() if present and word not in contents]
+    missing = [word for word, present in net_contents(result).items() if present and word not in contents]
     return [f"note: a {ending} does not hold this net's {', '.join(missing)}; a .csv does"]
 
 
-def of_net(result: Result) -> dict[str, bool]:
+def net_contents(result: Result) -> dict[str, bool]:
     """List the possible contents of a net, and whether this one has them."""
     f = result.file
     net, ids = f["net"], f["net/element_id"][:]
@@ -88,8 +88,8 @@ def of_net(result: Result) -> dict[str, bool]:
         "axes of supports": bool(partly_held.any()),
         "angles of supports": "angle" in net,
         "springs": "spring" in net,
-        "loads of nodes": bool(f[f"{RECORD}/load"][:].any()),
-        "masses of nodes": bool(f[f"{RECORD}/mass"][:].any()),
+        "loads of nodes": bool(f[f"{NET_RECORD}/load"][:].any()),
+        "masses of nodes": bool(f[f"{NET_RECORD}/mass"][:].any()),
         "roof areas": bool(net["tributary_area"][:].any()),
         "zones": bool((net["zone"][:] >= 0).any()),
         "temperature": "load/temperature" in f,

@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.progress import one_line
-from netfall.exchange.state import MARK, State
+from netfall.exchange.state import MARK, ExportState
 from netfall.job.cases import split
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.schema import SECTIONS
 from netfall.job.toml_text import toml_text
-from netfall.results.file import job_of, provenance_text
+from netfall.results.file import provenance_text, read_job_tables
 from netfall.results.reader import Result
 from netfall.results.states import last_stage
 
 TABLES = ("net", "roof")  # sections whose files the exported tables replace
 FILES = {
     key.name
-    for section, keys in [*SECTIONS.items(), *LISTS.items()]
+    for section, keys in [*SECTIONS.items(), *LIST_KEYS.items()]
     for key in keys
     if key.kind == "path" and section not in TABLES
 }
@@ -31,14 +31,14 @@ HEAD = """\
 """
 
 
-def job_again(
-    result: Result, state: State, folder: Path, faces: bool, exported: tuple[str, ...]
+def write_rerun_job(
+    result: Result, state: ExportState, folder: Path, faces: bool, exported: tuple[str, ...]
 ) -> list[str]:
     """Write job.toml and the files that it reads; return lines on what was written.
 
     faces : whether faces.csv is exported; exported : names of the exported files, which no copy may have
     """
-    job = job_of(result.file)
+    job = read_job_tables(result.file)
     job["title"] = result.title
     for section in ("form_finding", "target", "stage"):  # the tables hold their results
         job.pop(section, None)
@@ -54,8 +54,8 @@ def job_again(
                 table.pop(key, None)
     if faces:
         job["roof"] = {"faces": "faces.csv"}
-    _zones(job, _used_zones(result))
-    lines = _lost_cables(result, job) + _bent(result) + _parts(result, state, job)
+    _reduce_zones(job, _used_zones(result))
+    lines = _removal_notes(result, job) + _moment_notes(result) + _rename_subdivided(result, state, job)
     if "strength_deviation" in applied_keys and "strength" in result.file["net"]:
         lines.append(
             "note: strengths are those that were drawn, in reports too: without all elements others would be"
@@ -63,7 +63,9 @@ def job_again(
     has_probes = hasattr(result, "history") and "probe_particle" in result.history
     if has_probes and "probes" in job.get("output", {}):  # in the form another node may be nearest
         job["output"]["probes"] = result.nodes["id"][result.history["probe_particle"]].tolist()
-    lines += _files(job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported))
+    lines += _copy_files(
+        job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported)
+    )
     head = HEAD.format(mark=MARK, title=one_line(result.title))
     ordered_job = {name: job[name] for name in ("title", "net", "cable")} | job
     (folder / "job.toml").write_text(head + toml_text(ordered_job), encoding="utf-8")
@@ -78,7 +80,7 @@ def _used_zones(result: Result) -> set[str]:
     return set(result.nodes["zone"].tolist())
 
 
-def _zones(job: dict, used: set[str]) -> None:
+def _reduce_zones(job: dict, used: set[str]) -> None:
     """Reduce the job to zones that are in use, which the node table assigns.
 
     A polygon may contain other nodes in the form than in the initial geometry.
@@ -95,14 +97,14 @@ def _zones(job: dict, used: set[str]) -> None:
         case["set"] = {key: value for key, value in changes.items() if split(key)[1] not in unused}
 
 
-def _bent(result: Result) -> list[str]:
+def _moment_notes(result: Result) -> list[str]:
     """Return a note if bending moments of the stages of erection are lost, since tables hold none."""
     if "bending" not in result.file["net"] or not last_stage(result.file):
         return []
     return ["note: bars that bend have moments after the last stage of erection, which start from zero here"]
 
 
-def _parts(result: Result, state: State, job: dict) -> list[str]:
+def _rename_subdivided(result: Result, state: ExportState, job: dict) -> list[str]:
     """Name the parts of subdivided elements in the job, keep the buckling lengths, and return notes.
 
     state.cable holds the ids that the job uses for all parts of an element.
@@ -139,7 +141,7 @@ def _buckling_lengths(result: Result, job: dict) -> list[str]:
     return lines
 
 
-def _lost_cables(result: Result, job: dict) -> list[str]:
+def _removal_notes(result: Result, job: dict) -> list[str]:
     """Return a note if the study, not the job, removed a member."""
     if hasattr(result, "removal") and len(result.removal["time"]) > len(job.get("remove", [])):
         return [
@@ -148,7 +150,7 @@ def _lost_cables(result: Result, job: dict) -> list[str]:
     return []
 
 
-def _files(table, source: Path, folder: Path, origins: dict[str, Path | None]) -> list[str]:
+def _copy_files(table, source: Path, folder: Path, origins: dict[str, Path | None]) -> list[str]:
     """Copy the files that a job names into the folder; return lines on the copies.
 
     source : folder of the job; origins : file that each name in the folder is a copy of, None: no copy
@@ -157,19 +159,19 @@ def _files(table, source: Path, folder: Path, origins: dict[str, Path | None]) -
     items = table.items() if isinstance(table, dict) else enumerate(table)
     for key, value in list(items):
         if isinstance(value, dict | list):
-            lines += _files(value, source, folder, origins)
+            lines += _copy_files(value, source, folder, origins)
         elif isinstance(value, str) and str(key).rpartition(".")[2] in FILES:
             name = Path(value).name
             while origins.get(name, source / value) != source / value:
                 name = f"other_{name}"
             table[key] = name
             if name not in origins:
-                lines.append(_copied(source / value, folder / name, key))
+                lines.append(_copy_file(source / value, folder / name, key))
             origins[name] = source / value
     return lines
 
 
-def _copied(source: Path, target: Path, key: str) -> str:
+def _copy_file(source: Path, target: Path, key: str) -> str:
     """Copy a file; return the line on it, or a note if it does not exist any more."""
     if not source.is_file():
         return f"note: {key} = {target.name}: {source} is no more there; put it beside job.toml"

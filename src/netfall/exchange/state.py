@@ -5,19 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.job.values import counted, nearest
-from netfall.results.cases import Case, cases_of
+from netfall.job.values import counted, suggest
+from netfall.results.cases import Case, read_cases
 from netfall.results.reader import Result
 from netfall.results.states import absent, start_position, start_tension
 
 AXES = ("x", "y", "z")
 MARK = "by netfall"  # mark in each exported file; only files with it are replaced
 
-RECORD = "provenance/net"  # group of the data that the tables of a net need in addition to /net
+NET_RECORD = "provenance/net"  # group of the data that the tables of a net need in addition to /net
 
 
 @dataclass(frozen=True)
-class State:
+class ExportState:
     """State of p points, the nodes of the net and those that split off, and of m elements.
 
     name : description; time : [s], None: static; case : of the job, "": none; without either it is the form
@@ -56,7 +56,7 @@ class State:
         """
         return self.ends[:, 0] == self.ends[:, 1]
 
-    def told_out(self, objects: str) -> list[str]:
+    def removed_element_lines(self, objects: str) -> list[str]:
         """Return a line on the elements out of the net, if any; objects : what the file lacks."""
         ids = self.element_id[self.out()]
         return [f"{counted('element', ids)} out of the net by then: no {objects}"] if len(ids) else []
@@ -69,7 +69,7 @@ class State:
         return by_name
 
 
-def state_of(result: Result, time: float | None, case: str | None = None) -> State:
+def export_state(result: Result, time: float | None, case: str | None = None) -> ExportState:
     """Return the form, the snapshot nearest to a time [s] (inf: the last one), or the equilibrium of a case.
 
     Raises InputError for a time that the run did not reach, or a case that it does not have.
@@ -78,7 +78,7 @@ def state_of(result: Result, time: float | None, case: str | None = None) -> Sta
         position, tension, name = form_of(result) + ("form",)
         displacement = np.zeros_like(position)
         if case is not None:
-            shown = case_named(result, case).shown
+            shown = find_case(result, case).shown
             displacement, tension, name = shown.position() - position, shown.tension(), shown.name
             position = shown.position()
         broken, ends = np.zeros(len(tension), bool), result.file["net/elements"][:]
@@ -90,7 +90,7 @@ def state_of(result: Result, time: float | None, case: str | None = None) -> Sta
         displacement = frame.displacement
         time, name = frame.time, f"t = {frame.time:g} s"
     split_count = len(position) - len(result.nodes["id"])
-    return State(
+    return ExportState(
         name=name,
         time=time,
         case=case or "",
@@ -109,13 +109,13 @@ def state_of(result: Result, time: float | None, case: str | None = None) -> Sta
     )
 
 
-def case_named(result: Result, name: str) -> Case:
+def find_case(result: Result, name: str) -> Case:
     """Return a case or combination of a result. Raises InputError if it is unknown or has no equilibrium."""
-    cases = cases_of(result.file)
+    cases = read_cases(result.file)
     match = next((case for case in cases if case.name == name), None)
     if match is None:
         names = [case.name for case in cases]
-        advice = nearest(name, names) if names else "its job has no [[case]]"
+        advice = suggest(name, names) if names else "its job has no [[case]]"
         raise InputError(f"--case {name}: no such case in {result.path}; {advice}")
     if not match.carries:
         raise InputError(f"--case {name}: has no equilibrium ({match.reason}); expected a case that has one")

@@ -13,15 +13,15 @@ import numpy as np
 
 from netfall.core.records import empty, f8, f8_2, u1
 from netfall.core.vectors import LANES
-from netfall.explicit.energy_check import Room, Subject, observe
-from netfall.explicit.plan import make_scratch, traits_of
+from netfall.explicit.energy_check import ObservationArrays, ObservedState, observe
+from netfall.explicit.plan import feature_bits, make_scratch
 from netfall.parallel.mpi import MPI
-from netfall.parallel.sums import LIMBS, rounded_of_all
+from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints
 from netfall.physics.elements import ElementState
 from netfall.physics.fields import OTHER_WORKS
-from netfall.physics.slip.motion import Places
+from netfall.physics.slip.motion import SlipPoints
 from netfall.physics.state import State
 
 
@@ -59,8 +59,8 @@ class Snapshot:
     """The state at a step n for reports: owned particles (rows) and all elements of a rank."""
 
     rows: np.ndarray
-    room: Room
-    subject: Subject | None = None
+    room: ObservationArrays
+    subject: ObservedState | None = None
 
     @property
     def velocity(self) -> np.ndarray:
@@ -96,9 +96,9 @@ class Snapshot:
         """Return whether the arrays of this snapshot have the size of a state."""
         return self.room.terms.shape[1] == len(state.x)
 
-    def look_at(self, state: State) -> Subject:
+    def bind(self, state: State) -> ObservedState:
         """Refer to the arrays of a state of fitting size, as long as they stay in place."""
-        self.subject = subject_of(state)
+        self.subject = snapshot_input(state)
         return self.subject
 
     def take(self, state: State, before_dt: float, dt: float, zeta: float, share: float) -> "Snapshot":
@@ -109,14 +109,14 @@ class Snapshot:
         return self
 
 
-def make_room(state: State) -> Snapshot:
+def make_snapshot(state: State) -> Snapshot:
     """Allocate a snapshot for a state of this size, without values."""
     f, n, m = state.features, len(state.x), state.m
     N, eps, eps_p, L, stored, heat = (np.zeros(m) for _ in range(6))
     vectors = (3, n + LANES)
     terms = np.zeros((4 if state.other_work is None else 4 + len(OTHER_WORKS), n))
     extra_sums = bool(f.springs) + bool(f.sliding) + bool(f.detaches)
-    room = Room(
+    room = ObservationArrays(
         f_int=np.zeros(vectors),
         velocity=np.zeros(vectors),
         now=ElementState(N, eps, eps_p, L),
@@ -128,24 +128,24 @@ def make_room(state: State) -> Snapshot:
         attached_elements=np.zeros(m, np.uint8) if f.detaches else empty(u1),
         sums=np.zeros((len(terms) + 2 + extra_sums, LIMBS), np.int64),
         slack=np.zeros(1, np.int64),
-        f_band=np.zeros(vectors) if f.band else empty(f8_2),
+        f_branches=np.zeros(vectors) if f.band else empty(f8_2),
         scratch=make_scratch(state),
     )
     return Snapshot(np.zeros(0, np.int64), room)
 
 
-def subject_of(state: State) -> Subject:
+def snapshot_input(state: State) -> ObservedState:
     """Return the arrays of a state that a snapshot reads."""
-    return Subject(
+    return ObservedState(
         state.n_owned,
         state.first_split,
         state.rows,
-        traits_of(state),
+        feature_bits(state),
         state.particles,
         state.elements,
         state.law,
         state.joints or Joints.absent(),
-        state.places or Places.absent(),
+        state.places or SlipPoints.absent(),
         state.relative_wind() or RelativeWind.absent(),
     )
 
@@ -156,13 +156,13 @@ def take_snapshot(state: State, before_dt: float, dt: float, zeta: float, share:
     before_dt, dt : [s] the steps before and after it
     zeta, share : see `energy_check.observe`
     """
-    snapshot = make_room(state)
-    snapshot.look_at(state)
+    snapshot = make_snapshot(state)
+    snapshot.bind(state)
     return snapshot.take(state, before_dt, dt, zeta, share)
 
 
-def energies_of(state: State, sums: np.ndarray) -> Energies:
-    """Return the energies of sums (..., k) [J] in the order of `explicit.energy_check.Room`."""
+def energies_from_sums(state: State, sums: np.ndarray) -> Energies:
+    """Return the energies of sums (..., k) [J] in the order of `explicit.energy_check.ObservationArrays`."""
     kinetic, damping, external, internal, *others = np.moveaxis(sums, -1, 0)
     slip = others.pop() if state.features.sliding else 0.0
     attached = others.pop() if state.features.detaches else None
@@ -189,10 +189,10 @@ def energies_of(state: State, sums: np.ndarray) -> Energies:
 
 def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies:
     """Sum the energies over all ranks; the result is bitwise the same on any number of ranks. Collective."""
-    return energies_of(state, rounded_of_all(comm, snapshot.room.sums.copy()))
+    return energies_from_sums(state, round_over_ranks(comm, snapshot.room.sums.copy()))
 
 
-def most_extreme(state: State, element_gid: np.ndarray, snapshot: Snapshot) -> tuple:
+def local_extremes(state: State, element_gid: np.ndarray, snapshot: Snapshot) -> tuple:
     """Return speed and number of this rank's fastest particle, and its largest strain and the element."""
     speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
     held = ~state.free[snapshot.rows].any(1)

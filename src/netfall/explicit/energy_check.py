@@ -9,8 +9,8 @@ import math
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, u1, whole
-from netfall.core.vectors import LANES, fma, load, load_truths, put, where, zeros
+from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, u1, whole
+from netfall.core.vectors import LANES, fma, load, load_mask, store_below, where, zeros
 from netfall.explicit.forces import Scratch
 from netfall.explicit.motion import (
     damped_mass,
@@ -19,20 +19,20 @@ from netfall.explicit.motion import (
     total_forces,
 )
 from netfall.parallel.sums import add_exactly, add_term
-from netfall.physics.air import RelativeWind, set_air, set_drag
+from netfall.physics.air import RelativeWind, set_air_damping, set_drag
 from netfall.physics.bending import Joints, bend, joint_energy
-from netfall.physics.elements import ElementState, element_energies, find_state, pull
+from netfall.physics.elements import ElementState, add_axial_forces, compute_state, element_energies
 from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.branches import add_branches, set_branches
-from netfall.physics.law.law import Law
-from netfall.physics.slip.motion import Places, slip_energies
-from netfall.physics.supports import spring_back
+from netfall.physics.law.law import LawParameters
+from netfall.physics.slip.motion import SlipPoints, slip_energies
+from netfall.physics.supports import add_spring_forces
 from netfall.physics.targets import particle
 
 kicked, works_of_motion = particle.kicked, particle.works_of_motion
 
 
-class Subject(Record):
+class ObservedState(Record):
     """Input of `observe` on one rank; fields that the problem lacks are absent.
 
     n_owned, first_split : particle rows; rows : (1,) number of rows in use; traits : bits of
@@ -46,13 +46,13 @@ class Subject(Record):
     traits: whole
     particles: Particles
     elements: Elements
-    law: Law
+    law: LawParameters
     joints: Joints
-    places: Places
+    places: SlipPoints
     relative: RelativeWind
 
 
-class Room(Record):
+class ObservationArrays(Record):
     """Output arrays of `observe`: owned particles in row order, then the particles that split off.
 
     f_int : (3, n) [N]; velocity : (3, n) [m/s]; now : `ElementState`; heat : (m,) dissipated [J]
@@ -77,7 +77,7 @@ class Room(Record):
     attached_elements: u1
     sums: i8_2
     slack: i8
-    f_band: f8_2
+    f_branches: f8_2
     scratch: Scratch
 
 
@@ -95,32 +95,32 @@ def particle_energies(first, last, before, part, kick_dt, zeta, share, observed,
             for p in range(low, high):
                 scratch.f[k, p - low] = observation.f_int[k, p]
         total_forces(low, high, False, kick_dt, zeta, share, observed.traits, particles.x, particles, scratch)
-        energies_of_stretch(low, high, before, part, kick_dt, zeta, observed, observation)
+        span_energies(low, high, before, part, kick_dt, zeta, observed, observation)
 
 
 @inner_kernel
-def energies_of_stretch(low, high, before, part, kick_dt, zeta, observed, observation):
+def span_energies(low, high, before, part, kick_dt, zeta, observed, observation):
     """Compute velocity and energy terms of particles low to high, whose forces are in the scratch."""
     particles, velocity, terms = observed.particles, observation.velocity, observation.terms
     h = 0.5 * zeta * kick_dt
     c_v, c_a, duration, end = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), part * kick_dt, high - before
-    ground, scratch, other = has(particles.ground), observation.scratch, particles.other_work
+    ground, scratch, other = is_present(particles.ground), observation.scratch, particles.other_work
     for p in range(low, high, LANES):
         i, row, mass = p - low, p - before, load(particles.mass, 0, p)
         per_mass = where(mass > 0.0, 1.0 / mass, zeros())
         kinetic, external, internal, damping, support = zeros(), zeros(), zeros(), zeros(), zeros()
         air_work, band_work = zeros(), zeros()
         along = force_along_guides(p, i, scratch.total, particles)
-        if has(particles.work):
+        if is_present(particles.work):
             external, internal = load(particles.work, 0, p), load(particles.work, 1, p)
             damping = load(particles.work, 2, p)
-        if has(other):
+        if is_present(other):
             support = load(other, 2, p)
         for k in range(3):
             f_int, f_ext, old = load(scratch.f, k, i), load(scratch.external, k, i), load(particles.v, k, p)
             total, free = (
                 free_force(k, p, i, scratch.total, along, particles),
-                load_truths(particles.free, k, p),
+                load_mask(particles.free, k, p),
             )
             fixed = load(particles.ground, k, p) if ground else old
             new = where(free, kicked(old, total * per_mass, c_v, c_a), fixed)
@@ -143,25 +143,25 @@ def energies_of_stretch(low, high, before, part, kick_dt, zeta, observed, observ
             else:
                 external, internal = where(free, external_sum, external), where(free, internal_sum, internal)
                 damping = where(free, fma(path, zeta * damped * mean, damping), damping)
-            if has(observation.f_band):
-                band_work = fma(v_sum, load(observation.f_band, k, p), band_work)
-            if has(particles.air):
+            if is_present(observation.f_branches):
+                band_work = fma(v_sum, load(observation.f_branches, k, p), band_work)
+            if is_present(particles.air):
                 air_work = fma(load(particles.air, k, p), v_sum, air_work)
             kinetic = fma(0.5 * mass, now * now, kinetic)
-            put(row, end, velocity, k, now)
-        if not has(particles.work):
+            store_below(row, end, velocity, k, now)
+        if not is_present(particles.work):
             external = internal = damping = zeros() + math.nan
-        put(row, end, terms, 0, kinetic)
-        put(row, end, terms, 1, damping)
-        put(row, end, terms, 2, external)
-        put(row, end, terms, 3, -internal)
-        if has(other):
+        store_below(row, end, terms, 0, kinetic)
+        store_below(row, end, terms, 1, damping)
+        store_below(row, end, terms, 2, external)
+        store_below(row, end, terms, 3, -internal)
+        if is_present(other):
             air = load(other, 0, p)
-            if has(particles.air):
+            if is_present(particles.air):
                 air = fma(0.5 * duration * load(scratch.pull, 0, i), air_work, air)
-            put(row, end, terms, 4, air)
-            put(row, end, terms, 5, fma(-0.5 * duration, band_work, load(other, 1, p)))
-            put(row, end, terms, 6, support)
+            store_below(row, end, terms, 4, air)
+            store_below(row, end, terms, 5, fma(-0.5 * duration, band_work, load(other, 1, p)))
+            store_below(row, end, terms, 6, support)
 
 
 @inner_kernel
@@ -174,7 +174,7 @@ def spring_energies(first, last, before, particles, energy):
             elongation = (x[k, p] - start[k, p]) - rest[k, p]
             total += spring[k, p] * elongation * elongation
         energy[p - before] = 0.5 * total
-        if has(particles.turned):
+        if is_present(particles.turned):
             elongation, across = (x[0, p] - start[0, p]) - rest[0, p], (x[1, p] - start[1, p]) - rest[1, p]
             energy[p - before] += particles.turned[2, p] * elongation * across
 
@@ -200,7 +200,7 @@ def find_attached(owned, observed, observation):
 
 
 @inner_kernel
-def add_attached(owned, observed, observation, limbs):
+def add_attached_energies(owned, observed, observation, limbs):
     """Add kinetic and stored energies [J] of the attached part to the fixed-point number in limbs.
 
     `add_slip_energies` adds the share of the slips.
@@ -212,7 +212,7 @@ def add_attached(owned, observed, observation, limbs):
     for k in range(joints.stiffness.shape[0]):
         if joints.owned[k] and not observed.particles.detached[joints.particles[k, 1]]:
             add_term(joint_energy(observed.particles.x.T, joints, k), limbs)
-    if has(observation.sprung):  # at supports
+    if is_present(observation.sprung):  # at supports
         add_exactly(observation.sprung[:owned], observation.attached[:0], limbs)
 
 
@@ -225,9 +225,9 @@ def add_slip_energies(part, kick_dt, share, observed, sums):
             i, part, kick_dt, share, places, particles, observed.elements, observed.law
         )
         add_term(kinetic, sums[0])
-        if has(particles.detached) and not particles.detached[places.node[i]]:
+        if is_present(particles.detached) and not particles.detached[places.node[i]]:
             add_term(kinetic, sums[-2])
-        if has(particles.slip_work):
+        if is_present(particles.slip_work):
             p = places.node[i]
             if p != previous:  # once for all cables at the node
                 add_term(particles.slip_work[0, p], sums[2])
@@ -253,9 +253,9 @@ def count_slack(now, elements):
 def observe_particles(part, kick_dt, zeta, share, observed, observation):
     """Compute velocities and energy terms of all owned particles; arguments as in `particle_energies`."""
     n_owned, first_split, particles = observed.n_owned, observed.first_split, observed.particles
-    if has(particles.air):
-        set_air(kick_dt, zeta, particles)
-    if has(particles.drag):
+    if is_present(particles.air):
+        set_air_damping(kick_dt, zeta, particles)
+    if is_present(particles.drag):
         set_drag(kick_dt, share, observed.relative, particles)
     halo = first_split - n_owned
     particle_energies(halo - halo, n_owned, halo - halo, part, kick_dt, zeta, share, observed, observation)
@@ -273,15 +273,15 @@ def internal_forces(before_dt, dt, observed, observation):
         observation.f_int.T,
     )
     f_int[:] = 0.0
-    pull(x, elements.ends, now.N, now.L, f_int)
-    if has(law.branches):
+    add_axial_forces(x, elements.ends, now.N, now.L, f_int)
+    if is_present(law.branches):
         set_branches(before_dt, dt, law)
-        add_branches(x, elements, now, law, f_int, observation.f_band.T)
-    if has(observed.joints.stiffness):
+        add_branches(x, elements, now, law, f_int, observation.f_branches.T)
+    if is_present(observed.joints.stiffness):
         bend(x, observed.joints, f_int)
-    if has(particles.spring):
+    if is_present(particles.spring):
         halo, supports = first_split - n_owned, (particles.spring.T, particles.spring_rest.T)
-        spring_back(x, particles.x_start.T, *supports, particles.turned.T, f_int)
+        add_spring_forces(x, particles.x_start.T, *supports, particles.turned.T, f_int)
         spring_energies(0, n_owned, 0, particles, observation.sprung)
         spring_energies(first_split, observed.rows[0], halo, particles, observation.sprung)
 
@@ -293,7 +293,7 @@ def observe(before_dt, dt, zeta, share, with_energies, observed, observation):
     before_dt, dt : [s] the steps before and after n; zeta : [1/s]; share : position between two load samples
     """
     particles, elements, law = observed.particles, observed.elements, observed.law
-    find_state(particles.x.T, elements, law, observation.now)
+    compute_state(particles.x.T, elements, law, observation.now)
     if not with_energies:
         return
     heat, terms, stored, sums = observation.heat, observation.terms, observation.stored, observation.sums
@@ -310,11 +310,11 @@ def observe(before_dt, dt, zeta, share, with_energies, observed, observation):
     add_joint_energies(particles.x.T, observed.joints, sums[last])
     add_exactly(heat, elements.owned, sums[last + 1])
     row = last + 2
-    if has(observation.sprung):
+    if is_present(observation.sprung):
         add_exactly(observation.sprung[:owned], unmasked, sums[row])
         row += 1
-    if has(particles.detached):
-        add_attached(owned, observed, observation, sums[row])
-    if has(observed.places.node):
+    if is_present(particles.detached):
+        add_attached_energies(owned, observed, observation, sums[row])
+    if is_present(observed.places.node):
         add_slip_energies(part, kick_dt, share, observed, sums)
     observation.slack[0] = count_slack(observation.now, elements)

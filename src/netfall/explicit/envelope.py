@@ -8,7 +8,7 @@ than the time between two rows.
 
 import numpy as np
 
-from netfall.explicit.sampling import widen_to_extremes
+from netfall.explicit.sampling import update_tension_envelope
 from netfall.parallel.subdomain import Distribution
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
@@ -17,7 +17,7 @@ DISPLACEMENT = ("displacement_max", "displacement_max_time")  # (n,), of particl
 MOMENT = "bending_moment_max"  # (m,), only with bending chains
 
 
-class Envelope:
+class DynamicEnvelope:
     """The envelope of one rank. Its rows have the order of TENSION and DISPLACEMENT.
 
     tension : (4, m); displacement : (2, n_owned)
@@ -37,7 +37,7 @@ class Envelope:
     def take_in(self, time: float, state) -> None:
         """Include the extremes of all steps so far, at a time [s], if the state records them."""
         if state.highest is not None:
-            widen_to_extremes(time, state.highest, state.elements.lowest, self.tension)
+            update_tension_envelope(time, state.highest, state.elements.lowest, self.tension)
 
     def columns(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Return the columns of elements (m,) and of particles (n_owned,), by name."""

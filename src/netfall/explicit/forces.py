@@ -12,7 +12,7 @@ other features are checked at run time.
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
-from netfall.core.records import Record, f8, f8_2, has, u1
+from netfall.core.records import Record, f8, f8_2, is_present, u1
 from netfall.core.vectors import (
     LANES,
     any_of,
@@ -20,13 +20,13 @@ from netfall.core.vectors import (
     fma,
     gather,
     load,
-    load_truths,
+    load_mask,
     maximum,
     minimum,
     nowhere,
-    put,
     store,
-    store_truths,
+    store_below,
+    store_mask,
     where,
     zeros,
 )
@@ -57,10 +57,10 @@ class Scratch(Record):
 
 
 @part_of_kernel
-def of_slot(array, s, p, common):
+def load_slot(array, s, p, common):
     """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `common`."""
     value = zeros() + common
-    if has(array):
+    if is_present(array):
         value = load(array, s, p)
     return value
 
@@ -78,29 +78,33 @@ def far_ends(s, p, in_line, x, other):
 
 
 @part_of_kernel
-def general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
+def general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
     """Return N / L [N/m] of elements of any kind, their limit flags and their new plastic strain.
 
     eps_p : plastic strain before; bar : whether they carry compression
     """
-    EA = of_slot(slots.EA, s, p, law.EA)
+    EA = load_slot(slots.EA, s, p, law.EA)
     if law.logarithmic:
         q = logarithmic_density(per_L, L, per_L0, eps_p, EA)
     else:
         q = elastic_density(per_L, per_L0, eps_p, EA)
-    highest = of_slot(slots.yield_force, s, p, law.yield_force) * per_L
-    stretch_limit, limit_flags, new_eps_p = of_slot(slots.reach, s, p, law.reach), nowhere(), eps_p
+    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
+    stretch_limit, limit_flags, new_eps_p = (
+        load_slot(slots.check_stretch, s, p, law.check_stretch),
+        nowhere(),
+        eps_p,
+    )
     if law.plastic:
-        yield_strain = of_slot(slots.yield_strain, s, p, law.yield_strain)
+        yield_strain = load_slot(slots.yield_strain, s, p, law.yield_strain)
         eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
         new_eps_p = grown(eps, eps_p, yield_strain)
-        if has(slots.bar):  # the heat of bars does not follow from eps_p, so `look_closer` treats them
-            yields = bar & (of_slot(slots.euler, s, p, INFINITE) == INFINITE)
+        if is_present(slots.bar):  # the heat of bars does not follow from eps_p, so `look_closer` treats them
+            yields = bar & (load_slot(slots.euler, s, p, INFINITE) == INFINITE)
             limit_flags = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
             new_eps_p = where(bar, eps_p, new_eps_p)
     limit_flags = limit_flags | (fma(stretch_limit, per_L, -per_L0) < 0.0)
     lowest = where(bar, -highest, zeros())
-    if has(slots.euler):
+    if is_present(slots.euler):
         limit_flags = limit_flags | (bar & (fma(stretch_limit, per_L0, -per_L) < 0.0))
         buckling_density = -load(slots.euler, s, p) * per_L
         lowest = where(buckling_density > lowest, buckling_density, lowest)
@@ -109,15 +113,15 @@ def general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
 
 
 @part_of_kernel
-def elastic_forces(s, p, per_L, per_L0, slots, law):
+def elastic_slot_density(s, p, per_L, per_L0, slots, law):
     """Return N / L [N/m] of elements without plastic strain, and their limit flags.
 
     The strain is the engineering strain.
     """
-    q = elastic_density(per_L, per_L0, zeros(), of_slot(slots.EA, s, p, law.EA))
-    force_limit = of_slot(slots.near, s, p, law.near)
-    if has(slots.bar):
-        bar = load_truths(slots.bar, s, p)
+    q = elastic_density(per_L, per_L0, zeros(), load_slot(slots.EA, s, p, law.EA))
+    force_limit = load_slot(slots.near, s, p, law.near)
+    if is_present(slots.bar):
+        bar = load_mask(slots.bar, s, p)
         q = where(bar | (q > 0.0), q, zeros())
         return q, fma(force_limit, per_L, -abs(q)) < 0.0
     limit_flags = fma(force_limit, per_L, -q) < 0.0
@@ -125,29 +129,29 @@ def elastic_forces(s, p, per_L, per_L0, slots, law):
 
 
 @part_of_kernel
-def yielding_cable(s, p, per_L, L, per_L0, eps_p, slots, law):
+def yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law):
     """Return N / L [N/m] of cables that may yield, flags of those near fracture, and the new plastic strain.
 
     The strain is the engineering strain.
     """
-    q = elastic_density(per_L, per_L0, eps_p, of_slot(slots.EA, s, p, law.EA))
+    q = elastic_density(per_L, per_L0, eps_p, load_slot(slots.EA, s, p, law.EA))
     new_eps_p = grown(
-        engineering_strain(L, per_L0), eps_p, of_slot(slots.yield_strain, s, p, law.yield_strain)
+        engineering_strain(L, per_L0), eps_p, load_slot(slots.yield_strain, s, p, law.yield_strain)
     )
-    limit_flags = fma(of_slot(slots.reach, s, p, law.reach), per_L, -per_L0) < 0.0
-    highest = of_slot(slots.yield_force, s, p, law.yield_force) * per_L
+    limit_flags = fma(load_slot(slots.check_stretch, s, p, law.check_stretch), per_L, -per_L0) < 0.0
+    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
     q = where(q > highest, highest, q)
     return where(q > 0.0, q, zeros()), limit_flags, new_eps_p
 
 
 @part_of_kernel
-def are_repeated(slots, law):
+def needs_inelastic_pass(slots, law):
     """Return whether elements near a limit may yield or buckle, so that the elastic result is discarded."""
-    return law.plastic > 0 or has(slots.euler)
+    return law.plastic > 0 or is_present(slots.euler)
 
 
 @part_of_kernel
-def keep_extremes(N, skipped, s, p, slots):
+def update_extremes(N, skipped, s, p, slots):
     """Update the extremes of the axial forces N [N] of the elements in slot s, except the skipped ones.
 
     It also writes lanes beyond the end of the chunk. They hold broken elements or none, and nothing reads
@@ -155,7 +159,7 @@ def keep_extremes(N, skipped, s, p, slots):
     """
     highest = load(slots.highest, s, p)
     store(slots.highest, s, p, where(skipped, highest, maximum(N, highest)))
-    if has(slots.lowest):
+    if is_present(slots.lowest):
         lowest = load(slots.lowest, s, p)
         store(slots.lowest, s, p, where(skipped, lowest, minimum(N, lowest)))
 
@@ -166,12 +170,12 @@ def with_branches(q, per_L, L, s, p, high, bar, slots, law):
     factors, N = law.branches, q * L
     a, b = load(slots.branch_a, s, p), load(slots.branch_b, s, p)
     state_sum = a + b
-    put(p, high, slots.branch_a, s, branch(a, N, factors[2, 0], factors[3, 0]))
-    put(p, high, slots.branch_b, s, branch(b, N, factors[2, 1], factors[3, 1]))
-    if has(slots.branch_c):
+    store_below(p, high, slots.branch_a, s, branch(a, N, factors[2, 0], factors[3, 0]))
+    store_below(p, high, slots.branch_b, s, branch(b, N, factors[2, 1], factors[3, 1]))
+    if is_present(slots.branch_c):
         c = load(slots.branch_c, s, p)
         state_sum = state_sum + c
-        put(p, high, slots.branch_c, s, branch(c, N, factors[2, 2], factors[3, 2]))
+        store_below(p, high, slots.branch_c, s, branch(c, N, factors[2, 2], factors[3, 2]))
     total = fma(-state_sum, per_L, factors[4, 0] * q)
     return where(bar | (total > 0.0), total, zeros())
 
@@ -179,11 +183,11 @@ def with_branches(q, per_L, L, s, p, high, bar, slots, law):
 @part_of_kernel
 def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, scratch):
     """Compute `add_forces` for LANES particles from p on into place i, and return their limit flags."""
-    peaks, branches = has(slots.highest), general and has(law.branches)
+    peaks, branches = is_present(slots.highest), general and is_present(law.branches)
     px, py, pz = load(x, 0, p), load(x, 1, p), load(x, 2, p)
     fx, fy, fz, particle_flags = zeros(), zeros(), zeros(), nowhere()
     bx, by, bz, bar = zeros(), zeros(), zeros(), nowhere()
-    repeated = not general and not yields and are_repeated(slots, law)
+    repeated = not general and not yields and needs_inelastic_pass(slots, law)
     for s in range(width):
         ox, oy, oz = far_ends(s, p, in_line, x, slots.other)
         dx, dy, dz = ox - px, oy - py, oz - pz
@@ -192,19 +196,19 @@ def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, sc
         if yields:
             eps_p = load(slots.eps_p, s, p)
         if general:
-            if has(slots.bar):
-                bar = load_truths(slots.bar, s, p)
-            q, slot_flags, new_eps_p = general_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
+            if is_present(slots.bar):
+                bar = load_mask(slots.bar, s, p)
+            q, slot_flags, new_eps_p = general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law)
         elif yields:
-            q, slot_flags, new_eps_p = yielding_cable(s, p, per_L, L, per_L0, eps_p, slots, law)
+            q, slot_flags, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
         else:
-            q, slot_flags = elastic_forces(s, p, per_L, per_L0, slots, law)
+            q, slot_flags = elastic_slot_density(s, p, per_L, per_L0, slots, law)
             new_eps_p = eps_p
         if yields and any_of(new_eps_p != eps_p):
-            put(p, high, slots.eps_p, s, new_eps_p)
+            store_below(p, high, slots.eps_p, s, new_eps_p)
         particle_flags = particle_flags | slot_flags
         if peaks:  # `repeated` elements are computed again, and update their extremes then
-            keep_extremes(q * L, slot_flags if repeated else nowhere(), s, p, slots)
+            update_extremes(q * L, slot_flags if repeated else nowhere(), s, p, slots)
         if branches:
             total = with_branches(q, per_L, L, s, p, high, bar, slots, law)
             branch_density, q = total - q, total
@@ -237,13 +241,13 @@ def add_forces(low, high, width, general, yields, x, slots, law, scratch):
             flags = vector_forces(p, high, p - low, width, True, general, yields, x, slots, law, scratch)
         else:
             flags = vector_forces(p, high, p - low, width, False, general, yields, x, slots, law, scratch)
-        store_truths(scratch.near, 0, p - low, flags)
+        store_mask(scratch.near, 0, p - low, flags)
         any_flags = any_flags | flags
     return any_of(any_flags)
 
 
 @inner_kernel
-def elastic_elements(low, high, width, x, slots, law, scratch):
+def elastic_chunk_forces(low, high, width, x, slots, law, scratch):
     """Sum the forces of elements without plastic strain; the result is invalid if one is near yield."""
     if width == SLOTS:  # a literal trip count, which LLVM unrolls
         return add_forces(low, high, SLOTS, False, False, x, slots, law, scratch)
@@ -251,7 +255,7 @@ def elastic_elements(low, high, width, x, slots, law, scratch):
 
 
 @inner_kernel
-def yielding_cables(low, high, width, x, slots, law, scratch):
+def yielding_chunk_forces(low, high, width, x, slots, law, scratch):
     """Sum the forces of cables that may have plastic strains."""
     if width == SLOTS:
         return add_forces(low, high, SLOTS, False, True, x, slots, law, scratch)
@@ -259,9 +263,9 @@ def yielding_cables(low, high, width, x, slots, law, scratch):
 
 
 @inner_kernel
-def elements_of_any_kind(low, high, width, x, slots, law, scratch):
+def general_chunk_forces(low, high, width, x, slots, law, scratch):
     """Sum the forces of cables and bars that may yield or buckle, for any strain measure."""
-    return add_forces(low, high, width, True, has(slots.eps_p), x, slots, law, scratch)
+    return add_forces(low, high, width, True, is_present(slots.eps_p), x, slots, law, scratch)
 
 
 @inner_kernel
@@ -273,12 +277,12 @@ def chunk_forces(c, plain, x, chunks, slots, law, scratch):
     low, high, width = chunks.low[c], chunks.high[c], chunks.width[c]
     if not plain:
         chunks.has_yielded[c] = law.plastic
-        return elements_of_any_kind(low, high, width, x, slots, law, scratch)
+        return general_chunk_forces(low, high, width, x, slots, law, scratch)
     if not chunks.has_yielded[c]:
-        at_limit = elastic_elements(low, high, width, x, slots, law, scratch)
-        if not (at_limit and are_repeated(slots, law)):
+        at_limit = elastic_chunk_forces(low, high, width, x, slots, law, scratch)
+        if not (at_limit and needs_inelastic_pass(slots, law)):
             return at_limit
     chunks.has_yielded[c] = 1
-    if has(slots.bar):
-        return elements_of_any_kind(low, high, width, x, slots, law, scratch)
-    return yielding_cables(low, high, width, x, slots, law, scratch)
+    if is_present(slots.bar):
+        return general_chunk_forces(low, high, width, x, slots, law, scratch)
+    return yielding_chunk_forces(low, high, width, x, slots, law, scratch)

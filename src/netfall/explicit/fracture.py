@@ -7,9 +7,9 @@ stays with. The new particle has one element and belongs to a chunk of such part
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
-from netfall.core.records import has
+from netfall.core.records import is_present
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
-from netfall.physics.fracture import break_element, decide, lengthen, owns
+from netfall.physics.fracture import break_element, choose_ends, lengthen_fragment, owns
 
 
 @inner_kernel
@@ -19,13 +19,13 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
     when : `events.StepDone`
     """
     pending = elements.pending
-    sort(pending, count)
+    shell_sort(pending, count)
     for k in range(count):
-        decide(pending[k], elements, fractures.particles)
+        choose_ends(pending[k], elements, fractures.particles)
     for k in range(count):
         e = pending[k]
         if elements.broken[e]:
-            lengthen(e, when.dt, elements, fractures.particles, law)
+            lengthen_fragment(e, when.dt, elements, fractures.particles, law)
             for end in range(2):
                 p = np.int64(elements.ends[e, end])
                 if owns(p, fractures.rules):  # without a split one end may be a halo particle
@@ -34,12 +34,12 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
         collect_element(e, chunks.n_owned, chunks.n_owned + chunks.n_halo, elements, slots, law)
         a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
         break_element(e, when, elements, law, fractures)
-        follow_end(e, 0, a, chunks, elements, slots, fractures)
-        follow_end(e, 1, b, chunks, elements, slots, fractures)
+        update_end_slots(e, 0, a, chunks, elements, slots, fractures)
+        update_end_slots(e, 1, b, chunks, elements, slots, fractures)
 
 
 @inner_kernel
-def sort(numbers, count):
+def shell_sort(numbers, count):
     """Sort the first `count` of some numbers in place (Shell sort)."""
     gap = 1
     while 3 * gap < count:
@@ -55,7 +55,7 @@ def sort(numbers, count):
 
 
 @inner_kernel
-def follow_end(e, end, before, chunks, elements, slots, fractures):
+def update_end_slots(e, end, before, chunks, elements, slots, fractures):
     """Update the slots at an end (0, 1) of the broken element e. before : the particle there until then"""
     rules = fractures.rules
     now, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])
@@ -64,8 +64,8 @@ def follow_end(e, end, before, chunks, elements, slots, fractures):
         empty_slot(slot_of(e, before, slots), before, slots)
     elif owns(before, rules):
         s = slot_of(e, before, slots)
-        if has(slots.reach):
-            slots.reach[s, before] = elements.reach[e]
+        if is_present(slots.check_stretch):
+            slots.check_stretch[s, before] = elements.check_stretch[e]
         slots.other[s, before] = far
     if not removed and now != before:
         for s in range(slots.other.shape[0]):
@@ -74,5 +74,5 @@ def follow_end(e, end, before, chunks, elements, slots, fractures):
         fill_slot(e, 0, now, far, elements, slots)
         c = chunks.owned + (now - rules.first_split) // chunks.size
         chunks.high[c] = max(chunks.high[c], now + 1)
-        if has(slots.eps_p):
+        if is_present(slots.eps_p):
             chunks.has_yielded[c] = 1

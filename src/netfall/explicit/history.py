@@ -1,13 +1,13 @@
 """History of a dynamic stage: rows by name, and those of the probes. The same on every rank.
 
-To add a column, extend `COLUMNS` and `columns_at`, and add a row to results/README.md with unit and meaning.
-The file, Python and checkpoints follow from these.
+To add a column, extend `COLUMNS` and `history_columns`, and add a row to results/README.md with unit and
+meaning. The file, Python and checkpoints follow from these.
 """
 
 import numpy as np
 
 from netfall.explicit.energy import Energies
-from netfall.explicit.sampling import MOST_STRAIN
+from netfall.explicit.sampling import REPORTED_STRAIN
 from netfall.model.probes import Probes
 from netfall.parallel.mpi import MPI
 from netfall.physics.fields import Features
@@ -23,7 +23,7 @@ COLUMNS = (
 )
 COUNTS = ("slack", "broken")
 # Columns that need a feature of `physics.fields.Features`.
-NEEDS = {
+COLUMN_FEATURE = {
     "air_work": "air",
     "band_damping_work": "band",
     "slip_dissipation": "sliding",
@@ -31,7 +31,7 @@ NEEDS = {
 }
 
 
-def columns_at(time: np.ndarray, time_step: np.ndarray, e: Energies, start: tuple[float, float]) -> dict:
+def history_columns(time: np.ndarray, time_step: np.ndarray, e: Energies, start: tuple[float, float]) -> dict:
     """Compute the columns of rows (k,) from energies [J], with errors in [J], not yet relative.
 
     time, time_step : (k,) [s]; start : strain energy and dissipation [J] at the start
@@ -72,9 +72,16 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
 
 
 # Reference energies [J] per row: an error is relative to the largest value up to its row.
-SCALES = {"in_play": energy_in_play, "attached": lambda rows: np.nan_to_num(rows["attached_energy"])}
-SHARES = {"identity_error": "in_play", "balance_error": "in_play", "balance_error_attached": "attached"}
-NOT_STRAINED = (0.0, 0.0, -1)
+REFERENCE_ENERGIES = {
+    "in_play": energy_in_play,
+    "attached": lambda rows: np.nan_to_num(rows["attached_energy"]),
+}
+ERROR_REFERENCE = {
+    "identity_error": "in_play",
+    "balance_error": "in_play",
+    "balance_error_attached": "attached",
+}
+NO_LARGE_STRAIN = (0.0, 0.0, -1)
 
 
 def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid: np.ndarray) -> tuple:
@@ -83,17 +90,17 @@ def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid
     Return it with its time and its element. time : [s]; eps, N : (m,) strains and axial forces [N]
     gid : (m,) global numbers of the elements
     """
-    if max(eps.max(initial=0.0), -eps.min(initial=0.0)) <= MOST_STRAIN:
-        return NOT_STRAINED
+    if max(eps.max(initial=0.0), -eps.min(initial=0.0)) <= REPORTED_STRAIN:
+        return NO_LARGE_STRAIN
     unbreakable = np.ones(len(eps), bool) if state.eps_u is None else ~np.isfinite(state.eps_u)
     unbreakable &= state.broken == 0
     # The strain of a slack cable has no meaning.
     strain = np.where(unbreakable & (N != 0.0), np.abs(eps), 0.0)
     e = int(np.argmax(strain))
-    return (float(strain[e]), time, int(gid[e])) if strain[e] > MOST_STRAIN else NOT_STRAINED
+    return (float(strain[e]), time, int(gid[e])) if strain[e] > REPORTED_STRAIN else NO_LARGE_STRAIN
 
 
-def most_strained_of_all(comm: MPI.Comm, local: tuple) -> tuple:
+def largest_unlimited_strain_of_ranks(comm: MPI.Comm, local: tuple) -> tuple:
     """Return the result of `most_strained` with the largest strain of all ranks. Collective."""
     return max(comm.allgather(local), key=lambda candidate: (candidate[0], -candidate[2]))
 
@@ -105,10 +112,12 @@ class History:
     """
 
     def __init__(self, probes: Probes, features: Features):
-        self.probes, self.scales = probes, dict.fromkeys(SCALES, 0.0)
-        self.names = [name for name in COLUMNS if name not in NEEDS or getattr(features, NEEDS[name])]
+        self.probes, self.scales = probes, dict.fromkeys(REFERENCE_ENERGIES, 0.0)
+        self.names = [
+            name for name in COLUMNS if name not in COLUMN_FEATURE or getattr(features, COLUMN_FEATURE[name])
+        ]
         self.blocks: list[dict[str, np.ndarray]] = []  # blocks of rows, with those of the probes
-        self.most_strained = NOT_STRAINED  # of this rank; of all ranks for the time before a checkpoint
+        self.most_strained = NO_LARGE_STRAIN  # of this rank; of all ranks for the time before a checkpoint
 
     def begin(self, stored: float) -> None:
         """Set the initial reference energy from the energy [J] stored in the elements at the start."""
@@ -118,16 +127,16 @@ class History:
         return sum(len(block["time"]) for block in self.blocks)
 
     def add(self, probe_rows: np.ndarray, columns: dict[str, np.ndarray]) -> None:
-        """Append rows (k,); columns : those of `columns_at`, and COUNTS.
+        """Append rows (k,); columns : those of `history_columns`, and COUNTS.
 
         probe_rows : (k, p), in the layout of `explicit.sampling.Table`
         """
         block = {name: np.asarray(columns[name]) for name in self.names}
         scales = {
             name: np.maximum.accumulate(np.append(self.scales[name], energy(block)))
-            for name, energy in SCALES.items()
+            for name, energy in REFERENCE_ENERGIES.items()
         }
-        for name, share in SHARES.items():
+        for name, share in ERROR_REFERENCE.items():
             scale = scales[share][1:]
             block[name] = block[name] / np.where(scale > 0.0, scale, 1.0)
         self.scales = {name: float(scale[-1]) for name, scale in scales.items()}

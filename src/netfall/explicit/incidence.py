@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
-from netfall.core.records import has
+from netfall.core.records import is_present
 from netfall.physics.fields import EMPTY, fields_of
 from netfall.physics.law.element import yield_energy
 from netfall.physics.slip.law import slipped_length
@@ -23,7 +23,7 @@ def fill_slots(state: State) -> None:
     s = state
     filled = np.zeros(s.n_local, np.int32)
     element = np.empty_like(s.other) if s.slot_element is None else s.slot_element
-    attach_elements(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, element, filled)
+    fill_incidence(s.n_owned, s.first_split, s.n_local, s.ends, s.EA, s.other, element, filled)
     fill_lengths(s.n_local, element, s.L0, s.inv_L0)
     if s.slot_highest is not None:
         s.slot_highest[:] = -np.inf
@@ -37,7 +37,7 @@ def fill_slots(state: State) -> None:
 
 
 @kernel
-def attach_elements(n_owned, first_split, n_local, ends, EA, other, slot_element, filled):
+def fill_incidence(n_owned, first_split, n_local, ends, EA, other, slot_element, filled):
     """Put every element into a slot of each of its ends that this rank steps, in ascending order.
 
     ends, EA : of the elements
@@ -93,7 +93,7 @@ def copy_marks_to_slots(n_local, slot_element, values, slot):
 
 
 @inner_kernel
-def follow_slips(places, n_owned, first_split, particles, elements, slots):
+def update_slip_lengths(places, n_owned, first_split, particles, elements, slots):
     """Update unstressed lengths, also in slots, after slips moved. places : `slip.motion.Places`"""
     for g in range(places.start.shape[0] - 1):
         first = places.element[places.start[g]]
@@ -128,7 +128,7 @@ def slot_of(e, p, slots):
 
 
 @inner_kernel
-def own_slot(e, n_owned, first_split, elements, slots):
+def record_slot(e, n_owned, first_split, elements, slots):
     """Return the slot, and its particle, that holds the extremes of element e until it breaks.
 
     It is the end with the lower row. If that is a halo row, it is the other end, which may be a fragment.
@@ -148,18 +148,18 @@ def collect_element(e, n_owned, first_split, elements, slots, law):
     date. Extremes count until the element breaks: its fragments have no strength and ring numerically at
     light ends.
     """
-    s, p = own_slot(e, n_owned, first_split, elements, slots)
-    if has(slots.eps_p):
+    s, p = record_slot(e, n_owned, first_split, elements, slots)
+    if is_present(slots.eps_p):
         elements.eps_p[e] = slots.eps_p[s, p]
         if not elements.bar[e] and elements.eps_p[e] != 0.0:
             elements.dissipated[e] = yield_energy(elements, e, 0.0, elements.eps_p[e], law)
-    if has(slots.highest) and elements.broken[e] == 0:
+    if is_present(slots.highest) and elements.broken[e] == 0:
         elements.highest[e] = max(elements.highest[e], slots.highest[s, p])
-        if has(elements.lowest):
+        if is_present(elements.lowest):
             elements.lowest[e] = min(elements.lowest[e], slots.lowest[s, p])
-    if has(slots.branch_a):
+    if is_present(slots.branch_a):
         elements.branch_a[e], elements.branch_b[e] = slots.branch_a[s, p], slots.branch_b[s, p]
-        if has(elements.branch_c):
+        if is_present(elements.branch_c):
             elements.branch_c[e] = slots.branch_c[s, p]
 
 
@@ -175,7 +175,7 @@ def collect_elements(n_owned, first_split, elements, slots, law):
 def empty_slot(s, p, slots):
     """Empty a slot of particle p, so that it adds no force."""
     slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
-    if has(slots.bar):
+    if is_present(slots.bar):
         slots.bar[s, p] = 0
 
 
@@ -183,27 +183,27 @@ def empty_slot(s, p, slots):
 def fill_slot(e, s, p, far, elements, slots):
     """Put element e, whose far end is particle `far`, into a slot of particle p."""
     slots.other[s, p], slots.element[s, p], slots.inv_L0[s, p] = far, e, 1.0 / elements.L0[e]
-    if has(slots.EA):
+    if is_present(slots.EA):
         slots.EA[s, p] = elements.EA[e]
-    if has(slots.bar):
+    if is_present(slots.bar):
         slots.bar[s, p] = elements.bar[e]
-    if has(slots.euler):
+    if is_present(slots.euler):
         slots.euler[s, p] = elements.euler[e]
-    if has(slots.yield_force):
+    if is_present(slots.yield_force):
         slots.yield_force[s, p] = elements.yield_force[e]
-    if has(slots.yield_strain):
+    if is_present(slots.yield_strain):
         slots.yield_strain[s, p] = elements.yield_strain[e]
-    if has(slots.eps_p):
+    if is_present(slots.eps_p):
         slots.eps_p[s, p] = elements.eps_p[e]
-    if has(slots.reach):
-        slots.reach[s, p] = elements.reach[e]
-    if has(slots.near):
+    if is_present(slots.check_stretch):
+        slots.check_stretch[s, p] = elements.check_stretch[e]
+    if is_present(slots.near):
         slots.near[s, p] = elements.near[e]
-    if has(slots.highest):
+    if is_present(slots.highest):
         slots.highest[s, p] = -math.inf
-    if has(slots.lowest):
+    if is_present(slots.lowest):
         slots.lowest[s, p] = math.inf
-    if has(slots.branch_a):
+    if is_present(slots.branch_a):
         slots.branch_a[s, p], slots.branch_b[s, p] = elements.branch_a[e], elements.branch_b[e]
-    if has(slots.branch_c):
+    if is_present(slots.branch_c):
         slots.branch_c[s, p] = elements.branch_c[e]

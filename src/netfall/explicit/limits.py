@@ -6,7 +6,7 @@ The vector pass only flags the particles with such an element; this module decid
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
-from netfall.core.records import has
+from netfall.core.records import is_present
 from netfall.physics.law.element import strain, yield_energy
 from netfall.physics.targets import element
 
@@ -15,13 +15,13 @@ logarithmic_strain, engineering_strain = element.logarithmic_strain, element.eng
 
 
 @inner_kernel
-def length_of(p, o, x):
+def particle_distance(p, o, x):
     """Compute the distance [m] of two particles. x : (3, n) [m]"""
     return inverse_length(x[0, o] - x[0, p], x[1, o] - x[1, p], x[2, o] - x[2, p])[1]
 
 
 @inner_kernel
-def look_closer(c, count, x, limit_flag, chunks, elements, slots, law):
+def check_limits(c, count, x, limit_flag, chunks, elements, slots, law):
     """Apply yield to the elements of chunk c at x(n), and list those that reach their fracture strain.
 
     count : number of elements that break in this step so far; the updated number is returned
@@ -38,9 +38,9 @@ def look_closer(c, count, x, limit_flag, chunks, elements, slots, law):
             if slots.inv_L0[s, p] == 0.0:
                 continue
             e, far = slots.element[s, p], np.int64(slots.other[s, p])
-            L = length_of(p, far, x)
-            if not law.plastic and not has(elements.eps_c):
-                reach = slots.reach[s, p] if has(slots.reach) else law.reach
+            L = particle_distance(p, far, x)
+            if not law.plastic and not is_present(elements.eps_c):
+                reach = slots.check_stretch[s, p] if is_present(slots.check_stretch) else law.check_stretch
                 if L * slots.inv_L0[s, p] < reach:
                     continue  # nothing yields, and the element is far from fracture
             reports = p < far or (chunks.n_owned <= far and far < first_split)
@@ -51,26 +51,26 @@ def look_closer(c, count, x, limit_flag, chunks, elements, slots, law):
                 if eps_p != old_eps_p and reports:
                     elements.dissipated[e] += yield_energy(elements, e, old_eps_p, eps_p, law)
                 slots.eps_p[s, p] = eps_p
-            if has(elements.eps_u) and reports and is_over(e, eps, elements):
+            if is_present(elements.eps_u) and reports and exceeds_fracture_strain(e, eps, elements):
                 elements.pending[count] = e
                 count += 1
     return count
 
 
 @inner_kernel
-def is_over(e, eps, elements):
+def exceeds_fracture_strain(e, eps, elements):
     """Return whether element e breaks at strain eps."""
-    if has(elements.eps_c) and eps < elements.eps_c[e]:
+    if is_present(elements.eps_c) and eps < elements.eps_c[e]:
         return True
     return eps > elements.eps_u[e]
 
 
 @inner_kernel
-def is_any_over(x, elements, law):
+def any_exceeds_fracture_strain(x, elements, law):
     """Return whether an element exceeds its fracture strain at x (3, n) [m]."""
     for e in range(elements.ends.shape[0]):
-        L = length_of(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
-        if elements.EA[e] != 0.0 and is_over(e, strain(L, elements.L0[e], law), elements):
+        L = particle_distance(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
+        if elements.EA[e] != 0.0 and exceeds_fracture_strain(e, strain(L, elements.L0[e], law), elements):
             return True
     return False
 
@@ -78,12 +78,12 @@ def is_any_over(x, elements, law):
 @inner_kernel
 def yielded(p, o, s, x, slots, law):
     """Return the plastic strain of the bar in slot s of particle p at x(n), bitwise as in the vector pass."""
-    L, per_L0 = length_of(p, o, x), slots.inv_L0[s, p]
+    L, per_L0 = particle_distance(p, o, x), slots.inv_L0[s, p]
     limit, eps_p = law.yield_strain, slots.eps_p[s, p]
-    if has(slots.yield_strain):
+    if is_present(slots.yield_strain):
         limit = slots.yield_strain[s, p]
     eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
     new = grown(eps, eps_p, limit)
-    if has(slots.euler) and slots.euler[s, p] < np.inf:
+    if is_present(slots.euler) and slots.euler[s, p] < np.inf:
         return new
     return shrunk(eps, new, limit)

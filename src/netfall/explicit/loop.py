@@ -18,31 +18,31 @@ apply.
 from typing import NamedTuple
 
 from netfall.core.kernels import call, inner_kernel, kernel, routine
-from netfall.core.records import Record, f8, f8_2, has, i8, real, u1, whole
+from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
 from netfall.explicit.forces import Scratch, chunk_forces
 from netfall.explicit.fracture import break_elements
-from netfall.explicit.incidence import collect_elements, follow_slips
-from netfall.explicit.limits import is_any_over, look_closer
-from netfall.explicit.motion import PLAIN_LAW, move_chunk, move_halo
+from netfall.explicit.incidence import collect_elements, update_slip_lengths
+from netfall.explicit.limits import any_exceeds_fracture_strain, check_limits
+from netfall.explicit.motion import PLAIN_LAW, advance_chunk, advance_halo
 from netfall.explicit.sampling import Rows, is_due
 from netfall.parallel.halo import (
     HaloBuffers,
-    buffer_in_use,
+    current_buffer,
     pack_forces,
     send_buffer,
     unpack_forces,
     wait_for_neighbours,
 )
-from netfall.parallel.mpi_calls import lap
-from netfall.physics.air import RelativeWind, set_air, set_drag
+from netfall.parallel.mpi_calls import add_lap
+from netfall.physics.air import RelativeWind, set_air_damping, set_drag
 from netfall.physics.base_motion import Ground, move_ground
 from netfall.physics.bending import Joints, bend, clear_bending_forces
-from netfall.physics.events import StepDone
+from netfall.physics.events import FractureStep
 from netfall.physics.fields import Elements, Particles, Slots
 from netfall.physics.fracture import Fractures
 from netfall.physics.law.branches import set_branches
-from netfall.physics.law.law import Law
-from netfall.physics.slip.motion import Places, drift_slips, kick_slips
+from netfall.physics.law.law import LawParameters
+from netfall.physics.slip.motion import SlipPoints, update_slip_velocities, update_slips
 
 FORCES, EXCHANGE, INTEGRATION, ROWS = range(4)  # timed phases; the velocity update counts with the forces
 
@@ -92,19 +92,19 @@ class Chunks(Record):
     has_yielded: u1
 
 
-class Spare(Record):
+class SplitCapacity(Record):
     """Capacity for fragments and fracture events.
 
     rows : (1,) particle rows in use, of `most_rows`; events : (1,) logged events, of `most_events`
     """
 
     rows: i8
-    most_rows: whole
+    max_rows: whole
     events: i8
-    most_events: whole
+    max_events: whole
 
 
-class Work(Record):
+class LoopState(Record):
     """Everything that the loop reads and writes, see `plan.Plan`; features that the problem lacks are absent.
 
     traits : feature bits of the rank, of `motion`
@@ -120,13 +120,13 @@ class Work(Record):
     y: f8_2
     elements: Elements
     slots: Slots
-    law: Law
+    law: LawParameters
     scratch: Scratch
-    spare: Spare
+    spare: SplitCapacity
     fractures: Fractures
     breaks: whole
     bends: Joints
-    places: Places
+    places: SlipPoints
     ground: Ground
     relative: RelativeWind
     rows: Rows
@@ -140,8 +140,8 @@ class Work(Record):
 @inner_kernel
 def has_room(count, spare):
     """Return whether `count` fractures fit: each leaves up to two particles and two events."""
-    enough = spare.rows[0] + 2 * count <= spare.most_rows
-    return enough and spare.events[0] + 2 * count <= spare.most_events
+    enough = spare.rows[0] + 2 * count <= spare.max_rows
+    return enough and spare.events[0] + 2 * count <= spare.max_events
 
 
 @inner_kernel
@@ -153,18 +153,18 @@ def copy_positions(particles, x, y):
 
 
 @inner_kernel
-def collect(work):
+def collect_slots(work):
     """Update the elements from the quantities that only their slots hold."""
     chunks, slots = work.chunks, work.slots
-    changed = has(slots.eps_p) and chunks.has_yielded.any()
-    if changed or has(slots.highest) or has(slots.branch_a):
+    changed = is_present(slots.eps_p) and chunks.has_yielded.any()
+    if changed or is_present(slots.highest) or is_present(slots.branch_a):
         collect_elements(chunks.n_owned, chunks.n_owned + chunks.n_halo, work.elements, slots, work.law)
 
 
 @kernel
-def collect_now(work):
-    """Call `collect` from Python."""
-    collect(work)
+def collect_slots_now(work):
+    """Call `collect_slots` from Python."""
+    collect_slots(work)
 
 
 @inner_kernel
@@ -175,20 +175,20 @@ def begin_step(time, before_dt, dt, kick_dt, zeta, share, changed, work):
     changed : whether its length, or a mass, differs from the step before
     """
     particles, law = work.particles, work.law
-    if has(law.branches):
+    if is_present(law.branches):
         set_branches(before_dt, dt, law)
-    if has(particles.air) and changed:
-        set_air(kick_dt, zeta, particles)
-    if has(work.bends.stiffness):
+    if is_present(particles.air) and changed:
+        set_air_damping(kick_dt, zeta, particles)
+    if is_present(work.bends.stiffness):
         clear_bending_forces(work.bends, particles.bend.T)
         bend(particles.x.T, work.bends, particles.bend.T)
-    if has(work.places.node):
-        kick_slips(time, kick_dt, share, work.places, particles, work.elements, law)
-    if has(particles.drag):
+    if is_present(work.places.node):
+        update_slip_velocities(time, kick_dt, share, work.places, particles, work.elements, law)
+    if is_present(particles.drag):
         set_drag(kick_dt, share, work.relative, particles)
 
 
-@routine(whole, real, real, real, real, Work.kind)
+@routine(whole, real, real, real, real, LoopState.kind)
 def step_chunks(turned, kick_dt, zeta, share, dt, work):
     """Step the owned particles and send the boundary forces; return the number of breaking elements.
 
@@ -200,31 +200,31 @@ def step_chunks(turned, kick_dt, zeta, share, dt, work):
         x, y = y, x
     chunks, particles, elements, slots, law = work.chunks, work.particles, work.elements, work.slots, work.law
     scratch, traits, seconds = work.scratch, work.traits, work.seconds
-    count, lap_start = 0, lap(seconds, -1, 0.0, work.buffers)
+    count, lap_start = 0, add_lap(seconds, -1, 0.0, work.buffers)
     for c in range(chunks.low.shape[0]):
         low, high = chunks.low[c], chunks.high[c]
         if high == low:
             continue
         at_limit = chunk_forces(c, traits & PLAIN_LAW, x, chunks, slots, law, scratch)
         keeps_forces = at_limit or c < chunks.boundary
-        move_chunk(low, high, keeps_forces, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
+        advance_chunk(low, high, keeps_forces, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
         if at_limit:
-            count = look_closer(c, count, x, scratch.near, chunks, elements, slots, law)
+            count = check_limits(c, count, x, scratch.near, chunks, elements, slots, law)
         if c == chunks.boundary - 1:
-            lap_start = lap(seconds, FORCES, lap_start, work.buffers)
-            pack_forces(particles, buffer_in_use(work.buffers), work.buffers)
+            lap_start = add_lap(seconds, FORCES, lap_start, work.buffers)
+            pack_forces(particles, current_buffer(work.buffers), work.buffers)
             error = send_buffer(work.buffers)
             if error != 0:
                 return -error
-            lap_start = lap(seconds, EXCHANGE, lap_start, work.buffers)
-    lap(seconds, FORCES, lap_start, work.buffers)
+            lap_start = add_lap(seconds, EXCHANGE, lap_start, work.buffers)
+    add_lap(seconds, FORCES, lap_start, work.buffers)
     return count
 
 
-@routine(whole, whole, real, whole, Work.kind)
+@routine(whole, whole, real, whole, LoopState.kind)
 def tear(count, number, dt, stride, work):
     """Break `count` of the elements in elements.pending, in the step with a number."""
-    when = StepDone(number * dt, number * stride, dt)
+    when = FractureStep(number * dt, number * stride, dt)
     break_elements(count, when, work.chunks, work.elements, work.slots, work.law, work.fractures)
     return 0
 
@@ -239,12 +239,12 @@ def time_loop(
     exceeds its fracture strain. It is steps + 1 if that happens at the end of the last step, and 0 if none
     does.
 
-    only_row : `Interval.row`; work : `Work`
+    only_row : `Interval.row`; work : `LoopState`
     """
     chunks, particles, buffers, rows = work.chunks, work.particles, work.buffers, work.rows
     seconds, n_owned = work.seconds, work.chunks.n_owned
     x, y, in_second = particles.x, work.y, False  # in_second: whether x(n) is in the second array
-    needs_first = has(work.bends.stiffness) or has(work.places.node)
+    needs_first = is_present(work.bends.stiffness) or is_present(work.places.node)
     result, kicked_dt = 0, -1.0  # kicked_dt: length of the last velocity update, if nothing broke
     if pending > 0:
         call(work.tear, (pending, first - 1, dt, stride, work))
@@ -256,33 +256,35 @@ def time_loop(
         if in_second and (due or needs_first):
             copy_positions(work.spare.rows[0], x, y)
             x, y, in_second = y, x, False
-        if has(work.ground.start):
+        if is_present(work.ground.start):
             move_ground(n * dt, before_dt, (n + 1) * dt, zeta, work.ground, particles)
         if due:
-            lap_start = lap(seconds, -1, 0.0, buffers)
-            collect(work)
+            lap_start = add_lap(seconds, -1, 0.0, buffers)
+            collect_slots(work)
             call(work.make_row, (n * stride, before_dt, dt, zeta, sample_time, sample_dt, rows))
-            lap(seconds, ROWS, lap_start, buffers)
+            add_lap(seconds, ROWS, lap_start, buffers)
         if only_row:
             break
         # computed from the step number alone, so that restarts give the same bits
         share = (n * dt - sample_time) / sample_dt
         begin_step(n * dt, before_dt, dt, kick_dt, zeta, share, kick_dt != kicked_dt, work)
         before_dt, kicked_dt = dt, kick_dt
-        buffer = buffer_in_use(buffers)
+        buffer = current_buffer(buffers)
         count = call(work.step_chunks, (int(in_second), kick_dt, zeta, share, dt, work))
-        lap_start = lap(seconds, -1, 0.0, buffers)
+        lap_start = add_lap(seconds, -1, 0.0, buffers)
         error = -count if count < 0 else wait_for_neighbours(buffers)
-        lap_start = lap(seconds, EXCHANGE, lap_start, buffers)
+        lap_start = add_lap(seconds, EXCHANGE, lap_start, buffers)
         if error != 0:
             return s, 0, error
         unpack_forces(n_owned, particles, buffer, buffers)
-        move_halo(n_owned, n_owned + chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
+        advance_halo(n_owned, n_owned + chunks.n_halo, work.traits, kick_dt, zeta, dt, x, y, particles)
         x, y, in_second = y, x, not in_second
-        if has(work.places.node):
-            drift_slips(dt, work.places, particles)
-            follow_slips(work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots)
-        lap(seconds, INTEGRATION, lap_start, buffers)
+        if is_present(work.places.node):
+            update_slips(dt, work.places, particles)
+            update_slip_lengths(
+                work.places, n_owned, n_owned + chunks.n_halo, particles, work.elements, work.slots
+            )
+        add_lap(seconds, INTEGRATION, lap_start, buffers)
         if count > 0:
             if trial:
                 result = s + 1 if result == 0 else result
@@ -298,6 +300,11 @@ def time_loop(
             kicked_dt = -1.0  # masses have changed
     if in_second:
         copy_positions(work.spare.rows[0], x, y)
-    if trial and result == 0 and work.breaks and is_any_over(particles.x, work.elements, work.law):
+    if (
+        trial
+        and result == 0
+        and work.breaks
+        and any_exceeds_fracture_strain(particles.x, work.elements, work.law)
+    ):
         result = steps + 1
     return done, result, 0

@@ -1,15 +1,20 @@
 """Second pass over a chunk of particles: the remaining forces, velocity update, work and position update.
 
-`total_forces` and `kick` serve any problem. `move` does both at once for particles with loads and wind alone;
-it is the fast path of large nets. History rows use `total_forces` too (`audit`).
+`total_forces` and `update_velocities` serve any problem. `move` does both at once for particles with loads
+and wind alone; it is the fast path of large nets. History rows use `total_forces` too (`audit`).
 """
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
-from netfall.core.records import has
-from netfall.core.vectors import LANES, fma, load, load_truths, put, store, where, zeros
+from netfall.core.records import is_present
+from netfall.core.vectors import LANES, fma, load, load_mask, store, store_below, where, zeros
 from netfall.physics.targets import particle
 
-PLAIN_LAW, RARE, SIDEWAYS, PART_HELD = 1, 2, 4, 8  # feature bits of a rank, set by `plan.traits_of`
+PLAIN_LAW, RARE_FORCES, HORIZONTAL_LOAD, PARTLY_FIXED = (
+    1,
+    2,
+    4,
+    8,
+)  # feature bits of a rank, set by `plan.traits_of`
 between, kicked, moved = particle.between, particle.kicked, particle.moved
 works_of_motion = particle.works_of_motion
 
@@ -18,9 +23,9 @@ works_of_motion = particle.works_of_motion
 def squared_speed(p, share, particles):
     """Return squared wind speeds [m2/s2] at LANES particles from p on; pressures [N/m2] if given as such."""
     square = zeros()
-    if has(particles.wind):
+    if is_present(particles.wind):
         square = between(load(particles.speed_before, 0, p), load(particles.speed_after, 0, p), share)
-        if not has(particles.tapped):
+        if not is_present(particles.tapped):
             square = square * square
     return square
 
@@ -29,7 +34,7 @@ def squared_speed(p, share, particles):
 def constant_load(k, p, traits, particles):
     """Return the constant load [N] along axis k."""
     force = zeros()
-    if k == 2 or traits & SIDEWAYS:
+    if k == 2 or traits & HORIZONTAL_LOAD:
         force = load(particles.load, k, p)
     return force
 
@@ -38,7 +43,7 @@ def constant_load(k, p, traits, particles):
 def damped_mass(p, particles):
     """Return the mass [kg] on which the mass-proportional damping acts."""
     mass = load(particles.mass, 0, p)
-    if has(particles.air_mass):
+    if is_present(particles.air_mass):
         mass = mass - load(particles.air_mass, 0, p)
     return mass
 
@@ -55,32 +60,32 @@ def total_forces(low, high, with_supports, kick_dt, zeta, share, traits, x, part
         i, square = p - low, squared_speed(p, share, particles)
         for k in range(3):
             f_int, f_ext = load(f, k, i), constant_load(k, p, traits, particles)
-            if with_supports and has(particles.bend):
+            if with_supports and is_present(particles.bend):
                 f_int = f_int + load(particles.bend, k, p)
-            if with_supports and has(particles.spring):
+            if with_supports and is_present(particles.spring):
                 offset = load(particles.spring_zero, k, p) - load(x, k, p)
                 f_int = fma(load(particles.spring, k, p), offset, f_int)
-                if has(particles.turned) and k < 2:
+                if is_present(particles.turned) and k < 2:
                     across = load(particles.spring_zero, 1 - k, p) - load(x, 1 - k, p)
                     f_int = fma(load(particles.turned, 2, p), across, f_int)
-            if has(particles.load_before):
+            if is_present(particles.load_before):
                 next_load = load(particles.load_after, k, p)
                 f_ext = f_ext + between(load(particles.load_before, k, p), next_load, share)
-            if has(particles.wind):
+            if is_present(particles.wind):
                 f_ext = fma(load(particles.wind, k, p), square, f_ext)
-            if has(particles.drag):
+            if is_present(particles.drag):
                 f_ext = f_ext + load(particles.drag, k, p)
             total = f_int + f_ext
-            if has(particles.ground):  # the damping acts on the velocity relative to the ground
+            if is_present(particles.ground):  # the damping acts on the velocity relative to the ground
                 pulled = fma(zeta * damped_mass(p, particles), load(particles.ground, k, p), total)
-                total = where(load_truths(particles.free, k, p), pulled, total)
+                total = where(load_mask(particles.free, k, p), pulled, total)
             store(f, k, i, f_int)
             store(scratch.external, k, i, f_ext)
             store(scratch.total, k, i, total)
         half = 0.5 * kick_dt * load(particles.per_mass, 0, p)
-        if has(particles.air):
+        if is_present(particles.air):
             add_air_damping(p, i, half, share, particles, scratch)
-        if has(particles.air_mass):
+        if is_present(particles.air_mass):
             add_air_mass(p, i, half, zeta, particles, scratch)
 
 
@@ -116,7 +121,7 @@ def add_air_mass(p, i, half, zeta, particles, scratch):
 def force_along_guides(p, i, total, particles):
     """Return total forces [N] along the lines that guide LANES particles from p on; zero without guides."""
     along = zeros()
-    if has(particles.turned):
+    if is_present(particles.turned):
         nx, ny = load(particles.turned, 0, p), load(particles.turned, 1, p)
         along = fma(nx, load(total, 0, i), ny * load(total, 1, i))
     return along
@@ -126,28 +131,28 @@ def force_along_guides(p, i, total, particles):
 def free_force(k, p, i, total, along, particles):
     """Return total forces [N] along axis k without the guided part `along` (`force_along_guides`)."""
     force = load(total, k, i)
-    if has(particles.turned) and k < 2:
+    if is_present(particles.turned) and k < 2:
         force = fma(-along, load(particles.turned, k, p), force)
     return force
 
 
 @inner_kernel
-def keep_totals(low, high, particles, scratch):
+def store_totals(low, high, particles, scratch):
     """Copy total forces [N] of particles low to high from the scratch to particles.f."""
     for k in range(3):
         for p in range(low, high, LANES):
-            put(p, high, particles.f, k, load(scratch.total, k, p - low))
+            store_below(p, high, particles.f, k, load(scratch.total, k, p - low))
 
 
 @part_of_kernel
 def new_velocity(k, p, old, total, per_mass, c_v, c_a, traits, particles):
     """Return updated velocities [m/s] along axis k under total forces [N]; held axes follow the ground."""
     new = kicked(old, total * per_mass, c_v, c_a)
-    if traits & PART_HELD:
+    if traits & PARTLY_FIXED:
         fixed_velocity = old
-        if has(particles.ground):
+        if is_present(particles.ground):
             fixed_velocity = load(particles.ground, k, p)
-        new = where(load_truths(particles.free, k, p), new, fixed_velocity)
+        new = where(load_mask(particles.free, k, p), new, fixed_velocity)
     return new
 
 
@@ -159,18 +164,23 @@ def add_works(p, high, half, quarter, external, internal, square, particles):
         itself
     """
     work = particles.work
-    put(p, high, work, 0, fma(half, external, load(work, 0, p)))
-    put(p, high, work, 1, fma(half, internal, load(work, 1, p)))
-    put(p, high, work, 2, fma(quarter * damped_mass(p, particles), square, load(work, 2, p)))
+    store_below(p, high, work, 0, fma(half, external, load(work, 0, p)))
+    store_below(p, high, work, 1, fma(half, internal, load(work, 1, p)))
+    store_below(p, high, work, 2, fma(quarter * damped_mass(p, particles), square, load(work, 2, p)))
 
 
 @inner_kernel
-def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
+def update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
     """Update velocities and works of particles low to high from the scratch forces; move them from x to y."""
     h = 0.5 * zeta * kick_dt
     c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
-    v, energy, ground, air = particles.v, has(particles.work), has(particles.ground), has(particles.air)
-    work, other, band = particles.work, particles.other_work, has(scratch.band)
+    v, energy, ground, air = (
+        particles.v,
+        is_present(particles.work),
+        is_present(particles.ground),
+        is_present(particles.air),
+    )
+    work, other, band = particles.work, particles.other_work, is_present(scratch.band)
     for p in range(low, high, LANES):
         i, per_mass = p - low, load(particles.per_mass, 0, p)
         external, internal, square, band_work, air_work = zeros(), zeros(), zeros(), zeros(), zeros()
@@ -190,33 +200,33 @@ def kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
             if air:
                 air_work = fma(load(particles.air, k, p), v_sum, air_work)
             if ground and energy:
-                free = load_truths(particles.free, k, p)
+                free = load_mask(particles.free, k, p)
                 path, v_ground = 0.5 * kick_dt * v_sum, load(particles.ground, k, p)
                 mass, damped = load(particles.mass, 0, p), damped_mass(p, particles)
                 f_damp, path_rel, dE_kin = works_of_motion(
                     mass, damped, zeta, v_ground, old, new, v_sum, kick_dt
                 )
-                put(p, high, work, 0, fma(path, f_ext, load(work, 0, p)))
-                put(p, high, work, 1, fma(path, f_int, load(work, 1, p)))
+                store_below(p, high, work, 0, fma(path, f_ext, load(work, 0, p)))
+                store_below(p, high, work, 1, fma(path, f_int, load(work, 1, p)))
                 damping, support = load(work, 2, p), load(other, 2, p)
-                put(p, high, work, 2, where(free, fma(f_damp, path_rel, damping), damping))
+                store_below(p, high, work, 2, where(free, fma(f_damp, path_rel, damping), damping))
                 fixed, drawn = (
                     fma(-path, f_ext + f_int, dE_kin) + support,
                     fma(-f_damp * kick_dt, v_ground, support),
                 )
-                put(p, high, other, 2, where(free, drawn, fixed))
-            put(p, high, v, k, new)
-            put(p, high, y, k, moved(load(x, k, p), new, dt))
+                store_below(p, high, other, 2, where(free, drawn, fixed))
+            store_below(p, high, v, k, new)
+            store_below(p, high, y, k, moved(load(x, k, p), new, dt))
         if energy and not ground:
             add_works(p, high, half, quarter, external, internal, square, particles)
         if energy and band:
-            put(p, high, other, 1, fma(-half, band_work, load(other, 1, p)))
+            store_below(p, high, other, 1, fma(-half, band_work, load(other, 1, p)))
         if energy and air:
-            put(p, high, other, 0, fma(half * load(scratch.pull, 0, i), air_work, load(other, 0, p)))
+            store_below(p, high, other, 0, fma(half * load(scratch.pull, 0, i), air_work, load(other, 0, p)))
 
 
 @part_of_kernel
-def move_vector(p, high, is_full, i, keeps, traits, times, x, y, particles, scratch):
+def advance_vector(p, high, is_full, i, keeps, traits, times, x, y, particles, scratch):
     """Compute `move` for the vector of particles from p on.
 
     is_full : whether all LANES of them are below high
@@ -226,13 +236,13 @@ def move_vector(p, high, is_full, i, keeps, traits, times, x, y, particles, scra
     h = 0.5 * zeta * kick_dt
     c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
     v, per_mass, square = particles.v, load(particles.per_mass, 0, p), squared_speed(p, share, particles)
-    external, internal, squares, energy = zeros(), zeros(), zeros(), has(particles.work)
+    external, internal, squares, energy = zeros(), zeros(), zeros(), is_present(particles.work)
     for k in range(3):
         f_int, f_ext, old = load(scratch.f, k, i), constant_load(k, p, traits, particles), load(v, k, p)
-        if has(particles.wind):
+        if is_present(particles.wind):
             f_ext = fma(load(particles.wind, k, p), square, f_ext)
         if keeps:
-            put(p, high, particles.f, k, f_int + f_ext)
+            store_below(p, high, particles.f, k, f_int + f_ext)
         new = kicked(old, (f_int + f_ext) * per_mass, c_v, c_a)
         if energy:
             v_sum = old + new
@@ -243,40 +253,41 @@ def move_vector(p, high, is_full, i, keeps, traits, times, x, y, particles, scra
             store(v, k, p, new)
             store(y, k, p, position)
         else:
-            put(p, high, v, k, new)
-            put(p, high, y, k, position)
+            store_below(p, high, v, k, new)
+            store_below(p, high, y, k, position)
     if energy:
         add_works(p, high, half, quarter, external, internal, squares, particles)
 
 
 @inner_kernel
 def move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch):
-    """Compute `total_forces` and `kick` at once, for particles under element forces, loads and wind alone.
+    """Compute `total_forces` and `update_velocities` at once, for particles under element forces, loads and
+    wind alone.
 
     keeps : whether their total forces [N] are written to particles.f
     """
     remainder = (high - low) % LANES
     common = keeps, traits, (kick_dt, zeta, share, dt), x, y, particles, scratch
     for p in range(low, high - remainder, LANES):
-        move_vector(p, high, True, p - low, *common)
+        advance_vector(p, high, True, p - low, *common)
     if remainder:
-        move_vector(high - remainder, high, False, high - remainder - low, *common)
+        advance_vector(high - remainder, high, False, high - remainder - low, *common)
 
 
 @inner_kernel
-def move_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch):
+def advance_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch):
     """Update velocities and positions of a chunk, whose element forces are in the scratch."""
-    if not traits & RARE:
+    if not traits & RARE_FORCES:
         move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
         return
     total_forces(low, high, True, kick_dt, zeta, share, traits, x, particles, scratch)
     if keeps:
-        keep_totals(low, high, particles, scratch)
-    kick(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch)
+        store_totals(low, high, particles, scratch)
+    update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch)
 
 
 @inner_kernel
-def move_halo(low, high, traits, kick_dt, zeta, dt, x, y, particles):
+def advance_halo(low, high, traits, kick_dt, zeta, dt, x, y, particles):
     """Update velocities and positions of halo particles low to high from the total forces of their owners."""
     h = 0.5 * zeta * kick_dt
     c_v, c_a, v = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), particles.v
@@ -285,5 +296,5 @@ def move_halo(low, high, traits, kick_dt, zeta, dt, x, y, particles):
         for k in range(3):
             total = free_force(k, p, p, particles.f, along, particles)
             new = new_velocity(k, p, load(v, k, p), total, per_mass, c_v, c_a, traits, particles)
-            put(p, high, v, k, new)
-            put(p, high, y, k, moved(load(x, k, p), new, dt))
+            store_below(p, high, v, k, new)
+            store_below(p, high, y, k, moved(load(x, k, p), new, dt))

@@ -2,30 +2,46 @@
 
 import numpy as np
 
-from netfall.core.arrays import columns
+from netfall.core.arrays import allocate_columns
 from netfall.core.records import empty, f8, f8_2
 from netfall.core.vectors import LANES
 from netfall.explicit.forces import Scratch
 from netfall.explicit.incidence import fill_slots
-from netfall.explicit.loop import Chunks, Interval, Spare, Work, collect_now, step_chunks, tear, time_loop
-from netfall.explicit.motion import PART_HELD, PLAIN_LAW, RARE, SIDEWAYS
+from netfall.explicit.loop import (
+    Chunks,
+    Interval,
+    LoopState,
+    SplitCapacity,
+    collect_slots_now,
+    step_chunks,
+    tear,
+    time_loop,
+)
+from netfall.explicit.motion import HORIZONTAL_LOAD, PARTLY_FIXED, PLAIN_LAW, RARE_FORCES
 from netfall.explicit.sampling import make_row, no_rows
 from netfall.parallel.halo import Halo, check
 from netfall.physics.air import RelativeWind
 from netfall.physics.base_motion import Ground
 from netfall.physics.bending import Joints
-from netfall.physics.events import events_with_room
+from netfall.physics.events import allocate_events
 from netfall.physics.fracture import FractureRules, Fractures
-from netfall.physics.slip.motion import Places
+from netfall.physics.slip.motion import SlipPoints
 from netfall.physics.state import State
 
-MOVING = (  # fields that steps without fracture change
+STEPPED_FIELDS = (  # fields that steps without fracture change
     *("x", "v", "work", "other_work", "highest", "lowest", "eps_p", "dissipated"),
     *("slot_eps_p", "slot_highest", "slot_lowest", "slot_branch_a", "slot_branch_b", "slot_branch_c"),
 )
-SLIPPING = ("slip", "slip_v", "slip_locked", "slip_work", "L0", "inv_L0")  # also changed if cables slide
+SLIDING_FIELDS = (
+    "slip",
+    "slip_v",
+    "slip_locked",
+    "slip_work",
+    "L0",
+    "inv_L0",
+)  # also changed if cables slide
 CHUNK = 1024  # particles, a multiple of LANES: their forces fit the first-level cache
-FAR_OFF = 1 << 62  # particle rows; an unreachable capacity
+UNLIMITED = 1 << 62  # particle rows; an unreachable capacity
 
 
 def halo_width(state: State) -> int:
@@ -35,7 +51,7 @@ def halo_width(state: State) -> int:
     return (6 if state.features.air_mass else 5) + state.features.sliding
 
 
-def traits_of(state: State) -> int:
+def feature_bits(state: State) -> int:
     """Return the features of a rank as bits of `motion`, which select the variant of a kernel."""
     f, s, law = state.features, state, state.law
     rare = f.varying or f.drags or f.springs or f.turned or f.motion or f.part_held
@@ -43,23 +59,25 @@ def traits_of(state: State) -> int:
     sideways = bool(s.load[:, :2].any())
     part_held = f.part_held or f.motion
     plain = not (f.band or law.logarithmic)
-    return PLAIN_LAW * plain | RARE * bool(rare) | SIDEWAYS * sideways | PART_HELD * part_held
+    return (
+        PLAIN_LAW * plain | RARE_FORCES * bool(rare) | HORIZONTAL_LOAD * sideways | PARTLY_FIXED * part_held
+    )
 
 
 def make_scratch(state: State) -> Scratch:
     """Allocate the force arrays for the particles of a chunk."""
     rows = CHUNK + LANES
     return Scratch(
-        f=columns(3, rows, float),
-        band=columns(3, rows, float) if state.features.band else empty(f8_2),
+        f=allocate_columns(3, rows, float),
+        band=allocate_columns(3, rows, float) if state.features.band else empty(f8_2),
         near=np.zeros(rows, np.uint8),
-        external=columns(3, rows, float),
-        total=columns(3, rows, float),
+        external=allocate_columns(3, rows, float),
+        total=allocate_columns(3, rows, float),
         pull=np.zeros(rows),
     )
 
 
-class Plan:
+class StepPlan:
     """Arguments of the time loop for a state, updated when anything outside the loop changes the state."""
 
     def __init__(
@@ -85,7 +103,7 @@ class Plan:
         self._width = np.zeros(len(self._low), np.int64)
         chunk = np.searchsorted(self._low, np.arange(state.n_owned), side="right") - 1
         np.maximum.at(self._width, chunk, valence)
-        self.events, self.state, self._works = events_with_room(0), None, {}
+        self.events, self.state, self._works = allocate_events(0), None, {}
         self.attach(state)
 
     def attach(self, state: State, filled: bool = False) -> None:
@@ -103,13 +121,13 @@ class Plan:
         state.place_springs()
         self._works = {False: self._work(state)}
 
-    def _work(self, state: State) -> Work:
+    def _work(self, state: State) -> LoopState:
         """Build the record that the loop works on."""
         fragments = self.rules is not None and state.features.fragments
-        most_rows = len(state.x) if fragments else FAR_OFF
+        most_rows = len(state.x) if fragments else UNLIMITED
         particles = state.particles
-        return Work(
-            traits=traits_of(state),
+        return LoopState(
+            traits=feature_bits(state),
             chunks=self._chunks_of(state),
             particles=particles,
             y=np.zeros(particles.x.shape),
@@ -117,13 +135,13 @@ class Plan:
             slots=state.slots,
             law=state.law,
             scratch=self.scratch,
-            spare=Spare(state.rows, most_rows, self.events.count, len(self.events.step)),
+            spare=SplitCapacity(state.rows, most_rows, self.events.count, len(self.events.step)),
             fractures=Fractures(self.rules, particles, state.rows, self.events)
             if self.rules
             else Fractures.absent(),
             breaks=state.features.fracture,
             bends=state.joints or Joints.absent(),
-            places=state.places or Places.absent(),
+            places=state.places or SlipPoints.absent(),
             ground=self.ground or Ground.absent(),
             relative=state.relative_wind() or RelativeWind.absent(),
             rows=self.rows.of(state) if self.rows else no_rows(),
@@ -156,7 +174,7 @@ class Plan:
 
     def collect_yield(self) -> None:
         """Update plastic strain, heat and extremes of the elements, which the loop changes in slots alone."""
-        collect_now(self._works[False])
+        collect_slots_now(self._works[False])
 
     def run(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Advance the state by up to the steps of an interval; return the number of steps done.
@@ -172,15 +190,15 @@ class Plan:
                 self.state.reserve(2 * count)
             needed = int(self.events.count[0]) + 2 * max(count, len(self.state.x) - self.state.n_local)
             if needed > len(self.events.step):
-                self.events = events_with_room(2 * needed, self.events)
+                self.events = allocate_events(2 * needed, self.events)
             self.attach(self.state, filled=True)
             remainder = interval._replace(first=interval.first + done, steps=0, pending=count)
             check(self._steps(remainder, seconds)[2])
         return done
 
-    def try_out(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
+    def run_trial(self, interval: Interval, seconds: np.ndarray | None = None) -> int:
         """Run a trial; return the steps before the one in which an element fractures, or all of them."""
-        moving = MOVING + SLIPPING if self.state.features.sliding else MOVING
+        moving = STEPPED_FIELDS + SLIDING_FIELDS if self.state.features.sliding else STEPPED_FIELDS
         saved = {name: getattr(self.state, name) for name in moving}
         saved = {name: array.copy(order="K") for name, array in saved.items() if array is not None}
         rows = self.rows and self.rows.keep()
@@ -193,7 +211,7 @@ class Plan:
         """Call `time_loop` for an interval, timed if `seconds` is given."""
         timed = seconds is not None
         if timed not in self._works:
-            self._works[timed] = self._works[False].replaced(seconds=seconds)
+            self._works[timed] = self._works[False].with_values(seconds=seconds)
         return time_loop(
             interval.first,
             interval.steps,
@@ -209,7 +227,7 @@ class Plan:
             self._works[timed],
         )
 
-    def take_back(self) -> None:
+    def revert_trial(self) -> None:
         """Restore the state to the start of the last trial."""
         moving, rows = self.before
         for name, array in moving.items():

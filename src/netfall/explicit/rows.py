@@ -5,19 +5,19 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.records import empty, f8, i8, i8_2
-from netfall.explicit.energy import make_room
-from netfall.explicit.envelope import Envelope
-from netfall.explicit.sampling import Local, Rows, Table
+from netfall.explicit.energy import make_snapshot
+from netfall.explicit.envelope import DynamicEnvelope
+from netfall.explicit.sampling import LocalProbes, Rows, Table
 from netfall.model.probes import Probes
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Subdomain
-from netfall.parallel.sums import LIMBS, rounded_of_all
+from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.state import State
 
 MOST_ROWS = 128  # rows in the table: 400 KB
 
 
-class TakenUp(NamedTuple):
+class ReducedRows(NamedTuple):
     """Rows of `explicit.sampling.Table` over all ranks; sums : (k, s) [J], rounded."""
 
     number: np.ndarray
@@ -40,7 +40,7 @@ class RowTable:
         every: int,
         subdomain,
         probes: Probes,
-        envelope: Envelope,
+        envelope: DynamicEnvelope,
         slips: tuple | None = None,
     ):
         """Allocate the table.
@@ -55,9 +55,9 @@ class RowTable:
         self.local = local_probes(subdomain, probes)
         if slips:
             number, count = slips
-            self.local = self.local.replaced(slip=values + number, difference=values + count + number)
+            self.local = self.local.with_values(slip=values + number, difference=values + count + number)
             values += 2 * count
-        self.snapshot = make_room(state)
+        self.snapshot = make_snapshot(state)
         integers, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
         self.table = Table(
             integers(k),
@@ -72,7 +72,7 @@ class RowTable:
     def of(self, state: State) -> Rows:
         """Return the rows for the time loop. They stay valid as long as the arrays of the state do."""
         if not self.snapshot.fits(state):
-            self.snapshot = make_room(state)
+            self.snapshot = make_snapshot(state)
         return Rows(
             due=self.due,
             dt=self.dt,
@@ -86,7 +86,7 @@ class RowTable:
             joint_at=empty(i8_2) if state.joint_at is None else state.joint_at,
             local=self.local,
             table=self.table,
-            subject=self.snapshot.look_at(state),
+            subject=self.snapshot.bind(state),
             room=self.snapshot.room,
         )
 
@@ -96,7 +96,7 @@ class RowTable:
         return k < len(self.due) and self.due[k] == number
 
     @property
-    def full_at(self) -> int:
+    def first_full_step(self) -> int:
         """Step number of the first row that the table cannot hold; beyond the last step if it holds all."""
         made, waiting = self.made.tolist()
         k = made + MOST_ROWS - waiting
@@ -107,7 +107,7 @@ class RowTable:
         """Whether the table cannot hold another row."""
         return self.made[1] == MOST_ROWS
 
-    def take_up(self, comm: MPI.Comm) -> TakenUp:
+    def take_up(self, comm: MPI.Comm) -> ReducedRows:
         """Remove the rows so far from the table and combine them over all ranks. Collective.
 
         The result is the same on every rank, except size and who. Its sums are (k, s) [J] in the order of
@@ -121,19 +121,19 @@ class RowTable:
         comm.Allreduce(MPI.IN_PLACE, slack, MPI.SUM)
         probes = probes.copy()
         comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # exact: one rank has the value, the others 0
-        total = rounded_of_all(comm, sums.reshape(-1, LIMBS)).reshape(sums.shape[:2])
-        return TakenUp(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
+        total = round_over_ranks(comm, sums.reshape(-1, LIMBS)).reshape(sums.shape[:2])
+        return ReducedRows(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
 
     def keep(self) -> tuple:
         """Return copies for `put_back`, if the following steps have to be undone."""
-        return tuple(array.copy() for array in self._changing())
+        return tuple(array.copy() for array in self._mutable_arrays())
 
     def put_back(self, copies: tuple) -> None:
         """Restore the rows from copies of `keep`."""
-        for array, before in zip(self._changing(), copies):
+        for array, before in zip(self._mutable_arrays(), copies):
             array[:] = before
 
-    def _changing(self) -> list[np.ndarray]:
+    def _mutable_arrays(self) -> list[np.ndarray]:
         """Return all arrays other than the table that a new row changes.
 
         The table needs no copy: rows beyond the counter `made` are never read.
@@ -143,7 +143,7 @@ class RowTable:
         return [array for array in arrays if array is not None]
 
 
-def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
+def local_probes(subdomain: Subdomain, probes: Probes) -> LocalProbes:
     """Return the probes of a rank, and the positions of their values in a row."""
     elements = np.concatenate([probes.elements, probes.named])
     matches = []
@@ -154,7 +154,7 @@ def local_probes(subdomain: Subdomain, probes: Probes) -> Local:
         pairs = [(row, k) for k, gid in enumerate(sought) for row in np.flatnonzero(numbers == gid)]
         matches.append(np.array(pairs, np.int64).reshape(-1, 2).T.copy())  # contiguous also without pairs
     (particle, particle_column), (element, element_column) = matches
-    return Local(
+    return LocalProbes(
         particle,
         3 * particle_column,
         element,

@@ -11,12 +11,12 @@ import math
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel, routine
-from netfall.core.records import Record, f8, f8_2, has, i8, i8_2, i8_3, real, whole
+from netfall.core.records import Record, f8, f8_2, i8, i8_2, i8_3, is_present, real, whole
 from netfall.core.vectors import bits_of, number_of
-from netfall.explicit.energy_check import Room, Subject, observe
+from netfall.explicit.energy_check import ObservationArrays, ObservedState, observe
 from netfall.physics.bending import joint_moment
 
-MOST_STRAIN = 0.1  # strain; a larger one without a fracture strain is reported
+REPORTED_STRAIN = 0.1  # strain; a larger one without a fracture strain is reported
 NO_BENDING = -2  # joint number of elements without bending, as in `geometry.cables`
 INFINITE = np.int64(0x7FF) << 52  # bits of infinity; as integers the bits of nan are larger
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits but the sign
@@ -40,7 +40,7 @@ class Table(Record):
     who: i8_2
 
 
-class Local(Record):
+class LocalProbes(Record):
     """Probes of this rank: rows of particles and elements, and the columns of their values.
 
     slip, difference : (points,) columns of slips and of tension differences across slip points; absent: none
@@ -75,15 +75,15 @@ class Rows(Record):
     displacement: f8_2
     moment: f8
     joint_at: i8_2
-    local: Local
+    local: LocalProbes
     table: Table
-    subject: Subject
-    room: Room
+    subject: ObservedState
+    room: ObservationArrays
 
 
 def no_rows() -> Rows:
     """Return a schedule without rows."""
-    return Rows.absent().replaced(
+    return Rows.absent().with_values(
         made=np.zeros(2, np.int64), every=1 << 62, last=np.zeros(1, np.int64), dt=1.0
     )
 
@@ -110,17 +110,17 @@ def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
     due = has_row(number, rows)
     share = (number * rows.dt - sample_time) / sample_dt
     observe(before_dt, dt, zeta, share, due, rows.subject, rows.room)
-    take_row(number, before_dt if before_dt > 0.0 else dt, due, rows)
+    append_row(number, before_dt if before_dt > 0.0 else dt, due, rows)
     return 0
 
 
 @inner_kernel
-def take_row(number, step, due, rows):
+def append_row(number, step, due, rows):
     """Update the envelope with the observed step; if a row is due, append it to the table.
 
     step : [s] length of the step before
     """
-    widen(number, rows)
+    update_envelope(number, rows)
     if not due:
         return
     made, table, k, sums = rows.made, rows.table, rows.made[1], rows.room.sums
@@ -137,7 +137,7 @@ def take_row(number, step, due, rows):
 
 
 @inner_kernel
-def widen(number, rows):
+def update_envelope(number, rows):
     """Update the envelope with axial forces, displacements and moments at a step."""
     time = number * rows.dt
     since = time - rows.last[0] * rows.dt
@@ -156,24 +156,24 @@ def widen(number, rows):
         u = math.sqrt(dx * dx + dy * dy + dz * dz)
         if u > displacement[0, p]:
             displacement[0, p], displacement[1, p] = u, time
-    if has(elements.highest):
-        widen_to_extremes(time, elements.highest, elements.lowest, tension)
-    if has(rows.moment):
-        widen_moments(rows)
+    if is_present(elements.highest):
+        update_tension_envelope(time, elements.highest, elements.lowest, tension)
+    if is_present(rows.moment):
+        update_moment_envelope(rows)
 
 
 @kernel
-def widen_to_extremes(time, highest, lowest, tension):
+def update_tension_envelope(time, highest, lowest, tension):
     """Update the tension envelope (4, m) with extremes (m,) up to a time [s]; lowest may be absent."""
     for e in range(tension.shape[1]):
         if highest[e] > tension[0, e]:
             tension[0, e], tension[1, e] = highest[e], time
-        if has(lowest):
+        if is_present(lowest):
             tension[2, e] = min(tension[2, e], lowest[e])
 
 
 @inner_kernel
-def widen_moments(rows):
+def update_moment_envelope(rows):
     """Update the envelope of bending moments [N m] at element ends; the moment is 0 at the end of a chain."""
     joints, joint_at, moment = rows.subject.joints, rows.joint_at, rows.moment
     for e in range(moment.shape[0]):
@@ -197,7 +197,7 @@ def read_probes(rows, values):
         e = local.element[i]
         N = rows.room.now.N[e] + 0.0
         values[local.element_place[i]] = N if rows.subject.elements.owned[e] else 0.0
-    if has(local.slip):
+    if is_present(local.slip):
         read_slips(rows, values)
 
 
@@ -217,7 +217,7 @@ def read_slips(rows, values):
 
 
 @inner_kernel
-def size_of(bits):
+def bit_magnitude(bits):
     """Return the magnitude of the number with these bits (sign cleared); infinity for nan."""
     return math.inf if bits >= INFINITE else number_of(bits)
 
@@ -236,7 +236,7 @@ def find_fastest(rows, size, who):
             best, fastest = bits, p
     size[0], who[0] = -1.0, -1
     if fastest >= 0:
-        size[0], who[0] = size_of(best), subject.particles.gid[fastest]
+        size[0], who[0] = bit_magnitude(best), subject.particles.gid[fastest]
 
 
 @inner_kernel
@@ -249,24 +249,24 @@ def find_most_strained(rows, size, who):
             best, element = bits, e
     size[1], size[2], who[1], who[2] = -1.0, 0.0, -1, -1
     if element >= 0:
-        size[1], who[1] = size_of(best), rows.element_gid[element]
-    if size[1] > MOST_STRAIN:
-        element = endless_strain(rows.subject.elements, rows.room.now)
+        size[1], who[1] = bit_magnitude(best), rows.element_gid[element]
+    if size[1] > REPORTED_STRAIN:
+        element = most_strained_unbreakable(rows.subject.elements, rows.room.now)
         if element >= 0:
             size[2], who[2] = abs(eps[element]), rows.element_gid[element]
 
 
 @inner_kernel
-def endless_strain(elements, now):
+def most_strained_unbreakable(elements, now):
     """Return the element with the largest strain beyond MOST_STRAIN among those that never break; -1: none.
 
     Slack cables are excluded, as their strain has no meaning, and fragments, which have no limit after a
     fracture.
     """
-    largest, element = MOST_STRAIN, -1
+    largest, element = REPORTED_STRAIN, -1
     for e in range(now.N.shape[0]):
         limit = math.inf
-        if has(elements.eps_u):
+        if is_present(elements.eps_u):
             limit = elements.eps_u[e]
         counts = limit == math.inf and elements.broken[e] == 0 and now.N[e] != 0.0
         if counts and abs(now.eps[e]) > largest:

@@ -9,7 +9,7 @@ from netfall.job.job import Job
 from netfall.loads.loads import mean_pressure
 from netfall.loads.wind.errors import coherence_errors
 from netfall.model.model import Model
-from netfall.physics.wind_spectra import Gust, gust_of, intensity
+from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
 
 EULER = 0.5772  # Euler-Mascheroni constant
 
@@ -60,11 +60,11 @@ def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> 
             job, model.layout.shape_coefficient, model.wind_field, model.history.mean_gust
         ),
     }
-    spectrum = gust_of(job.wind)
+    spectrum = make_gust(job.wind)
     if spectrum:
         losses = model.wind_field.model.losses
         section |= {
-            "turbulence": np.float64(intensity(job.wind)),
+            "turbulence": np.float64(turbulence_intensity(job.wind)),
             "variance_beyond": np.float64(losses.beyond),
             "variance_between": np.float64(losses.between),
             "spectrum_misfit": np.float64(losses.misfit),

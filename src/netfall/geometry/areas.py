@@ -8,27 +8,27 @@ import shapely
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.core.sets import among, distinct
-from netfall.geometry.connected_parts import parts_of
-from netfall.geometry.faces import Faces, double_area, find_faces, no_faces, turned_triangles
-from netfall.geometry.given_faces import faces_are_given, given_faces
+from netfall.core.sets import distinct, is_one_of
+from netfall.geometry.connected_parts import connected_parts
+from netfall.geometry.faces import Faces, centroid_triangle_areas, double_area, empty_faces, find_faces
+from netfall.geometry.given_faces import faces_are_given, read_faces
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan, draw_plan
-from netfall.geometry.shares import Shares, shares_of
-from netfall.job.derived import along_normals, loads_the_roof, roof_groups
+from netfall.geometry.shares import FaceShares, share_out_faces
+from netfall.job.derived import has_area_loads, has_normal_loads, roof_groups
 from netfall.job.job import Job
-from netfall.job.values import listed
+from netfall.job.values import format_list
 
 REMEDY = (
     "name in [roof] groups the groups of elements whose faces carry the roof, mend the drawing, or give in "
     "nodes.csv `area` and, for wind and for pressure along the normal, normal_x, normal_y, normal_z"
 )
-GIVEN_AREAS = "areas and normals of the roof are those of nodes.csv"
+GIVEN_AREAS_NOTE = "areas and normals of the roof are those of nodes.csv"
 # generators of nets of one layer whose elements meet only at their ends
-PLAIN = ("saddle", "stadium", "ring")
+PLANAR_GENERATORS = ("saddle", "stadium", "ring")
 
 
-class Areas(NamedTuple):
+class TributaryAreas(NamedTuple):
     """Roof areas of the particles, and the shares of faces that they are sums of.
 
     surface, plan : (n,) [m2], both >= 0; vector : (n, 3) [m2], upward: pressure p gives the force -p vector
@@ -37,39 +37,39 @@ class Areas(NamedTuple):
     surface: np.ndarray
     plan: np.ndarray
     vector: np.ndarray
-    shares: Shares
+    shares: FaceShares
 
 
 @dataclass(frozen=True)
-class Roofing:
+class RoofFaces:
     """Faces of the roof, the share of its outline in plan that they cover, and notes.
 
     given : the areas in the given geometry
     """
 
     faces: Faces
-    given: Areas
-    covered: float = 0.0
+    given: TributaryAreas
+    covered_share: float = 0.0
     notes: list[str] = field(default_factory=list)
 
 
-def roof_of(job: Job, net: Net) -> Roofing:
+def find_roof(job: Job, net: Net) -> RoofFaces:
     """Find the faces that carry loads and wind. Raises InputError if loads need faces that do not exist."""
     groups = roof_groups(job)
     chosen = np.isin(net.group, [g for g, name in enumerate(net.group_names) if name in groups])
     carries = chosen[:: net.parts] if groups else np.ones(net.m // net.parts, bool)
     if faces_are_given(job):
-        faces, plan = given_faces(job, net)
+        faces, plan = read_faces(job, net)
         return _roofing(job, net, faces, plan, carries)
     lines = bool(job.roof and job.roof.lines)
-    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLAIN)
+    plan = draw_plan(net, carries, checked=lines or job.net.generator not in PLANAR_GENERATORS)
     if plan.errors and _needs_faces(job, net):
         raise InputError([f"{job.path}: {error}; {REMEDY}" for error in plan.errors])
     if plan.errors:
         notes = [f"the net has no faces: {error}" for error in plan.errors]
         if areas_are_given(net):
-            notes = [GIVEN_AREAS] * loads_the_roof(job)
-        return Roofing(no_faces(), tributary_areas(net.x, net, no_faces()), notes=notes)
+            notes = [GIVEN_AREAS_NOTE] * has_area_loads(job)
+        return RoofFaces(empty_faces(), tributary_areas(net.x, net, empty_faces()), notes=notes)
     faces = _faces_but_openings(job, net, plan)
     unconnected = _unconnected(net, plan, faces)
     if unconnected and _needs_faces(job, net):
@@ -77,10 +77,10 @@ def roof_of(job: Job, net: Net) -> Roofing:
     return _roofing(job, net, faces, plan, carries, unconnected)
 
 
-def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> Roofing:
+def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> RoofFaces:
     """Build the roof of known faces; carries : (m / parts,) bool; loose : notes that come last."""
-    roofing = Roofing(faces, tributary_areas(net.x, net, faces), _covered(plan, faces))
-    notes = _notes(job, net, plan, roofing, carries) if loads_the_roof(job) else []
+    roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), _covered(plan, faces))
+    notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []
     return replace(roofing, notes=[*notes, *loose])
 
 
@@ -89,13 +89,13 @@ def _unconnected(net: Net, plan: Plan, faces: Faces) -> list[str]:
     rings = faces.rings
     if len(rings) == faces.count:
         return []
-    label = parts_of(np.concatenate([net.elements, plan.segment]), len(plan.points))
+    label = connected_parts(np.concatenate([net.elements, plan.segment]), len(plan.points))
     of_ring = label[rings.corner[rings.start[:-1]]]
     outer = rings.first_rings()[rings.face]
     lines = []
     for r in np.flatnonzero(of_ring != of_ring[outer]):
         corners = (rings.corner[rings.start[k] : rings.start[k + 1]] for k in (outer[r], r))
-        outside, inside = (listed(np.sort(net.node_id[nodes[nodes < net.n]])) for nodes in corners)
+        outside, inside = (format_list(np.sort(net.node_id[nodes[nodes < net.n]])) for nodes in corners)
         lines.append(
             f"the face of the roof between the nodes {outside} has inside it a ring with the nodes {inside} "
             "that is connected to it by nothing, so it is not known what lies between; join the two with "
@@ -125,7 +125,7 @@ def largest_face(x: np.ndarray, net: Net, faces: Faces) -> tuple[float, float, n
     if not len(faces):
         return None
     points = np.concatenate([x, net.corners])[:, :2]
-    area = np.bincount(faces.face_of_corner(), 0.5 * turned_triangles(points, faces, double_area))
+    area = np.bincount(faces.face_of_corner(), 0.5 * centroid_triangle_areas(points, faces, double_area))
     f, rings = int(np.argmax(area)), faces.rings
     first = rings.first_rings()
     around = range(first[f], first[f + 1] if f + 1 < len(first) else len(rings))
@@ -142,10 +142,10 @@ def areas_are_given(net: Net) -> bool:
 def _needs_faces(job: Job, net: Net) -> bool:
     """Tell whether a load acts on areas, or along normals, that the tables do not give."""
     bare = (net.area > 0) & ~np.isfinite(net.normal[:, 0])
-    return loads_the_roof(job) and bool(not areas_are_given(net) or (along_normals(job) and bare.any()))
+    return has_area_loads(job) and bool(not areas_are_given(net) or (has_normal_loads(job) and bare.any()))
 
 
-def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray) -> list[str]:
+def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarray) -> list[str]:
     """Return notes on the areas that loads act on. Raises InputError if there are none."""
     faces, area, notes = roofing.faces, roofing.given.surface, list(plan.notes)
     if not (area > 0).any():
@@ -158,21 +158,22 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: Roofing, carries: np.ndarray
     in_roof[net.elements[np.repeat(carries, net.parts)]] = True
     without_area = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
     if len(without_area):
-        text = f"{len(without_area)} free nodes carry no roof area: {listed(without_area)}"
+        text = f"{len(without_area)} free nodes carry no roof area: {format_list(without_area)}"
         notes.append(f"{text}; `area` in nodes.csv would give it")
     lines, points = plan.segment[plan.element < 0], len(plan.points)
-    unused_lines = lines[~among(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
+    unused_lines = lines[~is_one_of(pair_key(lines, points), pair_key(faces.rings.sides(), points))]
     unused_lines = [f"{a} to {b}" for a, b in net.node_id[unused_lines[(unused_lines < net.n).all(1)]]]
     if unused_lines:
         notes.append(
-            f"{len(unused_lines)} edges of the roof without an element bound no face: {listed(unused_lines)}"
+            f"{len(unused_lines)} edges of the roof without an element bound no face: "
+            f"{format_list(unused_lines)}"
         )
     rim = faces.open_rim[faces.open_rim < net.n]
     rim = rim[free[rim] & np.isnan(net.area[rim])]
     if len(rim):
         notes.append(
             f"at {len(rim)} free nodes on the edge of the faces elements go on without closing a face: "
-            f"{listed(net.node_id[rim])}; closed faces cover {roofing.covered:.1%} of the outline "
+            f"{format_list(net.node_id[rim])}; closed faces cover {roofing.covered_share:.1%} of the outline "
             "in plan; if the roof goes on to the supports, close it with elements between these"
         )
     return notes
@@ -183,10 +184,10 @@ def _covered(plan: Plan, faces: Faces) -> float:
     if not len(faces):
         return 0.0
     outline = shapely.convex_hull(shapely.linestrings(plan.points[distinct(plan.segment)]))
-    return float(0.5 * turned_triangles(plan.points, faces, double_area).sum() / outline.area)
+    return float(0.5 * centroid_triangle_areas(plan.points, faces, double_area).sum() / outline.area)
 
 
-def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
+def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     """Compute the areas of the particles at x (n, 3) [m], by the shares of the faces (`geometry.shares`).
 
     Shares of points without a particle go to the rigid boundary. A given `area` is an area of surface. With a
@@ -194,7 +195,7 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
     area or normal the vector is surface times unit normal; the other of the two comes from the faces.
     """
     points = np.concatenate([x, net.corners])
-    shares = shares_of(points, faces)
+    shares = share_out_faces(points, faces)
 
     def at_nodes(values):
         return np.bincount(shares.node, values, len(points))[: net.n].astype(float)
@@ -204,11 +205,11 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> Areas:
     of_area, of_normal = np.isfinite(net.area), np.isfinite(net.normal[:, 0])
     given = of_area | of_normal
     if not given.any():
-        return Areas(surface, plan, vector, shares)
+        return TributaryAreas(surface, plan, vector, shares)
     normal = np.where(of_normal[:, None], net.normal, unit_normals(vector))
     slope = np.where(normal.any(1), np.abs(normal[:, 2]), 1.0)
     surface, plan = np.where(of_area, net.area, surface), np.where(of_area, net.area * slope, plan)
-    return Areas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector), shares)
+    return TributaryAreas(surface, plan, np.where(given[:, None], surface[:, None] * normal, vector), shares)
 
 
 def unit_normals(vector: np.ndarray) -> np.ndarray:

@@ -13,9 +13,9 @@ from netfall.job.schema import CURVES
 from netfall.job.values import counted
 
 OF_BARS = ("second_moment", "buckling_length")
-FLAGS = ("bending", "buckling")
-MOST_SECOND_MOMENT = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
-KEYS = (*OF_BARS, "buckling_curve", *FLAGS)
+BAR_FLAGS = ("bending", "buckling")
+MAX_SECOND_MOMENT_RATIO = 1e5  # largest plausible I / A^2; tubes have up to 10, trusses as one bar some 1000
+BAR_KEYS = (*OF_BARS, "buckling_curve", *BAR_FLAGS)
 
 
 def set_bars(job: Job, net: Net) -> None:
@@ -26,7 +26,7 @@ def set_bars(job: Job, net: Net) -> None:
     if np.isfinite(rows["second_moment"]).any():
         net.second_moment, net.buckling_length = rows.values()
         net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
-    for name in FLAGS:
+    for name in BAR_FLAGS:
         flags = np.array([table[name] for table in tables])[net.group] & net.bar
         if flags.any():
             setattr(net, name, flags)
@@ -58,7 +58,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 
     for g, name in enumerate(net.group_names):
         if not net.bar[net.group == g].any():
-            for key in (key for key in KEYS if job.groups.get(name, {}).get(key) is not None):
+            for key in (key for key in BAR_KEYS if job.groups.get(name, {}).get(key) is not None):
                 yield (
                     f"[cable.{name}] {key} = {job.groups[name][key]}: of bars alone, for a cable carries no "
                     'compression; give the group kind = "bar", or remove the key'
@@ -101,10 +101,12 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 def bar_notes(job: Job, net: Net) -> list[str]:
     """Return notes on buckling keys without effect and on implausibly large second moments."""
     if net.second_moment is None:
-        given = job.given() & {f"cable.{key}" for key in KEYS}
-        given |= {f"cable.{name}.{key}" for name, table in job.groups.items() for key in KEYS if key in table}
+        given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
+        given |= {
+            f"cable.{name}.{key}" for name, table in job.groups.items() for key in BAR_KEYS if key in table
+        }
         return [f"{key}: no effect: no bar has a second_moment" for key in sorted(given)]
-    stout = np.flatnonzero(net.second_moment > MOST_SECOND_MOMENT * net.section**2)
+    stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)
     if not len(stout):
         return []
     e = stout[0]

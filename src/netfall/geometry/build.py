@@ -4,21 +4,21 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from netfall.core.errors import InputError, refuse
+from netfall.core.errors import InputError, raise_errors
 from netfall.geometry import sections
 from netfall.geometry.bars import bar_errors, bar_notes, set_bars
-from netfall.geometry.cables import cables_of, same_names
-from netfall.geometry.connected_parts import part_has, parts_of
+from netfall.geometry.cables import cables_of, duplicate_names
+from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.generators import generate as generators
 from netfall.geometry.net import Net, nearest_group, subdivide
 from netfall.geometry.sections import strength_errors, strength_notes
 from netfall.geometry.tables import read_lines, read_tables
-from netfall.geometry.turned import is_turned
-from netfall.job.derived import air_damps, carries_permanent, load_steps, roof_groups
+from netfall.geometry.turned import is_rotated
+from netfall.job.derived import carries_permanent, has_aerodynamic_damping, load_steps, roof_groups
 from netfall.job.job import Job
-from netfall.job.values import counted, shown
+from netfall.job.values import counted, format_value
 
-STEEP = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
+STEEP_GENERATORS = ("saddle", "stadium")  # generators whose start is flat inside and steep along the boundary
 MOST_ELEMENTS = 50_000_000  # limit of elements; each takes some 900 bytes on rank 0 at set-up
 
 
@@ -27,7 +27,7 @@ def build_net(job: Job) -> Net:
 
     Raises InputError with all errors in the tables, or in the net as a whole.
     """
-    net, columns = read_tables(job) if job.net.nodes else (_from_generator(job), None)
+    net, columns = read_tables(job) if job.net.nodes else (_generate_net(job), None)
     own_prestress = net.prestress  # the generator's own equilibrium
     _set_sections(job, net, columns)
     net.prestress = net.prestress if own_prestress is None else own_prestress
@@ -37,19 +37,22 @@ def build_net(job: Job) -> Net:
             f"elements; at most {MOST_ELEMENTS:.0e} fit"
         )
     lines, notes = read_lines(job, net.node_id)
-    net.outline, net.notes = np.concatenate([net.outline, lines]), net.notes + notes + _held_whole(job, net)
+    net.outline, net.notes = (
+        np.concatenate([net.outline, lines]),
+        net.notes + notes + _held_subdivision_notes(job, net),
+    )
     net = subdivide(net, job.net.subdivide)
-    net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP)
+    net.cable, net.cable_names = cables_of(net, job.net.generator in STEEP_GENERATORS)
     sections.set_strengths(job, net)
     sections.set_length_errors(job, net)
-    errors = [f"{job.path}: {line}" for line in _whole_net_errors(job, net)] + _table_errors(job, net)
+    errors = [f"{job.path}: {line}" for line in _net_errors(job, net)] + _table_errors(job, net)
     errors += [f"{job.path}: {line}" for check in (strength_errors, bar_errors) for line in check(job, net)]
-    refuse(errors)
+    raise_errors(errors)
     net.notes += [*strength_notes(job, net), *bar_notes(job, net)]
     return net
 
 
-def _held_whole(job: Job, net: Net) -> list[str]:
+def _held_subdivision_notes(job: Job, net: Net) -> list[str]:
     """Return a note on elements whose new nodes `subdivide` holds, so that they cannot sag."""
     between = net.fixed[net.elements].all((1, 2))
     if job.net.subdivide == 1 or not (job.net.nodes and between.any()):
@@ -61,9 +64,9 @@ def _held_whole(job: Job, net: Net) -> list[str]:
     ]
 
 
-def _from_generator(job: Job) -> Net:
+def _generate_net(job: Job) -> Net:
     """Generate the net from the dimensions of [net]. Raises InputError."""
-    problem = generators.wrong_dimensions(job.net, MOST_ELEMENTS)
+    problem = generators.dimension_error(job.net, MOST_ELEMENTS)
     if problem:
         raise InputError(f"{job.path}: [net] {problem}")
     return generators.generate(job.net)
@@ -71,20 +74,20 @@ def _from_generator(job: Job) -> Net:
 
 def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
     """Set the sections of the elements; errors of group names come before errors of missing keys."""
-    errors = _wrong_groups(job, net)
+    errors = _group_name_errors(job, net)
     try:
         sections.set_sections(job, net, columns)
     except InputError as error:
         raise InputError(errors + error.lines) from None
-    refuse(errors)
+    raise_errors(errors)
     set_bars(job, net)
 
 
-def _wrong_groups(job: Job, net: Net) -> list[str]:
+def _group_name_errors(job: Job, net: Net) -> list[str]:
     """Return an error for each section or list that names a group without elements."""
     group_names = [(name, f"[cable.{name}]: no element is of this group") for name in job.groups]
     group_names += [
-        (name, f"[roof] groups: no element is of group {shown(name)}") for name in roof_groups(job)
+        (name, f"[roof] groups: no element is of group {format_value(name)}") for name in roof_groups(job)
     ]
     return [
         f"{job.path}: {problem}; {nearest_group(net, name)}"
@@ -93,7 +96,7 @@ def _wrong_groups(job: Job, net: Net) -> list[str]:
     ]
 
 
-def _whole_net_errors(job: Job, net: Net) -> Iterator[str]:
+def _net_errors(job: Job, net: Net) -> Iterator[str]:
     """Yield the errors of the net as a whole."""
     form = job.form_finding
     short = np.flatnonzero(~(net.lengths() > 0))
@@ -107,8 +110,8 @@ def _whole_net_errors(job: Job, net: Net) -> Iterator[str]:
     for p in lonely[:5]:
         yield f"node {net.node_id[p]} belongs to no element; remove it or connect it"
     if (form is not None or load_steps(job) > 0) and not len(short) and not len(lonely):
-        label = parts_of(net.elements, net.n)
-        held = part_has(label, net.held.any(1))
+        label = connected_parts(net.elements, net.n)
+        held = part_contains(label, net.held.any(1))
         for part in np.flatnonzero((label == np.arange(net.n)) & ~held)[:5]:
             members = net.node_id[label == part]
             yield (
@@ -153,12 +156,12 @@ def _whole_net_errors(job: Job, net: Net) -> Iterator[str]:
 def _table_errors(job: Job, net: Net) -> list[str]:
     """Return errors: springs on fixed axes, unsupported angles of supports, duplicate cable names."""
     nodes, elements = (job.path.parent / str(path) for path in (job.net.nodes, job.net.elements))
-    turned, form = net.node_id[is_turned(net)], job.form_finding
+    turned, form = net.node_id[is_rotated(net)], job.form_finding
     refused = {
         '[form_finding] method = "force_density"': form and form.method == "force_density",
         '[form_finding] start = "force_density"': form and form.start == "force_density",
         "[[slide]]": bool(job.slides),
-        "[wind] air_damping": air_damps(job),
+        "[wind] air_damping": has_aerodynamic_damping(job),
     }
     return [
         *(
@@ -175,6 +178,6 @@ def _table_errors(job: Job, net: Net) -> list[str]:
         *(
             f"{elements}: cable = {name}: so a piece without a name is called, by the least id of its "
             "elements; rename it, or name that piece too"
-            for name in same_names(net.cable_names)
+            for name in duplicate_names(net.cable_names)
         ),
     ]

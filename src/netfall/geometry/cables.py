@@ -3,7 +3,7 @@
 The column `cable` of elements.csv names the cable of each element. If it is empty or absent, a cable is a
 chain
 of elements of one group that run straight through. At a node two of them belong together if each is the
-straightest continuation of the other, and the bend is at most `LARGEST_BEND` in the given geometry. A cable
+straightest continuation of the other, and the bend is at most `MAX_BEND` in the given geometry. A cable
 ends at a node that is held rigidly on all axes, where it is anchored. The parts of one subdivided element
 always belong together.
 
@@ -16,11 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.geometry.connected_parts import parts_of
+from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.net import Net
 
-LARGEST_BEND = 30.0  # degrees; a ring of 12 or more sides is one cable
-DIGITS = 9  # digits of the cosine of a bend; equal ones are equally straight, and the earlier rows win
+MAX_BEND = 30.0  # degrees; a ring of 12 or more sides is one cable
+BEND_DIGITS = 9  # digits of the cosine of a bend; equal ones are equally straight, and the earlier rows win
 
 
 def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
@@ -48,19 +48,20 @@ def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
     return np.repeat(number, net.parts), [str(name) for name in cable_names]
 
 
-def same_names(names: list[str]) -> list[str]:
+def duplicate_names(names: list[str]) -> list[str]:
     """Return names of two cables: one given in the table, the other generated for an unnamed cable."""
     values, times = np.unique(names, return_counts=True) if names else ([], np.zeros(0))
     return [str(name) for name, count in zip(values, times) if count > 1]
 
 
 def _chains(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
-    """Return a number (m / parts,) for each given element, the same along a chain; as in `_bends`."""
-    pairs = _matched(_bends(net, axes, named), 2 * net.m // net.parts) // 2
-    return parts_of(pairs, net.m // net.parts)
+    """Return a number (m / parts,) for each given element, the same along a chain; as in
+    `_continuing_ends`."""
+    pairs = _match_ends(_continuing_ends(net, axes, named), 2 * net.m // net.parts) // 2
+    return connected_parts(pairs, net.m // net.parts)
 
 
-def _bends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
+def _continuing_ends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
     """Return pairs (k, 2) of ends that may continue each other, the straightest first.
 
     axes : (3,) 1 if the axis counts; named : (m / parts,) bool, elements with a name, which are left out
@@ -83,8 +84,8 @@ def _bends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
             break
         a, b = a[meet], b[meet]
         u, v = direction[a], direction[b]
-        cosine = np.round(-(u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1] + u[:, 2] * v[:, 2]), DIGITS)
-        straight = cosine >= np.round(np.cos(np.radians(LARGEST_BEND)), DIGITS)
+        cosine = np.round(-(u[:, 0] * v[:, 0] + u[:, 1] * v[:, 1] + u[:, 2] * v[:, 2]), BEND_DIGITS)
+        straight = cosine >= np.round(np.cos(np.radians(MAX_BEND)), BEND_DIGITS)
         candidates.append(np.column_stack([a, b])[straight])
         cosines.append(cosine[straight])
         offset += 1
@@ -92,7 +93,7 @@ def _bends(net: Net, axes: np.ndarray, named: np.ndarray) -> np.ndarray:
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0], -cosine))]
 
 
-def _matched(pairs: np.ndarray, ends: int) -> np.ndarray:
+def _match_ends(pairs: np.ndarray, ends: int) -> np.ndarray:
     """Match pairs (k, 2) of ends greedily, best first: each end is in at most one of the returned pairs."""
     matched = [np.zeros((0, 2), np.int64)]
     used = np.zeros(ends, bool)
@@ -110,7 +111,7 @@ def _matched(pairs: np.ndarray, ends: int) -> np.ndarray:
 CHAIN_END, NO_BENDING = -1, -2
 
 
-class Chains(NamedTuple):
+class BendingChains(NamedTuple):
     """Joints (k,) of a net: particles (k, 3) in a row; elements (k, 2) between them.
 
     at : (m, 2) joint at start and end of each element; CHAIN_END: none; NO_BENDING: the element has none
@@ -123,16 +124,16 @@ class Chains(NamedTuple):
     chain: np.ndarray
 
 
-def chains_of(net: Net) -> Chains | None:
+def find_bending_chains(net: Net) -> BendingChains | None:
     """Return the joints of a net by their middle particle; None if no bar resists bending."""
     if net.bending is None:
         return None
     bars = np.flatnonzero(net.bending)
     ends = 2 * np.repeat(bars, 2) + np.tile([0, 1], len(bars))  # the ends of element e are 2 e and 2 e + 1
-    name, node = pieces_named(net), net.elements.ravel()
-    pairs = pairs_meeting(ends[name[ends // 2] >= 0], node, name)
+    name, node = named_cables(net), net.elements.ravel()
+    pairs = meeting_pairs(ends[name[ends // 2] >= 0], node, name)
     free = ~np.isin(ends, pairs)
-    by_group = pairs_meeting(ends, node, net.group)
+    by_group = meeting_pairs(ends, node, net.group)
     pairs = np.concatenate([pairs, by_group[np.isin(by_group, ends[free]).all(1)]])
     pairs = pairs[np.lexsort((pairs[:, 0], node[pairs[:, 0]]))]
     middle, first, second = node[pairs[:, 0]], node[pairs[:, 0] ^ 1], node[pairs[:, 1] ^ 1]
@@ -140,11 +141,11 @@ def chains_of(net: Net) -> Chains | None:
     joint_at[ends] = CHAIN_END
     joint_at[pairs.T] = np.arange(len(pairs))
     joint_at = joint_at.reshape(net.m, 2)
-    chain = parts_of(joint_at[(joint_at >= 0).all(1)], len(pairs))
-    return Chains(np.column_stack([first, middle, second]), pairs // 2, joint_at, chain)
+    chain = connected_parts(joint_at[(joint_at >= 0).all(1)], len(pairs))
+    return BendingChains(np.column_stack([first, middle, second]), pairs // 2, joint_at, chain)
 
 
-def chain_notes(chains: Chains) -> list[str]:
+def chain_notes(chains: BendingChains) -> list[str]:
     """Return a note if no bar continues in another."""
     if len(chains.particles):
         return []
@@ -154,7 +155,7 @@ def chain_notes(chains: Chains) -> list[str]:
     ]
 
 
-def pieces_named(net: Net) -> np.ndarray:
+def named_cables(net: Net) -> np.ndarray:
     """Return the number of the name (m,) that the column `cable` gives each element; -1: none."""
     if not net.cable_given:
         return np.full(net.m, -1)
@@ -162,7 +163,7 @@ def pieces_named(net: Net) -> np.ndarray:
     return np.repeat(np.where(names[number] == "", -1, number), net.parts)
 
 
-def pairs_meeting(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
+def meeting_pairs(ends: np.ndarray, node: np.ndarray, kind: np.ndarray) -> np.ndarray:
     """Return pairs (k, 2) of element ends at nodes where exactly two elements of one kind meet.
 
     ends : (e,) ascending, 2 e and 2 e + 1 of element e; node : (2 m,) of each end; kind : (m,) of elements

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from netfall.core.sets import among
+from netfall.core.sets import is_one_of
 from netfall.geometry.net import pair_key
 
 
-def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
+def connected_parts(pairs: np.ndarray, count: int) -> np.ndarray:
     """Return the lowest member of the part of each of `count` things; pairs (k, 2) join two of them."""
     from scipy.sparse import coo_array  # here: it takes 0.2 s to load
     from scipy.sparse.csgraph import connected_components
@@ -16,17 +16,18 @@ def parts_of(pairs: np.ndarray, count: int) -> np.ndarray:
     return np.unique(part, return_index=True)[1][part]
 
 
-def part_has(label: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """Tell whether the part of each thing, by label (n,) of `parts_of`, contains one of some (n,) bool."""
+def part_contains(label: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Tell whether the part of each thing, by label (n,) of `connected_parts`, contains one of some (n,)
+    bool."""
     has = np.zeros(len(label), bool)
     has[label[some]] = True
     return has[label]
 
 
-def unjoined_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> np.ndarray:
+def unconnected_pairs(x: np.ndarray, elements: np.ndarray, distance: float) -> np.ndarray:
     """Return the pairs of `close_pairs` that no element of elements (m, 2) joins."""
     pairs = close_pairs(x, distance)
-    return pairs[~among(pair_key(pairs, len(x)), pair_key(elements, len(x)))]
+    return pairs[~is_one_of(pair_key(pairs, len(x)), pair_key(elements, len(x)))]
 
 
 def close_pairs(x: np.ndarray, distance: float) -> np.ndarray:

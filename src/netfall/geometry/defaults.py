@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.geometry.net import Net
-from netfall.geometry.sections import are_other_bars, strength_of_cable
+from netfall.geometry.sections import default_breaking_force, is_bar_among_cables
 from netfall.job.derived import has_gusts, load_steps
-from netfall.job.entries import LISTS
-from netfall.job.job import Job, tables_of
-from netfall.job.schema import REMOVED, SINCE
-from netfall.job.values import counted, shown
+from netfall.job.entries import LIST_KEYS
+from netfall.job.job import Job, parse_tables
+from netfall.job.schema import REMOVED_KEYS, SINCE
+from netfall.job.values import counted, format_value
 
 
 class ChangedDefault(NamedTuple):
@@ -57,21 +57,24 @@ def default_warnings(job: Job, net: Net) -> list[str]:
 
 def _warnings(job: Job, net: Net) -> Iterator[str]:
     """Yield the warnings of a job without their prefix."""
-    given = tables_of(job.text, job.overrides)
+    given = parse_tables(job.text, job.overrides)
     for section, key, new, old, affects in CHANGED:
-        entries = given.get(section, []) if section in LISTS else [given.get(section, {})]
-        place = f"[[{section}]]" if section in LISTS else f"[{section}]"
+        entries = given.get(section, []) if section in LIST_KEYS else [given.get(section, {})]
+        place = f"[[{section}]]" if section in LIST_KEYS else f"[{section}]"
         if any(key not in table for table in entries) and affects(job, net):
-            yield f"{place} {key} is not set: {shown(new)} since version {SINCE} ({shown(old)} before)"
-    inherited = strength_of_cable(job)
-    bars = are_other_bars(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
+            yield (
+                f"{place} {key} is not set: {format_value(new)} since version {SINCE} "
+                f"({format_value(old)} before)"
+            )
+    inherited = default_breaking_force(job)
+    bars = is_bar_among_cables(job, net) & np.isinf(net.breaking_load) & (inherited is not None)
     for g in np.unique(net.group[bars]):  # these took the breaking force of [cable] before
         name, ids = net.group_names[g], net.element_id[bars & (net.group == g)]
         yield (
             f"{f'[cable.{name}]' if name else 'elements.csv:'} breaking_load of {counted('bar', ids)} is not "
             f"set: none since version {SINCE} ({inherited:g} N of [cable] before)"
         )
-    for section, keys in REMOVED.items():
+    for section, keys in REMOVED_KEYS.items():
         for key, (_, why) in keys.items():
             if f"{section}.{key}" in job.given():
                 yield f"[{section}] {key}: removed in version {SINCE}, {why}. Remove the key."

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from netfall.core.functions import lengths
-from netfall.core.sets import among, distinct
+from netfall.core.sets import distinct, is_one_of
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 
@@ -73,7 +73,7 @@ class Faces:
         number = np.arange(self.count)
         return number if self.face is None else np.searchsorted(self.face, number)
 
-    def of_faces(self, mask: np.ndarray) -> "Faces":
+    def select_faces(self, mask: np.ndarray) -> "Faces":
         """Return the rings of some faces, mask (f,), renumbered."""
         selected = mask if self.face is None else mask[self.face]
         part = _selected(self, selected)
@@ -81,7 +81,7 @@ class Faces:
         return Faces(part.start, part.corner, face=face)
 
 
-def no_faces() -> Faces:
+def empty_faces() -> Faces:
     """Return the faces of a net that has none."""
     return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
 
@@ -98,13 +98,13 @@ def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
     """
     plan = plan or draw_plan(net)
     if not len(plan.segment):
-        return no_faces()
+        return empty_faces()
     polygons = shapely.get_parts(shapely.polygonize(shapely.linestrings(plan.points[plan.segment])))
     rings, polygon = _rings(polygons, plan.points, distinct(plan.segment))
     open_rim = _open_rim(rings, plan)
     closed = ~np.isin(polygon, _open_faces(polygons, openings))
     rings, polygon = _selected(rings, closed), polygon[closed]
-    faces = faces_of_rings(corners_on_sides(rings, plan, net), polygon, plan.points)
+    faces = faces_of_rings(insert_side_particles(rings, plan, net), polygon, plan.points)
     return replace(faces, open_rim=open_rim)
 
 
@@ -114,7 +114,7 @@ def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Fac
     polygon : (r,) number of the face that each ring bounds, its outer ring first; points : (k, 2) [m]
     """
     single = np.bincount(polygon, minlength=polygon.max(initial=-1) + 1) == 1
-    plain = single[polygon] & _seen_whole(rings, points)
+    plain = single[polygon] & _is_star_shaped(rings, points)
     simple = _selected(rings, plain)
     if plain.all():
         return simple
@@ -176,11 +176,11 @@ def _open_rim(rings: Faces, plan: Plan) -> np.ndarray:
     sides = rings.sides()
     key, bounded = pair_key(sides, len(plan.points)), pair_key(plan.segment, len(plan.points))
     values, row, times = np.unique(key, return_inverse=True, return_counts=True)
-    rim, unbounded = sides[times[row.ravel()] == 1], plan.segment[~among(bounded, values)]
+    rim, unbounded = sides[times[row.ravel()] == 1], plan.segment[~is_one_of(bounded, values)]
     return np.intersect1d(rim, unbounded)
 
 
-def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
+def insert_side_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
     """Return the rings with the particles of subdivision on their sides as additional corners."""
     if net.parts == 1 or not len(rings):
         return rings
@@ -203,11 +203,11 @@ def corners_on_sides(rings: Faces, plan: Plan, net: Net) -> Faces:
     return Faces(np.concatenate([[0], np.cumsum(keep.sum(1))])[rings.start], corner)
 
 
-def _seen_whole(rings: Faces, points) -> np.ndarray:
+def _is_star_shaped(rings: Faces, points) -> np.ndarray:
     """Tell whether each ring is star-shaped about its centroid; holes are not."""
     if not len(rings):
         return np.zeros(0, bool)
-    double = turned_triangles(points, rings, double_area)
+    double = centroid_triangle_areas(points, rings, double_area)
     total = np.bincount(rings.of_corner(), double, len(rings))
     return (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
 
@@ -217,7 +217,7 @@ def double_area(u, v) -> np.ndarray:
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def turned_triangles(points, faces: Faces, double, weigh=None) -> np.ndarray:
+def centroid_triangle_areas(points, faces: Faces, double, weigh=None) -> np.ndarray:
     """Compute twice the areas (c,) of the triangles from the centroids to the sides, by `double`.
 
     weigh : twice the areas, inverted ones negative, that weight the centroid; default: `double`
@@ -243,7 +243,7 @@ def centroids(points, faces: Faces, double) -> np.ndarray:
     return middle + mean_by_cell(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
 
 
-def quarters(points, faces: Faces) -> np.ndarray:
+def corner_quadrilaterals(points, faces: Faces) -> np.ndarray:
     """Return the quarters (c, 4, 2) [m] of the cells in plan: corner, side midpoints and centroid."""
     corner, after = points[faces.corner], faces.next_corner()
     middle = centroids(points, faces, double_area)[faces.of_corner()]

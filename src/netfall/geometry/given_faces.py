@@ -4,17 +4,17 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.geometry.faces import Faces, corners_on_sides, faces_of_rings, vector_areas
+from netfall.geometry.faces import Faces, faces_of_rings, insert_side_particles, vector_areas
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
 
 AXES = ("x", "y", "z")
-UPRIGHT = 1e-6  # ratio of plan to surface area below which a face has no orientation in plan
+MIN_PLAN_RATIO = 1e-6  # ratio of plan to surface area below which a face has no orientation in plan
 
 
-def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
+def read_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     """Read the faces of the table `[roof] faces`, and their sides as a plan. Sets `net.corners`.
 
     Rows of one face are consecutive: its corners in order, anticlockwise in plan, then those around each of
@@ -34,7 +34,7 @@ def given_faces(job: Job, net: Net) -> tuple[Faces, Plan]:
     table.finish()
     plan = _sides(net, rings, points)
     polygon = np.cumsum(np.append(False, face[start][1:] != face[start][:-1]))
-    return faces_of_rings(corners_on_sides(rings, plan, net), polygon, points), plan
+    return faces_of_rings(insert_side_particles(rings, plan, net), polygon, points), plan
 
 
 def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
@@ -68,7 +68,7 @@ def _check(table: Table, number: np.ndarray, ring: np.ndarray, faces: Faces, poi
     for f in np.flatnonzero(ring != expected):
         table.wrong(f"face = {number[f]}: ring = {ring[f]}; expected 0 around it, then its holes from 1")
     vector = vector_areas(points, faces)
-    area, upright = vector[:, 2], np.abs(vector[:, 2]) < UPRIGHT * lengths(vector)
+    area, upright = vector[:, 2], np.abs(vector[:, 2]) < MIN_PLAN_RATIO * lengths(vector)
     for f in np.flatnonzero(upright)[:1]:
         table.wrong(
             f"{upright.sum()} upright faces, the first is face = {number[f]}: {area[f]:.4g} m2 in plan, "

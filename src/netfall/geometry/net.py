@@ -9,11 +9,13 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.job.values import nearest, shown
+from netfall.job.values import format_value, suggest
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
-SAME_PLACE = 1e-3  # m: largest distance of two nodes that were meant as one; the smaller limit applies
-SAME_SHARE = 0.01  # the same as a share of the median length of the elements
+MAX_MERGE_DISTANCE = (
+    1e-3  # m: largest distance of two nodes that were meant as one; the smaller limit applies
+)
+MAX_MERGE_SHARE = 0.01  # the same as a share of the median length of the elements
 
 
 def _node(empty=None, inner=None):
@@ -173,7 +175,11 @@ class Net:
     @property
     def tolerance(self) -> float:
         """Distance [m] below which two points are the same."""
-        return min(SAME_PLACE, SAME_SHARE * self.parts * float(np.median(self.lengths()))) if self.m else 0.0
+        return (
+            min(MAX_MERGE_DISTANCE, MAX_MERGE_SHARE * self.parts * float(np.median(self.lengths())))
+            if self.m
+            else 0.0
+        )
 
     @property
     def is_there(self) -> np.ndarray:
@@ -217,7 +223,7 @@ def pair_key(pairs: np.ndarray, count: int) -> np.ndarray:
 def nearest_group(net: Net, name: str) -> str:
     """Suggest a group for a name that no group of the net has."""
     known = [group for group in net.group_names if group]
-    return nearest(name, known) if known else "the net has no groups"
+    return suggest(name, known) if known else "the net has no groups"
 
 
 def elements_of_group(net: Net, name: str) -> tuple[np.ndarray, list[str]]:
@@ -230,7 +236,7 @@ def elements_of_cables(net: Net, names: list[str]) -> tuple[np.ndarray, list[str
     """Return the elements (k,) of cables, and the errors in their names."""
     unknown = sorted(set(names) - set(net.cable_names))
     numbers = [net.cable_names.index(name) for name in names if name not in unknown]
-    errors = [f"no cable {shown(name)}; {nearest(name, net.cable_names)}" for name in unknown]
+    errors = [f"no cable {format_value(name)}; {suggest(name, net.cable_names)}" for name in unknown]
     return np.flatnonzero(np.isin(net.cable, numbers)), errors
 
 
@@ -246,10 +252,12 @@ def subdivide(net: Net, parts: int) -> Net:
     n, m = net.n, net.m
     inner = n + np.arange(m * (parts - 1)).reshape(m, parts - 1)
     chain = np.column_stack([net.elements[:, :1], inner, net.elements[:, 1:]])
-    new = _evenly(net.x[net.elements], parts)
+    new = _evenly_spaced(net.x[net.elements], parts)
     k = len(new)
     held = np.repeat(net.fixed[net.elements].all((1, 2)), parts - 1)
-    columns = {column.name: _continued(net, column, k, parts) for column in fields(net) if column.metadata}
+    columns = {
+        column.name: _subdivided_column(net, column, k, parts) for column in fields(net) if column.metadata
+    }
     return replace(
         net,
         x=np.concatenate([net.x, new]),
@@ -263,7 +271,7 @@ def subdivide(net: Net, parts: int) -> Net:
     )
 
 
-def joined(net: Net) -> Net:
+def undo_subdivision(net: Net) -> Net:
     """Undo `subdivide`; the positions of inner particles are lost."""
     if net.parts == 1:
         return net
@@ -289,18 +297,18 @@ def joined(net: Net) -> Net:
     )
 
 
-def spaced(net: Net, x: np.ndarray) -> np.ndarray:
+def space_inner_particles(net: Net, x: np.ndarray) -> np.ndarray:
     """Return positions (n, 3) [m] of all particles: given nodes at x, the others evenly spaced in between."""
-    return np.concatenate([x, _evenly(x[net.undivided()], net.parts)])
+    return np.concatenate([x, _evenly_spaced(x[net.undivided()], net.parts)])
 
 
-def _evenly(ends: np.ndarray, parts: int) -> np.ndarray:
+def _evenly_spaced(ends: np.ndarray, parts: int) -> np.ndarray:
     """Return points (m (parts - 1), 3) that divide the lines between ends (m, 2, 3) evenly."""
     share = (np.arange(1, parts) / parts)[None, :, None]
     return ((1 - share) * ends[:, :1] + share * ends[:, 1:]).reshape(-1, 3)
 
 
-def ends_of_inner(net: Net) -> np.ndarray:
+def parent_ends(net: Net) -> np.ndarray:
     """Return the two end nodes (n, 2) of the given element around each particle; of a given node, itself."""
     ends = np.column_stack([np.arange(net.n)] * 2)
     if net.parts > 1:
@@ -308,19 +316,19 @@ def ends_of_inner(net: Net) -> np.ndarray:
     return ends
 
 
-def with_inner(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+def extend_to_inner_particles(net: Net, moved: np.ndarray, fixed: np.ndarray) -> np.ndarray:
     """Extend displacements (n, 3) of supports to the fixed inner particles between two supports.
 
     These particles stay evenly spaced between their ends. fixed : (n, 3) bool
     """
     if net.parts == 1:
         return moved
-    spaced_evenly = spaced(net, moved[: net.given])
-    inner = (ends_of_inner(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
+    spaced_evenly = space_inner_particles(net, moved[: net.given])
+    inner = (parent_ends(net)[:, 0] != np.arange(net.n)) & fixed.all(1)
     return np.where((inner & ~moved.any(1))[:, None], spaced_evenly, moved)
 
 
-def _continued(net: Net, column, k: int, parts: int) -> np.ndarray | None:
+def _subdivided_column(net: Net, column, k: int, parts: int) -> np.ndarray | None:
     """Return a column of a net with k more nodes and each element in `parts`, by its row in `Net`."""
     values, row = getattr(net, column.name), column.metadata
     if values is None:

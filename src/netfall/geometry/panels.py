@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.geometry.faces import Faces
 from netfall.geometry.net import Net, pair_key
-from netfall.geometry.shares import Shares
+from netfall.geometry.shares import FaceShares
 
 
 class Panels(NamedTuple):
@@ -37,18 +37,18 @@ class Panels(NamedTuple):
         return np.unique(self.panel[np.isin(self.element, elements)])
 
 
-def panels_of(net: Net, faces: Faces, shares: Shares) -> Panels:
+def make_panels(net: Net, faces: Faces, shares: FaceShares) -> Panels:
     """Build the panels of a roof from the shares of its faces, without their loads."""
     on_node = shares.node < net.n
     node, surface, vector = shares.node[on_node], shares.surfaces()[on_node], shares.vectors()[on_node]
     given = np.isfinite(net.normal[node])
     vector = np.where(given, surface[:, None] * net.normal[node], vector)
-    element, panel = _hung(net, faces.rings)
+    element, panel = _panel_elements(net, faces.rings)
     plan_area, of_corner = shares.plans()[on_node], shares.face[on_node]
     return Panels(element, panel, of_corner, node, faces.count, surface, plan_area, vector)
 
 
-def _hung(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
+def _panel_elements(net: Net, rings: Faces) -> tuple[np.ndarray, np.ndarray]:
     """Return the pairs of an element and a panel that has it as a side."""
     points = net.n + len(net.corners)
     sides = pair_key(rings.sides(), points)

@@ -8,7 +8,7 @@ import shapely
 from netfall.core.functions import lengths
 from netfall.core.sets import distinct
 from netfall.geometry.net import Net, pair_key
-from netfall.job.values import MOST_NAMED, listed, more_of
+from netfall.job.values import MOST_NAMED, format_list, more_lines
 
 
 @dataclass(frozen=True)
@@ -46,17 +46,17 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     segment, element = segment[long_enough], element[long_enough]
     span = np.tile([0.0, 1.0], (len(segment), 1))
     if not checked or not len(segment):
-        segment, element, span = _once(points, segment, element, span)
+        segment, element, span = _distinct_segments(points, segment, element, span)
         return Plan(points, segment, element, span)
-    errors, notes = _stacked(net, points, segment, element), []
+    errors, notes = _stacked_node_errors(net, points, segment, element), []
     if not errors:
         segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
-        segment, element, span = _once(points, segment, element, span)
-        errors = _crossings(net, points, segment, element)
+        segment, element, span = _distinct_segments(points, segment, element, span)
+        errors = _crossing_errors(net, points, segment, element)
     return Plan(points, segment, element, span, notes, errors)
 
 
-def _once(points, segment, element, span):
+def _distinct_segments(points, segment, element, span):
     """Keep each pair of points once, with the element that comes first."""
     first = np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])
     return segment[first], element[first], span[first]
@@ -67,7 +67,7 @@ def _near(points, others, distance):
     return shapely.STRtree(others).query(points, predicate="dwithin", distance=distance)
 
 
-def _stacked(net, points, segment, element) -> list[str]:
+def _stacked_node_errors(net, points, segment, element) -> list[str]:
     """Return an error for nodes above one another in plan that both have elements in the roof."""
     used = distinct(segment)
     positions = shapely.points(points[used])
@@ -75,7 +75,7 @@ def _stacked(net, points, segment, element) -> list[str]:
     pairs = pairs[:, pairs[0] < pairs[1]].T
 
     def describe(p):
-        return f"{_node_name(net, p)} ({_at_node(net, segment, element, p)})"
+        return f"{_describe_point(net, p)} ({_describe_elements_at(net, segment, element, p)})"
 
     pair_names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
     return [
@@ -107,11 +107,12 @@ def _cut_at_nodes(net, points, segment, element, span):
         return np.column_stack([values[:-1], values[1:]])[same_owner]
 
     notes = [
-        f"node {_node_name(net, p)} lies within {_member(net, segment[s], element[s])} in plan without being "
+        f"node {_describe_point(net, p)} lies within {_describe_segment(net, segment[s], element[s])} "
+        "in plan without being "
         f"an end of it{_height_over(net, p, segment[s], share)}; it counts as a corner of the roof there"
         for p, s, share in list(zip(node, row, t))[:MOST_NAMED]
     ]
-    notes += more_of("nodes lie within elements in plan", len(node))
+    notes += more_lines("nodes lie within elements in plan", len(node))
     return (
         np.concatenate([segment[uncut], successive(stop)]),
         np.concatenate([element[uncut], element[owner[:-1][same_owner]]]),
@@ -130,7 +131,7 @@ def _height_over(net, p: int, ends, share: float) -> str:
     return f", {abs(height):.3g} m {word} it (of another layer? name the roof's groups in [roof] groups)"
 
 
-def _crossings(net, points, segment, element) -> list[str]:
+def _crossing_errors(net, points, segment, element) -> list[str]:
     """Return an error for elements, or edges without one, that cross in plan without a node."""
     lines = shapely.linestrings(points[segment])
     first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
@@ -140,16 +141,16 @@ def _crossings(net, points, segment, element) -> list[str]:
     )
 
     def describe(s):
-        return _member(net, segment[s], element[s]).removeprefix("element ")
+        return _describe_segment(net, segment[s], element[s]).removeprefix("element ")
 
     sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
     names = [" and ".join(map(describe, ends)) for ends in sorted_pairs]
-    return [f"{len(pairs)} pairs of elements cross in plan without a node: {listed(names)}"] * (
+    return [f"{len(pairs)} pairs of elements cross in plan without a node: {format_list(names)}"] * (
         len(pairs) > 0
     )
 
 
-def _node_name(net, p: int) -> str:
+def _describe_point(net, p: int) -> str:
     """Name a point by the id of its node, or by its position on the boundary."""
     if p < net.n:
         return str(net.node_id[p])
@@ -157,16 +158,16 @@ def _node_name(net, p: int) -> str:
     return f"at [{x:.4g}, {y:.4g}] of the boundary"
 
 
-def _member(net, ends, e: int) -> str:
+def _describe_segment(net, ends, e: int) -> str:
     """Name an element by its id, an edge without one by its ends."""
     if e >= 0:
         return f"element {net.element_id[net.parts * e]}"
-    return "the line " + " to ".join(_node_name(net, p) for p in ends)
+    return "the line " + " to ".join(_describe_point(net, p) for p in ends)
 
 
-def _at_node(net, segment, element, p: int) -> str:
+def _describe_elements_at(net, segment, element, p: int) -> str:
     """Name the elements of the roof at a node."""
     at_node = element[(segment == p).any(1)]
     if not (at_node >= 0).any():
         return "lines of [roof] lines"
-    return f"elements {listed(net.element_id[net.parts * at_node[at_node >= 0]])}"
+    return f"elements {format_list(net.element_id[net.parts * at_node[at_node >= 0]])}"

@@ -19,23 +19,23 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.core.errors import refuse
+from netfall.core.errors import raise_errors
 from netfall.core.functions import exp, log1p
 from netfall.core.normal import quantile
 from netfall.geometry.net import Net
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
-from netfall.job.schema import EITHER
-from netfall.job.validate import wanted
-from netfall.job.values import counted, nearest, shown
+from netfall.job.schema import EXCLUSIVE_KEYS
+from netfall.job.validate import missing_key_message
+from netfall.job.values import counted, format_value, suggest
 
-OF_TYPE = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
-OF_SECTION = (*OF_TYPE, "modulus", "density")
-OF_ROW = ("prestress", "yield_stress", "fracture_strain", "expansion")
-STEEL = 7850.0  # kg/m3, density of nominal sections
+TYPE_COLUMNS = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
+SECTION_COLUMNS = (*TYPE_COLUMNS, "modulus", "density")
+ROW_COLUMNS = ("prestress", "yield_stress", "fracture_strain", "expansion")
+STEEL_DENSITY = 7850.0  # kg/m3, density of nominal sections
 ROUNDING = 1e-9  # relative excess up to which a breaking force equals the yield force
-DRAWN_DIGITS = 9  # digits of random draws: logarithms of different libraries agree in more
-LENGTHS = 1 << 192  # Philox counter of the first length error; the strengths start at 0
+RANDOM_DIGITS = 9  # digits of random draws: logarithms of different libraries agree in more
+LENGTH_SEQUENCE_START = 1 << 192  # Philox counter of the first length error; the strengths start at 0
 
 
 def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
@@ -47,22 +47,22 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
     tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
     for column in fields(Net):
         key = column.metadata.get("key")
-        if key and key not in OF_SECTION:
+        if key and key not in SECTION_COLUMNS:
             values = [column.metadata["absent"] if t[key] is None else t[key] for t in tables]
             setattr(net, column.name, np.array(values, float)[net.group])
     net.bar = np.array([t["kind"] == "bar" for t in tables])[net.group]
-    for name in OF_ROW:
+    for name in ROW_COLUMNS:
         if name in rows:
             setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
     if "kind" in rows:
         net.bar = np.where(np.isnan(rows["kind"]), net.bar, rows["kind"] == 1.0)
     resolved = _found(job, net, rows)
-    errors = _missing(job, net, resolved)
-    refuse(errors)
+    errors = _missing_key_errors(job, net, resolved)
+    raise_errors(errors)
     net.breaking_load = np.where(np.isnan(resolved["breaking_load"]), np.inf, resolved["breaking_load"])
     area, stiffness, mass = resolved["area"], resolved["axial_stiffness"], resolved["mass_per_length"]
     net.nominal = np.isnan(area)
-    net.section = np.where(net.nominal, mass / STEEL, area)
+    net.section = np.where(net.nominal, mass / STEEL_DENSITY, area)
     net.modulus = np.where(np.isnan(stiffness), resolved["modulus"], stiffness / net.section)
     net.density = np.where(np.isnan(mass), resolved["density"], mass / net.section)
 
@@ -72,54 +72,60 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
 
 def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
-    types, names = catalogue_of(job), net.group_names
-    common, common_types = _level([vars(job.cable)] * len(names))
-    groups, group_types = _level([job.groups.get(name, {}) for name in names])
-    resolved, own = ({name: np.full(len(names), np.nan) for name in (*OF_SECTION, "type")} for _ in range(2))
+    types, names = read_catalogue(job), net.group_names
+    common, common_types = _level_values([vars(job.cable)] * len(names))
+    groups, group_types = _level_values([job.groups.get(name, {}) for name in names])
+    resolved, own = (
+        {name: np.full(len(names), np.nan) for name in (*SECTION_COLUMNS, "type")} for _ in range(2)
+    )
 
     def in_group(k):
         return f"{job.path}: [cable.{names[k]}]"
 
-    errors = _put(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
-    errors += _put(resolved, groups, group_types, types, in_group)
-    _put(own, groups, group_types, types, in_group)
+    errors = _override_level(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
+    errors += _override_level(resolved, groups, group_types, types, in_group)
+    _override_level(own, groups, group_types, types, in_group)
     resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
-    bars = are_other_bars(job, net)  # the breaking force of [cable] is meant for cables
+    bars = is_bar_among_cables(job, net)  # the breaking force of [cable] is meant for cables
     resolved["breaking_load"] = np.where(bars, own["breaking_load"], resolved["breaking_load"])
     if rows:
-        row_values = {name: rows[name] for name in OF_SECTION if name in rows}
+        row_values = {name: rows[name] for name in SECTION_COLUMNS if name in rows}
 
         def place(e):
             return f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
 
-        errors += _put(resolved, row_values, np.array(rows.get("type") or [""] * net.m), types, place)
-    refuse(errors)
+        errors += _override_level(
+            resolved, row_values, np.array(rows.get("type") or [""] * net.m), types, place
+        )
+    raise_errors(errors)
     if types:
         number = resolved["type"]
         net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
     return resolved
 
 
-def are_other_bars(job: Job, net: Net) -> np.ndarray:
+def is_bar_among_cables(job: Job, net: Net) -> np.ndarray:
     """Tell which elements are bars although [cable] describes cables, (m,) bool."""
     return net.bar & (job.cable.kind != "bar")
 
 
-def strength_of_cable(job: Job) -> float | None:
+def default_breaking_force(job: Job) -> float | None:
     """Return the breaking force [N] that [cable] gives by itself or by its type; None: none."""
     if job.cable.breaking_load is not None or job.cable.type is None:
         return job.cable.breaking_load
-    value = dict(zip(OF_TYPE, catalogue_of(job)[job.cable.type]))["breaking_load"]
+    value = dict(zip(TYPE_COLUMNS, read_catalogue(job)[job.cable.type]))["breaking_load"]
     return None if np.isnan(value) else value
 
 
-def _level(tables: list[dict]) -> tuple[dict, np.ndarray]:
+def _level_values(tables: list[dict]) -> tuple[dict, np.ndarray]:
     """Return the values of tables for OF_SECTION, (k,) nan: not given, and their types, "": none."""
 
     def value_or_nan(table, name):
         return np.nan if table.get(name) is None else table[name]
 
-    level = {name: np.array([value_or_nan(table, name) for table in tables], float) for name in OF_SECTION}
+    level = {
+        name: np.array([value_or_nan(table, name) for table in tables], float) for name in SECTION_COLUMNS
+    }
     return level, np.array([table.get("type") or "" for table in tables])
 
 
@@ -130,15 +136,15 @@ def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[st
     names, first, inverse = np.unique(words, return_index=True, return_inverse=True)
     number = {name: k for k, name in enumerate(types)}
     errors = [
-        f"{place(e)} type = {shown(str(name))}: no such type in the catalogue; "
-        + (nearest(str(name), types) if types else "[cable] names none: add catalogue = a path")
+        f"{place(e)} type = {format_value(str(name))}: no such type in the catalogue; "
+        + (suggest(str(name), types) if types else "[cable] names none: add catalogue = a path")
         for name, e in zip(names, first)
         if name and name not in number
     ]
     return np.array([number.get(str(name), -1) for name in names])[inverse], errors
 
 
-def _put(resolved: dict, level: dict, words: np.ndarray, types: dict, place) -> list[str]:
+def _override_level(resolved: dict, level: dict, words: np.ndarray, types: dict, place) -> list[str]:
     """Override values with those of a more specific level: its types (k,) first, then its explicit values.
 
     Returns an error for each unknown type; place(row) : text that locates a row
@@ -147,12 +153,12 @@ def _put(resolved: dict, level: dict, words: np.ndarray, types: dict, place) -> 
     typed = row >= 0
     if typed.any():
         table = np.array(list(types.values()))
-        for name in OF_SECTION:
+        for name in SECTION_COLUMNS:
             resolved[name][typed] = np.nan
-        for k, name in enumerate(OF_TYPE):
+        for k, name in enumerate(TYPE_COLUMNS):
             resolved[name][typed] = table[row[typed], k]
         resolved["type"][typed] = row[typed]
-    for one, other in EITHER:
+    for one, other in EXCLUSIVE_KEYS:
         for name, alternative in ((one, other), (other, one)):
             if name in level:
                 resolved[alternative][~np.isnan(level[name])] = np.nan
@@ -161,16 +167,16 @@ def _put(resolved: dict, level: dict, words: np.ndarray, types: dict, place) -> 
     return errors
 
 
-def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
+def read_catalogue(job: Job) -> dict[str, tuple[float, ...]]:
     """Read the catalogue: the numbers of each type in the order of OF_TYPE, nan: none. Raises InputError."""
     if job.cable.catalogue is None:
         return {}
     path = job.path.parent / Path(job.cable.catalogue)
-    table = Table(path, ("name", *OF_TYPE), ("name", *OF_TYPE[:3]))
+    table = Table(path, ("name", *TYPE_COLUMNS), ("name", *TYPE_COLUMNS[:3]))
     least, units = 1e-12, ("kg/m", "N", "N", "m2")
-    columns = [table.numbers(name, low=least, unit=unit) for name, unit in zip(OF_TYPE, units)]
+    columns = [table.numbers(name, low=least, unit=unit) for name, unit in zip(TYPE_COLUMNS, units)]
     types: dict[str, tuple[float, ...]] = {}
-    for name in OF_TYPE[:2]:
+    for name in TYPE_COLUMNS[:2]:
         table.full(name)
     for k, name in enumerate(table.words("name")):
         if name == "" or name in types:
@@ -180,7 +186,7 @@ def catalogue_of(job: Job) -> dict[str, tuple[float, ...]]:
     return types
 
 
-def _missing(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
+def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
     """Return an error for each key that the elements of a group lack."""
     absent = {name: np.isnan(values) for name, values in resolved.items()}
     lacking = (
@@ -193,7 +199,7 @@ def _missing(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
         return f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
 
     return [
-        f"{label(net.group_names[group])} {wanted(name)}, for element "
+        f"{label(net.group_names[group])} {missing_key_message(name)}, for element "
         f"{net.element_id[np.argmax(rows & (net.group == group))]}"
         for rows, name in lacking
         for group in np.unique(net.group[rows])
@@ -206,7 +212,7 @@ def _missing(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> list[str]:
 def set_strengths(job: Job, net: Net) -> None:
     """Draw the random strength of each cable, and set the fracture strains from the breaking forces."""
     if net.strength_deviation.any():
-        net.strength = drawn_strength(net, job.cable.strength_seed)
+        net.strength = random_strength(net, job.cable.strength_seed)
         for name in ("yield_stress", "breaking_load", "fracture_strain"):
             setattr(net, name, getattr(net, name) * net.strength)
     if np.isfinite(net.breaking_load).any():
@@ -215,24 +221,26 @@ def set_strengths(job: Job, net: Net) -> None:
         net.fracture_strain = np.minimum(net.fracture_strain, strain)
 
 
-def drawn_strength(net: Net, seed: int) -> np.ndarray:
+def random_strength(net: Net, seed: int) -> np.ndarray:
     """Return the random strength (m,) of the elements over its mean: lognormal, one number per cable.
 
     Number k of the Philox sequence of the seed belongs to cable k.
     """
-    z = _drawn_normal(net, seed, 0)
+    z = _random_normal_by_cable(net, seed, 0)
     spread = np.sqrt(log1p(net.strength_deviation**2))
-    return np.round(exp(spread * z - 0.5 * spread**2), DRAWN_DIGITS)
+    return np.round(exp(spread * z - 0.5 * spread**2), RANDOM_DIGITS)
 
 
 def set_length_errors(job: Job, net: Net) -> None:
     """Draw the random error [m] of the unstressed length of each cable, if lengths scatter."""
     if net.length_deviation.any():
-        error = net.length_deviation * _drawn_normal(net, job.cable.length_seed, LENGTHS)
-        net.length_error = np.round(error, DRAWN_DIGITS)
+        error = net.length_deviation * _random_normal_by_cable(
+            net, job.cable.length_seed, LENGTH_SEQUENCE_START
+        )
+        net.length_error = np.round(error, RANDOM_DIGITS)
 
 
-def _drawn_normal(net: Net, seed: int, first: int) -> np.ndarray:
+def _random_normal_by_cable(net: Net, seed: int, first: int) -> np.ndarray:
     """Return a standard normal number (m,) for the cable of each element.
 
     first : position of the first cable in the random sequence of the seed
@@ -277,13 +285,14 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
 
 def strength_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on strength keys without effect and on bars with a doubtful strength."""
-    yield from _bars_by_inheritance(job, net)
+    yield from _inherited_yield_notes(job, net)
     if np.isfinite(net.fracture_strain).any():
         unlimited = net.bar & np.isinf(net.yield_stress) & np.isinf(net.fracture_strain)
         for g in np.unique(net.group[unlimited]):
             name, bars = net.group_names[g], net.element_id[unlimited & (net.group == g)]
             yield (
-                f"{counted('bar', bars)}{f' of group {shown(name)}' if name else ''} without a strength, "
+                f"{counted('bar', bars)}{f' of group {format_value(name)}' if name else ''} without a "
+                "strength, "
                 "while others can break: nothing yields or breaks there, whatever is carried; give "
                 "yield_stress, breaking_load or fracture_strain"
             )
@@ -302,7 +311,7 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
         yield "[cable] catalogue: no effect: no cable has a type"
 
 
-def _bars_by_inheritance(job: Job, net: Net) -> Iterator[str]:
+def _inherited_yield_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield a note for each group of bars that takes the yield stress of [cable], meant for cables."""
     value = job.cable.yield_stress
     for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):

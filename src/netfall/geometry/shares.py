@@ -13,9 +13,9 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.core.kernels import inner_kernel, kernel
-from netfall.geometry.faces import Faces, turned_triangles, vector_areas
+from netfall.geometry.faces import Faces, centroid_triangle_areas, vector_areas
 
-SAME = 1e-12  # share of a face's size: closer corners coincide and split their nearest area
+COINCIDENT_CORNERS = 1e-12  # share of a face's size: closer corners coincide and split their nearest area
 
 
 def nearest_areas(points, rings, vector: np.ndarray, windows: np.ndarray | None = None) -> np.ndarray:
@@ -35,7 +35,7 @@ def nearest_areas(points, rings, vector: np.ndarray, windows: np.ndarray | None 
     planes = np.ascontiguousarray(np.stack([*slant, offset], -1).transpose(1, 0, 2))
     area = np.zeros(len(xy))
     of_face = np.append(rings.first_rings(), len(rings))
-    coincident = SAME * SAME * np.maximum(lengths(vector), 1e-300)
+    coincident = COINCIDENT_CORNERS * COINCIDENT_CORNERS * np.maximum(lengths(vector), 1e-300)
     _clip_all(xy, rings.start, of_face, planes, coincident, area)
     return area
 
@@ -134,7 +134,7 @@ def _clip_all(xy, ring_start, of_face, planes, near, area):
 FEW = 4  # largest number of corners of a face that is shared out by triangles from its centroid
 
 
-class Shares(NamedTuple):
+class FaceShares(NamedTuple):
     """Shares of c corners of faces; a corner may occur more than once. The shares of a face add to 1.
 
     face, node : (c,), node from n on points without a particle; share : (c,)
@@ -160,7 +160,7 @@ class Shares(NamedTuple):
         return self.share[:, None] * self.vector[self.face]
 
 
-def shares_of(points: np.ndarray, faces: Faces) -> Shares:
+def share_out_faces(points: np.ndarray, faces: Faces) -> FaceShares:
     """Share out the faces between points (k, 3) [m].
 
     Faces of three or four corners use the triangles of their cells (`corner_areas`), others the nearest
@@ -168,19 +168,19 @@ def shares_of(points: np.ndarray, faces: Faces) -> Shares:
     """
     rings, surface, vector = faces.rings, np.zeros(0), np.zeros((0, 3))
     if not len(faces):
-        return Shares(faces.corner, faces.corner, surface, surface, vector)
+        return FaceShares(faces.corner, faces.corner, surface, surface, vector)
     corner_area, face = corner_areas(points, faces), faces.face_of_corner()
     surface, vector = np.bincount(face, corner_area), vector_areas(points, rings)
     corners = np.bincount(rings.face_of_corner())
     has_few = corners <= FEW
     parts = [_in_proportion(corner_area, face, faces.corner, has_few)]
     if not has_few.all():
-        of_many = rings.of_faces(~has_few)
+        of_many = rings.select_faces(~has_few)
         nearest = nearest_areas(points, of_many, vector[~has_few])
         face_of_corner = np.flatnonzero(~has_few)[of_many.face_of_corner()]
         parts.append(_in_proportion(nearest, face_of_corner, of_many.corner, ~has_few))
     face, node, share = (np.concatenate(column) for column in zip(*parts))
-    return Shares(face, node, share, surface, vector)
+    return FaceShares(face, node, share, surface, vector)
 
 
 def _in_proportion(area, face, node, chosen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -207,7 +207,7 @@ def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
         cross = np.cross(u, v)
         return np.copysign(lengths(cross), np.sum(cross * upward, axis=1))
 
-    half = 0.25 * turned_triangles(points, faces, lambda u, v: lengths(np.cross(u, v)), turned)
+    half = 0.25 * centroid_triangle_areas(points, faces, lambda u, v: lengths(np.cross(u, v)), turned)
     area = half.copy()
     area[faces.next_corner()] += half
     return area

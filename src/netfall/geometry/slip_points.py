@@ -18,18 +18,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.geometry.cables import pairs_meeting, pieces_named
-from netfall.geometry.connected_parts import parts_of
+from netfall.geometry.cables import meeting_pairs, named_cables
+from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.net import Net, elements_of_cables, elements_of_group
-from netfall.job.derived import loads_the_roof
+from netfall.job.derived import has_area_loads
 from netfall.job.job import Job
-from netfall.job.values import counted, listed, shown
+from netfall.job.values import counted, format_list, format_value
 
-PLACES = 3  # largest number of cables that may slip over one node
+MAX_CABLES_PER_NODE = 3  # largest number of cables that may slip over one node
 
 
 @dataclass(frozen=True)
-class Slides:
+class SlidingCables:
     """Slip points: places at which a cable may slip over a node, in the order of cables, along each.
 
     node : (k,) particle; column : (k,) 0, 1, 2: number of the cable over that node
@@ -73,12 +73,12 @@ class Slides:
 
     def at_nodes(self, values: np.ndarray, n: int) -> np.ndarray:
         """Return values (k,) of the slip points by particle and column, (n, 3); 0 without a slip point."""
-        table = np.zeros((n, PLACES))
+        table = np.zeros((n, MAX_CABLES_PER_NODE))
         table[self.node, self.column] = values
         return table
 
 
-class _Pair(NamedTuple):
+class _ContinuingPair(NamedTuple):
     """Two elements that continue each other through a node; first < second."""
 
     node: int
@@ -86,15 +86,15 @@ class _Pair(NamedTuple):
     second: int
 
 
-def slides_of(job: Job, net: Net) -> tuple[Slides | None, list[str]]:
+def find_sliding_cables(job: Job, net: Net) -> tuple[SlidingCables | None, list[str]]:
     """Return the slip points of all entries of [[slide]], None without entries, and the errors."""
     if not job.slides:
         return None, []
     errors, pairs, slips = [], {}, {}
     for number, entry in enumerate(job.slides, 1):
-        rows, entry_errors = _rows(net, entry)
-        through = [] if entry_errors else _through_all(net, entry, rows)
-        slipping = [] if entry_errors else _wanted(net, entry, through, entry_errors)
+        rows, entry_errors = _entry_elements(net, entry)
+        through = [] if entry_errors else _entry_pairs(net, entry, rows)
+        slipping = [] if entry_errors else _slipping_pairs(net, entry, through, entry_errors)
         pairs |= dict.fromkeys(through)
         for pair in slipping:
             if pair in slips:
@@ -104,11 +104,11 @@ def slides_of(job: Job, net: Net) -> tuple[Slides | None, list[str]]:
                 )
             slips.setdefault(pair, (entry, number))
         errors += [f"{job.path}: [[slide]] {number}: {line}" for line in entry_errors]
-    errors += [f"{job.path}: [[slide]]: {line}" for line in _crowded(net, pairs, slips)]
-    return (None if errors else _along_cables(net, pairs, slips, _bare_nodes(job, net))), errors
+    errors += [f"{job.path}: [[slide]]: {line}" for line in _crowding_errors(net, pairs, slips)]
+    return (None if errors else _order_along_cables(net, pairs, slips, _is_only_cable(job, net))), errors
 
 
-def _bare_nodes(job: Job, net: Net) -> np.ndarray:
+def _is_only_cable(job: Job, net: Net) -> np.ndarray:
     """Tell whether only the cable is at a node, (n,): material then passes through it."""
     bare = np.bincount(net.elements.ravel(), minlength=net.n) == 2
     extent = np.zeros((net.n, 3))  # m: largest extent of the elements at a node along each axis
@@ -116,14 +116,16 @@ def _bare_nodes(job: Job, net: Net) -> np.ndarray:
         np.maximum.at(extent, net.elements[:, end], np.abs(np.diff(net.x[net.elements], axis=1)[:, 0]))
     bare &= ~(net.held & (extent > net.tolerance)).any(1)  # a plane net may be held across its plane
     bare &= (net.mass == 0.0) & ~net.load.any(1)
-    bare[: net.given] &= not loads_the_roof(job)  # areas are not known yet
+    bare[: net.given] &= not has_area_loads(job)  # areas are not known yet
     staged = [ids or () for stage in job.stages for ids in (stage.hold, stage.release, stage.move)]
     bare &= ~np.isin(net.node_id, [int(p) for ids in staged for p in ids])
     bare[net.given :] = True  # nodes of `subdivide`, held or not
     return bare
 
 
-def _wanted(net: Net, entry, through: list[_Pair], errors: list[str]) -> list[_Pair]:
+def _slipping_pairs(
+    net: Net, entry, through: list[_ContinuingPair], errors: list[str]
+) -> list[_ContinuingPair]:
     """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `errors`."""
     inside = [pair for pair in through if pair.node < net.given]
     if not inside:
@@ -141,23 +143,23 @@ def _wanted(net: Net, entry, through: list[_Pair], errors: list[str]) -> list[_P
     return [pair for pair in inside if pair.node in chosen]
 
 
-def _crowded(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
+def _crowding_errors(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
     """Yield errors: elements with two continuations, and nodes over which too many cables slip."""
     continuations = Counter((pair.node, e) for pair in pairs for e in pair[1:])
     if twice := sorted({net.element_id[e] for (_, e), count in continuations.items() if count > 1}):
-        yield f"element {listed(twice)}: two entries let it go on differently; name cables in both"
-    crowded = [p for p, count in Counter(pair.node for pair in slips).items() if count > PLACES]
+        yield f"element {format_list(twice)}: two entries let it go on differently; name cables in both"
+    crowded = [p for p, count in Counter(pair.node for pair in slips).items() if count > MAX_CABLES_PER_NODE]
     if crowded:
         ids = counted("node", net.node_id[crowded])
-        yield f"{ids}: more than {PLACES} cables slip there; name fewer in nodes or cables"
+        yield f"{ids}: more than {MAX_CABLES_PER_NODE} cables slip there; name fewer in nodes or cables"
 
 
-def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
+def _entry_elements(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     """Return the elements of an entry, and errors: wrong names, bars, elements that yield, unknown nodes."""
     if entry.group is None:
         name, source, (rows, errors) = "cables", "cables", elements_of_cables(net, entry.cables)
     else:
-        name, source = f"group {shown(entry.group)}", f"group = {shown(entry.group)}"
+        name, source = f"group {format_value(entry.group)}", f"group = {format_value(entry.group)}"
         rows, errors = elements_of_group(net, entry.group)
     if errors:
         return rows, [f"{source}: {line}" for line in errors]
@@ -165,7 +167,7 @@ def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     bars, soft = rows[net.bar[rows]], rows[np.isfinite(net.yield_stress[rows])]
     unknown = sorted(set(entry.nodes or []) - set(net.node_id[: net.given].tolist()))
     if unknown:
-        errors.append(f"nodes: no node {listed(unknown)}")
+        errors.append(f"nodes: no node {format_list(unknown)}")
     if len(bars):
         errors.append(f'{name}: {counted("element", ids[bars])}: bars do not slip; expected kind = "cable"')
     if len(soft):
@@ -176,43 +178,47 @@ def _rows(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     return rows, errors
 
 
-def _through_all(net: Net, entry, rows: np.ndarray) -> list[_Pair]:
+def _entry_pairs(net: Net, entry, rows: np.ndarray) -> list[_ContinuingPair]:
     """Return all pairs that continue each other in the group of an entry, or in each of its cables."""
     if entry.group is not None:
-        return _through(net, rows)
+        return _continuing_pairs(net, rows)
     return [
-        pair for cable in np.unique(net.cable[rows]) for pair in _through(net, rows[net.cable[rows] == cable])
+        pair
+        for cable in np.unique(net.cable[rows])
+        for pair in _continuing_pairs(net, rows[net.cable[rows] == cable])
     ]
 
 
-def _through(net: Net, rows: np.ndarray) -> list[_Pair]:
+def _continuing_pairs(net: Net, rows: np.ndarray) -> list[_ContinuingPair]:
     """Return all pairs of the elements, ascending, that continue each other through a node."""
-    node, name = net.elements.ravel(), pieces_named(net)
+    node, name = net.elements.ravel(), named_cables(net)
     ends = 2 * np.repeat(rows, 2) + np.tile([0, 1], len(rows))
     crowded = np.bincount(node[ends], minlength=net.n)[node[ends]] > 2
     named_ends = ends[crowded & (name[ends // 2] >= 0)]
-    pairs = [*pairs_meeting(ends, node, np.zeros(net.m, int)), *pairs_meeting(named_ends, node, name)]
-    return sorted(_Pair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
+    pairs = [*meeting_pairs(ends, node, np.zeros(net.m, int)), *meeting_pairs(named_ends, node, name)]
+    return sorted(_ContinuingPair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
 
 
-def _along_cables(net: Net, pairs: dict, slips: dict, bare: np.ndarray) -> Slides:
-    """Build the slip points in the order in which cables go through them; bare : (n,) of `_bare_nodes`."""
-    label = parts_of(np.array([pair[1:] for pair in pairs], np.int64), net.m)
+def _order_along_cables(net: Net, pairs: dict, slips: dict, bare: np.ndarray) -> SlidingCables:
+    """Build the slip points in the order in which cables go through them; bare : (n,) of `_is_only_cable`."""
+    label = connected_parts(np.array([pair[1:] for pair in pairs], np.int64), net.m)
     continuation: dict[tuple[int, int], int] = {}  # the next element after (node, element)
     for node, e, f in pairs:
         continuation[node, e], continuation[node, f] = f, e
     along, points = np.ones(net.m, np.int8), []
     for first in sorted({int(label[pair.first]) for pair in pairs}):  # the lowest row of its chain
-        for before, node, after in _walk(net, first, continuation, along):
-            pair = _Pair(node, min(before, after), max(before, after))
+        for before, node, after in _walk_chain(net, first, continuation, along):
+            pair = _ContinuingPair(node, min(before, after), max(before, after))
             if pair in slips:
                 entry = slips[pair][0]
                 points.append((node, before, after, entry.friction, entry.resistance, net.cable[first]))
     joined = [pair[1:] for pair in pairs if pair not in slips and bare[pair.node]]
-    return _as_arrays(net, points, along, parts_of(np.array(joined, np.int64).reshape(-1, 2), net.m))
+    return _make_sliding_cables(
+        net, points, along, connected_parts(np.array(joined, np.int64).reshape(-1, 2), net.m)
+    )
 
 
-def _walk(net: Net, first: int, continuation: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
+def _walk_chain(net: Net, first: int, continuation: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
     """Return (element before, node, element after) along a chain, in the direction of its first element."""
 
     def go(direction: int) -> list[tuple[int, int, int]]:
@@ -233,7 +239,7 @@ def _walk(net: Net, first: int, continuation: dict, along: np.ndarray) -> list[t
     return steps_ahead if closed else go(-1)[::-1] + steps_ahead
 
 
-def _as_arrays(net: Net, points: list[tuple], along: np.ndarray, run: np.ndarray) -> Slides:
+def _make_sliding_cables(net: Net, points: list[tuple], along: np.ndarray, run: np.ndarray) -> SlidingCables:
     """Build the slip points with their columns at the nodes.
 
     run : (m,) label of the elements of a free segment
@@ -256,12 +262,12 @@ def _as_arrays(net: Net, points: list[tuple], along: np.ndarray, run: np.ndarray
     place = np.where(slips, column[of_element], -1).astype(np.int8)
     at = np.where(slips, node[of_element], -1)
     friction, resistance = friction.astype(float), resistance.astype(float)
-    return Slides(
+    return SlidingCables(
         node, column, before, after, friction, resistance, cable, along, segment, share, place, at
     )  # fmt: skip
 
 
-def kept_together(part: np.ndarray, slides: Slides | None, net: Net) -> np.ndarray:
+def keep_cables_on_one_rank(part: np.ndarray, slides: SlidingCables | None, net: Net) -> np.ndarray:
     """Return the rank (n,) of each particle; a cable with segments of several elements stays on one rank.
 
     part : (n,) rank before. The rank that owns a slip point needs the axial forces of both adjacent segments.
@@ -271,12 +277,12 @@ def kept_together(part: np.ndarray, slides: Slides | None, net: Net) -> np.ndarr
     inside = slides.segment >= 0
     count = np.bincount(slides.segment[inside])
     adjacent = np.column_stack([slides.segment[slides.before], slides.segment[slides.after]])
-    cable = parts_of(adjacent, len(count))
+    cable = connected_parts(adjacent, len(count))
     tied = np.isin(cable, cable[count > 1])
     rows = net.elements[inside & tied[slides.segment]]
     if not len(rows):
         return part
-    label, nodes = parts_of(rows, net.n), np.unique(rows)
+    label, nodes = connected_parts(rows, net.n), np.unique(rows)
     result = part.copy()
     result[nodes] = part[label[nodes]]
     return result

@@ -4,12 +4,12 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import log
-from netfall.core.rotation import from_own
-from netfall.geometry.connected_parts import unjoined_pairs
+from netfall.core.rotation import from_rotated_axes
+from netfall.geometry.connected_parts import unconnected_pairs
 from netfall.geometry.net import Net, pair_key
-from netfall.job.csv_table import LARGEST, SEVERAL, Table, number_in
+from netfall.job.csv_table import LARGEST, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job
-from netfall.job.values import MOST_NAMED, more_of
+from netfall.job.values import MOST_NAMED, more_lines
 
 AXES = ("x", "y", "z")
 LEAST = 1e-12  # smallest value of a positive column
@@ -22,7 +22,7 @@ ELEMENT_COLUMNS = (
     *("start", "end", "id", "group", "prestress", "force_density", "unstressed_length", "area", "modulus"),
     *("cable", "breaking_load", "yield_stress", "fracture_strain", "type", "kind", "density", "expansion"),
 )
-OF_SECTIONS = {  # columns of the elements that override sections: smallest value and unit
+SECTION_LIMITS = {  # columns of the elements that override sections: smallest value and unit
     "prestress": (-LARGEST, "N"),
     "area": (1e-12, "m2"),
     "modulus": (1.0, "Pa"),
@@ -33,9 +33,9 @@ OF_SECTIONS = {  # columns of the elements that override sections: smallest valu
     "expansion": (-LARGEST, "1/K"),
 }
 TO_METRES = {"m": (1, 1), "cm": (1, 100), "mm": (1, 1000), "ft": (3048, 10000), "in": (254, 10000)}
-UNIT = 4e-16  # rounding error of the length of a unit normal
-WHOLE = 1e-9  # rounding error of the sum of shares
-AS_LONG = 0.2  # |log(ratio of two lengths)| below which they are probably the same length
+UNIT_ROUNDING = 4e-16  # rounding error of the length of a unit normal
+SHARE_SUM_ROUNDING = 1e-9  # rounding error of the sum of shares
+LENGTH_LOG_TOLERANCE = 0.2  # |log(ratio of two lengths)| below which they are probably the same length
 
 
 def read_tables(job: Job) -> tuple[Net, dict[str, np.ndarray]]:
@@ -112,7 +112,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
         area=nodes.numbers("area", low=0.0, unit="m2"),
         normal=_normals(nodes),
         spring=vectors("spring", 0.0, "N/m"),
-        spring_rest=from_own(vectors("spring_rest", -LARGEST, "m"), angle),
+        spring_rest=from_rotated_axes(vectors("spring_rest", -LARGEST, "m"), angle),
         angle=angle,
         **_zone_column(nodes),
     )
@@ -132,7 +132,7 @@ def _shared_zones(nodes: Table) -> dict:
     """Return zone names, rows and shares for nodes in several zones: "edge/drift" with "0.25/0.5"."""
     words = nodes.words("zone")
     cells = [
-        (word.split(SEVERAL), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
+        (word.split(ZONE_SEPARATOR), _shares_in(nodes, row, share, word)) if share else ([word], [1.0])
         for row, (word, share) in enumerate(zip(words, nodes.words("zone_share")))
     ]
     names = sorted({name for zones, _ in cells for name in zones} - {""})
@@ -147,10 +147,10 @@ def _shared_zones(nodes: Table) -> dict:
 
 def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
     """Return the shares of a cell, one per zone of the zone cell; reports cells that do not fit."""
-    values = [number_in(word) for word in cell.split(SEVERAL)]
-    names = zone.split(SEVERAL)
+    values = [parse_number(word) for word in cell.split(ZONE_SEPARATOR)]
+    names = zone.split(ZONE_SEPARATOR)
     fit = len(values) == len(set(names)) == len(names) and all(names)
-    if not (fit and all(0.0 < value <= 1.0 for value in values) and sum(values) <= 1.0 + WHOLE):
+    if not (fit and all(0.0 < value <= 1.0 for value in values) and sum(values) <= 1.0 + SHARE_SUM_ROUNDING):
         nodes.wrong(
             f"{nodes.at(row)}: zone_share = {cell[:40]!r} of zone = {zone[:40]!r}: expected a share above 0 "
             'for each zone, at most 1 in all, as in "0.25/0.5" of "edge/drift"'
@@ -167,7 +167,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
         values, counts = np.unique(element_id, return_counts=True)
         cables.wrong(f"id = {values[counts > 1][0]}: stands {counts.max()} times; ids are unique")
     names, group = np.unique(cables.words("group"), return_inverse=True)
-    columns = {name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in OF_SECTIONS.items()}
+    columns = {name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in SECTION_LIMITS.items()}
     columns |= {"type": cables.words("type") if "type" in cables else [], "kind": _kinds(cables)}
     of_elements = dict(
         elements=ends,
@@ -197,7 +197,7 @@ def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
     if factor == divisor or not known.any():
         return
     ratio = float(np.median(log(given[known] / distance[known])))
-    if abs(ratio - float(log(divisor / factor))) < AS_LONG:
+    if abs(ratio - float(log(divisor / factor))) < LENGTH_LOG_TOLERANCE:
         raise InputError(
             f"{job.net.elements}: column unstressed_length: these are the lengths of the elements in "
             f"{job.net.unit}; expected metres: [net] unit is that of the coordinates alone"
@@ -212,7 +212,7 @@ def _fixed(nodes: Table) -> np.ndarray:
     for name in ("fixed", *(f"fixed_{k}" for k in AXES)):
         if name in nodes:
             words = nodes.words(name)
-            held[name] = np.array([number_in(word or "0") for word in words])
+            held[name] = np.array([parse_number(word or "0") for word in words])
             for row in np.flatnonzero((held[name] != 0) & (held[name] != 1)):
                 nodes.wrong(f"{nodes.at(row)}: {name} = {words[row]!r}: expected 0 or 1")
     all_axes = held.get("fixed", np.zeros(len(nodes)))
@@ -232,7 +232,7 @@ def _normals(nodes: Table) -> np.ndarray:
         shown = ", ".join(f"{value:g}" for value in normal[row])
         expected = "expected the upward normal, normal_z >= 0, not all 0"
         nodes.wrong(f"{nodes.at(row)}: normal = ({shown}): {expected}")
-    length[np.abs(length - 1.0) <= UNIT] = 1.0  # a unit normal is read back bit by bit
+    length[np.abs(length - 1.0) <= UNIT_ROUNDING] = 1.0  # a unit normal is read back bit by bit
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
 
 
@@ -249,15 +249,15 @@ def _parallel_elements(net: Net) -> list[str]:
             f"elements {' and '.join(map(str, net.element_id[rows]))} both join nodes {a} and {b}; "
             "they count as parallel cables, and once for the roof's faces"
         )
-    return notes + more_of("pairs of nodes are joined by several elements", len(several))
+    return notes + more_lines("pairs of nodes are joined by several elements", len(several))
 
 
 def _unjoined_nodes(net: Net) -> list[str]:
     """Return a note for nodes so close that they were probably meant as one."""
-    pairs = unjoined_pairs(net.x, net.elements, net.tolerance)
+    pairs = unconnected_pairs(net.x, net.elements, net.tolerance)
     notes = [
         f"nodes {net.node_id[a]} and {net.node_id[b]} lie {1e3 * np.linalg.norm(net.x[a] - net.x[b]):.3g} mm "
         "apart and are not joined; if they were meant as one, keep one of them"
         for a, b in pairs[:MOST_NAMED]
     ]
-    return notes + more_of("pairs of nodes lie as close", len(pairs))
+    return notes + more_lines("pairs of nodes lie as close", len(pairs))

@@ -7,13 +7,13 @@ in plan and free along the other is guided: it moves along a line and is held al
 
 import numpy as np
 
-from netfall.core.rotation import directions, from_own, to_own
+from netfall.core.rotation import directions, from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 
 NIL = 1e-9  # component of a unit vector below which it is rounding
 
 
-def is_turned(net: Net) -> np.ndarray:
+def is_rotated(net: Net) -> np.ndarray:
     """Tell which supports differ from those without their angle, (n,) bool."""
     if net.angle is None:
         return np.zeros(net.n, bool)
@@ -28,14 +28,14 @@ def is_guided(net: Net, held: np.ndarray) -> np.ndarray:
     return (net.angle != 0.0) & (held[:, 0] != held[:, 1])
 
 
-def held_along(net: Net, held: np.ndarray) -> np.ndarray:
+def global_held_axes(net: Net, held: np.ndarray) -> np.ndarray:
     """Tell which nodes are held along x, y and z, (n, 3) bool; held : as in `is_guided`."""
     along = held.copy()
     along[is_guided(net, held), :2] = False
     return along
 
 
-def borne_along(net: Net) -> np.ndarray:
+def reaction_axes(net: Net) -> np.ndarray:
     """Tell along which of x, y and z rigid, elastic or guided supports have reactions, (n, 3) bool."""
     along = net.held.copy()
     if net.angle is not None:
@@ -45,17 +45,17 @@ def borne_along(net: Net) -> np.ndarray:
     return along
 
 
-def settles_along(net: Net, fixed: np.ndarray) -> np.ndarray:
+def settlement_axes(net: Net, fixed: np.ndarray) -> np.ndarray:
     """Tell which axes of a support, or of the foot of its springs, can settle, (n, 3) bool.
 
     fixed : as `held` in `is_guided`
     """
-    return held_along(net, fixed) | held_along(net, net.spring > 0.0)
+    return global_held_axes(net, fixed) | global_held_axes(net, net.spring > 0.0)
 
 
-def springs_along(net: Net) -> np.ndarray:
+def global_spring_stiffness(net: Net) -> np.ndarray:
     """Compute the stiffness (n, 3) [N/m] of the springs along x, y and z."""
-    rows, k = np.flatnonzero(is_turned(net)), net.spring.copy()
+    rows, k = np.flatnonzero(is_rotated(net)), net.spring.copy()
     if len(rows):
         c2, s2 = (directions(net.angle[rows]) ** 2).T
         first, second = net.spring[rows, 0], net.spring[rows, 1]
@@ -63,9 +63,9 @@ def springs_along(net: Net) -> np.ndarray:
     return k
 
 
-def turned_column(net: Net, held: np.ndarray) -> np.ndarray:
+def rotation_column(net: Net, held: np.ndarray) -> np.ndarray:
     """Compute the field `turned` (n, 3) of `physics.fields`; held : as in `is_guided`."""
-    column, rows = np.zeros((net.n, 3)), np.flatnonzero(is_turned(net))
+    column, rows = np.zeros((net.n, 3)), np.flatnonzero(is_rotated(net))
     c, s = directions(net.angle[rows]).T
     guided, first = is_guided(net, held)[rows], held[rows, 0]
     column[rows, 0] = np.where(guided, np.where(first, c, -s), 0.0)
@@ -74,6 +74,6 @@ def turned_column(net: Net, held: np.ndarray) -> np.ndarray:
     return column
 
 
-def on_held(net: Net, held: np.ndarray, force: np.ndarray) -> np.ndarray:
+def support_forces(net: Net, held: np.ndarray, force: np.ndarray) -> np.ndarray:
     """Return the forces (n, 3) that supports take, 0 along free own axes; held : as in `is_guided`."""
-    return from_own(np.where(held, to_own(force, net.angle), 0.0), net.angle)
+    return from_rotated_axes(np.where(held, to_rotated_axes(force, net.angle), 0.0), net.angle)

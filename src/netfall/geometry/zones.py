@@ -7,18 +7,18 @@ from types import SimpleNamespace
 import numpy as np
 import shapely
 
-from netfall.core.errors import refuse
-from netfall.geometry.areas import Roofing
-from netfall.geometry.faces import Faces, quarters
+from netfall.core.errors import raise_errors
+from netfall.geometry.areas import RoofFaces
+from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, nearest_group
-from netfall.geometry.shares import FEW, Shares, nearest_areas
+from netfall.geometry.shares import FEW, FaceShares, nearest_areas
 from netfall.job.cases import split
 from netfall.job.job import Job
-from netfall.job.values import nearest, shown
+from netfall.job.values import format_value, suggest
 
-MUCH = 0.02  # share of a zone's area outside its polygon above which netfall reports it
+MAX_OUTSIDE_SHARE = 0.02  # share of a zone's area outside its polygon above which netfall reports it
 NOBODY = "no node lies in it; the polygon is in metres, in plan"
-LAST_BITS = 4e-16  # rounding error of the sum of shares of a whole node
+SHARE_ROUNDING = 4e-16  # rounding error of the sum of shares of a whole node
 ROUNDING = 1e-9  # share of a node's area that counts as none
 
 
@@ -75,7 +75,7 @@ class Zones:
 
 
 @dataclass(frozen=True)
-class Roof:
+class RoofAreas:
     """Areas that loads act on: surface and plan (n,) [m2], upward vector area (n, 3) [m2], and zones."""
 
     area: np.ndarray
@@ -89,7 +89,7 @@ def _own(section: SimpleNamespace, key: str) -> dict:
     return {name: values[key] for name, values in section.zone.items() if key in values}
 
 
-def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
+def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     """Build the zones of a job, by the positions of the nodes at the start. Raises InputError.
 
     Zones of the column `zone` without an entry in the job follow the entries.
@@ -103,31 +103,39 @@ def zones_of(job: Job, net: Net, roofing: Roofing) -> Zones:
     names = [zone.name for zone in job.zones]
     names += [name for name in net.zone_names if name not in names]
     entries = [*job.zones, *map(of_column, names[len(job.zones) :])]
-    refuse(f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names)))
-    inside = [_members(zone, net) for zone in entries]
+    raise_errors(
+        f"{job.path}: {line}" for line in (*_wrong_entries(entries, net), *_unknown_names(job, names))
+    )
+    inside = [_zone_nodes(zone, net) for zone in entries]
     has_polygons = any(zone.polygon is not None for zone in entries)
-    cutter = Cutter(net, roofing.faces, roofing.given.shares) if has_polygons and len(roofing.faces) else None
+    cutter = (
+        PolygonCutter(net, roofing.faces, roofing.given.shares)
+        if has_polygons and len(roofing.faces)
+        else None
+    )
     zones = Zones(names, _shares(net, entries, inside, cutter))
     notes = [
-        f"zone {shown(name)}: "
+        f"zone {format_value(name)}: "
         + ("all of its nodes lie in zones after it too, and belong to these" if members.any() else NOBODY)
         for name, members, share in zip(names, inside, zones.share.T)
         if not share.any()
     ]
     for zone, members in zip(entries, inside):
-        if cutter and zone.polygon is not None and not is_cut(zone):
-            notes += _astray(zone, members, cutter.inside(shapely.Polygon(zone.polygon)), roofing.given.plan)
+        if cutter and zone.polygon is not None and not cuts_areas(zone):
+            notes += _mismatch_notes(
+                zone, members, cutter.share_inside(shapely.Polygon(zone.polygon)), roofing.given.plan
+            )
         elif zone.cut and not cutter:
-            notes.append(f"zone {shown(zone.name)}: cut: no effect: the net has no faces")
+            notes.append(f"zone {format_value(zone.name)}: cut: no effect: the net has no faces")
     return replace(zones, notes=notes)
 
 
-def is_cut(zone: SimpleNamespace) -> bool:
+def cuts_areas(zone: SimpleNamespace) -> bool:
     """Tell whether an entry of [[zone]] takes the part of each node's area inside its polygon."""
     return zone.polygon is not None and zone.cut is not False
 
 
-def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter | None") -> np.ndarray:
+def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "PolygonCutter | None") -> np.ndarray:
     """Compute the share (n, z + 1) of each node's area in each zone, then in none.
 
     inside : nodes (n,) bool of each zone. The rest of a node with parts in zones belongs to the zone that
@@ -138,7 +146,7 @@ def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter |
     if net.zone_share is not None:
         of_name = dict(zip(net.zone_names, net.zone_share.T))
         parts = {k: of_name[zone.name] for k, zone in enumerate(entries) if zone.name in of_name}
-    cut = [k for k, zone in enumerate(entries) if is_cut(zone) and cutter]
+    cut = [k for k, zone in enumerate(entries) if cuts_areas(zone) and cutter]
     of_node = np.full(net.n, -1)
     for k, members in enumerate(inside):
         if k not in (*cut, *parts):
@@ -148,7 +156,7 @@ def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter |
         later = [
             shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))
         ]  # later zones take precedence
-        parts = dict(zip(cut, map(cutter.inside, map(shapely.difference, polygons, later))))
+        parts = dict(zip(cut, map(cutter.share_inside, map(shapely.difference, polygons, later))))
     part = np.column_stack([np.zeros((net.n, 0)), *(np.where(of_node > k, 0.0, parts[k]) for k in parts)])
     whole_zone = of_node.copy()
     for k, share in zip(parts, part.T):
@@ -157,11 +165,13 @@ def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "Cutter |
     shares[mixed] = 0.0
     shares[np.ix_(mixed, list(parts))] = part[mixed]
     remainder = 1.0 - shares[mixed].sum(1)
-    shares[mixed, of_node[mixed]] += np.where(remainder > LAST_BITS, remainder, 0.0)
+    shares[mixed, of_node[mixed]] += np.where(remainder > SHARE_ROUNDING, remainder, 0.0)
     return shares
 
 
-def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
+def _mismatch_notes(
+    zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan: np.ndarray
+) -> list[str]:
     """Return a note on a polygon that takes whole nodes, if these match its area badly.
 
     inside : (n,) share of each node in the polygon; plan : (n,) [m2]
@@ -169,16 +179,17 @@ def _astray(zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan
     area = float(plan[members].sum())
     outside = float((plan * (1.0 - inside))[members].sum())
     remaining = float((plan * inside)[~members].sum())
-    if max(outside, remaining) <= MUCH * area:
+    if max(outside, remaining) <= MAX_OUTSIDE_SHARE * area:
         return []
     return [
-        f"zone {shown(zone.name)}: nodes belong to it whole: of its {area:.4g} m2 in plan {outside:.4g} m2 "
+        f"zone {format_value(zone.name)}: nodes belong to it whole: of its {area:.4g} m2 in plan "
+        f"{outside:.4g} m2 "
         f"({outside / area if area else 0.0:.1%}) lie outside its polygon, and {remaining:.4g} m2 inside the "
         "polygon are not in it; cut = true in its [[zone]] takes what lies inside"
     ]
 
 
-def _members(zone: SimpleNamespace, net: Net) -> np.ndarray:
+def _zone_nodes(zone: SimpleNamespace, net: Net) -> np.ndarray:
     """Tell which nodes are in a zone, (n,) bool: by polygon, by elements of its groups, or by the column."""
     if zone.polygon is not None:
         polygon = shapely.Polygon(zone.polygon)
@@ -204,10 +215,12 @@ def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
             yield f"{place} polygon: {problem}; {expected}"
         for name in zone.groups or ():
             if name not in net.group_names:
-                yield f"{place} groups: no element is of group {shown(name)}; {nearest_group(net, name)}"
+                yield (
+                    f"{place} groups: no element is of group {format_value(name)}; {nearest_group(net, name)}"
+                )
         if in_column and (zone.polygon is not None or zone.groups is not None):
             yield f"{place} the column zone of nodes.csv has nodes of it already; give the name alone"
-        elif is_cut(zone) and net.zone_share is not None:
+        elif cuts_areas(zone) and net.zone_share is not None:
             yield (
                 f"{place} cut = true (the default) and the column zone_share of nodes.csv exclude each "
                 "other; set cut = false, with which the polygon takes whole nodes, or remove the column"
@@ -216,7 +229,7 @@ def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
             yield (
                 f"{place} polygon or groups: missing; a name alone is for a zone of the column zone of "
                 "nodes.csv, which does not have it"
-                + (f"; {nearest(zone.name, net.zone_names)}" if net.zone_names else "")
+                + (f"; {suggest(zone.name, net.zone_names)}" if net.zone_names else "")
             )
 
 
@@ -225,7 +238,10 @@ def _unknown_names(job: Job, names: list[str]) -> Iterator[str]:
     no_zones = "the job has none: give a [[zone]], or the column zone in nodes.csv"
     for name, place in named_zones(job):
         if name not in names:
-            yield f"{place}: there is no zone {shown(name)}; {nearest(name, names) if names else no_zones}"
+            yield (
+                f"{place}: there is no zone {format_value(name)}; "
+                f"{suggest(name, names) if names else no_zones}"
+            )
 
 
 def named_zones(job: Job) -> list[tuple[str, str]]:
@@ -243,10 +259,10 @@ def named_zones(job: Job) -> list[tuple[str, str]]:
 # --- parts of the areas of nodes inside polygons, by the same shares of faces
 
 
-class Cutter:
+class PolygonCutter:
     """Intersection of polygons with the areas that nodes have of the faces of a net."""
 
-    def __init__(self, net: Net, faces: Faces, shares: Shares):
+    def __init__(self, net: Net, faces: Faces, shares: FaceShares):
         """shares : of the faces in the given geometry"""
         self.net, self.faces, self.shares = net, faces, shares
         self.points = np.concatenate([net.x, net.corners])
@@ -256,7 +272,7 @@ class Cutter:
         low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
         self.boxes = shapely.STRtree(shapely.box(*low.T, *high.T))  # around each face in plan
 
-    def inside(self, region) -> np.ndarray:
+    def share_inside(self, region) -> np.ndarray:
         """Return the share (n,) of each node's area in plan inside a polygon, or several.
 
         A node without a face is inside or outside as a whole, by its position.
@@ -267,10 +283,12 @@ class Cutter:
         crossed = np.zeros(self.faces.count, bool)
         crossed[self.boxes.query(shapely.boundary(region), "intersects")] = True
         few, many = crossed & self.few, crossed & ~self.few  # `shares` has faces with few corners first
-        parts = shapely.polygons(quarters(self.points[:, :2], self.faces)[few[self.faces.face_of_corner()]])
+        parts = shapely.polygons(
+            corner_quadrilaterals(self.points[:, :2], self.faces)[few[self.faces.face_of_corner()]]
+        )
         area_inside, size = shapely.area(shapely.intersection(parts, region)), shapely.area(parts)
         if many.any():
-            rings, vector = self.faces.rings.of_faces(many), self.shares.vector[many]
+            rings, vector = self.faces.rings.select_faces(many), self.shares.vector[many]
             size = np.append(size, nearest_areas(self.points, rings, vector))
             windows = (nearest_areas(self.points, rings, vector, window) for window in _windows(region))
             area_inside = np.append(area_inside, sum(windows))

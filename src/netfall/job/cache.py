@@ -15,7 +15,7 @@ from netfall.core.errors import DivergedError, InputError
 from netfall.job.job import Job
 
 
-class Memory:
+class ResultCache:
     """Latest results of each kind. All ranks must request the same results in the same order."""
 
     def __init__(self, most: int = 0):
@@ -23,7 +23,7 @@ class Memory:
         self.most = most
         self._kept: dict[str, OrderedDict[Hashable, Any]] = {}
 
-    def once(self, kind: str, key: Hashable, find: Callable[[], Any]) -> Any:
+    def get_or_compute(self, kind: str, key: Hashable, find: Callable[[], Any]) -> Any:
         """Return the result of `find`, from the cache if this key is known. Errors are cached too.
 
         The result is shared: callers must not change it.
@@ -43,12 +43,12 @@ class Memory:
         return value
 
 
-FORGETFUL = Memory()  # no cache, for a single run
+NO_CACHE = ResultCache()  # no cache, for a single run
 
 
 # Ignored keys, with the reason: they do not affect net, form, equilibria or gust model. All other keys count,
 # also keys that are added later.
-BESIDE = {
+IGNORED_KEYS = {
     "title": "a name",
     "text": "its values stand in the sections; comments change nothing",
     "overrides": "their values stand in the sections",
@@ -62,10 +62,10 @@ BESIDE = {
     "wind.ramp": "over which the gusts then grow in",
 }
 # Keys that do not affect the net and its form either, because no wind acts on them.
-OF_SPEED = ("wind.speed", "wind.turbulence", "wind.roughness")
+WIND_SPEED_KEYS = ("wind.speed", "wind.turbulence", "wind.roughness")
 
 
-def key_of(job: Job, without: tuple[str, ...] = ()) -> str:
+def cache_key(job: Job, without: tuple[str, ...] = ()) -> str:
     """Return a key of all inputs of an initial state and its equilibria.
 
     without : keys of sections to ignore. Files that the job reads enter by their content. Raises InputError
@@ -79,7 +79,7 @@ def key_of(job: Job, without: tuple[str, ...] = ()) -> str:
             inputs |= {f"{field.name}.{key}": item for key, item in vars(value).items()}
         else:
             inputs[field.name] = value
-    inputs = {name: value for name, value in inputs.items() if name not in BESIDE.keys() | {*without}}
+    inputs = {name: value for name, value in inputs.items() if name not in IGNORED_KEYS.keys() | {*without}}
     inputs["removes"] = bool(job.removes)  # removals happen after the equilibria
     inputs["contents"] = [content.hex() for content in job.contents]
     inputs["changes_net"] = job.changes_net()  # decides whether a stored partition applies

@@ -4,28 +4,28 @@ from collections.abc import Callable
 from types import SimpleNamespace
 
 from netfall.job.keys import Key
-from netfall.job.values import nearest, shown
+from netfall.job.values import format_value, suggest
 
 OF_LOAD = ("permanent", "prestress", "temperature", "load")  # names of factors that are not cases
 # Keys of [wind] that a case can set, as in the section; gusts do not act in a case.
 PRESSURE_FACTOR = Key(
     "pressure_factor", "number", 1.0, "", "of the pressure of a static wind", low=-1e3, high=1e3
 )
-OF_WIND = (
+CASE_WIND_KEYS = (
     *("speed", "direction", "shape_coefficient", "sectors", "air_density"),
     *("profile_exponent", "base_height"),
 )
-LOAD_KEYS = ("dead", "snow", "pressure", "temperature")  # keys of [load] that a case can set
+CASE_LOAD_KEYS = ("dead", "snow", "pressure", "temperature")  # keys of [load] that a case can set
 
 
-def rows_of_set(sections: dict, overrides: dict) -> dict[str, Key]:
+def settable_keys(sections: dict, overrides: dict) -> dict[str, Key]:
     """Return the keys that a case can set, by "load.snow", "load.zone.NAME.snow".
 
     sections, overrides : of the schema
     """
     of_load = {key.name: key for key in sections["load"]}
-    rows = {f"load.{name}": of_load[name] for name in LOAD_KEYS}
-    rows |= {f"wind.{key.name}": key for key in sections["wind"] if key.name in OF_WIND}
+    rows = {f"load.{name}": of_load[name] for name in CASE_LOAD_KEYS}
+    rows |= {f"wind.{key.name}": key for key in sections["wind"] if key.name in CASE_WIND_KEYS}
     rows["wind.pressure_factor"] = PRESSURE_FACTOR
     for section in ("load", "wind"):
         zone_rows = {f"{section}.zone.NAME.{key.name}": key for key in overrides[section][1]}
@@ -42,7 +42,7 @@ def split(name: str) -> tuple[str, str, str]:
     return section, zone, key
 
 
-def with_set(section: SimpleNamespace, name: str, case: SimpleNamespace) -> SimpleNamespace:
+def apply_settings(section: SimpleNamespace, name: str, case: SimpleNamespace) -> SimpleNamespace:
     """Return a section, [load] or [wind] by its name, with the values that a case or a stage sets."""
     result = SimpleNamespace(**vars(section))
     result.zone = {zone: dict(values) for zone, values in section.zone.items()}
@@ -55,12 +55,12 @@ def with_set(section: SimpleNamespace, name: str, case: SimpleNamespace) -> Simp
     return result
 
 
-def values_of_set(
+def read_settings(
     case: SimpleNamespace, rows: dict[str, Key], put: Callable, wrong: Callable, kind: str = "case"
 ) -> dict:
     """Return the values that a case or a stage sets, by names like "load.snow", "load.zone.NAME.snow".
 
-    rows : of `rows_of_set`; put(place, name, row, value, values) takes valid values, wrong(place, what)
+    rows : of `settable_keys`; put(place, name, row, value, values) takes valid values, wrong(place, what)
     errors
     """
     label, values = f"[[{kind}]] {case.name}: set:", {}
@@ -68,7 +68,7 @@ def values_of_set(
         section, zone, key = split(name)
         row = rows.get(f"{section}.zone.NAME.{key}" if zone else name)
         if row is None:
-            wrong(label, f"{shown(name)[1:-1]}: not what a {kind} can set; {nearest(name, rows)}")
+            wrong(label, f"{format_value(name)[1:-1]}: not what a {kind} can set; {suggest(name, rows)}")
         else:
             put(label, name, row, value, values)
     if {"wind.shape_coefficient", "wind.sectors"} <= set(values):
@@ -84,14 +84,14 @@ def _flat(table: dict, place: str = "") -> dict:
     return flat
 
 
-def blows(case: SimpleNamespace) -> bool:
+def has_static_wind(case: SimpleNamespace) -> bool:
     """Tell whether a static wind acts in a case."""
     return any(name.startswith("wind.") for name in case.set)
 
 
 def static_wind(wind: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
     """Return [wind] with the values of a case, for a mean wind; wind : the section, or its defaults."""
-    result = with_set(SimpleNamespace(**(vars(wind) | {"pressure_factor": 1.0})), "wind", case)
+    result = apply_settings(SimpleNamespace(**(vars(wind) | {"pressure_factor": 1.0})), "wind", case)
     result.file = result.points = result.pressures = result.taps = None
     if "wind.shape_coefficient" in case.set:
         result.sectors = None
@@ -100,18 +100,21 @@ def static_wind(wind: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace
     return result
 
 
-def wrong_cases(cases: list, wind: SimpleNamespace):
+def case_errors(cases: list, wind: SimpleNamespace):
     """Yield place and error of cases whose `set` is checked; wind : [wind], or its defaults."""
     for case in cases:
         label = f"[[case]] {case.name}:"
         if case.name in OF_LOAD:
-            yield label, f"name: {shown(case.name)} is what a factor of [[combination]] means; take another"
+            yield (
+                label,
+                f"name: {format_value(case.name)} is what a factor of [[combination]] means; take another",
+            )
         if not case.set and case.pressure_table is None and not case.settlement:
             yield label, "set, pressure_table or settlement: missing; say what acts in it"
         if case.factor is not None and case.pressure_table is None:
             problem = "only with pressure_table, whose values it multiplies; add it or remove factor"
             yield label, f"factor: {problem}"
-        if blows(case):
+        if has_static_wind(case):
             acting = static_wind(wind, case)
             if acting.speed is None:
                 yield label, "set: wind.speed: missing; expected a number of m/s > 0 here or in [wind]"
@@ -120,26 +123,30 @@ def wrong_cases(cases: list, wind: SimpleNamespace):
                 yield label, f"set: wind.shape_coefficient: missing; {expected}"
 
 
-def wrong_combinations(combinations: list, cases: list):
+def combination_errors(combinations: list, cases: list):
     """Yield place and error of the entries of [[combination]]."""
     names = [case.name for case in cases if case.name is not None]
     for combination in combinations:
         label, factors = f"[[combination]] {combination.name}:", combination.factors or {}
         if combination.name in names or combination.name in OF_LOAD:
             kind = "a case" if combination.name in names else "a factor"
-            yield label, f"name: {shown(combination.name)} is the name of {kind} already; names are unique"
+            yield (
+                label,
+                f"name: {format_value(combination.name)} is the name of {kind} already; names are unique",
+            )
         for name in factors:
             if name not in names and name not in OF_LOAD:
                 known_names = [*OF_LOAD, *names]
                 yield (
                     label,
-                    f"factors: {shown(name)[1:-1]}: no case bears this name; {nearest(name, known_names)}",
+                    f"factors: {format_value(name)[1:-1]}: no case bears this name; "
+                    f"{suggest(name, known_names)}",
                 )
         if factors.get("prestress", 1.0) < 0.0:
             yield label, f"factors: prestress = {factors['prestress']:g}: expected a number >= 0"
 
 
-def factor_of(combination: SimpleNamespace, name: str) -> float:
+def action_factor(combination: SimpleNamespace, name: str) -> float:
     """Return the factor of an action: as given, otherwise 1 for permanent and prestress, 0 for others."""
     default = 1.0 if name in ("permanent", "prestress") else 0.0
     return float(combination.factors.get(name, default))

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from netfall.core.errors import InputError, refuse
-from netfall.job.values import nearest
+from netfall.core.errors import InputError, raise_errors
+from netfall.job.values import suggest
 
-MOST_ERRORS = 20  # largest number of errors reported for one table
+MAX_ERRORS = 20  # largest number of errors reported for one table
 LARGEST = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
-SEVERAL = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
+ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 FORMULA = re.compile(r"'*[=+\-@\t\r]")  # start of a formula in a spreadsheet, also behind '
 CLOSE = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
@@ -35,7 +35,7 @@ class Table:
         rows, self.delimiter = _rows_of(path)
         if not rows:
             raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
-        header = [bare(name.strip()).lower() for name in rows[0][1]]
+        header = [unescape_formula(name.strip()).lower() for name in rows[0][1]]
         self.lines = [line for line, _ in rows[1:]]
         self._check_header(header, rows[0][0], known, required)
         for line, row in rows[1:]:
@@ -45,16 +45,18 @@ class Table:
         if not self.lines:
             self.errors.append(f"{path}: no rows below the header")
         self.finish()
-        self.columns = {name: [bare(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)}
+        self.columns = {
+            name: [unescape_formula(row[k].strip()) for _, row in rows[1:]] for k, name in enumerate(header)
+        }
 
     def _check_header(self, header, line, known, required) -> None:
         """Record errors of the header, and notes on unknown columns."""
         unknown = [name for name in dict.fromkeys(header) if name not in known]
         for name in unknown:
             if difflib.get_close_matches(name, known, n=1, cutoff=CLOSE):
-                self.wrong(f"line {line}: {name[:40]!r}: unknown column; {nearest(name, known)}")
+                self.wrong(f"line {line}: {name[:40]!r}: unknown column; {suggest(name, known)}")
         if unknown:
-            names = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MOST_ERRORS]]
+            names = [f'"{name[:40]}"' if name else "one without a name" for name in unknown[:MAX_ERRORS]]
             text = f"columns not known and left alone: {', '.join(names)}; known: {', '.join(known)}"
             self.notes.append(f"{self.path}: {text}")
         for name in [name for name in dict.fromkeys(header) if name in known and header.count(name) > 1]:
@@ -86,13 +88,13 @@ class Table:
         if name not in self.columns:
             return default
         words = self.columns[name]
-        values = np.array([number_in(word) for word in words])
+        values = np.array([parse_number(word) for word in words])
         empty = np.array([word == "" for word in words])
         invalid = ~empty & ~((values >= low) & (values <= LARGEST))
-        for row in np.flatnonzero(invalid)[:MOST_ERRORS]:
+        for row in np.flatnonzero(invalid)[:MAX_ERRORS]:
             limit = f" >= {low:g}" + (f" and <= {LARGEST:g}" if values[row] > LARGEST else "")
             of = f" of {unit}" if unit else ""
-            comma = words[row].count(",") == 1 and np.isfinite(number_in(words[row].replace(",", ".")))
+            comma = words[row].count(",") == 1 and np.isfinite(parse_number(words[row].replace(",", ".")))
             comma = "; a decimal comma is not read, write a point" if comma else ""
             self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
         return np.where(empty, default, values)
@@ -106,7 +108,7 @@ class Table:
         for row in [row for row, word in enumerate(self.words(name)) if word == ""][:most]:
             self.wrong(f"{self.at(row)}: {name} is empty; expected a number")
 
-    def no_gaps(self, *columns: np.ndarray) -> None:
+    def check_no_gaps(self, *columns: np.ndarray) -> None:
         """Raise all recorded errors, with one for empty cells in columns that were read."""
         if any(np.isnan(values).any() for values in columns):
             self.wrong("empty cells; expected a number in each")
@@ -134,12 +136,12 @@ class Table:
         """Raise all recorded errors, of other tables too."""
         lines = []
         for table in (self, *others):
-            excess = len(table.errors) - MOST_ERRORS
-            lines += table.errors[:MOST_ERRORS] + [f"{table.path}: and {excess} more errors"] * (excess > 0)
-        refuse(lines)
+            excess = len(table.errors) - MAX_ERRORS
+            lines += table.errors[:MAX_ERRORS] + [f"{table.path}: and {excess} more errors"] * (excess > 0)
+        raise_errors(lines)
 
 
-def number_in(word: str) -> float:
+def parse_number(word: str) -> float:
     """Parse a number; nan: the word is none."""
     try:
         return float(_plain(word))
@@ -180,24 +182,24 @@ def write_table(path: Path, columns: dict, note: str = "", digits: int | None = 
         # csv quotes cells with characters of its line terminator, here both \r and \n
         ended = SimpleNamespace(write=lambda line: file.write(line.removesuffix("\r\n") + "\n"))
         writer = csv.writer(ended, lineterminator="\r\n")
-        writer.writerow([guarded(name) for name in columns])
+        writer.writerow([escape_formula(name) for name in columns])
         writer.writerows(zip(*cells))
 
 
-def guarded(text: str) -> str:
+def escape_formula(text: str) -> str:
     """Return a text for a cell, with a ' before text that a spreadsheet would take for a formula."""
-    return f"'{text}" if FORMULA.match(text) and not np.isfinite(number_in(text)) else text
+    return f"'{text}" if FORMULA.match(text) and not np.isfinite(parse_number(text)) else text
 
 
-def bare(text: str) -> str:
-    """Return the text of a cell that `guarded` wrote."""
+def unescape_formula(text: str) -> str:
+    """Return the text of a cell that `escape_formula` wrote."""
     return text[1:] if text.startswith("'") and FORMULA.match(text) else text
 
 
 def _cell(value, digits: int | None):
     """Return the text of a value in a cell."""
     if isinstance(value, str):
-        return guarded(value)
+        return escape_formula(value)
     if not isinstance(value, float):
         return value
     if value != value:

@@ -2,10 +2,10 @@
 
 from types import SimpleNamespace
 
-from netfall.job.cases import blows
+from netfall.job.cases import has_static_wind
 from netfall.job.job import Job
-from netfall.job.schema import defaults
-from netfall.physics.wind_spectra import gust_of
+from netfall.job.schema import section_defaults
+from netfall.physics.wind_spectra import make_gust
 
 
 def carries_permanent(job: Job) -> bool:
@@ -13,12 +13,12 @@ def carries_permanent(job: Job) -> bool:
     return job.form_finding is not None and job.form_finding.loads == "permanent"
 
 
-def rests_in_wind(job: Job) -> bool:
+def starts_in_mean_wind(job: Job) -> bool:
     """Tell whether the dynamic stage starts from the equilibrium under the mean wind."""
     return job.wind is not None and job.wind.onset == "static"
 
 
-def rests_at_loss(job: Job) -> bool:
+def starts_loaded_for_removal(job: Job) -> bool:
     """Tell whether the dynamic stage starts from the loaded equilibrium: removals, but no wind."""
     return bool(job.removes and job.dynamics) and job.wind is None
 
@@ -37,28 +37,28 @@ def load_steps(job: Job) -> int:
 
 def has_statics(job: Job) -> bool:
     """Tell whether equilibria are computed before the dynamic stage."""
-    rests = rests_in_wind(job) or rests_at_loss(job)
+    rests = starts_in_mean_wind(job) or starts_loaded_for_removal(job)
     return bool(job.cases or job.combinations or load_steps(job) or rests)
 
 
-def own_weight(job: Job) -> float:
+def permanent_weight_factor(job: Job) -> float:
     """Return the factor of self weight in the permanent loads: 1, or 0 without self weight."""
     return float(bool(job.load and job.load.self_weight))
 
 
-def grows(job: Job) -> bool:
+def has_growing_pressure(job: Job) -> bool:
     """Tell whether the pressure of [load] grows in the dynamic stage."""
     load = job.load
     has_pressure = any(value is not None for value in job.loads("pressure"))
     return bool(job.dynamics and has_pressure and load and load.ramp and not load_steps(job))
 
 
-def varies(job: Job) -> bool:
+def has_varying_forces(job: Job) -> bool:
     """Tell whether forces other than those of the wind vary in the dynamic stage."""
-    return grows(job) or any(entry.duration for entry in job.removes)
+    return has_growing_pressure(job) or any(entry.duration for entry in job.removes)
 
 
-def carries_weight(job: Job) -> bool:
+def has_carried_weight(job: Job) -> bool:
     """Tell whether particles carry weight in addition to the elements: dead load or snow."""
     load = job.load
     tables = [vars(load), *load.zone.values()] if load else []
@@ -67,10 +67,10 @@ def carries_weight(job: Job) -> bool:
 
 def has_gusts(job: Job) -> bool:
     """Tell whether gusts are generated."""
-    return job.wind is not None and gust_of(job.wind) is not None
+    return job.wind is not None and make_gust(job.wind) is not None
 
 
-def air_damps(job: Job) -> bool:
+def has_aerodynamic_damping(job: Job) -> bool:
     """Tell whether the air damps the motion of the roof."""
     wind = job.wind
     zone_values = (
@@ -79,13 +79,13 @@ def air_damps(job: Job) -> bool:
     return wind is not None and any([wind.air_damping, *zone_values])
 
 
-def drags(job: Job) -> bool:
+def has_fragment_drag(job: Job) -> bool:
     """Tell whether the relative wind drags detached fragments, which needs a known wind speed."""
     wind = job.wind
     return wind is not None and wind.after_fracture == "detached" and bool(wind.speed or wind.file)
 
 
-def air_moves(job: Job) -> bool:
+def has_added_air_mass(job: Job) -> bool:
     """Tell whether air moves with the roof."""
     return any(job.loads("air_mass"))
 
@@ -105,31 +105,31 @@ def roof_groups(job: Job) -> list[str]:
     return list(job.roof.groups or ()) if job.roof else []
 
 
-def presses(job: Job) -> bool:
+def has_wind_pressure(job: Job) -> bool:
     """Tell whether a wind blows, also a static wind of a case, or a table of pressures acts."""
-    return job.wind is not None or any(blows(case) or case.pressure_table for case in job.cases)
+    return job.wind is not None or any(has_static_wind(case) or case.pressure_table for case in job.cases)
 
 
-def loads_the_roof(job: Job) -> bool:
+def has_area_loads(job: Job) -> bool:
     """Tell whether anything acts on the areas of the roof."""
     weighs = any(job.loads("dead") + job.loads("snow") + job.loads("air_mass"))
-    return weighs or presses(job) or any(value is not None for value in job.loads("pressure"))
+    return weighs or has_wind_pressure(job) or any(value is not None for value in job.loads("pressure"))
 
 
-def along_normals(job: Job) -> bool:
+def has_normal_loads(job: Job) -> bool:
     """Tell whether anything acts along the normals of the roof."""
-    return presses(job) or any(isinstance(value, int | float) for value in job.loads("pressure"))
+    return has_wind_pressure(job) or any(isinstance(value, int | float) for value in job.loads("pressure"))
 
 
-def tears(job: Job, kind: str, factor: float) -> bool:
+def breaks_equilibrium(job: Job, kind: str, factor: float) -> bool:
     """Tell whether an exceeded strength means that a load has no equilibrium.
 
     This holds for [load] breaking, and for the equilibrium that the dynamic stage starts from.
     """
     starts = kind in ("at once", "rest") or (kind == "step" and factor == 1.0)
-    return kind != "loss" and (settings_of(job).breaking or bool(starts and job.dynamics))
+    return kind != "loss" and (load_settings(job).breaking or bool(starts and job.dynamics))
 
 
-def settings_of(job: Job) -> SimpleNamespace:
+def load_settings(job: Job) -> SimpleNamespace:
     """Return the keys of [load]; without [load] their defaults, but without self weight."""
-    return job.load or SimpleNamespace(**vars(defaults("load")) | {"self_weight": False})
+    return job.load or SimpleNamespace(**vars(section_defaults("load")) | {"self_weight": False})

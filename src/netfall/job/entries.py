@@ -1,8 +1,8 @@
 """Keys of lists of tables: zones, cases, combinations, motions, slides, removals, targets, stages."""
 
-from netfall.job.keys import keys_of
+from netfall.job.keys import parse_keys
 
-LISTS = keys_of("""
+LIST_KEYS = parse_keys("""
 [zone]
 name | name | | required | name by which [wind.zone.NAME] and [load.zone.NAME] refer to it
 polygon [m] | polygon | -1e9 to 1e9 | | corners in plan of the start geometry, in order around it
@@ -64,7 +64,7 @@ clamps | choice open closed | | | clamps of [[slide]] from now on: open, without
 set | loads | | {} | what it sets from now on: dead, snow, pressure, temperature, as in a case
 """)
 
-LOST = (
+REMOVED_MEMBER_KEYS = (
     "elements",
     "group",
     "cables",

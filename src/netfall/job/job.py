@@ -9,12 +9,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from netfall.core.errors import InputError
-from netfall.job.entries import LISTS
-from netfall.job.keys import toml_or_word
+from netfall.job.entries import LIST_KEYS
+from netfall.job.keys import parse_toml_or_word
 from netfall.job.schema import SECTIONS
 
-PATHS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
-OF_MOTION = [key.name for key in LISTS["motion"] if key.kind == "path"]
+PATH_KEYS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
+MOTION_PATH_KEYS = [key.name for key in LIST_KEYS["motion"] if key.kind == "path"]
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ class Job:
 
     def files(self) -> list[Path]:
         """Return the files that the job reads, from all keys that are paths: net, cables, loads, wind."""
-        names = [getattr(getattr(self, section), key, None) for section, key in PATHS]
+        names = [getattr(getattr(self, section), key, None) for section, key in PATH_KEYS]
         names += [case.pressure_table for case in self.cases]
         names += [case.set.get("wind.sectors") for case in self.cases]
-        entries = [(entry, key) for key in OF_MOTION for entry in self.motions]
+        entries = [(entry, key) for key in MOTION_PATH_KEYS for entry in self.motions]
         names += [getattr(entry, key) for entry, key in entries]
         return [self.path.parent / name for name in names if name]
 
@@ -89,7 +89,7 @@ class Job:
 
     def given(self) -> set[str]:
         """Return the keys that the job file or an override gives, as "section.key"."""
-        data = tables_of(self.text, self.overrides)
+        data = parse_tables(self.text, self.overrides)
         tables = {name: table for name, table in data.items() if isinstance(table, dict)}
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
 
@@ -114,7 +114,7 @@ class Job:
         return any(o.startswith("net.") for o in self.overrides)
 
 
-def tables_of(text: str, overrides) -> dict:
+def parse_tables(text: str, overrides) -> dict:
     """Parse the text of a job, with overrides that are known to be valid."""
     data = tomllib.loads(text)
     apply_overrides(data, list(overrides), [])
@@ -133,8 +133,8 @@ def apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None
         for part in section:
             table = table.setdefault(part, {})
             if not isinstance(table, dict):
-                kind = f"a list, [[{part}]], which --set does not reach" if part in LISTS else "a key"
+                kind = f"a list, [[{part}]], which --set does not reach" if part in LIST_KEYS else "a key"
                 errors.append(f"--set {override}: {part} is {kind}, not a section")
                 break
         else:
-            table[key] = toml_or_word(value.strip())
+            table[key] = parse_toml_or_word(value.strip())

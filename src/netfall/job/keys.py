@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from netfall.core.text_tables import rows_of
+from netfall.core.text_tables import table_rows
 
 REQUIRED = object()  # default of a key that must be in the job file if its section is
-MOST_SHIFT = 1e6  # m: largest displacement of a support in a job
+MAX_SHIFT = 1e6  # m: largest displacement of a support in a job
 LENGTHS = ("change", "length", "force")  # keys of a cable in a stage
 ABSENT = None  # default of a key without which its feature is absent
 
@@ -42,7 +42,7 @@ class Key:
     high: float | None = None
     low_open: bool = False
     choices: tuple[str, ...] = ()
-    also: tuple[str, ...] = ()  # words allowed instead of a number ("auto")
+    special_words: tuple[str, ...] = ()  # words allowed instead of a number ("auto")
 
     def expected(self) -> str:
         """Describe the allowed values: "a number of m/s > 0"."""
@@ -51,7 +51,7 @@ class Key:
         return KINDS[self.kind].expected.format(
             of=f" of {self.unit}" if self.unit else "",
             within=" " * bool(bounds) + " and ".join(bounds),
-            also="".join(f' or "{word}"' for word in self.also),
+            special_words="".join(f' or "{word}"' for word in self.special_words),
             choices="one of " * (len(self.choices) > 1) + ", ".join(f'"{word}"' for word in self.choices),
             meaning=self.meaning,
         )
@@ -120,7 +120,7 @@ def _factors(key: Key, value) -> bool:
 
 def _shifts(_, value) -> bool:
     """Tell whether a value is a table of three numbers by id."""
-    shift = Key("", "vector", ABSENT, "", "", low=-MOST_SHIFT, high=MOST_SHIFT)
+    shift = Key("", "vector", ABSENT, "", "", low=-MAX_SHIFT, high=MAX_SHIFT)
 
     def is_id(name):
         return name.removeprefix("-").isdecimal() and name.isascii()
@@ -141,9 +141,10 @@ def _lengths(_, value) -> bool:
 
 
 KINDS = {
-    "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.also or key.number(v)),
+    "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.special_words or key.number(v)),
     "integer": Kind(
-        "an integer{of}{within}{also}", lambda key, v: v in key.also or (isinstance(v, int) and key.number(v))
+        "an integer{of}{within}{also}",
+        lambda key, v: v in key.special_words or (isinstance(v, int) and key.number(v)),
     ),
     "flag": Kind("true or false", lambda _, v: isinstance(v, bool)),
     "text": Kind("a text in quotes ({meaning})", _text),
@@ -179,14 +180,14 @@ KINDS = {
 }
 
 
-def keys_of(text: str) -> dict[str, tuple[Key, ...]]:
+def parse_keys(text: str) -> dict[str, tuple[Key, ...]]:
     """Return the keys of each section of a text table; section names are in brackets.
 
     The cells of a row: name [unit]; kind, with the words of a choice or in place of a number; range; default,
     empty: absent; meaning.
     """
     sections, section = {}, ""
-    for name, *cells in rows_of(text):
+    for name, *cells in table_rows(text):
         if cells:
             sections[section] = (*sections.get(section, ()), _key(name, *cells))
         else:
@@ -200,7 +201,7 @@ def _key(name: str, kind: str, within: str, default: str, meaning: str) -> Key:
     kind, *words = kind.split()
     low, _, high = within.lstrip(">= ").partition(" to ")
     number = int if kind == "integer" else float
-    value = toml_or_word(default) if default else ABSENT
+    value = parse_toml_or_word(default) if default else ABSENT
     value = tuple(value) if isinstance(value, list) else value
     return Key(
         name,
@@ -212,11 +213,11 @@ def _key(name: str, kind: str, within: str, default: str, meaning: str) -> Key:
         high=number(high) if high else None,
         low_open=within.startswith("> "),
         choices=tuple(words) if kind == "choice" else (),
-        also=() if kind == "choice" else tuple(words),
+        special_words=() if kind == "choice" else tuple(words),
     )
 
 
-def toml_or_word(text: str):
+def parse_toml_or_word(text: str):
     """Parse a text as a TOML value; otherwise return the text, a word without quotes."""
     try:
         return tomllib.loads(f"value = {text}")["value"]

@@ -4,14 +4,14 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-from netfall.core.errors import InputError, refuse
+from netfall.core.errors import InputError, raise_errors
 from netfall.job.job import Job, apply_overrides
-from netfall.job.validate import Validation
-from netfall.physics.wind_spectra import gust_of
+from netfall.job.validate import Validator
+from netfall.physics.wind_spectra import make_gust
 
 MOST_ROWS = 2e6  # limit of rows; each takes some 500 bytes on every rank
-MOST_SAMPLES = 1e8  # limit of samples; each takes 8 bytes on every rank
-LONGEST_GUST = 24_000  # samples; the gust model then takes seconds to fit
+MAX_WIND_SAMPLES = 1e8  # limit of samples; each takes 8 bytes on every rank
+MAX_GUST_SAMPLES = 24_000  # samples; the gust model then takes seconds to fit
 
 
 def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = ()) -> Job:
@@ -30,10 +30,10 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     if removes:
         given_removes = data.get("remove", [])
         data["remove"] = [*given_removes, *removes] if isinstance(given_removes, list) else given_removes
-    sections = Validation(str(path), errors).sections(data)
+    sections = Validator(str(path), errors).sections(data)
     job = Job(path, text, tuple(overrides), **sections)
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
-    refuse(errors)
+    raise_errors(errors)
     return job
 
 
@@ -65,7 +65,7 @@ def _absurd_counts(job: Job) -> Iterator[str]:
         counts.append(("output", "checkpoint", duration / output.checkpoint, "checkpoints", MOST_ROWS))
     if wind and wind.speed and not wind.pressures:
         speeds = duration / wind.time_step * wind.control_points
-        counts.append(("wind", "time_step", speeds, "wind speeds", MOST_SAMPLES))
+        counts.append(("wind", "time_step", speeds, "wind speeds", MAX_WIND_SAMPLES))
     for section, key, number, noun, limit in counts:
         if number > limit:
             yield (
@@ -76,13 +76,13 @@ def _absurd_counts(job: Job) -> Iterator[str]:
 
 def _slow_gusts(job: Job) -> Iterator[str]:
     """Yield an error for a wind so slow, or a step so short, that its gust model takes minutes to fit."""
-    wind, gust = job.wind, job.wind and gust_of(job.wind)
+    wind, gust = job.wind, job.wind and make_gust(job.wind)
     samples = gust.length / (wind.speed * wind.time_step) if gust else 0.0
-    if samples > LONGEST_GUST:
-        least = gust.length / LONGEST_GUST / wind.speed
+    if samples > MAX_GUST_SAMPLES:
+        least = gust.length / MAX_GUST_SAMPLES / wind.speed
         zero_key = "roughness" if wind.turbulence is None else "turbulence"
         yield (
             f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {gust.length:g} m lasts {samples:.3g} "
-            f"samples of time_step = {wind.time_step:g} s; at most {LONGEST_GUST} are possible; expected "
+            f"samples of time_step = {wind.time_step:g} s; at most {MAX_GUST_SAMPLES} are possible; expected "
             f"[wind] time_step >= {least:.3g}, or {zero_key} = 0 for a wind without gusts"
         )

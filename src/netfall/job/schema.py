@@ -6,8 +6,8 @@ Validation, the messages for wrong input, the page jobs/KEYS.md and the tests re
 
 from types import SimpleNamespace
 
-from netfall.job.cases import rows_of_set
-from netfall.job.keys import Key, keys_of
+from netfall.job.cases import settable_keys
+from netfall.job.keys import Key, parse_keys
 
 GENERATOR_KEYS = {
     "saddle": ("side", "rise", "cells"),
@@ -19,16 +19,24 @@ GENERATOR_KEYS = {
     ),
     "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops", "spoke_force", "ring_groups"),
 }
-OF_THE_WHOLE = ("strain", "catalogue", "strength_seed", "length_seed")  # keys that groups cannot override
-EITHER = (("modulus", "axial_stiffness"), ("density", "mass_per_length"))  # exactly one of each pair is given
-NEEDED = {  # for each required key, the keys of which one must be given, unless a type is
+GLOBAL_CABLE_KEYS = (
+    "strain",
+    "catalogue",
+    "strength_seed",
+    "length_seed",
+)  # keys that groups cannot override
+EXCLUSIVE_KEYS = (
+    ("modulus", "axial_stiffness"),
+    ("density", "mass_per_length"),
+)  # exactly one of each pair is given
+REQUIRED_ALTERNATIVES = {  # for each required key, the keys of which one must be given, unless a type is
     "modulus": ("modulus", "axial_stiffness"),
     "area": ("area", "axial_stiffness"),
     "density": ("density", "mass_per_length"),
 }
-SINCE = "0.5"  # version from which the defaults and removals of REMOVED and `geometry.defaults` hold
+SINCE = "0.5"  # version from which the defaults and removals of REMOVED and `geometry.section_defaults` hold
 # Removed keys by section: the value that is still accepted with a warning, and the reason for the removal.
-REMOVED = {"dynamics": {"precision": ("double", "numbers have double precision (jobs/trade/README.md)")}}
+REMOVED_KEYS = {"dynamics": {"precision": ("double", "numbers have double precision (jobs/trade/README.md)")}}
 
 KEYS = """
 title | text | | "" | what the job is
@@ -202,15 +210,15 @@ checkpoint [s] | number | 0 to 1e9 | 0.0 | simulated time between checkpoints; 0
 modes | integer | 0 to 1000 | 0 | natural modes and frequencies where dynamics begins: how many, lowest first;
     0: none
 """
-SECTIONS = keys_of(KEYS)
+SECTIONS = parse_keys(KEYS)
 
 
-def row_of(section: str, name: str) -> Key:
+def find_key(section: str, name: str) -> Key:
     """Return the row of a key."""
     return next(key for key in SECTIONS[section] if key.name == name)
 
 
-CURVES = row_of("cable", "buckling_curve").choices  # of EN 1993-1-1
+CURVES = find_key("cable", "buckling_curve").choices  # of EN 1993-1-1
 
 
 def may_break(cable: dict) -> bool:
@@ -226,15 +234,18 @@ def _rows(section: str, *names: str) -> tuple[Key, ...]:
 
 # Sections with inner tables that override some of their keys: name of the tables, and these keys.
 OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
-    "cable": ("", tuple(key for key in SECTIONS["cable"] if key.name not in OF_THE_WHOLE)),  # [cable.GROUP]
+    "cable": (
+        "",
+        tuple(key for key in SECTIONS["cable"] if key.name not in GLOBAL_CABLE_KEYS),
+    ),  # [cable.GROUP]
     "load": ("zone", _rows("load", "dead", "snow", "pressure", "air_mass")),  # [load.zone.NAME]
     "wind": ("zone", _rows("wind", "shape_coefficient", "air_damping")),  # [wind.zone.NAME]
 }
 
-IN_CASES = rows_of_set(SECTIONS, OVERRIDES)  # keys that a case can set
-IN_STAGES = {name: row for name, row in IN_CASES.items() if name.startswith("load.")}  # the same of a stage
+CASE_KEYS = settable_keys(SECTIONS, OVERRIDES)  # keys that a case can set
+STAGE_KEYS = {name: row for name, row in CASE_KEYS.items() if name.startswith("load.")}  # the same of a stage
 
 
-def defaults(section: str) -> SimpleNamespace:
+def section_defaults(section: str) -> SimpleNamespace:
     """Return a section with the defaults of its keys."""
     return SimpleNamespace(**{key.name: key.default for key in SECTIONS[section]}, zone={})

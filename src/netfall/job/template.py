@@ -3,20 +3,20 @@
 from pathlib import Path
 
 from netfall.core.errors import InputError
-from netfall.job.entries import LISTS
+from netfall.job.entries import LIST_KEYS
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import SECTIONS
 from netfall.job.toml_text import toml_value
 
 # Active sections and the keys that they set; all other keys are comments.
-SET: dict[str, dict[str, object]] = {
+ACTIVE_KEYS: dict[str, dict[str, object]] = {
     "": {"title": "A roof"},
     "net": {"generator": "saddle", "side": 40.0, "rise": 4.0, "cells": 10},
     "cable": {"modulus": 1.6e11, "area": 400e-6, "density": 7850.0, "prestress": 60e3},
     "form_finding": {},
     "load": {"dead": 300.0, "snow": 500.0, "steps": 5},
 }
-EXAMPLE = {
+EXAMPLE_VALUES = {
     "name": "edge",
     "duration": 6.0,
     "set": {"load.snow": 750.0},
@@ -32,7 +32,7 @@ HEAD = """\
 # Your own net: nodes = "nodes.csv", elements = "elements.csv" in [net] in place of the generator, or netfall
 # import. [cable.GROUP] overrides [cable] for the elements of a group.
 """
-COLUMN = 38  # start of the comments
+COMMENT_COLUMN = 38  # start of the comments
 
 
 def new_template(path: Path) -> str:
@@ -47,11 +47,13 @@ def new_template(path: Path) -> str:
 def template(name: str) -> str:
     """Return the text of the job, for the name of its file."""
     lines = [HEAD.format(name=name)]
-    heads = {name: f"[{name}]" if name else "" for name in SECTIONS} | {name: f"[[{name}]]" for name in LISTS}
-    for section, keys in (SECTIONS | LISTS).items():
-        mark = "" if section in SET else "# "  # a section without set keys is a comment
+    heads = {name: f"[{name}]" if name else "" for name in SECTIONS} | {
+        name: f"[[{name}]]" for name in LIST_KEYS
+    }
+    for section, keys in (SECTIONS | LIST_KEYS).items():
+        mark = "" if section in ACTIVE_KEYS else "# "  # a section without set keys is a comment
         lines += [mark + heads[section]] if section else []
-        lines += [*(_line(key, SET.get(section, {})) for key in keys), ""]
+        lines += [*(_line(key, ACTIVE_KEYS.get(section, {})) for key in keys), ""]
     return "\n".join(lines) + "\n"
 
 
@@ -63,7 +65,7 @@ def _line(key: Key, given: dict) -> str:
     if key.name in given:
         setting = f"{key.name} = {_value(given[key.name])}"
     elif key.default is REQUIRED:
-        example = f" {_value(EXAMPLE[key.name])}" if key.name in EXAMPLE else ""
+        example = f" {_value(EXAMPLE_VALUES[key.name])}" if key.name in EXAMPLE_VALUES else ""
         setting = f"# {key.name} ={example}"
         meaning += " (needed)"
     elif key.default is None:
@@ -71,7 +73,7 @@ def _line(key: Key, given: dict) -> str:
         meaning += "" if "absent" in meaning else " (absent)"
     else:
         setting = f"# {key.name} = {_value(key.default)}"
-    return f"{setting:<{COLUMN}}# {meaning}"
+    return f"{setting:<{COMMENT_COLUMN}}# {meaning}"
 
 
 def _value(value) -> str:

@@ -4,26 +4,26 @@ from collections.abc import Iterator, Sequence
 from types import SimpleNamespace
 
 from netfall.job import cases
-from netfall.job.entries import LISTS, LOST
+from netfall.job.entries import LIST_KEYS, REMOVED_MEMBER_KEYS
 from netfall.job.keys import REQUIRED, Key
 from netfall.job.schema import (
-    EITHER,
+    CASE_KEYS,
+    EXCLUSIVE_KEYS,
     GENERATOR_KEYS,
-    IN_CASES,
-    IN_STAGES,
-    NEEDED,
     OVERRIDES,
-    REMOVED,
+    REMOVED_KEYS,
+    REQUIRED_ALTERNATIVES,
     SECTIONS,
     SINCE,
-    defaults,
+    STAGE_KEYS,
+    find_key,
     may_break,
-    row_of,
+    section_defaults,
 )
-from netfall.job.values import nearest, shown
+from netfall.job.values import format_value, suggest
 
 
-class Validation:
+class Validator:
     """Checker of the tables of a job, which appends a line for each error to `errors`."""
 
     def __init__(self, where: str, errors: list[str]):
@@ -43,9 +43,11 @@ class Validation:
         the values
         that each zone overrides.
         """
-        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LISTS}
+        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LIST_KEYS}
         self._names(data, given)
-        scalars = {k: v for k, v in data.items() if k not in given and k not in SECTIONS and k not in LISTS}
+        scalars = {
+            k: v for k, v in data.items() if k not in given and k not in SECTIONS and k not in LIST_KEYS
+        }
         title = self.table("", SECTIONS[""], scalars).title
         for name in ("net", "cable"):
             if name not in data:
@@ -59,11 +61,11 @@ class Validation:
             elif name in OVERRIDES:
                 checked[name].zone = inner
         checked["output"] = checked["output"] or self.table("output", SECTIONS["output"], {})
-        lists = {f"{name}s": self.entries(name, keys, data.get(name, [])) for name, keys in LISTS.items()}
-        for kind, rows in (("case", IN_CASES), ("stage", IN_STAGES)):
+        lists = {f"{name}s": self.entries(name, keys, data.get(name, [])) for name, keys in LIST_KEYS.items()}
+        for kind, rows in (("case", CASE_KEYS), ("stage", STAGE_KEYS)):
             for entry in lists[f"{kind}s"]:
-                entry.set = cases.values_of_set(entry, rows, self._value, self.wrong, kind)
-        for place, problem in _wrong_together(given, checked, lists):
+                entry.set = cases.read_settings(entry, rows, self._value, self.wrong, kind)
+        for place, problem in _combined_errors(given, checked, lists):
             self.wrong(place, problem)
         return checked | lists | {"title": title, "groups": groups}
 
@@ -71,10 +73,10 @@ class Validation:
         """Check the names of the sections."""
         for name in given:
             if name == "" or name not in SECTIONS:
-                self.wrong("", f"[{name}]: unknown section; {nearest(name, filter(None, SECTIONS))}")
+                self.wrong("", f"[{name}]: unknown section; {suggest(name, filter(None, SECTIONS))}")
         for name in SECTIONS:
             if name and name in data and name not in given:
-                self.wrong("", f"{name} = {shown(data[name])}: expected a section, [{name}]")
+                self.wrong("", f"{name} = {format_value(data[name])}: expected a section, [{name}]")
 
     def _overrides(self, name: str, table: dict) -> tuple[dict, dict[str, dict]]:
         """Split a section into its own values and the values that its inner tables override, by name."""
@@ -85,7 +87,7 @@ class Validation:
         own = {k: v for k, v in table.items() if k != under and (under or k not in inner)}
         path = f"{name}.{under}" if under else name
         if not isinstance(inner, dict) or not all(isinstance(v, dict) for v in inner.values()):
-            self.wrong(name, f"{under} = {shown(inner)}: expected tables, [{path}.NAME]")
+            self.wrong(name, f"{under} = {format_value(inner)}: expected tables, [{path}.NAME]")
             return own, {}
         overrides: dict[str, dict] = {inner_name: {} for inner_name in inner}
         for inner_name, values in inner.items():
@@ -95,7 +97,9 @@ class Validation:
     def entries(self, name: str, keys: Sequence[Key], given) -> list[SimpleNamespace]:
         """Return the entries of a list of tables, whose names must be unique."""
         if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
-            self.wrong("", f"{name} = {shown(given)}: expected entries, [[{name}]], each with its keys")
+            self.wrong(
+                "", f"{name} = {format_value(given)}: expected entries, [[{name}]], each with its keys"
+            )
             return []
         entries, first_entry = [], {}
         for number, table in enumerate(given, 1):
@@ -121,20 +125,20 @@ class Validation:
         """Put the given values that are valid into `values`."""
         rows = {key.name: key for key in keys}
         for name, value in table.items():
-            if name in REMOVED.get(place, {}):
-                accepted, reason = REMOVED[place][name]
+            if name in REMOVED_KEYS.get(place, {}):
+                accepted, reason = REMOVED_KEYS[place][name]
                 if value != accepted:
                     removed = f"removed in version {SINCE}, {reason}; remove the key"
-                    self.wrong(place, f"{name} = {shown(value)}: {removed}")
+                    self.wrong(place, f"{name} = {format_value(value)}: {removed}")
             elif name not in rows:
-                self.wrong(place, f"{shown(name)[1:-1]}: unknown key; {nearest(name, rows)}")
+                self.wrong(place, f"{format_value(name)[1:-1]}: unknown key; {suggest(name, rows)}")
             else:
                 self._value(place, name, rows[name], value, values)
 
     def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
         """Put a value into `values` if it is valid."""
         if not key.fits(value):
-            self.wrong(place, f"{name} = {shown(value)}: expected {key.expected()}")
+            self.wrong(place, f"{name} = {format_value(value)}: expected {key.expected()}")
         else:
             number = key.kind == "number" and not isinstance(value, str)
             values[name] = float(value) if number else value
@@ -143,42 +147,42 @@ class Validation:
 # --- errors that depend on more than one key
 
 
-def _wrong_together(given: dict, checked: dict, lists: dict) -> Iterator[tuple[str, str]]:
+def _combined_errors(given: dict, checked: dict, lists: dict) -> Iterator[tuple[str, str]]:
     """Yield place and error for everything that depends on more than one key.
 
     given : sections as written; checked, lists : checked sections and entries
     """
     wind, dynamics, net = given.get("wind", {}), given.get("dynamics", {}), checked["net"]
     if "net" in given:
-        yield from (("net", what) for what in _wrong_net(given["net"]))
+        yield from (("net", what) for what in _net_key_errors(given["net"]))
     if "wind" in given:
-        yield from (("wind", what) for what in _wrong_wind(given["wind"], _may_detach(given, lists)))
+        yield from (("wind", what) for what in _wind_errors(given["wind"], _may_detach(given, lists)))
     if "cable" in given:
-        yield from _wrong_cables(given["cable"], "elements" in given.get("net", {}))
+        yield from _cable_errors(given["cable"], "elements" in given.get("net", {}))
     if "wind" in given and "dynamics" not in given:
         yield "wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]"
     form = checked["form_finding"]
     if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
         what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
         yield "net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"'
-    yield from _wrong_entries(lists)
-    yield from cases.wrong_cases(lists["cases"], checked["wind"] or defaults("wind"))
-    yield from cases.wrong_combinations(lists["combinations"], lists["cases"])
-    yield from _wrong_height(wind, checked["wind"], lists["cases"])
-    yield from _wrong_removals(given, checked["load"], lists["removes"])
+    yield from _entry_errors(lists)
+    yield from cases.case_errors(lists["cases"], checked["wind"] or section_defaults("wind"))
+    yield from cases.combination_errors(lists["combinations"], lists["cases"])
+    yield from _base_height_errors(wind, checked["wind"], lists["cases"])
+    yield from _removal_errors(given, checked["load"], lists["removes"])
     for number, entry in enumerate(lists["motions"], 1):
-        yield from ((f"[[motion]] {number}:", what) for what in _wrong_motion(entry, "dynamics" in given))
-    for missing in _alone(dynamics, "damping_ratio", "damping_band"):
+        yield from ((f"[[motion]] {number}:", what) for what in _motion_errors(entry, "dynamics" in given))
+    for missing in _missing_partner(dynamics, "damping_ratio", "damping_band"):
         yield "dynamics", f"{missing}: missing; a ratio and the band in which it holds go together"
 
 
-def _alone(table: dict, *pair: str) -> list[str]:
+def _missing_partner(table: dict, *pair: str) -> list[str]:
     """Return the missing key if only the other key of a pair is given."""
     missing = [name for name in pair if table.get(name) is None]
     return missing if len(missing) == 1 else []
 
 
-def _wrong_entries(lists: dict) -> Iterator[tuple[str, str]]:
+def _entry_errors(lists: dict) -> Iterator[tuple[str, str]]:
     """Yield errors of zones, stages, slip points and targets."""
     for zone in lists["zones"]:
         if zone.polygon is not None and zone.groups is not None:
@@ -199,15 +203,15 @@ def _wrong_entries(lists: dict) -> Iterator[tuple[str, str]]:
             yield f"[[target]] {number}:", problem
 
 
-def _wrong_removals(given: dict, load: SimpleNamespace | None, removes: list) -> Iterator[tuple[str, str]]:
+def _removal_errors(given: dict, load: SimpleNamespace | None, removes: list) -> Iterator[tuple[str, str]]:
     """Yield errors of the entries of [[remove]]."""
     for number, entry in enumerate(removes, 1):
-        present = [key for key in LOST if getattr(entry, key) is not None]
+        present = [key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None]
         if len(present) != 1:
             conflict = f"{' and '.join(present)} exclude each other; keep one of them"
             yield (
                 f"[[remove]] {number}:",
-                conflict if present else f"{' or '.join(LOST)}: missing; say what is lost",
+                conflict if present else f"{' or '.join(REMOVED_MEMBER_KEYS)}: missing; say what is lost",
             )
     if removes and "dynamics" not in given:
         yield "[[remove]]", "there is no [dynamics] in which something could be lost; add it"
@@ -215,7 +219,7 @@ def _wrong_removals(given: dict, load: SimpleNamespace | None, removes: list) ->
         yield "load", "ramp: a job with [[remove]] starts at rest under all loads; remove one of them"
 
 
-def _wrong_motion(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
+def _motion_errors(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
     """Yield errors of an entry of [[motion]]; moves : whether there is a dynamic stage."""
     if (entry.displacement is None) == (entry.acceleration is None):
         problem = "missing" if entry.displacement is None else "exclude each other"
@@ -226,7 +230,7 @@ def _wrong_motion(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
         yield "direction: missing; a record has one component: [x, y, z] of it"
     if entry.baseline is not None and not is_record(entry):
         yield "baseline: is of records (.AT2); a table is taken as it stands: remove it"
-    for missing in _alone(vars(entry), "speed", "travel"):
+    for missing in _missing_partner(vars(entry), "speed", "travel"):
         yield f"{missing}: missing; a wave has a speed and a travel = [x, y, z]"
     for name in ("direction", "travel"):
         if getattr(entry, name) is not None and not any(getattr(entry, name)):
@@ -236,7 +240,7 @@ def _wrong_motion(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
         yield f"{key}: there is no [dynamics] in which supports could move; add it"
 
 
-def _wrong_net(net: dict) -> Iterator[str]:
+def _net_key_errors(net: dict) -> Iterator[str]:
     """Yield errors of the source of the net, and of dimensions for another generator."""
     tables, generator = "nodes" in net or "elements" in net, net.get("generator")
     if "generator" in net and tables:
@@ -244,23 +248,25 @@ def _wrong_net(net: dict) -> Iterator[str]:
     elif tables:
         yield from (
             f"{missing}: missing; tables come as a pair, nodes and elements"
-            for missing in _alone(net, "nodes", "elements")
+            for missing in _missing_partner(net, "nodes", "elements")
         )
     elif "generator" not in net:
-        names = ", ".join(map(shown, GENERATOR_KEYS))
+        names = ", ".join(map(format_value, GENERATOR_KEYS))
         yield f"generator: missing; expected one of {names}, or nodes and elements"
     if net.get("unit", "m") != "m" and not tables:
-        yield f"unit = {shown(net['unit'])}: only for tables; dimensions are in m"
+        yield f"unit = {format_value(net['unit'])}: only for tables; dimensions are in m"
     if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
         return
     own_keys = () if tables else GENERATOR_KEYS[generator]
     for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
         if name in net and name not in own_keys:
-            generators = " or ".join(shown(other) for other, keys in GENERATOR_KEYS.items() if name in keys)
-            yield f"{name} = {shown(net[name])}: only for generator = {generators}; remove it"
+            generators = " or ".join(
+                format_value(other) for other, keys in GENERATOR_KEYS.items() if name in keys
+            )
+            yield f"{name} = {format_value(net[name])}: only for generator = {generators}; remove it"
 
 
-def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
+def _wind_errors(wind: dict, detaches: bool) -> Iterator[str]:
     """Yield errors of sources, coefficients and gusts; detaches : whether fragments can detach and drag."""
     sources = [key for key in ("speed", "file", "pressures") if key in wind]
     if sources == ["pressures"] and _air_damping(wind):
@@ -272,7 +278,7 @@ def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
     elif not sources:
         expected = "a number of m/s > 0, or file = a table of time, speed"
         yield f"speed: missing; expected {expected}, or pressures = one of time and taps"
-    for missing in _alone(wind, "pressures", "taps"):
+    for missing in _missing_partner(wind, "pressures", "taps"):
         yield f"{missing}: missing; pressures in time and the places of their taps go together"
     if "points" in wind and "file" not in wind:
         yield "points: only with file, whose speeds were measured there; add it"
@@ -295,7 +301,9 @@ def _wrong_wind(wind: dict, detaches: bool) -> Iterator[str]:
         )
 
 
-def _wrong_height(wind: dict, section: SimpleNamespace | None, all_cases: list) -> Iterator[tuple[str, str]]:
+def _base_height_errors(
+    wind: dict, section: SimpleNamespace | None, all_cases: list
+) -> Iterator[tuple[str, str]]:
     """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
     missing = (
         "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
@@ -306,8 +314,8 @@ def _wrong_height(wind: dict, section: SimpleNamespace | None, all_cases: list) 
     if _is_generated(wind) and section.profile_exponent > 0.0:
         yield "wind", missing
         return
-    for case in filter(cases.blows, all_cases):
-        acting = cases.static_wind(section or defaults("wind"), case)
+    for case in filter(cases.has_static_wind, all_cases):
+        acting = cases.static_wind(section or section_defaults("wind"), case)
         if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
             yield f"[[case]] {case.name}:", f"set: wind.{missing}"
 
@@ -339,24 +347,24 @@ def _may_detach(given: dict, lists: dict) -> bool:
     return cut and given["wind"].get("after_fracture", "detached") == "detached"
 
 
-def wanted(name: str) -> str:
+def missing_key_message(name: str) -> str:
     """Return the message for a missing key."""
-    key = row_of("cable", name)
-    alternative = next(other for other in NEEDED[name] if other != name)
+    key = find_key("cable", name)
+    alternative = next(other for other in REQUIRED_ALTERNATIVES[name] if other != name)
     return f"{name}: missing; expected {key.expected()}, or {alternative}, or a type of the catalogue"
 
 
-def _wrong_cables(cable: dict, tables: bool) -> Iterator[tuple[str, str]]:
+def _cable_errors(cable: dict, tables: bool) -> Iterator[tuple[str, str]]:
     """Yield errors of [cable] and its groups as written; tables : whether table rows may add keys."""
     groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
     everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
     for place, table in everywhere.items():
-        for one, other in EITHER:
+        for one, other in EXCLUSIVE_KEYS:
             if one in table and other in table:
                 yield place, f"{one} and {other} exclude each other; keep one of the two"
         if "type" in table and "catalogue" not in cable:
             yield place, "type: needs the table that it stands in; add catalogue = a path to [cable]"
     given = {key for table in everywhere.values() for key in table}
-    for name, other in NEEDED.items():
+    for name, other in REQUIRED_ALTERNATIVES.items():
         if not tables and not given & {*other, "type"}:
-            yield "cable", wanted(name)
+            yield "cable", missing_key_message(name)

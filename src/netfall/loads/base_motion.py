@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.core.errors import InputError, refuse
+from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import lengths
-from netfall.geometry.net import GRAVITY, Net, ends_of_inner
-from netfall.geometry.turned import is_turned
+from netfall.geometry.net import GRAVITY, Net, parent_ends
+from netfall.geometry.turned import is_rotated
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
 from netfall.job.validate import is_record
-from netfall.job.values import counted, listed
+from netfall.job.values import counted, format_list
 
 AXES = ("x", "y", "z")
-AT_ZERO = 1e-9  # m: largest displacement at the start that counts as zero
+ZERO_DISPLACEMENT = 1e-9  # m: largest displacement at the start that counts as zero
 FARTHEST = 5.0  # m: displacement of a support above which netfall asks about the unit
 NEAR = 256  # particles per block in the search for the nearest support: bounds the memory
 
@@ -43,7 +43,7 @@ class Motion:
     notes: list[str]
 
 
-def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
+def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
     """Build the motion of supports of a net at x (n, 3) [m]. Rank 0. Raises InputError with all errors."""
     errors, notes, records, courses_of = [], [], [], {}
     for number, entry in enumerate(job.motions, 1):
@@ -54,11 +54,11 @@ def motion_of(job: Job, net: Net, x: np.ndarray) -> Motion:
         except InputError as error:
             errors += error.lines
         nodes = _nodes(net, entry)
-        notes += [f"{label} {line}" for line in (*record_notes, *_half_moved(net, nodes))]
-        errors += [f"{job.path}: {label} {problem}" for problem in _wrong_nodes(net, entry, nodes)]
+        notes += [f"{label} {line}" for line in (*record_notes, *_half_moved_notes(net, nodes))]
+        errors += [f"{job.path}: {label} {problem}" for problem in _node_errors(net, entry, nodes)]
         for p, delay in zip(nodes.tolist(), _delays(x[nodes], entry).tolist()):
             courses_of.setdefault(p, []).append((number - 1, delay))
-    refuse(errors)
+    raise_errors(errors)
     courses = sorted(set(map(tuple, courses_of.values())))
     row_of = {course: k for k, course in enumerate(courses)}
     course = np.full(net.n, -1, np.int32)
@@ -89,10 +89,10 @@ def _nodes(net: Net, entry) -> np.ndarray:
     """Return the rows of the supports that an entry moves."""
     held = net.fixed.any(1)
     chosen = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
-    return np.flatnonzero(chosen | (chosen[ends_of_inner(net)].all(1) & held))
+    return np.flatnonzero(chosen | (chosen[parent_ends(net)].all(1) & held))
 
 
-def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
+def _node_errors(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
     """Yield an error for each defect of the nodes of an entry, which are in these rows."""
     held = net.fixed.any(1)
 
@@ -100,22 +100,22 @@ def _wrong_nodes(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
         return net.node_id[rows[chosen[rows]]]
 
     if unknown := sorted(set(entry.nodes or ()) - set(net.node_id.tolist())):
-        yield f"nodes: no node {listed(unknown)} in the net"
+        yield f"nodes: no node {format_list(unknown)} in the net"
     if len(free := ids(~held)):
-        yield f"nodes: {listed(free)}: held on no axis; supports alone can be moved: hold it (fixed)"
+        yield f"nodes: {format_list(free)}: held on no axis; supports alone can be moved: hold it (fixed)"
     sprung = net.spring.any(1)
     if len(nodes := net.node_id[sprung] if entry.nodes is None else ids(sprung)):
         yield (
-            f"nodes: {listed(nodes)}: on springs, whose feet cannot be moved; put an element with the "
+            f"nodes: {format_list(nodes)}: on springs, whose feet cannot be moved; put an element with the "
             "stiffness of the spring between the node and a support, and move that"
         )
-    if len(turned := ids(is_turned(net))):
-        yield f"nodes: {listed(turned)}: with an angle, whose supports cannot be moved; expected 0"
+    if len(turned := ids(is_rotated(net))):
+        yield f"nodes: {format_list(turned)}: with an angle, whose supports cannot be moved; expected 0"
     if not held.any():
         yield "the net has no supports that could be moved"
 
 
-def _half_moved(net: Net, rows: np.ndarray) -> Iterator[str]:
+def _half_moved_notes(net: Net, rows: np.ndarray) -> Iterator[str]:
     """Yield a note on subdivided elements between a support that moves, one of `rows`, and a fixed one."""
     moves, ends = np.isin(np.arange(net.n), rows), net.undivided()
     half = net.fixed[ends].all((1, 2)) & (moves[ends].sum(1) == 1) & (net.parts > 1)
@@ -170,7 +170,7 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
     path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
         table, time, x = _table(path, entry)
-        rows, peak = _polyline(table, time, entry.scale * x), np.abs(entry.scale * x).max()
+        rows, peak = _displacement_coefficients(table, time, entry.scale * x), np.abs(entry.scale * x).max()
         unit_note = [f"{entry.displacement}: displacements of up to {peak:.4g} m: were mm meant?"]
         return *rows, table.notes + unit_note * bool(peak > FARTHEST)
     if not is_record(entry):
@@ -178,22 +178,22 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
         if time[0] > 0.0:
             table.wrong(f"begins at {time[0]:g} s; expected a row at time 0 or before")
             table.finish()
-        rows = _integrated(*_from_zero(time, entry.scale * a))
-        return *rows, table.notes + _drift(*rows)
+        rows = _integrate_acceleration(*_rows_from_zero(time, entry.scale * a))
+        return *rows, table.notes + _drift_notes(*rows)
     time, a, unit = read_at2(path)
-    a = entry.scale * UNITS[unit] * a[:, None] * _unit(entry.direction)
+    a = entry.scale * UNITS[unit] * a[:, None] * _unit_vector(entry.direction)
     notes = [] if unit == "g" else [f"{entry.acceleration}: read in {unit}, as its head says"]
     if entry.baseline is not False:
-        slope = _parabola(time, _integrated(time, a)[1][:, 1])
+        slope = _fit_parabola(time, _integrate_acceleration(time, a)[1][:, 1])
         change = slope[0] + 2.0 * time[:, None] * slope[1]
         a = a - change
         peak = np.abs(change).max()
         notes.append(f"baseline correction: accelerations changed by at most {peak:.3g} m/s2")
-    rows = _integrated(time, a)
-    return *rows, notes + _drift(*rows)
+    rows = _integrate_acceleration(time, a)
+    return *rows, notes + _drift_notes(*rows)
 
 
-def _unit(vector) -> np.ndarray:
+def _unit_vector(vector) -> np.ndarray:
     """Return the unit vector along a vector."""
     return np.array(vector, float) / lengths(np.array(vector, float))
 
@@ -209,21 +209,23 @@ def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
         table.wrong("no column of values; expected x, y, z (or some of them)")
     table.finish()
     table.ascending("time", time)
-    table.no_gaps(time, *(table.numbers(name) for name in columns))
-    return table, time, values if entry.direction is None else values * _unit(entry.direction)
+    table.check_no_gaps(time, *(table.numbers(name) for name in columns))
+    return table, time, values if entry.direction is None else values * _unit_vector(entry.direction)
 
 
-def _from_zero(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _rows_from_zero(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows (r,), (r, 3) from time 0 on, with a row at 0; values before the first row equal it."""
     first = np.array([np.interp(0.0, time, column) for column in values.T])
     later = time > 0.0
     return np.append(0.0, time[later]), np.vstack([first, values[later]])
 
 
-def _polyline(table: Table, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _displacement_coefficients(
+    table: Table, time: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute coefficients (r, 4, 3) of a displacement x (r, 3) [m] that is linear between times (r,) [s]."""
-    time, x = _from_zero(time, x)
-    if np.abs(x[0]).max() > AT_ZERO:
+    time, x = _rows_from_zero(time, x)
+    if np.abs(x[0]).max() > ZERO_DISPLACEMENT:
         position = ", ".join(f"{value:g}" for value in x[0])
         table.wrong(f"{position} m at time 0; expected 0: displacements count from the start of the dynamics")
         table.finish()
@@ -233,7 +235,7 @@ def _polyline(table: Table, time: np.ndarray, x: np.ndarray) -> tuple[np.ndarray
     return time, coefficients
 
 
-def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _integrate_acceleration(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Integrate accelerations a (r, 3) [m/s2], linear between times (r,), to position coefficients.
 
     Returns the times and the coefficients (r, 4, 3).
@@ -249,7 +251,7 @@ def _integrated(time: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return time, coefficients
 
 
-def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _fit_parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Fit c1, c2 (2, 3) of c1 t + c2 t^2 to velocities v (r, 3) [m/s] at times (r,) [s] by least squares."""
     t = time / (time[-1] or 1.0)
     sums = [float(np.sum(t**k)) for k in (2, 3, 4)]
@@ -262,7 +264,7 @@ def _parabola(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     return np.array([c1 / time[-1], c2 / time[-1] ** 2])
 
 
-def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
+def _drift_notes(time: np.ndarray, place: np.ndarray) -> list[str]:
     """Describe the peak acceleration and displacement of an integrated record, and its drift at the end."""
     x, v = (np.abs(place[-1, k]).max() for k in (0, 1))
     largest, a = (np.abs(place[:, k]).max() for k in (0, 2))
@@ -274,7 +276,7 @@ def _drift(time: np.ndarray, place: np.ndarray) -> list[str]:
 
 # --- PEER's files (.AT2)
 
-HEAD = 4  # header lines before the numbers
+HEADER_LINES = 4  # header lines before the numbers
 UNITS = {"g": GRAVITY, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001, "in/s2": 0.0254, "ft/s2": 0.3048}  # m/s2
 SPELLINGS = (  # pattern, replacement: unify the spellings of a unit
     (r"\*\*|\^", ""),
@@ -285,8 +287,10 @@ SPELLINGS = (  # pattern, replacement: unify the spellings of a unit
     (r"\bgals?\b", "cm/s2"),
 )
 NAMED = r"\bunits?\b[\s:=(\[]*(?:(?:of|in|is|are)\b[\s:=(\[]*)?"
-RATE = r"(?P<rate>(?:[mc]?m|in|ft)/s2)(?![\w/])"
-KNOWN = re.compile(rf"(?P<value>[\d.]\s*)?(?<![\w/]){RATE}|(?:{NAMED}|\bin\s+|[(\[,;]\s*)g(?:'s)?(?![\w/])")
+RATE_UNIT = r"(?P<rate>(?:[mc]?m|in|ft)/s2)(?![\w/])"
+UNIT_PATTERN = re.compile(
+    rf"(?P<value>[\d.]\s*)?(?<![\w/]){RATE_UNIT}|(?:{NAMED}|\bin\s+|[(\[,;]\s*)g(?:'s)?(?![\w/])"
+)
 
 
 def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
@@ -298,22 +302,22 @@ def read_at2(path: Path) -> tuple[np.ndarray, np.ndarray, str]:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}; paths are relative to the job file") from None
-    last = lines[HEAD - 1] if len(lines) >= HEAD else ""
+    last = lines[HEADER_LINES - 1] if len(lines) >= HEADER_LINES else ""
     points, step = (re.search(rf"{name}\s*=\s*([0-9.Ee+-]+)", last, re.I) for name in ("NPTS", "DT"))
     if not (points and step):
         raise InputError(f'{path}: line 4: {last[:60]!r}: expected "NPTS= 3000, DT= .0100 SEC"')
     try:
         count, dt = int(float(points[1])), float(step[1])
-        a = np.array(" ".join(lines[HEAD:]).split(), float)
+        a = np.array(" ".join(lines[HEADER_LINES:]).split(), float)
     except ValueError as error:
         raise InputError(f"{path}: {error}; expected numbers below four lines of head") from None
     if len(a) != count or count < 2 or not dt > 0.0 or not np.isfinite(a).all():
         problem = f"{len(a)} finite numbers below the head, which says NPTS = {count}, DT = {dt:g}"
         raise InputError(f"{path}: {problem}; expected NPTS of them, 2 or more, and DT > 0")
-    return dt * np.arange(count), a, _unit_of(path, "\n".join(lines[:HEAD]))
+    return dt * np.arange(count), a, _parse_unit(path, "\n".join(lines[:HEADER_LINES]))
 
 
-def _unit_of(path: Path, head: str) -> str:
+def _parse_unit(path: Path, head: str) -> str:
     """Return the unit of acceleration in the head of a record. Raises InputError unless it names one.
 
     A unit behind a number belongs to that number ("PGA 0.3 G"), not to the record.
@@ -321,7 +325,7 @@ def _unit_of(path: Path, head: str) -> str:
     head = head.lower()
     for spelling, standard in SPELLINGS:
         head = re.sub(spelling, standard, head)
-    units = {match["rate"] or "g" for match in KNOWN.finditer(head) if not match["value"]}
+    units = {match["rate"] or "g" for match in UNIT_PATTERN.finditer(head) if not match["value"]}
     units |= {word for word in re.findall(rf"{NAMED}([^\s,;:=()\[\]]+)", head) if word not in ("g", "g's")}
     if len(units) == 1 and units <= UNITS.keys():
         return units.pop()

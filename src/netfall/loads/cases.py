@@ -5,24 +5,24 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from netfall.core.errors import InputError, refuse
-from netfall.geometry.net import Net, with_inner
-from netfall.geometry.turned import is_turned, settles_along
+from netfall.core.errors import InputError, raise_errors
+from netfall.geometry.net import Net, extend_to_inner_particles
+from netfall.geometry.turned import is_rotated, settlement_axes
 from netfall.geometry.zones import Zones
-from netfall.job.cases import blows, factor_of, split, static_wind
+from netfall.job.cases import action_factor, has_static_wind, split, static_wind
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
-from netfall.job.schema import defaults
-from netfall.job.values import listed, shown
+from netfall.job.schema import section_defaults
+from netfall.job.values import format_list, format_value
 from netfall.loads.loads import shape_coefficients
-from netfall.loads.wind.sectors import Sectors, origin
+from netfall.loads.wind.sectors import Sectors, describe_origin
 
-LIVE = ("snow", "pressure")  # keys of [load] that belong to the action "load"
-ACTION = {"dead": "permanent", "temperature": "temperature"} | dict.fromkeys(LIVE, "load")
+LIVE_LOAD_KEYS = ("snow", "pressure")  # keys of [load] that belong to the action "load"
+ACTION_OF_KEY = {"dead": "permanent", "temperature": "temperature"} | dict.fromkeys(LIVE_LOAD_KEYS, "load")
 
 
 @dataclass(frozen=True)
-class Inputs:
+class CaseInputs:
     """Inputs of a case in addition to [load], in the numbers of the given net.
 
     wind : [wind] as it acts in the case, with the net pressure coefficient (n,) of each node, None: none
@@ -37,23 +37,29 @@ class Inputs:
     settlement: np.ndarray | None = None
 
 
-def read_cases(job: Job, net: Net, zones: Zones) -> tuple[dict[str, Inputs], list[str]]:
+def read_case_inputs(job: Job, net: Net, zones: Zones) -> tuple[dict[str, CaseInputs], list[str]]:
     """Read the inputs of each case, by name, and notes. Raises InputError with all errors."""
     inputs_of, notes, errors = {}, [], []
     for case in job.cases:
         inputs = {}
-        for read, context in ((_wind_of, zones), (_table_of, None), (_settlement_of, net)):
+        for read, context in (
+            (_read_case_wind, zones),
+            (_read_case_pressures, None),
+            (_read_case_settlement, net),
+        ):
             try:
                 part, new_notes = read(job, case, context)
                 inputs, notes = inputs | part, notes + new_notes
             except InputError as error:
                 errors += error.lines
-        inputs_of[case.name] = Inputs(**inputs)
-    refuse(dict.fromkeys(errors))
-    return inputs_of, list(dict.fromkeys(notes + _differences(job) + _left_out(job, net)))
+        inputs_of[case.name] = CaseInputs(**inputs)
+    raise_errors(dict.fromkeys(errors))
+    return inputs_of, list(
+        dict.fromkeys(notes + _unequal_factor_notes(job) + _omitted_action_notes(job, net))
+    )
 
 
-def _differences(job: Job) -> list[str]:
+def _unequal_factor_notes(job: Job) -> list[str]:
     """Return a note for each load of a case with another factor in a combination than the load of [load].
 
     Such a combination has factor x (value of the case - value of [load]) + factor of [load] x its value.
@@ -66,46 +72,60 @@ def _differences(job: Job) -> list[str]:
             if own is None or not np.any(own):
                 continue
             pairs = [
-                (combination, factor_of(combination, case.name), factor_of(combination, ACTION[key]))
+                (
+                    combination,
+                    action_factor(combination, case.name),
+                    action_factor(combination, ACTION_OF_KEY[key]),
+                )
                 for combination in job.combinations
             ]
             sums = [
-                f"{shown(combination.name)}: {_sum(f, value, g, own)}"
+                f"{format_value(combination.name)}: {_format_sum(f, value, g, own)}"
                 for combination, f, g in pairs
                 if f and f != g
             ]
             if sums:
                 notes.append(
-                    f"[[case]] {case.name}: {name} = {_number(value)}, where [load] has {_number(own)}: in a "
-                    f"combination the case's factor is that of the difference, on top of {ACTION[key]} "
-                    f"({listed(sums)}); with one factor for both, or nothing in [load], the case counts whole"
+                    f"[[case]] {case.name}: {name} = {_format_load(value)}, where [load] has "
+                    f"{_format_load(own)}: in a "
+                    "combination the case's factor is that of the difference, on top of "
+                    f"{ACTION_OF_KEY[key]} "
+                    f"({format_list(sums)}); with one factor for both, or nothing in [load], the case "
+                    "counts whole"
                 )
     return notes
 
 
-def _sum(f: float, value, g: float, base) -> str:
+def _format_sum(f: float, value, g: float, base) -> str:
     """Write the sum of a load of a case and of [load] in a combination, for a note."""
-    text = f"{f:g} x ({_number(value)} - {_number(base)}) + {g:g} x {_number(base)}"
+    text = f"{f:g} x ({_format_load(value)} - {_format_load(base)}) + {g:g} x {_format_load(base)}"
     same_shape = np.shape(value) == np.shape(
         base
     )  # a pressure along the normal is a scalar, one along axes is not
-    return text + (f" = {_number(f * np.subtract(value, base) + g * np.array(base))}" if same_shape else "")
+    return text + (
+        f" = {_format_load(f * np.subtract(value, base) + g * np.array(base))}" if same_shape else ""
+    )
 
 
-def _number(value) -> str:
+def _format_load(value) -> str:
     """Write a load, or its components, for a note."""
     return "[" + ", ".join(f"{component:g}" for component in value) + "]" if np.ndim(value) else f"{value:g}"
 
 
-def _left_out(job: Job, net: Net) -> list[str]:
+def _omitted_action_notes(job: Job, net: Net) -> list[str]:
     """Return a note for each action of [load] that combinations do not name and that does not act in them."""
     load = job.load
     if load is None:
         return []
-    on_roof = [load.snow, load.pressure, *(zone.get(key) for zone in load.zone.values() for key in LIVE)]
+    on_roof = [
+        load.snow,
+        load.pressure,
+        *(zone.get(key) for zone in load.zone.values() for key in LIVE_LOAD_KEYS),
+    ]
     live = any(value is not None and np.any(value) for value in on_roof) or net.load.any()
     return [
-        f"[[combination]] {listed([shown(one) for one in silent])}: {name} is not among the factors, so "
+        f"[[combination]] {format_list([format_value(one) for one in silent])}: {name} is not among "
+        "the factors, so "
         f"{what} are left out; {name} = 0.0 says that this is meant"
         for name, acts, what in (
             ("load", live, "snow and pressure of [load], and loads of nodes,"),
@@ -115,23 +135,24 @@ def _left_out(job: Job, net: Net) -> list[str]:
     ]
 
 
-def _wind_of(job: Job, case: SimpleNamespace, zones: Zones) -> tuple[dict, list[str]]:
+def _read_case_wind(job: Job, case: SimpleNamespace, zones: Zones) -> tuple[dict, list[str]]:
     """Return the static wind of a case with its sectors, and notes."""
-    if not blows(case):
+    if not has_static_wind(case):
         return {}, []
-    wind = static_wind(job.wind or defaults("wind"), case)
+    wind = static_wind(job.wind or section_defaults("wind"), case)
     coefficient, sectors = shape_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
     if "wind.direction" in case.set and wind.sectors is None:
         notes.append(
-            f"[[case]] {case.name}: set: wind.direction = {wind.direction:g} ({origin(wind.direction)}): the "
+            f"[[case]] {case.name}: set: wind.direction = {wind.direction:g} "
+            f"({describe_origin(wind.direction)}): the "
             "shape coefficients do not follow it; wind.sectors = a table gives them by direction"
         )
     wind = SimpleNamespace(**(vars(wind) | {"shape_coefficient": coefficient}))
     return {"wind": wind, "sectors": sectors}, notes
 
 
-def _table_of(job: Job, case: SimpleNamespace, _) -> tuple[dict, list[str]]:
+def _read_case_pressures(job: Job, case: SimpleNamespace, _) -> tuple[dict, list[str]]:
     """Read the points and pressures of the table of a case; return them and notes. Raises InputError."""
     if case.pressure_table is None:
         return {}, []
@@ -146,18 +167,18 @@ def _table_of(job: Job, case: SimpleNamespace, _) -> tuple[dict, list[str]]:
     if columns[0] == "coefficient" and case.factor is None:
         problem = "factor: missing; expected the pressure in N/m2 by which coefficients are multiplied"
         table.errors.append(f"{job.path}: [[case]] {case.name}: {problem}")
-    table.no_gaps(values, points)
+    table.check_no_gaps(values, points)
     pressure = values * (1.0 if case.factor is None else case.factor)
     return {"points": points, "pressure": pressure}, table.notes
 
 
-def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[dict, list[str]]:
+def _read_case_settlement(job: Job, case: SimpleNamespace, net: Net) -> tuple[dict, list[str]]:
     """Return the settlements of a case. Raises InputError for nodes or axes that are free."""
     if not case.settlement:
         return {}, []
     label = f"{job.path}: [[case]] {case.name}: settlement"
     row_of = {number: p for p, number in enumerate(net.node_id.tolist())}
-    settlement, errors, can_settle = np.zeros((net.n, 3)), [], settles_along(net, net.fixed)
+    settlement, errors, can_settle = np.zeros((net.n, 3)), [], settlement_axes(net, net.fixed)
     for name, shift in case.settlement.items():
         p = row_of.get(int(name))
         if p is None:
@@ -166,9 +187,9 @@ def _settlement_of(job: Job, case: SimpleNamespace, net: Net) -> tuple[dict, lis
         settlement[p] = shift
         axes = [axis for axis, held in zip("xyz", can_settle[p] | (settlement[p] == 0.0)) if not held]
         reason = "neither held nor on a spring; expected 0.0 there, or a support"
-        if is_turned(net)[p]:
+        if is_rotated(net)[p]:
             reason = "a support with an angle that can move in plan settles along z alone; expected 0.0 there"
         if axes:
             errors.append(f"{label}: node {int(name)}: {', '.join(axes)}: {reason}")
-    refuse(errors)
-    return {"settlement": with_inner(net, settlement, net.fixed)}, []
+    raise_errors(errors)
+    return {"settlement": extend_to_inner_particles(net, settlement, net.fixed)}, []

@@ -11,15 +11,20 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.functions import cos, sin
-from netfall.core.rotation import from_own, to_own
+from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import GRAVITY, Net
-from netfall.geometry.zones import Roof, Zones
-from netfall.job.derived import air_damps, air_moves, drags, grows
+from netfall.geometry.zones import RoofAreas, Zones
+from netfall.job.derived import (
+    has_added_air_mass,
+    has_aerodynamic_damping,
+    has_fragment_drag,
+    has_growing_pressure,
+)
 from netfall.job.job import Job
 from netfall.loads.wind.coherence import mean_speed
 from netfall.loads.wind.field import WindField
 from netfall.loads.wind.sectors import Sectors, read_sectors
-from netfall.physics.air import rooted
+from netfall.physics.air import damping_vectors
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,7 @@ class Loading:
     carried: np.ndarray
 
 
-def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Loading:
+def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) -> Loading:
     """Compute the loads of a job.
 
     own : (n,) [kg], mass of the elements; nodes : (n, 3) [N], loads of the nodes
@@ -47,37 +52,37 @@ def loading_of(job: Job, roof: Roof, own: np.ndarray, nodes: np.ndarray) -> Load
         permanent[:, 2] -= GRAVITY * own
     permanent += dead_load(load, roof)
     carried = carried_mass(load, roof)
-    if grows(job):
+    if has_growing_pressure(job):
         return Loading(permanent, nodes + snow_load(load, roof), pressure_load(load, roof), carried)
     return Loading(permanent, live_load(load, roof, nodes), None, carried)
 
 
-def carried_mass(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+def carried_mass(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
     """Compute the mass of dead load and snow, (n,) [kg]."""
     dead = roof.zones.spread(load, "dead") * roof.area
     return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
 
 
-def live_load(load: SimpleNamespace, roof: Roof, nodes: np.ndarray) -> np.ndarray:
-    """Compute the live load of [load], (n, 3) [N]; nodes : as in `loading_of`."""
+def live_load(load: SimpleNamespace, roof: RoofAreas, nodes: np.ndarray) -> np.ndarray:
+    """Compute the live load of [load], (n, 3) [N]; nodes : as in `make_loading`."""
     return nodes + snow_load(load, roof) + pressure_load(load, roof)
 
 
-def dead_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+def dead_load(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the cladding on its surface, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "dead") * roof.area
     return force
 
 
-def snow_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+def snow_load(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the snow on the area in plan, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
     return force
 
 
-def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
+def pressure_load(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
     """Compute the force of the pressure, (n, 3) [N].
 
     A scalar pressure acts against the vector areas, whose sum is exact. A pressure [x, y, z] acts on the
@@ -92,7 +97,9 @@ def pressure_load(load: SimpleNamespace, roof: Roof) -> np.ndarray:
     return force
 
 
-def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) -> np.ndarray:
+def spring_preload_displacement(
+    net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None
+) -> np.ndarray:
     """Compute the displacements (n, 3) [m] at which springs carry nothing.
 
     Form finding holds the axes with springs. Each spring therefore starts with the reaction to the axial
@@ -105,9 +112,9 @@ def preload(net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None) ->
     tension = (N / L)[:, None] * (x[net.elements[:, 1]] - x[net.elements[:, 0]])
     np.add.at(force, net.elements[:, 0], tension)
     np.subtract.at(force, net.elements[:, 1], tension)
-    force = to_own(force, net.angle)
+    force = to_rotated_axes(force, net.angle)
     displacement = np.divide(-force, net.spring, out=np.zeros((net.n, 3)), where=net.spring > 0)
-    return from_own(displacement, net.angle)
+    return from_rotated_axes(displacement, net.angle)
 
 
 def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
@@ -124,7 +131,7 @@ def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Secto
     return zones.by_node(of_roof, own | of_zone), sectors
 
 
-def by_node(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
+def wind_with_node_coefficients(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
     """Return the section [wind] with the net pressure coefficient (n,) of each node."""
     return SimpleNamespace(**(vars(job.wind) | {"shape_coefficient": coefficient}))
 
@@ -138,7 +145,7 @@ def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust
     return square if field.tapped else coefficient * (0.5 * job.wind.air_density) * square
 
 
-def load_section(job: Job, zones: Zones) -> dict[str, np.ndarray]:
+def load_datasets(job: Job, zones: Zones) -> dict[str, np.ndarray]:
     """Build the datasets of /load that are present: snow and pressure (n,) [N/m2], temperature [K].
 
     A pressure along axes is nan. A node in several zones has the mean by their shares.
@@ -171,12 +178,12 @@ class Drag(NamedTuple):
     along: tuple[float, float]
 
 
-def drag_on(job: Job, x: np.ndarray, roof: Roof) -> Drag | None:
+def make_drag(job: Job, x: np.ndarray, roof: RoofAreas) -> Drag | None:
     """Return the drag data at x (n, 3) [m]; None: no drag.
 
     If the wind is given as pressures, the mean speed acts; otherwise the speed of the gusts acts.
     """
-    if not drags(job):
+    if not has_fragment_drag(job):
         return None
     wind = job.wind
     angle = wind.direction * (np.pi / 180.0)
@@ -184,25 +191,25 @@ def drag_on(job: Job, x: np.ndarray, roof: Roof) -> Drag | None:
     return Drag(0.5 * wind.air_density * roof.area, speed, (float(cos(angle)), float(sin(angle))))
 
 
-def kappa_area(job: Job, roof: Roof) -> np.ndarray:
+def aerodynamic_damping_area(job: Job, roof: RoofAreas) -> np.ndarray:
     """Compute kappa rho A (n, 3) [kg/m] of vector areas A, kappa the aerodynamic damping coefficient."""
     kappa = roof.zones.spread(job.wind, "air_damping")
     return (kappa * job.wind.air_density)[:, None] * roof.vector
 
 
-def damping_air(job: Job, net: Net, x: np.ndarray, roof: Roof) -> np.ndarray | None:
+def aerodynamic_damping(job: Job, net: Net, x: np.ndarray, roof: RoofAreas) -> np.ndarray | None:
     """Compute c (n, 3) of `physics.air` at x (n, 3) [m]; None: no aerodynamic damping.
 
     It is zero along held axes. If the wind is given as pressures, it is for the mean speed, which is steady.
     """
-    if not air_damps(job):
+    if not has_aerodynamic_damping(job):
         return None
-    vector, wind = kappa_area(job, roof), job.wind
+    vector, wind = aerodynamic_damping_area(job, roof), job.wind
     if wind.pressures:
         vector *= mean_speed(x[:, 2] + wind.base_height, wind.speed, wind.profile_exponent)[:, None]
-    return np.where(net.fixed, 0.0, rooted(vector))
+    return np.where(net.fixed, 0.0, damping_vectors(vector))
 
 
-def moving_air(job: Job, roof: Roof) -> np.ndarray | None:
+def added_air_mass(job: Job, roof: RoofAreas) -> np.ndarray | None:
     """Compute the added mass (n,) [kg] of the air; None: there is none."""
-    return roof.zones.spread(job.load, "air_mass") * roof.area if air_moves(job) else None
+    return roof.zones.spread(job.load, "air_mass") * roof.area if has_added_air_mass(job) else None

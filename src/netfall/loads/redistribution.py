@@ -45,7 +45,7 @@ class Redistribution:
 
     def given(self, distribution: Distribution, rows: np.ndarray) -> np.ndarray:
         """Return the values of `particles` (k, ...) on every rank; rows : local values. Collective."""
-        return distribution.from_owners(self.particles, rows)
+        return distribution.broadcast_rows(self.particles, rows)
 
 
 def redistribute(net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, torn=()) -> Redistribution:

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.core.errors import refuse
-from netfall.geometry.connected_parts import part_has, parts_of
+from netfall.core.errors import raise_errors
+from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import Net, elements_of_cables, elements_of_group
-from netfall.geometry.turned import borne_along
+from netfall.geometry.turned import reaction_axes
 from netfall.job.derived import moves_supports
-from netfall.job.entries import LOST
+from netfall.job.entries import REMOVED_MEMBER_KEYS
 from netfall.job.job import Job
-from netfall.job.values import MOST_NAMED, counted, listed, shown
+from netfall.job.values import MOST_NAMED, counted, format_list, format_value
 from netfall.loads.redistribution import Redistribution, redistribute
 
 
@@ -32,15 +32,15 @@ class Loss:
     entry: np.ndarray
     ends: np.ndarray
     particles: np.ndarray
-    handed: Redistribution
+    redistribution: Redistribution
 
 
-def named_elements(job: Job, net: Net) -> list[np.ndarray]:
+def find_removed_elements(job: Job, net: Net) -> list[np.ndarray]:
     """Return the rows of the elements that each entry of [[remove]] names. Raises InputError."""
     errors, named = [], []
-    by_name = {"elements": _of_ids, "group": elements_of_group, "cables": elements_of_cables}
+    by_name = {"elements": _elements_by_id, "group": elements_of_group, "cables": elements_of_cables}
     for number, entry in enumerate(job.removes, 1):
-        key = next(key for key in LOST if getattr(entry, key) is not None)
+        key = next(key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None)
         rows, problems = by_name[key](net, getattr(entry, key))
         if not problems and net.bending is not None and net.bending[rows].any():
             problem = (
@@ -48,29 +48,29 @@ def named_elements(job: Job, net: Net) -> list[np.ndarray]:
             )
             problems = [problem]
         if problems:
-            label = f"[[remove]] {number}: {key} = {shown(getattr(entry, key))}"
+            label = f"[[remove]] {number}: {key} = {format_value(getattr(entry, key))}"
             errors.append(f"{job.path}: {label}: {'; '.join(problems[:MOST_NAMED])}")
         named.append(rows)
-    refuse(errors)
+    raise_errors(errors)
     return named
 
 
-def _of_ids(net: Net, wanted_ids: list[int]) -> tuple[np.ndarray, list[str]]:
+def _elements_by_id(net: Net, wanted_ids: list[int]) -> tuple[np.ndarray, list[str]]:
     """Return the rows of elements by their ids, and the errors."""
     ids, unknown = net.element_id, sorted(set(wanted_ids) - set(net.element_id.tolist()))
-    problems = [f"no element {listed(unknown)}; ids are {ids.min()} to {ids.max()}"] if unknown else []
+    problems = [f"no element {format_list(unknown)}; ids are {ids.min()} to {ids.max()}"] if unknown else []
     return np.flatnonzero(np.isin(ids, wanted_ids)), problems
 
 
-def absent_notes(job: Job, net: Net) -> Iterator[str]:
+def absent_member_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on removals of elements that an erection stage took out; net : after the last stage."""
-    for number, rows in enumerate(named_elements(job, net), 1):
+    for number, rows in enumerate(find_removed_elements(job, net), 1):
         if len(ids := net.element_id[rows[~net.is_there[rows]]]):
             removed = f"{counted('element', ids)} that a stage of erection took out"
             yield f"[[remove]] {number}: {removed}: nothing is lost"
 
 
-def shaken_notes(job: Job, varies: bool) -> Iterator[str]:
+def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
     """Yield notes on causes other than the removal that contribute to dynamic factors.
 
     varies : whether the wind has gusts
@@ -90,7 +90,7 @@ def shaken_notes(job: Job, varies: bool) -> Iterator[str]:
         )
 
 
-def losses_of(job: Job, model, schedule) -> list[Loss]:
+def make_removals(job: Job, model, schedule) -> list[Loss]:
     """Return the removals of the dynamic stage, step by step, up to its end. Rank 0.
 
     model : `model.Model`; schedule : `schedule.Schedule`. An element is removed once, by the first entry.
@@ -107,13 +107,13 @@ def losses_of(job: Job, model, schedule) -> list[Loss]:
         if not len(elements):  # an earlier entry removed all of them
             continue
         present[elements] = False
-        particles, handed = leaving_with(model, elements, present)
+        particles, handed = particles_removed_with(model, elements, present)
         ends = model.net.elements[elements]
         losses.append(Loss(step, entries, elements, entry[elements], ends, particles, handed))
     return losses
 
 
-def leaving_with(
+def particles_removed_with(
     model, elements: np.ndarray, there: np.ndarray, torn=()
 ) -> tuple[np.ndarray, Redistribution]:
     """Return the particles that only the removed elements (k,) hold, and where their loads go.
@@ -131,20 +131,23 @@ def leaving_with(
     return np.union1d(np.flatnonzero(unheld & ~carries), redistribution.particles), redistribution
 
 
-def leaving_then(model, losses: list[Loss], k: int, torn) -> tuple[np.ndarray, Redistribution]:
-    """Return `leaving_with` for removal k of a run in which the elements `torn` broke before it. Rank 0."""
+def particles_removed_after_breaks(
+    model, losses: list[Loss], k: int, torn
+) -> tuple[np.ndarray, Redistribution]:
+    """Return `particles_removed_with` for removal k of a run in which the elements `torn` broke before it.
+    Rank 0."""
     present = model.net.is_there
     for loss in losses[: k + 1]:
         present[loss.elements] = False
-    return leaving_with(model, losses[k].elements, present, torn)
+    return particles_removed_with(model, losses[k].elements, present, torn)
 
 
-def comes_loose(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:
+def is_unsupported(net: Net, there: np.ndarray, load: np.ndarray, gone: np.ndarray) -> bool:
     """Tell whether a force acts on a part of the net along an axis that none of its supports holds.
 
     Such a part has no equilibrium. there : (m,) bool, elements that remain; load : (n, 3) [N]
     gone : (n,) bool, particles that left
     """
-    label = parts_of(net.elements[there], net.n)
-    supported = np.column_stack([part_has(label, held) for held in borne_along(net).T])
+    label = connected_parts(net.elements[there], net.n)
+    supported = np.column_stack([part_contains(label, held) for held in reaction_axes(net).T])
     return bool(((load != 0.0) & ~gone[:, None] & ~supported).any())

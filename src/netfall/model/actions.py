@@ -12,14 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.job.cases import factor_of, with_set
-from netfall.job.derived import settings_of
+from netfall.job.cases import action_factor, apply_settings
+from netfall.job.derived import load_settings
 from netfall.job.job import Job
 from netfall.loads.loads import dead_load, live_load
-from netfall.loads.wind.field import still_force
-from netfall.loads.wind.measured import place_weights
+from netfall.loads.wind.field import mean_wind_force
+from netfall.loads.wind.measured import point_weights
 from netfall.model.model import Model
-from netfall.physics.law.measures import unstressed_length, warm_length
+from netfall.physics.law.measures import heated_length, unstressed_length
 
 ALL_LOADS = "all loads"
 
@@ -57,7 +57,7 @@ class StaticLoad(NamedTuple):
     factor: float = 0.0
     name: str = ""
     from_permanent: bool = False
-    begins: float = 0.0
+    start_factor: float = 0.0
     L0: np.ndarray | None = None
     spring_rest: np.ndarray | None = None
     settlement: np.ndarray | None = None
@@ -66,33 +66,37 @@ class StaticLoad(NamedTuple):
 
     def reached(self, share: float) -> float:
         """Return the load factor at a share of the way from the start; nan for permanent loads."""
-        return self.begins + share * (self.factor - self.begins) if self.kind != "permanent" else np.nan
+        return (
+            self.start_factor + share * (self.factor - self.start_factor)
+            if self.kind != "permanent"
+            else np.nan
+        )
 
 
-def of_case_alone(job: Job, model: Model, case: SimpleNamespace) -> Actions:
+def case_actions(job: Job, model: Model, case: SimpleNamespace) -> Actions:
     """Return the actions of a case: the permanent loads and [load], with the values that it sets. Rank 0."""
-    load, roof = settings_of(job), model.roof
-    changed = with_set(load, "load", case)
+    load, roof = load_settings(job), model.roof
+    changed = apply_settings(load, "load", case)
     force = model.loading.permanent + live_load(changed, roof, model.net.load)
-    if _sets(case, "dead"):
+    if _sets_key(case, "dead"):
         force = force + dead_load(changed, roof) - dead_load(load, roof)
-    pressure = _pressed(model, case)
+    pressure = _case_pressure_forces(model, case)
     inputs = model.layout.cases[case.name]
-    temperature = changed.temperature if _sets(case, "temperature") else None
+    temperature = changed.temperature if _sets_key(case, "temperature") else None
     return Actions(
         force if pressure is None else force + pressure,
-        None if temperature is None else warm_length(model.cut_length, model.net.expansion, temperature),
-        _feet(model, model.spring_rest, inputs.settlement),
+        None if temperature is None else heated_length(model.cut_length, model.net.expansion, temperature),
+        _settled_spring_rest(model, model.spring_rest, inputs.settlement),
         inputs.settlement,
     )
 
 
-def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Actions:
+def combination_actions(job: Job, model: Model, combination: SimpleNamespace) -> Actions:
     """Return the actions of a combination. Rank 0."""
-    load, net = settings_of(job), model.net
+    load, net = load_settings(job), model.net
 
     def factor(name):
-        return factor_of(combination, name)
+        return action_factor(combination, name)
 
     live = live_load(load, model.roof, net.load)
     force = factor("permanent") * model.loading.permanent + factor("load") * live
@@ -100,43 +104,48 @@ def of_combination(job: Job, model: Model, combination: SimpleNamespace) -> Acti
     for case in job.cases:
         share, inputs = factor(case.name), model.layout.cases[case.name]
         if share:
-            force += share * _added(load, model, case)
+            force += share * _case_difference(load, model, case)
             temperature += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
             if inputs.settlement is not None:
                 settlement = share * inputs.settlement + (0.0 if settlement is None else settlement)
-    L0, spring_rest = _prestressed(model, factor("prestress"), job.cable.strain)
+    L0, spring_rest = _scale_prestress(model, factor("prestress"), job.cable.strain)
     return Actions(
-        force, warm_length(L0, net.expansion, temperature), _feet(model, spring_rest, settlement), settlement
+        force,
+        heated_length(L0, net.expansion, temperature),
+        _settled_spring_rest(model, spring_rest, settlement),
+        settlement,
     )
 
 
-def _sets(case: SimpleNamespace, key: str) -> bool:
+def _sets_key(case: SimpleNamespace, key: str) -> bool:
     """Tell whether a case sets a key of [load], also in a zone."""
     return any(name.startswith("load.") and name.endswith(f".{key}") for name in case.set)
 
 
-def _added(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.ndarray:
+def _case_difference(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.ndarray:
     """Compute the forces (n, 3) [N] of a case in a combination: its values less those of [load]."""
-    changed, zero = with_set(load, "load", case), np.zeros_like(model.net.load)
+    changed, zero = apply_settings(load, "load", case), np.zeros_like(model.net.load)
     force = live_load(changed, model.roof, zero) - live_load(load, model.roof, zero)
     force += dead_load(changed, model.roof) - dead_load(load, model.roof)
-    pressure = _pressed(model, case)
+    pressure = _case_pressure_forces(model, case)
     return force if pressure is None else force + pressure
 
 
-def _pressed(model: Model, case: SimpleNamespace) -> np.ndarray | None:
+def _case_pressure_forces(model: Model, case: SimpleNamespace) -> np.ndarray | None:
     """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither."""
     inputs, force = model.layout.cases[case.name], None
     if inputs.wind is not None:
-        force = inputs.wind.pressure_factor * still_force(model.x, model.roof.vector, inputs.wind)
+        force = inputs.wind.pressure_factor * mean_wind_force(model.x, model.roof.vector, inputs.wind)
     if inputs.points is not None:
-        corner, weight = place_weights(model.x, inputs.points, inputs.points.shape[1])
+        corner, weight = point_weights(model.x, inputs.points, inputs.points.shape[1])
         pressure = (weight * inputs.pressure[corner]).sum(1)
         force = (0.0 if force is None else force) - pressure[:, None] * model.roof.vector
     return force
 
 
-def _feet(model: Model, spring_rest: np.ndarray, settlement: np.ndarray | None) -> np.ndarray | None:
+def _settled_spring_rest(
+    model: Model, spring_rest: np.ndarray, settlement: np.ndarray | None
+) -> np.ndarray | None:
     """Return the displacements (n, 3) [m] at which settled springs carry nothing; None: no change."""
     if not model.net.spring.any() or (settlement is None and spring_rest is model.spring_rest):
         return None
@@ -145,7 +154,7 @@ def _feet(model: Model, spring_rest: np.ndarray, settlement: np.ndarray | None) 
     return spring_rest + np.where(model.net.spring > 0.0, settlement, 0.0)
 
 
-def _prestressed(model: Model, factor: float, strain: str) -> tuple[np.ndarray, np.ndarray]:
+def _scale_prestress(model: Model, factor: float, strain: str) -> tuple[np.ndarray, np.ndarray]:
     """Return unstressed lengths (m,) [m] and spring_rest (n, 3) [m] at a factor of the prestress.
 
     Each element has the factor times its force at its form-found length. An element without force keeps its

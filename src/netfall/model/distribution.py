@@ -3,16 +3,16 @@
 import numpy as np
 
 from netfall.geometry.sections import ROUNDING
-from netfall.geometry.turned import held_along, springs_along, turned_column
+from netfall.geometry.turned import global_held_axes, global_spring_stiffness, rotation_column
 from netfall.model.model import Model
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.bending import Joints
 from netfall.physics.fields import FIELDS, Features
-from netfall.physics.slip.motion import places_of
+from netfall.physics.slip.motion import slip_points_of
 from netfall.physics.state import State
 
 
-def crushing_strain(model: Model) -> np.ndarray:
+def compressive_fracture_strain(model: Model) -> np.ndarray:
     """Return the fracture strains in compression (m,); -inf: none, or bars buckle before they break."""
     net, strain = model.net, model.net.fracture_strain
     by_load = np.isfinite(net.breaking_load) & (net.breaking_load <= net.EA * strain * (1.0 + ROUNDING))
@@ -20,11 +20,11 @@ def crushing_strain(model: Model) -> np.ndarray:
 
 
 # Initial values of fields that are not attributes of the model or its net.
-STARTS = {
+INITIAL_VALUES = {
     "x_start": lambda model: model.x,
-    "free": lambda model: 1 - held_along(model.net, model.net.fixed).astype(np.uint8),
-    "spring": lambda model: springs_along(model.net),
-    "turned": lambda model: turned_column(model.net, model.net.fixed),
+    "free": lambda model: 1 - global_held_axes(model.net, model.net.fixed).astype(np.uint8),
+    "spring": lambda model: global_spring_stiffness(model.net),
+    "turned": lambda model: rotation_column(model.net, model.net.fixed),
     "course": lambda model: model.motion.course,
     "strand": lambda model: model.L0,
     "slip_place": lambda model: model.layout.slides.place,
@@ -32,16 +32,16 @@ STARTS = {
     "slip_share": lambda model: model.layout.slides.share,
     "friction": lambda model: model.layout.slides.at_nodes(model.layout.slides.friction, model.net.n),
     "resistance": lambda model: model.layout.slides.at_nodes(model.layout.slides.resistance, model.net.n),
-    "eps_c": crushing_strain,
+    "eps_c": compressive_fracture_strain,
     "drag_size": lambda model: model.drag.size,
     "steady_speed": lambda model: model.drag.speed,
 }
 
 
-def start_of(model: Model, name: str) -> np.ndarray:
+def initial_value(model: Model, name: str) -> np.ndarray:
     """Return the initial value of a field of `physics.fields`, by its name."""
-    if name in STARTS:
-        return STARTS[name](model)
+    if name in INITIAL_VALUES:
+        return INITIAL_VALUES[name](model)
     return getattr(model if hasattr(model, name) else model.net, name)
 
 
@@ -55,7 +55,9 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
     for row in FIELDS:
         if row.given and features.has(row):
             distribute = distribution.particles if row.entity == "particle" else distribution.elements
-            getattr(state, row.name)[:] = distribute(None if model is None else start_of(model, row.name))
+            getattr(state, row.name)[:] = distribute(
+                None if model is None else initial_value(model, row.name)
+            )
     if features.drags:
         state.wind_along = distribution.comm.bcast(model and model.drag.along)
     if features.bending:
@@ -65,7 +67,7 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
         state.slip_at[:] = rows_of(subdomain.particle_gid, slip_at.ravel()).reshape(slip_at.shape)
     if features.sliding:
         segment = distribution.elements(model and model.layout.slides.segment)
-        state.places = places_of(state, segment)
+        state.places = slip_points_of(state, segment)
     return state
 
 

@@ -5,25 +5,31 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from netfall.core.errors import refuse
-from netfall.geometry.areas import Roofing, roof_of
+from netfall.core.errors import raise_errors
+from netfall.geometry.areas import RoofFaces, find_roof
 from netfall.geometry.build import build_net
-from netfall.geometry.cables import Chains, chain_notes, chains_of
+from netfall.geometry.cables import BendingChains, chain_notes, find_bending_chains
 from netfall.geometry.net import Net
-from netfall.geometry.slip_points import Slides, kept_together, slides_of
-from netfall.geometry.turned import held_along, is_turned
-from netfall.geometry.zones import Zones, zones_of
-from netfall.job.cache import FORGETFUL, OF_SPEED, Memory, key_of
-from netfall.job.derived import air_damps, air_moves, drags, moves_supports, varies
+from netfall.geometry.slip_points import SlidingCables, find_sliding_cables, keep_cables_on_one_rank
+from netfall.geometry.turned import global_held_axes, is_rotated
+from netfall.geometry.zones import Zones, make_zones
+from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
+from netfall.job.derived import (
+    has_added_air_mass,
+    has_aerodynamic_damping,
+    has_fragment_drag,
+    has_varying_forces,
+    moves_supports,
+)
 from netfall.job.job import Job
-from netfall.loads.cases import Inputs, read_cases
+from netfall.loads.cases import CaseInputs, read_case_inputs
 from netfall.loads.loads import shape_coefficients
-from netfall.loads.removal import named_elements
+from netfall.loads.removal import find_removed_elements
 from netfall.loads.wind.field import read_history
 from netfall.loads.wind.measured import TableHistory
 from netfall.model.probes import Probes, find_probes
-from netfall.model.start import load_notes, place_notes, table_notes, unit_notes, weight_notes
-from netfall.model.unused import idle_zones, without_effect
+from netfall.model.start import load_notes, point_notes, table_notes, unit_notes, weight_notes
+from netfall.model.unused import unused_zone_notes, without_effect
 from netfall.parallel import partition
 from netfall.physics.fields import Features
 from netfall.physics.law.branches import band_branches
@@ -43,52 +49,52 @@ class Layout:
     """
 
     net: Net
-    roofing: Roofing
+    roofing: RoofFaces
     zones: Zones
     part: np.ndarray
     partition_source: str
     lost: list[np.ndarray]
     probes: Probes
-    slides: Slides | None
+    slides: SlidingCables | None
     shape_coefficient: np.ndarray | None
     measured: TableHistory | None
-    cases: dict[str, Inputs]
-    chains: Chains | None
+    cases: dict[str, CaseInputs]
+    chains: BendingChains | None
     notes: tuple[str, ...]
 
 
-def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
+def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     """Build the net, roof, zones and partition of a job. Raises InputError."""
-    key = ranks, key_of(job, without=OF_SPEED)
-    net, roofing, zones, part, source = memory.once("net", key, lambda: _partitioned(job, ranks))
-    lost, probes = named_elements(job, net), find_probes(job, net)
-    slides, errors = slides_of(job, net)
+    key = ranks, cache_key(job, without=WIND_SPEED_KEYS)
+    net, roofing, zones, part, source = memory.get_or_compute("net", key, lambda: _partition_net(job, ranks))
+    lost, probes = find_removed_elements(job, net), find_probes(job, net)
+    slides, errors = find_sliding_cables(job, net)
     if job.slides and job.dynamics and job.dynamics.damping_ratio:
         errors.append(
             f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"
         )
-    refuse(errors)
+    raise_errors(errors)
     coefficient, sectors = shape_coefficients(job, zones)
-    cases, case_notes = read_cases(job, net, zones)
+    cases, case_notes = read_case_inputs(job, net, zones)
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
     notes += sectors.notes if sectors else []
-    notes += idle_zones(job, zones, [sectors, *(c.sectors for c in cases.values())])
+    notes += unused_zone_notes(job, zones, [sectors, *(c.sectors for c in cases.values())])
     notes += [*case_notes, *unit_notes(net), *load_notes(job), *weight_notes(job, net)]
-    chains = chains_of(net)
+    chains = find_bending_chains(net)
     notes += chain_notes(chains) if chains else []
     measured = read_history(job)
     if measured:
         kind = "taps" if job.wind.taps else "points"
-        notes += [*measured.notes, *place_notes(f"[wind] {kind}", kind, net, measured.places)]
+        notes += [*measured.notes, *point_notes(f"[wind] {kind}", kind, net, measured.places)]
     notes += table_notes(job, coefficient, measured, cases)
     for name, case in cases.items():
         axes = 2 if case.points is None else case.points.shape[1]
-        notes += place_notes(f"[[case]] {name}: pressure_table", "points", net, case.points, axes)
+        notes += point_notes(f"[[case]] {name}: pressure_table", "points", net, case.points, axes)
     return Layout(
         net,
         roofing,
         zones,
-        kept_together(part, slides, net),
+        keep_cables_on_one_rank(part, slides, net),
         source,
         lost,
         probes,
@@ -101,11 +107,11 @@ def make_layout(job: Job, ranks: int, memory: Memory = FORGETFUL) -> Layout:
     )
 
 
-def _partitioned(job: Job, ranks: int) -> tuple:
+def _partition_net(job: Job, ranks: int) -> tuple:
     """Return the net, roofing, zones, partition and the origin of the partition."""
     net = build_net(job)
-    roofing = roof_of(job, net)
-    zones = zones_of(job, net, roofing)
+    roofing = find_roof(job, net)
+    zones = make_zones(job, net, roofing)
     if not job.changes_net():
         part = partition.read_partition(job.name, net.n, net.elements, ranks)
         if part is not None:
@@ -124,7 +130,7 @@ def layout_digest(job: Job, net: Net) -> str:
     return total.hexdigest()
 
 
-def band_of(job: Job) -> tuple[float, ...]:
+def damping_branches(job: Job) -> tuple[float, ...]:
     """Return the Maxwell branches of the constant damping ratio in a band; empty without it."""
     dynamics = job.dynamics
     return (
@@ -134,32 +140,32 @@ def band_of(job: Job) -> tuple[float, ...]:
     )
 
 
-def features_of(job: Job, net: Net, slides: Slides | None) -> Features:
+def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
     """Return the features that the kernels are compiled for."""
 
     def differ(values):
         return bool((values != values[:1]).any())
 
-    held, breaks = held_along(net, net.fixed), bool(np.isfinite(net.fracture_strain).any())
+    held, breaks = global_held_axes(net, net.fixed), bool(np.isfinite(net.fracture_strain).any())
     detaches = job.dynamics is not None and (breaks or bool(job.removes))
     return Features(
         fragments=not job.dynamics or job.dynamics.fragments,
         plastic=bool(np.isfinite(net.yield_stress).any()),
         fracture=breaks,
         detaches=detaches,
-        drags=detaches and drags(job),
-        drags_steadily=detaches and drags(job) and job.wind.pressures is not None,
+        drags=detaches and has_fragment_drag(job),
+        steady_drag=detaches and has_fragment_drag(job) and job.wind.pressures is not None,
         wind=job.wind is not None,
-        air=air_damps(job),
+        air=has_aerodynamic_damping(job),
         motion=moves_supports(job),
         slip=bool(job.slides),
         sliding=int(slides.column.max()) + 1 if slides and job.dynamics else 0,
-        air_mass=air_moves(job),
-        band=band_of(job),
+        air_mass=has_added_air_mass(job),
+        band=damping_branches(job),
         tapped=job.wind is not None and job.wind.pressures is not None,
-        varying=varies(job),
+        varying=has_varying_forces(job),
         springs=bool(net.spring.any()),
-        turned=bool(is_turned(net).any()),
+        turned=bool(is_rotated(net).any()),
         losses=bool(job.removes),
         strain=job.cable.strain,
         bars=bool(net.bar.any()),

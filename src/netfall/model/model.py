@@ -11,41 +11,43 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.geometry.areas import Areas, tributary_areas
+from netfall.geometry.areas import TributaryAreas, tributary_areas
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import Net
-from netfall.geometry.panels import Panels, panels_of
-from netfall.geometry.shares import Shares
-from netfall.geometry.zones import Roof
+from netfall.geometry.panels import Panels, make_panels
+from netfall.geometry.shares import FaceShares
+from netfall.geometry.zones import RoofAreas
 from netfall.job import derived
-from netfall.job.cache import FORGETFUL, Memory, key_of
+from netfall.job.cache import NO_CACHE, ResultCache, cache_key
 from netfall.job.job import Job
-from netfall.loads.base_motion import Motion, motion_of
+from netfall.loads.base_motion import Motion, make_motion
 from netfall.loads.loads import (
     Drag,
     Loading,
-    by_node,
+    added_air_mass,
+    aerodynamic_damping,
+    aerodynamic_damping_area,
     carried_mass,
-    damping_air,
-    drag_on,
-    kappa_area,
-    loading_of,
-    moving_air,
-    preload,
+    make_drag,
+    make_loading,
     pressure_load,
+    spring_preload_displacement,
+    wind_with_node_coefficients,
 )
-from netfall.loads.removal import absent_notes, shaken_notes
+from netfall.loads.removal import absent_member_notes, superposed_excitation_notes
 from netfall.loads.wind.field import GeneratedHistory, WindField, force_factor, make_wind_field
 from netfall.loads.wind.measured import TableHistory
 from netfall.model.layout import Layout
-from netfall.model.start import check_start, check_tensions, element_words, low_notes
-from netfall.model.unused import bare_zones
+from netfall.model.start import check_initial_strains, check_tensions, describe_element, low_node_notes
+from netfall.model.unused import zone_without_area_notes
 from netfall.physics.bending import Joints, curvatures
-from netfall.physics.law.limits import Caps, caps_of
+from netfall.physics.law.limits import ForceLimits, caps_of
 from netfall.physics.law.measures import elastic_forces, unstressed_length
 from netfall.physics.stability import scaled_mass
 
-FOLDED = 22.86  # largest initial curvature of a joint, 2 tan(170 deg / 2); no bending axis exists beyond it
+MAX_INITIAL_CURVATURE = (
+    22.86  # largest initial curvature of a joint, 2 tan(170 deg / 2); no bending axis exists beyond it
+)
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class Model:
     layout: Layout
     x: np.ndarray
     N: np.ndarray
-    roof: Roof
+    roof: RoofAreas
     area_given: float
     L0: np.ndarray
     cut_length: np.ndarray
@@ -127,7 +129,7 @@ class Model:
         return self.net.fracture_strain
 
     @property
-    def caps(self) -> Caps:
+    def element_force_limits(self) -> ForceLimits:
         """Forces at which elements yield and buckle, and Euler loads of the bars that may not buckle."""
         net = self.net
         return caps_of(net.yield_force, euler_load(net, self.cut_length), net.buckling, net.bending)
@@ -135,14 +137,14 @@ class Model:
     @property
     def euler(self) -> np.ndarray:
         """(m,) [N], compression at which bars buckle; inf: they do not buckle."""
-        return self.caps.buckling
+        return self.element_force_limits.buckling
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Plausible but unusual values in the net, its tables, its roof and its initial state."""
         return self.layout.notes + self.start_notes
 
-    def id_of(self, e: int) -> int:
+    def element_id_of(self, e: int) -> int:
         """Return the id of an element."""
         return int(self.net.element_id[e])
 
@@ -150,15 +152,15 @@ class Model:
         """Name a particle in a message: by the id of its node, or by the element whose fragment end it is."""
         if p < self.net.n:
             return f"node {self.net.node_id[p]}"
-        return f"the end that broke off with element {self.id_of((p - self.net.n) // 2)}"
+        return f"the end that broke off with element {self.element_id_of((p - self.net.n) // 2)}"
 
     def element_name(self, e: int) -> str:
         """Name an element in a message: its id, the ids of its nodes and its length."""
-        return element_words(self.net, e, self.L0)
+        return describe_element(self.net, e, self.L0)
 
 
 def make_model(
-    job: Job, layout: Layout, x: np.ndarray, N: np.ndarray | None, memory: Memory = FORGETFUL
+    job: Job, layout: Layout, x: np.ndarray, N: np.ndarray | None, memory: ResultCache = NO_CACHE
 ) -> Model:
     """Build the model of the initial state x (n, 3) [m] with axial forces N (m,) [N].
 
@@ -166,28 +168,30 @@ def make_model(
     """
     net = layout.net
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
-    N, L0 = _unstressed(job, net, L, net.prestress if N is None else N)
-    notes = check_start(job, net, N, L, L0)
-    key = (key_of(job), x.tobytes()) if memory.most else None  # `key_of` is expensive: it reads all tables
-    areas = memory.once("areas", key, lambda: _areas(layout, x))
-    roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
-    notes += bare_zones(layout.zones, roof.area) if derived.loads_the_roof(job) else []
+    N, L0 = _unstressed_state(job, net, L, net.prestress if N is None else N)
+    notes = check_initial_strains(job, net, N, L, L0)
+    key = (
+        (cache_key(job), x.tobytes()) if memory.most else None
+    )  # `cache_key` is expensive: it reads all tables
+    areas = memory.get_or_compute("areas", key, lambda: _areas_at(layout, x))
+    roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
+    notes += zone_without_area_notes(layout.zones, roof.area) if derived.has_area_loads(job) else []
     _check_normals(job, net, roof)
     half_mass, own = _own_mass(net, L0)
-    loading = loading_of(job, roof, own, net.load)
+    loading = make_loading(job, roof, own, net.load)
     permanent = loading.permanent if derived.carries_permanent(job) else None  # in form finding
-    mass, added = _scaled(job, net, L0, own + net.mass + loading.carried)
+    mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
 
     def make_field(settings, points):
-        return memory.once("wind", key, lambda: make_wind_field(x, roof.vector, settings, points))
+        return memory.get_or_compute("wind", key, lambda: make_wind_field(x, roof.vector, settings, points))
 
     field, history = _wind(job, layout, make_field)
-    air_mass = moving_air(job, roof)
-    motion = motion_of(job, net, x) if derived.moves_supports(job) else None
+    air_mass = added_air_mass(job, roof)
+    motion = make_motion(job, net, x) if derived.moves_supports(job) else None
     notes += motion.notes if motion else []
     if field:
-        notes += low_notes(job, net, x, field.force)
-    notes += [*absent_notes(job, net), *shaken_notes(job, bool(field and field.varies))]
+        notes += low_node_notes(job, net, x, field.force)
+    notes += [*absent_member_notes(job, net), *superposed_excitation_notes(job, bool(field and field.varies))]
     panels_tear = field and job.wind.after_fracture == "panels"
     return Model(
         layout,
@@ -198,12 +202,14 @@ def make_model(
         L0=L0,
         cut_length=L0,
         half_mass=half_mass,
-        spring_rest=preload(net, x, N, L, permanent) if job.form_finding else net.spring_rest,
+        spring_rest=spring_preload_displacement(net, x, N, L, permanent)
+        if job.form_finding
+        else net.spring_rest,
         mass=mass if air_mass is None else mass + air_mass,
         added=added,
         air_mass=air_mass,
-        air=damping_air(job, net, x, roof),
-        drag=drag_on(job, x, roof),
+        air=aerodynamic_damping(job, net, x, roof),
+        drag=make_drag(job, x, roof),
         loading=loading,
         wind_field=field,
         history=history,
@@ -223,7 +229,7 @@ def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
     """
     net, particles, elements = layout.net, layout.chains.particles, layout.chains.elements
     initial = curvatures(x, particles)
-    for k in np.flatnonzero(lengths(initial) > FOLDED)[:1]:
+    for k in np.flatnonzero(lengths(initial) > MAX_INITIAL_CURVATURE)[:1]:
         first, second = net.element_id[elements[k]]
         raise InputError(
             f"{job.path}: node {net.node_id[particles[k, 1]]}: the bending chain turns back by more than 170 "
@@ -236,11 +242,11 @@ def _joints(job: Job, layout: Layout, x: np.ndarray, L0: np.ndarray) -> Joints:
 
 def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np.ndarray:
     """Compute self weight and dead load (n, 3) [N] at x (n, 3) [m] with axial forces N (m,) [N]."""
-    net, areas = layout.net, _areas(layout, x)
+    net, areas = layout.net, _areas_at(layout, x)
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
     _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain))
-    roof = Roof(areas.surface, areas.plan, areas.vector, layout.zones)
-    return loading_of(job, roof, own, net.load).permanent
+    roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
+    return make_loading(job, roof, own, net.load).permanent
 
 
 def _own_mass(net: Net, L0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -249,14 +255,14 @@ def _own_mass(net: Net, L0: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return half, np.bincount(net.elements[:, 0], half, net.n) + np.bincount(net.elements[:, 1], half, net.n)
 
 
-def _areas(layout: Layout, x: np.ndarray) -> Areas:
+def _areas_at(layout: Layout, x: np.ndarray) -> TributaryAreas:
     """Return the areas at x (n, 3) [m]; areas of the given geometry are not computed again."""
     net, roofing = layout.net, layout.roofing
     is_given = np.array_equal(x, net.x)
     return roofing.given if is_given else tributary_areas(x, net, roofing.faces)
 
 
-def _unstressed(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _unstressed_state(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return axial forces (m,) [N] and unstressed lengths (m,) [m] at lengths L (m,) [m].
 
     An element with a given unstressed length takes its force from it; the others take their length from N.
@@ -271,7 +277,9 @@ def _unstressed(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple[np.nd
     return N, L0
 
 
-def _scaled(job: Job, net: Net, L0: np.ndarray, mass: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+def _scale_masses(
+    job: Job, net: Net, L0: np.ndarray, mass: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the masses (n,) [kg] after mass scaling, and the added part; None: there is no mass scaling."""
     if job.dynamics is None or not job.dynamics.mass_scaling:
         return mass, None
@@ -289,12 +297,12 @@ def _wind(job: Job, layout: Layout, make_field: Callable) -> tuple:
     """
     if job.wind is None:
         return None, None
-    measured, settings = layout.measured, by_node(job, layout.shape_coefficient)
+    measured, settings = layout.measured, wind_with_node_coefficients(job, layout.shape_coefficient)
     field = make_field(settings, measured.places if measured else None)
     return field, measured or GeneratedHistory(field, job.wind)
 
 
-def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panels:
+def _panels(job: Job, layout: Layout, shares: FaceShares, loading: Loading) -> Panels:
     """Build the panels that can tear off.
 
     Raises InputError if the net has no panels, or if a load that grows over [load] ramp acts on them.
@@ -308,27 +316,29 @@ def _panels(job: Job, layout: Layout, shares: Shares, loading: Loading) -> Panel
         )
     if problem:
         raise InputError(f'{job.path}: [wind] after_fracture = "panels": {problem}')
-    panels = panels_of(net, faces, shares)
+    panels = make_panels(net, faces, shares)
     zones = layout.zones.at(panels.node)
-    load, roof = job.load, Roof(panels.area, panels.plan_area, panels.vector, zones)
-    factor = np.broadcast_to(force_factor(by_node(job, layout.shape_coefficient)), net.n)[panels.node]
+    load, roof = job.load, RoofAreas(panels.area, panels.plan_area, panels.vector, zones)
+    factor = np.broadcast_to(force_factor(wind_with_node_coefficients(job, layout.shape_coefficient)), net.n)[
+        panels.node
+    ]
     zero = np.zeros_like(roof.vector)
     return panels._replace(
-        air=kappa_area(job, roof) if derived.air_damps(job) else zero,
-        air_mass=moving_air(job, roof) if derived.air_moves(job) else np.zeros_like(roof.area),
+        air=aerodynamic_damping_area(job, roof) if derived.has_aerodynamic_damping(job) else zero,
+        air_mass=added_air_mass(job, roof) if derived.has_added_air_mass(job) else np.zeros_like(roof.area),
         mass=carried_mass(load, roof) if load else np.zeros_like(roof.area),
         pressure=pressure_load(load, roof) if load else np.zeros_like(roof.vector),
         wind=factor[:, None] * roof.vector,
     )
 
 
-def _check_normals(job: Job, net: Net, roof: Roof) -> None:
+def _check_normals(job: Job, net: Net, roof: RoofAreas) -> None:
     """Check that each free node with a roof area has a normal for wind and pressure to act along.
 
     Raises InputError for nodes that meet no closed face in plan: their load would vanish silently.
     """
     bare = (roof.area > 0) & ~roof.vector.any(1) & net.moves
-    if derived.along_normals(job) and bare.any():
+    if derived.has_normal_loads(job) and bare.any():
         raise InputError(
             f"{job.path}: {int(bare.sum())} free nodes with a roof area meet no closed face in plan, so wind "
             f"and pressure have no normal to act along (first: node {net.node_id[bare][0]}); close the "

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.core.errors import refuse
+from netfall.core.errors import raise_errors
 from netfall.geometry.net import Net
 from netfall.job.job import Job
-from netfall.job.values import listed
+from netfall.job.values import format_list
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ def find_probes(job: Job, net: Net) -> Probes:
     ):
         if unknown := sorted(set(requested) - set(ids.tolist())):
             known = f"ids are {ids.min()} to {ids.max()}"
-            errors.append(f"{job.path}: [output] {key}: no {noun} {listed(unknown)}; {known}")
-    refuse(errors)
+            errors.append(f"{job.path}: [output] {key}: no {noun} {format_list(unknown)}; {known}")
+    raise_errors(errors)
     particles = np.array([_particle(net, probe) for probe in probes], np.int64)
     rows = [np.flatnonzero(net.element_id == number) for number in dict.fromkeys(element_ids)]
     named_rows = np.concatenate([np.zeros(0, np.int64), *rows])

@@ -4,31 +4,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from netfall.core.arrays import placed
+from netfall.core.arrays import padded_copy
 from netfall.core.errors import InputError
 from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.physics.bending import add_joint_bounds
 from netfall.physics.fields import Features
-from netfall.physics.law.branches import stiffening
+from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.law.measures import largest_stiffness
-from netfall.physics.slip.inertia import Movers, movers_of, step_of_slips
-from netfall.physics.slip.motion import STEP
+from netfall.physics.slip.inertia import SlipFollowers, slip_followers, slip_step_limit
+from netfall.physics.slip.motion import SLIP_STEP_SHARE
 from netfall.physics.stability import Limit, after_fracture_limit, any_shape_limits
 
 ROUNDING = 1e-9  # steps: a time this close to a step counts as on it
-QUOTIENT = 4.0 * np.finfo(float).eps  # relative rounding of time / step; exceeds ROUNDING in long runs
-TURNED = 1.5  # factor on the joint bounds of the initial state that covers angles up to half a radian
+QUOTIENT_ROUNDING = (
+    4.0 * np.finfo(float).eps
+)  # relative rounding of time / step; exceeds ROUNDING in long runs
+JOINT_ROTATION_FACTOR = (
+    1.5  # factor on the joint bounds of the initial state that covers angles up to half a radian
+)
 # Smallest number of short steps per long step if elements can break. A fracture excites the highest
 # frequencies of the net: their energy grows by 5e-3 with the long step, by 5e-4 with a third of it.
-RELEASE = 3
+MIN_FRACTURE_SUBSTEPS = 3
 MOST_STEPS = 1e12  # takes weeks even for the smallest net
 
 
 def step_at(times, dt: float):
     """Return the numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
     steps = times / dt
-    return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT * steps))
+    return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT_ROUNDING * steps))
 
 
 @dataclass(frozen=True)
@@ -71,14 +75,14 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -
     """
     stride = needed = 1
     if dynamics.time_step == "auto":
-        stride = stride_of(intact / limit)
+        stride = choose_stride(intact / limit)
         every, longest = min(output.history, dynamics.duration), dynamics.safety * min(intact, stride * limit)
         rows = dynamics.duration / every
         if abs(rows - round(rows)) > ROUNDING * rows:
             every, longest = dynamics.duration, min(every, longest)
         long = every / max(1.0, np.ceil(every / longest - ROUNDING))
         needed = max(1, int(np.ceil(long / (dynamics.safety * limit) - ROUNDING)))
-        stride = max(needed, RELEASE) if breaks else needed
+        stride = max(needed, MIN_FRACTURE_SUBSTEPS) if breaks else needed
     else:
         long = dynamics.time_step
     steps = max(1, int(step_at(dynamics.duration, long)))
@@ -103,13 +107,13 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -
     )
 
 
-def steps_line(schedule: Schedule) -> str:
+def describe_steps(schedule: Schedule) -> str:
     """Describe the number of steps and their length in a message."""
     line = f"{schedule.steps // schedule.stride} steps of {schedule.long_dt:.4g} s"
     return line + (f", of {schedule.dt:.4g} s where elements break" if schedule.stride > 1 else "")
 
 
-def stride_of(ratio: float) -> int:
+def choose_stride(ratio: float) -> int:
     """Return the number of fragment steps in one step of the intact net, whose limit is `ratio` times theirs.
 
     One of the two steps is shorter than its limit. The choice wastes as little of the limits as possible.
@@ -124,12 +128,12 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     """Compute the limits of the explicit step that hold in any state of the net, by name. Rank 0."""
     present, mass = model.net.is_there, model.own_mass
     elements, L0, EA = (column[present] for column in (model.net.elements, model.L0, model.net.EA))
-    EA = EA * stiffening(features.band) if features.band else EA
+    EA = EA * branch_stiffening(features.band) if features.band else EA
     moves, support = model.net.moves, model.net.support
     rows, chains = np.flatnonzero(present), None
     if model.joints is not None:
         joint_bounds = np.zeros(model.net.n)  # with a margin for growing angles
-        add_joint_bounds(placed(model.x), model.joints, TURNED, joint_bounds)
+        add_joint_bounds(padded_copy(model.x), model.joints, JOINT_ROTATION_FACTOR, joint_bounds)
         support = support + joint_bounds
         chains = model.joints.particles, np.searchsorted(rows, model.layout.chains.elements[:, 0])
     limits = any_shape_limits(elements, EA, L0, mass, moves, model.net.bar[present], support, chains)
@@ -147,29 +151,29 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     return {limit.name: replace(limit, element=global_element(limit)) for limit in limits}
 
 
-def slip_movers(model: Model) -> Movers:
+def slip_movers(model: Model) -> SlipFollowers:
     """Return the masses and stiffnesses that move with the slips of a model."""
     slides, net = model.layout.slides, model.net
     own, stiffness = slides.sides(model.half_mass, 0), slides.sides(largest_stiffness(net.EA, model.L0), 2)
-    return movers_of(slides, net.elements, model.x, net.fixed, model.own_mass, own, stiffness)
+    return slip_followers(slides, net.elements, model.x, net.fixed, model.own_mass, own, stiffness)
 
 
 def slip_step(model: Model) -> Limit:
     """Return the step up to which the inertia that slips need is a small share of the moving mass."""
     movers = slip_movers(model)
     fastest = int(np.argmax(movers.stiffness / movers.own))
-    return Limit("slip", step_of_slips(movers), int(model.layout.slides.before[fastest]))
+    return Limit("slip", slip_step_limit(movers), int(model.layout.slides.before[fastest]))
 
 
-def with_slips(limits: dict[str, Limit]) -> dict[str, Limit]:
+def scale_limits_for_slip(limits: dict[str, Limit]) -> dict[str, Limit]:
     """Scale the limits of a net with sliding cables; the limit for slack cables has room for slips."""
     return {
-        name: limit if name in ("slackening", "slip") else replace(limit, dt=STEP * limit.dt)
+        name: limit if name in ("slackening", "slip") else replace(limit, dt=SLIP_STEP_SHARE * limit.dt)
         for name, limit in limits.items()
     }
 
 
-def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:
+def governing_limit(limits: dict[str, Limit], automatic: bool, intact: bool = False) -> Limit:
     """Return the limit that governs the step in any state; intact : as long as nothing breaks
 
     The limits for slack cables and for slips count only if netfall chooses the step.
@@ -178,12 +182,12 @@ def governing(limits: dict[str, Limit], automatic: bool, intact: bool = False) -
     return min((limit for limit in limits.values() if limit.name not in excluded), key=lambda limit: limit.dt)
 
 
-def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
+def schedule_job(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
     """Build the schedule of the dynamic stage. Raises InputError for an unstable fixed step. Rank 0."""
     automatic = job.dynamics.time_step == "auto"
-    limit = governing(limits, automatic)
+    limit = governing_limit(limits, automatic)
     if not automatic and job.dynamics.time_step > limit.dt:
-        refuse_step(job, limit, limits, model)
+        refuse_unstable_step(job, limit, limits, model)
     if not automatic and job.dynamics.time_step > job.dynamics.duration:
         raise InputError(
             f"{job.path}: [dynamics] time_step = {job.dynamics.time_step:g}: longer than duration = "
@@ -198,11 +202,11 @@ def schedule_of(job: Job, limits: dict[str, Limit], model: Model) -> Schedule:
             f"{job.path}: [dynamics] duration = {job.dynamics.duration:g}: asks for {steps:.3g} steps of "
             f"{dt:.3g} s; at most {MOST_STEPS:.0e} are possible"
         )
-    intact, breaks = governing(limits, automatic, True).dt, bool(np.isfinite(model.eps_u).any())
+    intact, breaks = governing_limit(limits, automatic, True).dt, bool(np.isfinite(model.eps_u).any())
     return make_schedule(limit.dt, intact, breaks, job.dynamics, job.output)
 
 
-def refuse_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
+def refuse_unstable_step(job: Job, limit: Limit, limits: dict[str, Limit], model: Model) -> None:
     """Raise InputError unless the step is below the limit of the assembled net and nothing can break."""
     if limit.name == "any_shape":
         limit = limits["assembled"]

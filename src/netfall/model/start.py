@@ -4,19 +4,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from netfall.core.errors import refuse
+from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
 from netfall.job.job import Job
-from netfall.job.values import counted, shown
+from netfall.job.values import counted, format_value
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
-from netfall.loads.wind.measured import between_places
+from netfall.loads.wind.measured import ambiguous_particles
 from netfall.physics.law.limits import caps_of
 from netfall.physics.law.measures import exceeds_stiffness, strains
 
 # Column of the net, its key, unit, range plausible for cables, and an example in that unit.
-PLAUSIBLE = (
+SECTION_RANGES = (
     ("modulus", "modulus", "Pa", 1e6, 2e12, "steel has 2e11 Pa; was GPa or N/mm2 meant?"),
     ("section", "area", "m2", 1e-9, 1.0, "a rope of 20 mm has some 3e-4 m2; was mm2 or cm2 meant?"),
     ("density", "density", "kg/m3", 100.0, 25e3, "steel has 7850 kg/m3; was g/cm3 or t/m3 meant?"),
@@ -24,10 +24,14 @@ PLAUSIBLE = (
     ("fracture_strain", "fracture_strain", "", 1e-6, 1.0, "4 percent are 0.04"),
 )
 # Plausible ranges of bars, where they differ from those of cables.
-OF_BARS = {"section": (1e-6, 50.0, "a tube of 200 mm has some 6e-3 m2; was mm2 or cm2 meant?")}
-OF_MATERIAL = ("modulus", "section", "density")  # nominal elements derive these columns from their stiffness
+BAR_RANGES = {"section": (1e-6, 50.0, "a tube of 200 mm has some 6e-3 m2; was mm2 or cm2 meant?")}
+MATERIAL_COLUMNS = (
+    "modulus",
+    "section",
+    "density",
+)  # nominal elements derive these columns from their stiffness
 # Section, key (also in zones, cases and stages), unit, range plausible for roofs, and an example.
-LOADS = (
+LOAD_RANGES = (
     ("load", "dead", "N/m2", 5.0, 2e4, "cladding weighs 10 to 3000; is it in kN/m2, or kg/m2?"),
     ("load", "snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
     ("load", "pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
@@ -37,19 +41,26 @@ LOADS = (
     ("wind", "shape_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
     ("wind", "air_density", "kg/m3", 0.5, 2.0, "air has some 1.25"),
 )
-MANY_ROWS = 1000  # rows of a time table that are enough to judge its magnitude
-MOST_DAMPING = 20.0  # 1/s: largest plausible [dynamics] damping; it halves a velocity in 1 / 29 s
-MOST_FACTOR = 10.0  # largest plausible factor of a combination
-WIDEST, SMALLEST = 3e3, 0.3  # m: plausible extents of nets
-HEAVIEST = 100.0  # largest plausible ratio of the weight of nodes to the weight of their mass, or its inverse
-WEAKEST = 1e-4  # smallest plausible strain at the breaking force
-SLOWEST, FASTEST = 400.0, 20e3  # m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
-LOOSEST = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
-SLACKEST, TIGHTEST = -0.5, 0.1  # plausible strains at the start
+SAMPLED_ROWS = 1000  # rows of a time table that are enough to judge its magnitude
+MAX_PLAUSIBLE_DAMPING = 20.0  # 1/s: largest plausible [dynamics] damping; it halves a velocity in 1 / 29 s
+MAX_PLAUSIBLE_FACTOR = 10.0  # largest plausible factor of a combination
+WIDEST, MIN_PLAUSIBLE_EXTENT = 3e3, 0.3  # m: plausible extents of nets
+MAX_WEIGHT_RATIO = (
+    100.0  # largest plausible ratio of the weight of nodes to the weight of their mass, or its inverse
+)
+MIN_BREAKING_STRAIN = 1e-4  # smallest plausible strain at the breaking force
+MIN_WAVE_SPEED, MAX_WAVE_SPEED = (
+    400.0,
+    20e3,
+)  # m/s: plausible speeds of axial waves, sqrt(E / rho); steel has some 5000
+MIN_PRESTRESS_STRAIN = 3e-6  # smallest plausible strain of the tightest element of a prestressed net
+MIN_START_STRAIN, MAX_START_STRAIN = -0.5, 0.1  # plausible strains at the start
 FAR = 3.0  # diagonals of the roof in plan: taps and points beyond that are probably in another unit
 ROUNDING = 1e-10  # share of the largest force below which a force counts as zero
-COLLAPSED = 1e-6  # share of its given length below which an element has collapsed in form finding
-UNITS = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
+COLLAPSED_LENGTH_RATIO = (
+    1e-6  # share of its given length below which an element has collapsed in form finding
+)
+UNITS_HINT = "check the units of modulus (Pa), area (m2), prestress (N) and unstressed_length (m)"
 
 
 def unit_notes(net: Net) -> list[str]:
@@ -59,10 +70,10 @@ def unit_notes(net: Net) -> list[str]:
         return counted("element", net.element_id[rows])
 
     notes = []
-    for column, key, unit, *of_cables in PLAUSIBLE:
-        given = ~net.nominal if column in OF_MATERIAL else np.ones(net.m, bool)
+    for column, key, unit, *of_cables in SECTION_RANGES:
+        given = ~net.nominal if column in MATERIAL_COLUMNS else np.ones(net.m, bool)
         for kind, of_kind in (("cables", ~net.bar), ("bars", net.bar)):
-            low, high, example = OF_BARS.get(column, of_cables) if kind == "bars" else of_cables
+            low, high, example = BAR_RANGES.get(column, of_cables) if kind == "bars" else of_cables
             values = getattr(net, column)
             odd = np.flatnonzero(given & of_kind & np.isfinite(values) & ((values < low) | (values > high)))
             if len(odd):
@@ -71,23 +82,23 @@ def unit_notes(net: Net) -> list[str]:
                     f"{value} of {elements(odd)} is far from what {kind} have, {low:g} to {high:g}: {example}"
                 )
     speed = np.sqrt(net.modulus / net.density)
-    odd = np.flatnonzero((speed < SLOWEST) | (speed > FASTEST))
+    odd = np.flatnonzero((speed < MIN_WAVE_SPEED) | (speed > MAX_WAVE_SPEED))
     if len(odd) and not notes:
         notes.append(
             f"stiffness and mass of {elements(odd)}: waves run along them at {speed[odd[0]]:.4g} m/s, in "
             "steel at 5000 m/s; stiffness is in N, mass_per_length in kg/m: were kN, or g/m, meant?"
         )
-    weak = np.flatnonzero(net.breaking_load < WEAKEST * net.EA)
+    weak = np.flatnonzero(net.breaking_load < MIN_BREAKING_STRAIN * net.EA)
     for e in weak[:1]:
         notes.append(
             f"breaking_load = {net.breaking_load[e]:g} N of {elements(weak)} is a strain of "
             f"{net.breaking_load[e] / net.EA[e]:.2g}, at which no cable breaks; was kN meant?"
         )
     size = float(np.ptp(net.x, axis=0).max())
-    if not SMALLEST <= size <= WIDEST:
+    if not MIN_PLAUSIBLE_EXTENT <= size <= WIDEST:
         notes.append(f"the net is {size:.4g} m from end to end; [net] unit is that of the coordinates")
     strain = np.abs(net.prestress / net.EA).max()
-    if 0.0 < strain < LOOSEST and not notes:
+    if 0.0 < strain < MIN_PRESTRESS_STRAIN and not notes:
         most = np.abs(net.prestress).max()
         notes.append(f"prestress of up to {most:g} N is a strain of {strain:.2g} at most; was kN meant?")
     return notes
@@ -95,16 +106,16 @@ def unit_notes(net: Net) -> list[str]:
 
 def load_notes(job: Job) -> Iterator[str]:
     """Yield a note for each load, wind, factor or damping of a size that no roof has."""
-    for section, key, unit, low, high, example in LOADS:
+    for section, key, unit, low, high, example in LOAD_RANGES:
         given = [value for value in job.values(section, key) if value is not None and np.any(value)]
         for value in [value for value in given if not low <= np.abs(value).max() <= high][:1]:
-            yield f"{f'{key} = {shown(value)} {unit}'.strip()} is far from what roofs have: {example}"
+            yield f"{f'{key} = {format_value(value)} {unit}'.strip()} is far from what roofs have: {example}"
     for combination in job.combinations:
         for name, factor in combination.factors.items():
-            if abs(factor) > MOST_FACTOR:
+            if abs(factor) > MAX_PLAUSIBLE_FACTOR:
                 text = f"factors: {name} = {factor:g} is far from what codes have, 0 to 2"
                 yield f'[[combination]] "{combination.name}": {text}'
-    if job.dynamics and job.dynamics.damping > MOST_DAMPING:
+    if job.dynamics and job.dynamics.damping > MAX_PLAUSIBLE_DAMPING:
         yield (
             f"[dynamics] damping = {job.dynamics.damping:g} 1/s is far from what roofs have: it is damping x "
             "period / 4 pi of the critical damping; netfall check has it in each mode"
@@ -120,14 +131,14 @@ def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict)
     if wind and wind.sectors:
         tables.append(("shape_coefficient", wind.sectors, coefficient))
     if measured:
-        end = min(job.dynamics.duration, measured.time[min(MANY_ROWS, len(measured.time) - 1)])
+        end = min(job.dynamics.duration, measured.time[min(SAMPLED_ROWS, len(measured.time) - 1)])
         values = measured.until(end)[1]
         tables.append(("pressure" if wind.taps else "speed", wind.pressures or wind.file, values))
     for name, case in cases.items():
         if case.pressure is not None:
             tables.append(("pressure", f"[[case]] {name}: pressure_table", case.pressure))
     for key, table, values in tables:
-        _, _, unit, low, high, example = next(row for row in LOADS if row[1] == key)
+        _, _, unit, low, high, example = next(row for row in LOAD_RANGES if row[1] == key)
         value = float(np.abs(values).max())
         if value and not low <= value <= high:
             text = f"{key} of up to {value:.4g} {unit}".strip()
@@ -163,7 +174,10 @@ def weight_notes(job: Job, net: Net) -> list[str]:
             f"elements; if it hangs there, column load_z has to have -{mass * GRAVITY:.4g} N in all"
         )
     mass = float(net.mass[both].sum())
-    if both.any() and not mass * GRAVITY / HEAVIEST <= weight(both) <= mass * GRAVITY * HEAVIEST:
+    if (
+        both.any()
+        and not mass * GRAVITY / MAX_WEIGHT_RATIO <= weight(both) <= mass * GRAVITY * MAX_WEIGHT_RATIO
+    ):
         notes.append(
             f"columns load_z and mass of {nodes(both)}: {weight(both):.4g} N downward with {mass:.4g} kg, "
             f"which weigh {mass * GRAVITY:.4g} N; loads are in N, masses in kg: was kN or t meant?"
@@ -174,18 +188,18 @@ def weight_notes(job: Job, net: Net) -> list[str]:
 def strain_notes(net: Net, eps: np.ndarray) -> Iterator[str]:
     """Yield notes on strains eps (m,) at the start that no net is built with."""
     for outside, state, limit in (
-        (eps > TIGHTEST, "stretched", TIGHTEST),
-        (eps < SLACKEST, "compressed or slack", -SLACKEST),
+        (eps > MAX_START_STRAIN, "stretched", MAX_START_STRAIN),
+        (eps < MIN_START_STRAIN, "compressed or slack", -MIN_START_STRAIN),
     ):
         if outside.any():
             e = int(np.argmax(np.where(outside, np.abs(eps), 0.0)))
             yield (
                 f"{int(outside.sum())} elements start {state} by more than {limit:.0%} of their unstressed "
-                f"length, the most is element {net.element_id[e]} with a strain of {eps[e]:.3g}; {UNITS}"
+                f"length, the most is element {net.element_id[e]} with a strain of {eps[e]:.3g}; {UNITS_HINT}"
             )
 
 
-def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
+def check_initial_strains(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray) -> list[str]:
     """Check the strains of elements of unstressed length L0 at lengths L (m,) [m] and forces N (m,) [N].
 
     Returns notes. Raises InputError if elements yield or break at the start.
@@ -200,20 +214,21 @@ def check_start(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: np.ndarray
         for e in np.flatnonzero(exceeds)[:1]:
             errors.append(
                 f"{job.path}: {counted('element', ids)} start{'s' * (len(np.unique(ids)) == 1)} beyond "
-                f"{name}: {value[e]:.4g} in element {element_words(net, e, L0)} at a length of {L[e]:.6g} m, "
-                f"allowed {limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS}"
+                f"{name}: {value[e]:.4g} in element {describe_element(net, e, L0)} at a length of "
+                f"{L[e]:.6g} m, "
+                f"allowed {limit[e]:.4g}, with EA = {net.EA[e]:.4g} N; {UNITS_HINT}"
             )
-    refuse(errors)
-    return [*strain_notes(net, eps), *_buckling(net, N)]
+    raise_errors(errors)
+    return [*strain_notes(net, eps), *_subdivided_bar_notes(net, N)]
 
 
-def element_words(net: Net, e: int, L0: np.ndarray) -> str:
+def describe_element(net: Net, e: int, L0: np.ndarray) -> str:
     """Name an element by its id, the ids of its nodes and its length; L0 : (m,) [m], unstressed lengths."""
     ids = "-".join(str(net.node_id[p]) for p in net.elements[e])
     return f"{net.element_id[e]} (nodes {ids}, {L0[e]:.4g} m)"
 
 
-def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[str]:
+def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[str]:
     """Yield a note on nodes below or so near the ground that the wind profile does not reach them.
 
     x : (n, 3) [m]; wind : (n, 3) [N s2/m2] force at 1 m/s
@@ -229,7 +244,7 @@ def low_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Iterator[s
         )
 
 
-def place_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
+def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
     """Yield notes on points far outside the given roof, and on nodes with five or more nearest points.
 
     places : (c, 2 or 3) [m], None: none; what : noun for the points of key; axes : as in `place_weights`
@@ -248,7 +263,7 @@ def place_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: 
             f"{high[0]:g}, {high[1]:g} m: x and y are in metres, in the axes of the net, whatever [net] unit "
             "is"
         )
-    rows = free[between_places(net.x[free], places, axes)] if len(free) else free
+    rows = free[ambiguous_particles(net.x[free], places, axes)] if len(free) else free
     if len(rows):
         yield (
             f"{key}: {counted('node', net.node_id[rows])}: five or more {what} are as near, of which four "
@@ -256,7 +271,7 @@ def place_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: 
         )
 
 
-def _buckling(net: Net, N: np.ndarray) -> Iterator[str]:
+def _subdivided_bar_notes(net: Net, N: np.ndarray) -> Iterator[str]:
     """Yield a note on subdivided bars compressed by N (m,) [N]: nothing keeps their inner nodes in line."""
     hinged = np.ones(net.m, bool) if net.bending is None else ~net.bending
     rows = np.flatnonzero((N < 0.0) & hinged & (net.parts > 1))[:: net.parts]
@@ -300,7 +315,7 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
         problem = f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
         errors.append(f"{job.path}: element {net.element_id[e]}: {problem}")
     relative = L / net.lengths()
-    if not relative.min() > COLLAPSED:
+    if not relative.min() > COLLAPSED_LENGTH_RATIO:
         e = int(np.argmin(relative))
         ids = "-".join(map(str, net.node_id[net.elements[e]]))
         errors.append(
@@ -308,4 +323,4 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
             f"is {L[e]:.3g} m long in it, {net.lengths()[e]:.4g} m as given; fix more nodes, or give "
             "prestresses or force densities that hold the free ones apart"
         )
-    refuse(errors)
+    raise_errors(errors)

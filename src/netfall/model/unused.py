@@ -6,24 +6,26 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.geometry.net import Net
-from netfall.geometry.turned import is_turned
+from netfall.geometry.turned import is_rotated
 from netfall.geometry.zones import Zones, named_zones
 from netfall.job.derived import (
-    air_damps,
-    air_moves,
     carries_permanent,
-    drags,
-    grows,
+    has_added_air_mass,
+    has_aerodynamic_damping,
+    has_area_loads,
+    has_fragment_drag,
+    has_growing_pressure,
     has_statics,
-    loads_the_roof,
 )
 from netfall.job.job import Job
-from netfall.job.values import shown
-from netfall.loads.wind.sectors import Sectors, origin
-from netfall.physics.wind_spectra import intensity
+from netfall.job.values import format_value
+from netfall.loads.wind.sectors import Sectors, describe_origin
+from netfall.physics.wind_spectra import turbulence_intensity
 
-ALIKE = 0.8  # similarity (difflib) from which two names of groups were probably meant to be the same
-OF_GUSTS = (
+GROUP_NAME_SIMILARITY = (
+    0.8  # similarity (difflib) from which two names of groups were probably meant to be the same
+)
+GUST_KEYS = (
     "time_step", "ar_order", "seed", "control_points", "gusts", "coherence_decay", "spectrum", "gust_length",
 )  # fmt: skip
 
@@ -32,21 +34,26 @@ def without_effect(job: Job, net: Net) -> list[str]:
     """Return a note for each key of the job file, or column of a table, that is given and has no effect."""
     given = job.given()
     notes = []
-    for section, keys, idle, why in _idle_keys(job, net):
+    for section, keys, idle, why in _unused_keys(job, net):
         idle_keys = [key for key in keys if f"{section}.{key}" in given]
         if idle and idle_keys:
             notes.append(f"[{section}] {', '.join(idle_keys)}: no effect: {why}")
-    return [*notes, *_idle_sections(job, net, given), *_idle_columns(job, net), *_unlike_groups(job, net)]
+    return [
+        *notes,
+        *_unused_section_notes(job, net, given),
+        *_unused_column_notes(job, net),
+        *_misspelt_group_notes(job, net),
+    ]
 
 
-def _idle_keys(job: Job, net: Net) -> list[tuple]:
+def _unused_keys(job: Job, net: Net) -> list[tuple]:
     """List rows of: section, keys, whether they have no effect, and the reason."""
     breaks, form, load = bool(np.isfinite(net.fracture_strain).any()), job.form_finding, job.load
-    rows = _idle_in_motion(job, breaks)
+    rows = _unused_dynamics_keys(job, breaks)
     if job.net.generator in ("wheel", "dome"):
         reason = f"the {job.net.generator} has the prestress of its own equilibrium"
         rows.append(("cable", ("prestress",), True, reason))
-    rows += _idle_of_load(job, breaks) if load else []
+    rows += _unused_load_keys(job, breaks) if load else []
     service = any(combination.kind == "service" for combination in job.combinations)
     rows.append(("limits", ("displacement", "slack"), not service, "there is no [[combination]] for service"))
     if form:
@@ -57,10 +64,10 @@ def _idle_keys(job: Job, net: Net) -> list[tuple]:
             ("form_finding", ("start", "modulus_factor", "max_iterations"), form.method != "fpm", linear),
             ("form_finding", ("loads",), carries_permanent(job) and weightless, none),
         ]
-    return rows + (_idle_of_wind(job, breaks) if job.wind else [])
+    return rows + (_unused_wind_keys(job, breaks) if job.wind else [])
 
 
-def _idle_in_motion(job: Job, breaks: bool) -> list[tuple]:
+def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple]:
     """List the rows of [output] and [dynamics]; breaks : whether any element can break."""
     dynamics, of_motion = job.dynamics, ("frames", "history", "energy", "probes", "elements", "checkpoint")
     if not dynamics:
@@ -80,43 +87,43 @@ def _idle_in_motion(job: Job, breaks: bool) -> list[tuple]:
     ]
 
 
-def _idle_of_load(job: Job, breaks: bool) -> list[tuple]:
+def _unused_load_keys(job: Job, breaks: bool) -> list[tuple]:
     """List the rows of [load]; breaks : whether any element can break."""
     no_statics = job.dynamics and not has_statics(job)
-    no_inertia = not air_moves(job) or not (job.dynamics or job.output.modes)
+    no_inertia = not has_added_air_mass(job) or not (job.dynamics or job.output.modes)
     reason = "it lets the pressure grow in a dynamic stage without load steps"
     return [
         ("load", ("tolerance", "max_iterations"), no_statics, "steps = 0: no statics"),
         ("load", ("breaking",), not breaks, "nothing can break"),
         ("load", ("air_mass",), no_inertia, "it is inertia, of what moves or has modes"),
-        ("load", ("ramp",), not grows(job), reason),
+        ("load", ("ramp",), not has_growing_pressure(job), reason),
     ]
 
 
-def _idle_of_wind(job: Job, breaks: bool) -> list[tuple]:
+def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple]:
     """List the rows of [wind]; breaks : whether any element can break."""
     wind, by_taps = job.wind, "the wind comes from pressures"
     generated = wind.speed and not wind.pressures
     source = "file" if wind.file else "pressures"
     of_speed = ("air_density", "direction", "profile_exponent", "base_height")
     zero_key = "roughness" if wind.turbulence is None else "turbulence"
-    no_gusts = generated and intensity(wind) == 0
+    no_gusts = generated and turbulence_intensity(wind) == 0
     detaches = breaks or bool(job.removes)
-    drag = detaches and drags(job)
-    needs_speed = air_damps(job) or drag
+    drag = detaches and has_fragment_drag(job)
+    needs_speed = has_aerodynamic_damping(job) or drag
     return [
-        ("wind", ("roughness", "turbulence", *OF_GUSTS), not generated, f"the wind comes from {source}"),
+        ("wind", ("roughness", "turbulence", *GUST_KEYS), not generated, f"the wind comes from {source}"),
         ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
-        ("wind", ("direction",), wind.pressures and air_damps(job) and not drag, by_taps),
-        ("wind", OF_GUSTS, no_gusts, f"{zero_key} = 0: there are no gusts"),
+        ("wind", ("direction",), wind.pressures and has_aerodynamic_damping(job) and not drag, by_taps),
+        ("wind", GUST_KEYS, no_gusts, f"{zero_key} = 0: there are no gusts"),
         ("wind", ("after_fracture",), not detaches, "nothing can break"),
         ("wind", ("ramp",), wind.onset == "sudden", 'with onset = "sudden" nothing grows in'),
     ]
 
 
-def _idle_sections(job: Job, net: Net, given: set[str]) -> Iterator[str]:
+def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     """Yield notes on whole sections without effect."""
-    load, wind, on_roof = job.load, job.wind, loads_the_roof(job)
+    load, wind, on_roof = job.load, job.wind, has_area_loads(job)
     for number, entry in enumerate(job.removes, 1):
         if entry.time >= job.dynamics.duration:
             yield f"[[remove]] {number}: no effect: time = {entry.time:g} is not before the end"
@@ -126,13 +133,16 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     breaks = bool(np.isfinite(net.fracture_strain).any())
     if job.dynamics and breaks and not loaded:
         yield "elements can break, but no wind, load, temperature or loss acts on the net"
-    moves_air = wind and (air_damps(job) or (drags(job) and (breaks or job.removes)))
+    moves_air = wind and (
+        has_aerodynamic_damping(job) or (has_fragment_drag(job) and (breaks or job.removes))
+    )
     of_zones = wind and any(map(any, map(dict.values, wind.zone.values())))
     if wind and wind.shape_coefficient == 0 and not moves_air and not of_zones:
         yield "[wind]: no effect: shape_coefficient = 0"
     if wind and wind.shape_coefficient is not None and "wind.direction" in given:
         yield (
-            f"[wind] direction = {wind.direction:g} ({origin(wind.direction)}): the shape coefficients do "
+            f"[wind] direction = {wind.direction:g} ({describe_origin(wind.direction)}): the shape "
+            "coefficients do "
             "not follow it; sectors = a table gives them by direction"
         )
     idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
@@ -141,11 +151,11 @@ def _idle_sections(job: Job, net: Net, given: set[str]) -> Iterator[str]:
         yield f"[roof] {', '.join(idle)}: no effect: {why}"
 
 
-def _unlike_groups(job: Job, net: Net) -> Iterator[str]:
+def _misspelt_group_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on groups that take [cable] although a section has nearly their name."""
     sections = {name.lower(): name for name in reversed(job.groups)}
     for name in net.group_names:
-        close = difflib.get_close_matches(name.lower(), sections, 1, ALIKE)
+        close = difflib.get_close_matches(name.lower(), sections, 1, GROUP_NAME_SIMILARITY)
         if name and name not in job.groups and close:
             yield (
                 f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; was '
@@ -153,27 +163,28 @@ def _unlike_groups(job: Job, net: Net) -> Iterator[str]:
             )
 
 
-def idle_zones(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:
+def unused_zone_notes(job: Job, zones: Zones, tables: list[Sectors | None]) -> list[str]:
     """Return a note for each zone without any value; tables : sectors of [wind] and of the cases."""
     named = {name for name, _ in named_zones(job)}.union(*(table.of_zone for table in tables if table))
     return [
-        f"zone {shown(name)}: no effect: neither [wind] nor [load] nor a case has a value for it"
+        f"zone {format_value(name)}: no effect: neither [wind] nor [load] nor a case has a value for it"
         for name in zones.names
         if name not in named
     ]
 
 
-def bare_zones(zones: Zones, area: np.ndarray) -> list[str]:
+def zone_without_area_notes(zones: Zones, area: np.ndarray) -> list[str]:
     """Return a note for each zone whose nodes have no area of the roof; area : (n,) [m2] of surface."""
     return [
-        f"zone {shown(name)}: no effect: its nodes have no area of the roof, on which all of its values act; "
+        f"zone {format_value(name)}: no effect: its nodes have no area of the roof, on which all of "
+        "its values act; "
         "[roof] groups and openings say which faces are the roof"
         for name, share in zip(zones.names, zones.share.T)
         if share.any() and not (share * area).any()
     ]
 
 
-def _idle_columns(job: Job, net: Net) -> Iterator[str]:
+def _unused_column_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on columns of the tables, and on the prestress, without effect."""
     form_finding, has_density, prestressed = (
         job.form_finding,
@@ -192,7 +203,7 @@ def _idle_columns(job: Job, net: Net) -> Iterator[str]:
         yield "columns load_x, load_y, load_z: no effect: neither statics ([load] steps) nor [dynamics]"
     if net.mass.any() and not job.dynamics:
         yield "column mass: no effect: it is inertia without weight, and there is no [dynamics]"
-    without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_turned(net))
+    without_effect = 0 if net.angle is None else np.count_nonzero((net.angle != 0.0) & ~is_rotated(net))
     if without_effect:
         yield f"column angle of {without_effect} nodes: no effect: they are held alike along all axes in plan"
     first_breaks = net.yield_stress >= net.fracture_strain * net.modulus

@@ -6,21 +6,21 @@ from typing import Any
 
 from netfall.parallel.mpi import MPI
 
-SPIN = 1e-3  # [s] for which a rank polls without sleeping
-SLEEP = 0.1  # sleep between two polls, relative to the time waited so far, ...
-LONGEST = 0.02  # ... at most [s]
+POLL_SECONDS = 1e-3  # [s] for which a rank polls without sleeping
+SLEEP_SHARE = 0.1  # sleep between two polls, relative to the time waited so far, ...
+MAX_SLEEP = 0.02  # ... at most [s]
 
 
-def wait_asleep(comm: MPI.Comm) -> None:
+def sleeping_barrier(comm: MPI.Comm) -> None:
     """Wait at a barrier, sleeping between polls: MPI would use a full core next to a rank that compiles."""
     request, begin = comm.Ibarrier(), time.perf_counter()
     while not request.Test():
         waited = time.perf_counter() - begin
-        if waited > SPIN:
-            time.sleep(min(SLEEP * waited, LONGEST))
+        if waited > POLL_SECONDS:
+            time.sleep(min(SLEEP_SHARE * waited, MAX_SLEEP))
 
 
-def all_of(comm: MPI.Comm, own) -> tuple:
+def union_of_ranks(comm: MPI.Comm, own) -> tuple:
     """Return the values of all ranks, each once, in ascending order. Collective."""
     return tuple(sorted(set().union(*comm.allgather(own))))
 
@@ -33,7 +33,7 @@ def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
             result = work()
         except Exception as exception:
             error = exception
-    wait_asleep(comm)
+    sleeping_barrier(comm)
     error = comm.bcast(error)
     if error is not None:
         error.on_every_rank = True

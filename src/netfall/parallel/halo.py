@@ -15,7 +15,7 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.records import Record, f8, has, i8, u1_2, u4, u8, whole
+from netfall.core.records import Record, f8, i8, is_present, u1_2, u4, u8, whole
 from netfall.parallel.mpi import MPI
 from netfall.parallel.mpi_calls import (
     announce,
@@ -23,7 +23,7 @@ from netfall.parallel.mpi_calls import (
     functions,
     handle,
     handles,
-    look_for_messages,
+    progress_messages,
     start_all,
     wait_all,
     yield_processor,
@@ -66,7 +66,7 @@ class HaloBuffers(Record):
 
 
 @inner_kernel
-def buffer_in_use(buffers):
+def current_buffer(buffers):
     """Return the place of the buffer of this exchange, to be added to `send_at` and `receive_at`."""
     return buffers.to_second * (buffers.count[0] % 2)
 
@@ -91,7 +91,7 @@ def wait_for_neighbours(buffers):
             polls += 1
             # Another process may need this processor; MPI may progress messages only when called.
             if polls % PATIENCE == 0:
-                error = look_for_messages(buffers.functions, buffers.comm)
+                error = progress_messages(buffers.functions, buffers.comm)
                 if error != 0:
                     return error
                 yield_processor(buffers.functions)
@@ -106,14 +106,14 @@ def wait_for_neighbours(buffers):
 @inner_kernel
 def fixed_width(particles):
     """Return the count of numbers sent for each particle before its slip velocities."""
-    if not has(particles.valence):
+    if not is_present(particles.valence):
         return 3
-    return 6 if has(particles.air_mass) else 5
+    return 6 if is_present(particles.air_mass) else 5
 
 
 @inner_kernel
 def pack_forces(particles, buffer, buffers):
-    """Pack the total forces of the boundary particles. buffer : place of the buffer, from `buffer_in_use`"""
+    """Pack the total forces of the boundary particles. buffer : place of the buffer, from `current_buffer`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.send_index.shape[0]):
         p, row = buffers.send_index[i], buffers.send_at + buffer + i * width
@@ -153,7 +153,7 @@ def unpack_forces(n_owned, particles, buffer, buffers):
 @kernel
 def exchange_rows(sent, arrived, buffers):
     """Send rows (k, width) of boundary particles, receive those (h, width) of the halo; return the error."""
-    width, buffer = sent.shape[1], buffer_in_use(buffers)
+    width, buffer = sent.shape[1], current_buffer(buffers)
     for i in range(sent.shape[0]):
         for k in range(width):
             buffers.numbers[buffers.send_at + buffer + i * width + k] = sent[i, k]
@@ -266,9 +266,9 @@ class Halo:
         self._made, self._window = [], None
 
 
-def buffers_alone() -> HaloBuffers:
+def buffers_without_neighbours() -> HaloBuffers:
     """Return buffers, without MPI, for a rank without neighbours."""
-    return HaloBuffers.absent().replaced(
+    return HaloBuffers.absent().with_values(
         numbers=np.zeros(LINE), send_at=LINE, count=np.zeros(1, np.int64), functions=functions()
     )
 

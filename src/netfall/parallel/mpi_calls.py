@@ -13,8 +13,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from netfall.core.kernels import calling, inner_kernel
-from netfall.core.records import has
+from netfall.core.kernels import address_caller, inner_kernel
+from netfall.core.records import is_present
 from netfall.parallel.mpi import MISSING, MPI
 
 START_ALL, WAIT_ALL, PROBE, CLOCK, YIELD, MPICH = range(6)  # places in `functions`
@@ -57,7 +57,7 @@ def handle(made) -> int:
     return MPI._handleof(made)
 
 
-call, clock = calling(types.int32), calling(types.float64)
+call, clock = address_caller(types.int32), address_caller(types.float64)
 
 
 @inner_kernel
@@ -80,7 +80,7 @@ def wait_all(functions, requests):
 
 
 @inner_kernel
-def look_for_messages(functions, comm):
+def progress_messages(functions, comm):
     """Call MPI_Iprobe, which progresses messages; return its error code."""
     flag = np.zeros(1, np.int64)
     return call(functions[PROBE], (ANY_SOURCE, UNUSED_TAG, comm, flag.ctypes.data, functions[MPICH]))
@@ -114,9 +114,9 @@ def announced(typing, address):
 
 
 @inner_kernel
-def lap(seconds, k, lap_start, buffers):
+def add_lap(seconds, k, lap_start, buffers):
     """Add the time since a lap start to seconds[k] [s]; return the next start. seconds absent: not timed."""
-    if not has(seconds):
+    if not is_present(seconds):
         return 0.0
     now = clock(buffers.functions[CLOCK], (0,))
     if k >= 0:

@@ -5,7 +5,7 @@ import numpy as np
 from netfall.parallel.mpi import MPI
 
 
-class Slabs:
+class BlockWriter:
     """Division of the global rows 0 to total into one block per writing rank: all ranks, or rank 0 alone."""
 
     def __init__(self, comm: MPI.Comm, all_write: bool):

@@ -12,10 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.core.sets import among, distinct
+from netfall.core.sets import distinct, is_one_of
 from netfall.parallel.mpi import MPI
 
-FAR = 4.0  # distance of neighbours in number, relative to a square net, above which particles are reordered
+MAX_RELATIVE_DISTANCE = (
+    4.0  # distance of neighbours in number, relative to a square net, above which particles are reordered
+)
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,10 @@ class Subdomain:
         return len(self.particle_gid) - self.n_owned
 
 
-NO_JOINTS, NOBODY = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+NO_JOINTS, NO_PARTICLES = np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
 
 
-def cut_net(
+def split_net(
     n: int, elements: np.ndarray, part: np.ndarray, ranks: int, joints: np.ndarray = NO_JOINTS
 ) -> list[Subdomain]:
     """Return the subdomains of all ranks, for a part (n,) of each particle.
@@ -81,7 +83,7 @@ def cut_net(
     for rank in range(ranks):
         wanted = {int(k): halos[k][part[halos[k]] == rank] for k in np.unique(part[halos[rank]])}
         inner = elements_held[rank][(owner[elements_held[rank]] == rank).all(1)]
-        boundary = among(owned[rank], np.concatenate([NOBODY, *wanted.values()]))
+        boundary = is_one_of(owned[rank], np.concatenate([NO_PARTICLES, *wanted.values()]))
         local[owned[rank]] = np.arange(len(owned[rank]))
         order = order_of_rows(boundary, local[elements[inner]])
         gid = np.concatenate([owned[rank][order], halos[rank]])
@@ -98,7 +100,7 @@ def cut_net(
                 tuple(wanted),
                 tuple(map(len, sends)),
                 tuple(int(counts[other]) for other in wanted),
-                np.concatenate([NOBODY, *sends]).astype(np.uint32),
+                np.concatenate([NO_PARTICLES, *sends]).astype(np.uint32),
                 jointed[rank],
                 local[joints[jointed[rank]]].astype(np.uint32),
             )
@@ -115,7 +117,7 @@ def order_of_rows(boundary: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """
     n = len(boundary)
     order = np.argsort(~boundary, kind="stable")
-    if apart(order, ends) <= FAR * np.sqrt(n) * len(ends):
+    if apart(order, ends) <= MAX_RELATIVE_DISTANCE * np.sqrt(n) * len(ends):
         return order
     from scipy.sparse import coo_array  # here, as the import takes 0.2 s
     from scipy.sparse.csgraph import reverse_cuthill_mckee
@@ -166,7 +168,7 @@ class Distribution:
     def _scatter(self, rows: np.ndarray | None, gid: str) -> np.ndarray:
         return self.comm.scatter(self._subdomains and [rows[getattr(p, gid)] for p in self._subdomains])
 
-    def from_owners(self, gid: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    def broadcast_rows(self, gid: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return rows (k, ...) of a few particles gid (k,), on every rank, from their owners. Collective.
 
         rows : (n_owned or more, ...) of this rank

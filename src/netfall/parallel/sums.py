@@ -19,7 +19,10 @@ ALL = np.zeros(0, np.uint8)
 MASK = np.int64(0xFFFFFFFF)
 SIZE = np.int64(0x7FFFFFFFFFFFFFFF)  # all bits of a number but the sign
 BLOCK = 2048  # values; the sum of their multiples of a unit is below 2^62
-LEAST, MOST = 103, 2044  # biased exponents of a block's largest value between which `cut_in_three` works
+LEAST, MAX_EXPONENT = (
+    103,
+    2044,
+)  # biased exponents of a block's largest value between which `cut_in_three` works
 
 
 @inner_kernel
@@ -109,7 +112,7 @@ def add_exactly(values, mask, limbs):
         if top == 0:
             continue
         exponent, has_more = top >> 52, True
-        if LEAST <= exponent and exponent <= MOST:
+        if LEAST <= exponent and exponent <= MAX_EXPONENT:
             large = unit_number(exponent + 2), unit_number(exponent - 50), unit_number(exponent - 102)
             a, b, c, has_more = cut_in_three(first, last, values, mask, large)
         if has_more:
@@ -129,7 +132,7 @@ def add_terms(first, last, values, mask, limbs):
 
 
 @kernel
-def rounded(limbs):
+def round_limbs(limbs):
     """Return the double nearest to the fixed-point number, nan if a term was nonfinite; uses up the limbs."""
     if limbs[LIMBS - 1] != 0:
         return math.nan
@@ -173,10 +176,10 @@ def exact_sums(comm: MPI.Comm, *terms: np.ndarray) -> list[float]:
     limbs = np.zeros((len(terms), LIMBS), np.int64)
     for values, sum_limbs in zip(terms, limbs):
         add_exactly(np.ascontiguousarray(values, np.float64).ravel(), ALL, sum_limbs)
-    return rounded_of_all(comm, limbs).tolist()
+    return round_over_ranks(comm, limbs).tolist()
 
 
-def rounded_of_all(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
+def round_over_ranks(comm: MPI.Comm, limbs: np.ndarray) -> np.ndarray:
     """Return sums (k,) over all ranks of their limbs (k, LIMBS), which are overwritten. Collective."""
     comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-    return np.array([rounded(sum_limbs) for sum_limbs in limbs])
+    return np.array([round_limbs(sum_limbs) for sum_limbs in limbs])

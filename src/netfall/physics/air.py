@@ -24,13 +24,13 @@ import math
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
-from netfall.core.records import Record, f8, has, i8, real
+from netfall.core.records import Record, f8, i8, is_present, real
 from netfall.physics.loads import wind_speed
 from netfall.physics.motion import inverse_mass
 
 
 @inner_kernel
-def set_air(kick_dt, zeta, particles):
+def set_air_damping(kick_dt, zeta, particles):
     """Write the factor |U| / (1 + h + a) of `explicit.motion.add_air_damping`, with U's sign, at both
     samples.
 
@@ -43,7 +43,7 @@ def set_air(kick_dt, zeta, particles):
         damped = 1.0 + half_dt_per_mass * zeta * damped_mass(p, particles)
         cx, cy, cz = particles.air[0, p], particles.air[1, p], particles.air[2, p]
         square, speed_before, speed_after = half_dt_per_mass * (cx * cx + cy * cy + cz * cz), 1.0, 1.0
-        if not has(particles.tapped):  # with pressures, c includes the speed
+        if not is_present(particles.tapped):  # with pressures, c includes the speed
             speed_before, speed_after = particles.speed_before[p], particles.speed_after[p]
         damping[0, p] = speed_before / (damped + square * abs(speed_before))
         damping[1, p] = speed_after / (damped + square * abs(speed_after))
@@ -74,7 +74,7 @@ def set_drag(kick_dt, share, relative, particles):
     v, drag = particles.v, particles.drag
     for i in range(relative.rows.shape[0]):
         p = relative.rows[i]
-        speed = relative.steady[i] if has(relative.steady) else wind_speed(p, particles, share)
+        speed = relative.steady[i] if is_present(relative.steady) else wind_speed(p, particles, share)
         wx, wy, wz = speed * relative.along_x - v[0, p], speed * relative.along_y - v[1, p], -v[2, p]
         factor = relative.size[i] * math.sqrt(wx * wx + wy * wy + wz * wz)
         factor /= 1.0 + factor * kick_dt * particles.per_mass[p]
@@ -84,22 +84,22 @@ def set_drag(kick_dt, share, relative, particles):
 @inner_kernel
 def damped_mass(p, particles):
     """Return the mass [kg] of particle p on which the mass-proportional damping acts."""
-    if not has(particles.air_mass):
+    if not is_present(particles.air_mass):
         return particles.mass[p]
     return particles.mass[p] - particles.air_mass[p]
 
 
 @inner_kernel
-def lose_air(p, particles):
+def remove_air(p, particles):
     """Remove aerodynamic damping and added mass from particle p, which has lost its wind load.
 
     The kinetic energy [J] of the added mass counts as negative external work.
     """
-    if has(particles.air):
+    if is_present(particles.air):
         particles.air[0, p] = particles.air[1, p] = particles.air[2, p] = 0.0
-    if has(particles.air_mass):
+    if is_present(particles.air_mass):
         mass, v = particles.air_mass[p], particles.v
-        if has(particles.work):
+        if is_present(particles.work):
             square = v[0, p] * v[0, p] + v[1, p] * v[1, p] + v[2, p] * v[2, p]
             particles.work[0, p] -= 0.5 * mass * square
         particles.air_mass[p] = 0.0
@@ -108,10 +108,10 @@ def lose_air(p, particles):
             particles.per_mass[p] = inverse_mass(particles.mass[p])
 
 
-def end_wind(state, rows=slice(None)) -> None:
+def remove_wind(state, rows=slice(None)) -> None:
     """Remove wind, aerodynamic damping and added mass of particles: local rows (k,) or all.
 
-    Works count as in `lose_air`. state : `state.State`
+    Works count as in `remove_air`. state : `state.State`
     """
     state.wind[rows] = 0.0
     if state.air is not None:
@@ -124,14 +124,14 @@ def end_wind(state, rows=slice(None)) -> None:
         state.invert_masses()
 
 
-def take_air(state, p: int, vector: np.ndarray, mass: float) -> None:
-    """Subtract part of the aerodynamic damping and added mass of particle p; works as in `lose_air`.
+def subtract_air(state, p: int, vector: np.ndarray, mass: float) -> None:
+    """Subtract part of the aerodynamic damping and added mass of particle p; works as in `remove_air`.
 
     vector : (3,) [kg/m], kappa rho A; mass : [kg], at most all of the remaining added mass is taken
     """
     if state.air is not None:
-        remaining = squared(state.air[p]) - vector
-        state.air[p] = rooted(np.where(state.free[p] != 0, remaining, 0.0))
+        remaining = damping_areas(state.air[p]) - vector
+        state.air[p] = damping_vectors(np.where(state.free[p] != 0, remaining, 0.0))
     if state.air_mass is not None:
         mass = min(mass, state.air_mass[p])
         if state.work is not None:
@@ -140,12 +140,12 @@ def take_air(state, p: int, vector: np.ndarray, mass: float) -> None:
         state.mass[p] -= mass
 
 
-def rooted(vector: np.ndarray) -> np.ndarray:
+def damping_vectors(vector: np.ndarray) -> np.ndarray:
     """Return c (n, 3) of vectors kappa rho A (n, 3) [kg/m]; only the latter may be added."""
     size = np.sqrt(np.sum(vector * vector, axis=-1, keepdims=True))
     return np.divide(vector, np.sqrt(size), out=np.zeros_like(vector), where=size > 0.0)
 
 
-def squared(c: np.ndarray) -> np.ndarray:
-    """Return kappa rho A (n, 3) [kg/m] of vectors c (n, 3): the inverse of `rooted`."""
+def damping_areas(c: np.ndarray) -> np.ndarray:
+    """Return kappa rho A (n, 3) [kg/m] of vectors c (n, 3): the inverse of `damping_vectors`."""
     return c * np.sqrt(np.sum(c * c, axis=-1, keepdims=True))

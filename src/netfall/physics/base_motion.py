@@ -46,7 +46,7 @@ class Ground(Record):
 
 
 @inner_kernel
-def find_places(time, ground, x):
+def ground_displacements(time, ground, x):
     """Compute the ground displacement x (courses, 3) [m], out, at a time [s]."""
     for c in range(x.shape[0]):
         x[c, 0] = x[c, 1] = x[c, 2] = 0.0
@@ -74,10 +74,10 @@ def move_ground(time, before_dt, after, zeta, ground, particles):
     before_dt : [s] length of the step before; after : [s] time of the next one
     """
     dt = after - time
-    find_places(time, ground, ground.now)
-    find_places(after, ground, ground.after)
+    ground_displacements(time, ground, ground.now)
+    ground_displacements(after, ground, ground.after)
     if before_dt > 0.0:
-        find_places(time - before_dt, ground, ground.before)
+        ground_displacements(time - before_dt, ground, ground.before)
     for c in range(ground.now.shape[0]):
         for k in range(3):
             velocity_after, velocity_before = (ground.after[c, k] - ground.now[c, k]) / dt, ground.start[c, k]
@@ -97,7 +97,7 @@ def move_ground(time, before_dt, after, zeta, ground, particles):
                 particles.ground[k, p] = ground.half[particles.course[p], k]
 
 
-def begin_with_ground(state, ground: Ground) -> None:
+def start_with_ground(state, ground: Ground) -> None:
     """Start the net with the velocity of the ground, if the whole ground has one. state : `state.State`
 
     The kinetic energy counts as work of the ground before the first step.

@@ -25,7 +25,7 @@ from netfall.core.arithmetic import angle_per_sine
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, empty, f8, f8_2, u1, u4_2
 
-FLAT = 1e-12  # lower bound of 1 + cos phi; it keeps the angle below pi
+MIN_COSINE_SUM = 1e-12  # lower bound of 1 + cos phi; it keeps the angle below pi
 
 
 class Joints(Record):
@@ -92,12 +92,12 @@ def _back(g):
 def _half_turn(a, b):
     """Return tan(phi / 2) n of the angle phi from a to b, with n along a x b, and |a||b| + a.b [m2]."""
     c, AB = _cross(a, b), math.sqrt(_dot(a, a)) * math.sqrt(_dot(b, b))
-    d = max(AB + _dot(a, b), FLAT * AB)
+    d = max(AB + _dot(a, b), MIN_COSINE_SUM * AB)
     return (c[0] / d, c[1] / d, c[2] / d), d
 
 
 @inner_kernel
-def _across(a, b, g):
+def _turned_cross(a, b, g):
     """Return R a x b [m2]; it is exactly zero if g equals h = tan(phi / 2) n of a and b.
 
     (1 + g^2) R a x b = d [(1 - g^2) h - (1 - h^2) g] + 2 [(g.b) a + (g.a) g x b]. Both parts are linear in
@@ -118,7 +118,7 @@ def _across(a, b, g):
 @inner_kernel
 def _moment(joints, k, a, b, g):
     """Return the moment m (3,) [N m] of joint k."""
-    c = _across(a, b, g)
+    c = _turned_cross(a, b, g)
     s = joints.stiffness[k] * angle_per_sine(math.sqrt(_dot(c, c)), _dot(_turn(g, a), b))
     return s * c[0], s * c[1], s * c[2]
 
@@ -196,7 +196,7 @@ def joint_tangents(x, joints, stiffness, positive):
     """
     for k in range(joints.stiffness.shape[0]):
         a, b, g = _sides(x, joints, k)
-        inverse_g, c, C = _back(g), _across(a, b, g), _dot(_turn(g, a), b)
+        inverse_g, c, C = _back(g), _turned_cross(a, b, g), _dot(_turn(g, a), b)
         A, B, S = math.sqrt(_dot(a, a)), math.sqrt(_dot(b, b)), math.sqrt(_dot(c, c))
         ratio, per_sine = angle_per_sine(S, C), 1.0 / S if S > 0.0 else 0.0
         psi, axis_term, skew = ratio * S, 1.0 - ratio * C, ratio * A * B - 1.0
@@ -259,7 +259,7 @@ def add_joint_bounds(x, joints, times, out):
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
         a, b, g = _sides(x, joints, k)
-        c = _across(a, b, g)
+        c = _turned_cross(a, b, g)
         S, s = math.sqrt(_dot(c, c)), times * joints.stiffness[k]
         psi = S * angle_per_sine(S, _dot(_turn(g, a), b))
         by_a, by_b = 1.0 / math.sqrt(_dot(a, a)), 1.0 / math.sqrt(_dot(b, b))
@@ -269,7 +269,7 @@ def add_joint_bounds(x, joints, times, out):
 
 
 @kernel
-def find_curvatures(x, particles, curvature):
+def compute_curvatures(x, particles, curvature):
     """Write 2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m]."""
     for k in range(curvature.shape[0]):
         h, i, j = particles[k, 0], particles[k, 1], particles[k, 2]
@@ -283,5 +283,5 @@ def find_curvatures(x, particles, curvature):
 def curvatures(x: np.ndarray, particles: np.ndarray) -> np.ndarray:
     """Return 2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m]; phi n turns a to b."""
     curvature = np.empty((len(particles), 3))
-    find_curvatures(np.asfortranarray(x), particles.astype(np.uint32), curvature)
+    compute_curvatures(np.asfortranarray(x), particles.astype(np.uint32), curvature)
     return curvature

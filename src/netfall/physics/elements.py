@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
-from netfall.core.records import Record, f8, has
+from netfall.core.records import Record, f8, is_present
 from netfall.physics.element_step import TINY
 from netfall.physics.law.element import axial_force, stored_energy, strain, tangent_stiffness, yield_energy
 
@@ -30,7 +30,7 @@ def _state_of(x, elements, law, e):
     dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     L = math.sqrt(dx * dx + dy * dy + dz * dz)
     eps_p = 0.0
-    if has(elements.eps_p):
+    if is_present(elements.eps_p):
         eps_p = elements.eps_p[e]
     N, eps = 0.0, 0.0  # also for a removed element, whose end distance is no strain
     if elements.EA[e] != 0.0:
@@ -40,7 +40,7 @@ def _state_of(x, elements, law, e):
 
 
 @inner_kernel
-def find_state(x, elements, law, now):
+def compute_state(x, elements, law, now):
     """Compute force, strain, plastic strain and length of each element at x (n, 3) [m]; change nothing else.
 
     elements : `Elements`; law : `Law`; now : `ElementState`, out
@@ -50,9 +50,9 @@ def find_state(x, elements, law, now):
 
 
 @kernel
-def element_state(x, elements, law, now):
-    """Call `find_state` from Python."""
-    find_state(x, elements, law, now)
+def compute_element_state(x, elements, law, now):
+    """Call `compute_state` from Python."""
+    compute_state(x, elements, law, now)
 
 
 @kernel
@@ -82,7 +82,7 @@ def add_element_forces(x, elements, law, f):
 
 
 @inner_kernel
-def pull(x, ends, N, L, f_int):
+def add_axial_forces(x, ends, N, L, f_int):
     """Add given axial forces N (m,) [N] at lengths L (m,) [m] to f_int (n, 3) [N] of the particles."""
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]
@@ -94,9 +94,9 @@ def pull(x, ends, N, L, f_int):
 
 
 @kernel
-def add_tensions(x, ends, N, L, f_int):
-    """Call `pull` from Python."""
-    pull(x, ends, N, L, f_int)
+def add_axial_forces_now(x, ends, N, L, f_int):
+    """Call `add_axial_forces` from Python."""
+    add_axial_forces(x, ends, N, L, f_int)
 
 
 @kernel
@@ -129,13 +129,14 @@ def axial_forces(u, ends, direction, axial, force):
 
 @inner_kernel
 def element_energies(elements, now, law, stored, heat):
-    """Compute stored and dissipated energy (m,) [J] of each element for the state of `element_state`."""
+    """Compute stored and dissipated energy (m,) [J] of each element for the state of
+    `compute_element_state`."""
     for e in range(now.N.shape[0]):
         stored[e] = stored_energy(elements, e, now.N[e], now.L[e], now.eps_p[e], law)
         heat[e] = 0.0
-        if has(elements.dissipated):
+        if is_present(elements.dissipated):
             heat[e] = elements.dissipated[e]
-        if has(elements.yield_force) and elements.EA[e] > 0.0:
+        if is_present(elements.yield_force) and elements.EA[e] > 0.0:
             heat[e] += yield_energy(elements, e, elements.eps_p[e], now.eps_p[e], law)
 
 

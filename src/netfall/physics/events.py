@@ -8,7 +8,7 @@ from netfall.core.kernels import inner_kernel
 from netfall.core.records import Record, f8, i8
 
 
-class StepDone(NamedTuple):
+class FractureStep(NamedTuple):
     """Step in which something breaks. time : [s] at its start; step : its number; dt : [s], its length"""
 
     time: float
@@ -38,7 +38,7 @@ REALS = ("time", "strain", "mass")
 COLUMNS = {name: np.float64 if name in REALS else np.int64 for name in list(Events.kind.fields)[1:]}
 
 
-def events_with_room(capacity: int, before: Events | None = None) -> Events:
+def allocate_events(capacity: int, before: Events | None = None) -> Events:
     """Allocate a log for `capacity` fractures, which starts with the entries of `before`."""
     columns = {name: np.zeros(capacity, dtype) for name, dtype in COLUMNS.items()}
     if before is None:
@@ -51,7 +51,7 @@ def events_with_room(capacity: int, before: Events | None = None) -> Events:
 
 @inner_kernel
 def add_event(events, when, element, particle, new_particle, strain, mass):
-    """Append a fracture to the log. when : `StepDone`"""
+    """Append a fracture to the log. when : `FractureStep`"""
     k = events.count[0]
     events.time[k], events.step[k] = when.time, when.step
     events.element[k], events.particle[k] = element, particle

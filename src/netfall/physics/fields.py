@@ -11,12 +11,12 @@ import numpy as np
 from numba import from_dtype, types
 
 from netfall.core.records import Record
-from netfall.core.text_tables import rows_of
+from netfall.core.text_tables import table_rows
 
 SLOTS = 4  # minimum number of slots per particle; loops over exactly this many are unrolled
 EMPTY = np.uint32(0xFFFFFFFF)  # element number of an empty slot
-LIKE_PARENT = "as the particle that it splits off"
-TAKEN_OUT = 2  # value of `broken` for an element that an erection stage has removed
+COPY_PARENT = "as the particle that it splits off"
+REMOVED_BY_ERECTION = 2  # value of `broken` for an element that an erection stage has removed
 OTHER_WORKS = ("air", "band", "support")  # in addition to external, internal and damping work
 
 
@@ -38,7 +38,7 @@ class Field:
     dtype: type
     unit: str
     meaning: str
-    needs: str = ""
+    feature: str = ""
     kept: bool = False
     split: float | str = 0
     slot_of: str = ""
@@ -57,10 +57,10 @@ def _fields(entity: str, text: str) -> tuple[Field, ...]:
     same name.
     """
     fields = []
-    for name, numbers, unit, needs, mark_text, meaning in rows_of(text):
+    for name, numbers, unit, needs, mark_text, meaning in table_rows(text):
         dtype, *columns = numbers.split()
         marks = dict(word.partition("=")[::2] for word in mark_text.split())
-        split = marks.get("split", "0") or LIKE_PARENT
+        split = marks.get("split", "0") or COPY_PARENT
         fields.append(
             Field(
                 name,
@@ -104,7 +104,7 @@ air_mass | f8 | kg | air_mass | kept given | added mass of the air
 detached | u1 | | detaches | kept | 1 once no path of unbroken elements leads to a support
 drag | f8 3 | N | drags | | drag of the relative wind on a detached particle
 drag_size | f8 | kg/m | drags | kept given | rho A / 2 of its surface
-steady_speed | f8 | m/s | drags_steadily | given | mean wind speed, if the wind is given as pressures
+steady_speed | f8 | m/s | steady_drag | given | mean wind speed, if the wind is given as pressures
 slip | f8 3 | m | slip | kept | length that has passed, for each cable that slides here
 slip_v | f8 3 | m/s | sliding | kept | velocity of each slip, half a step behind
 slip_mass | f8 3 | kg | sliding | kept | inertia of each slip, for steps of any length
@@ -139,18 +139,18 @@ slip_along | i1 | | slip | given | 1 or -1: runs along or against its cable
 hold_before | f8 | N | slip_fades | | fading tension of a removed element, at the last sample
 hold_after | f8 | N | slip_fades | | fading tension of a removed element, at the next sample
 owned | u1 | | | | 1 on the one rank that reports the element
-broken | u1 | | | kept | 1 if broken or removed; `TAKEN_OUT` by an erection stage
+broken | u1 | | | kept | 1 if broken or removed; `REMOVED_BY_ERECTION` by an erection stage
 lost | u1 | | losses | kept | 1 if removed
-highest | f8 | N | peaks | kept | largest axial force of a step since the last removal
-lowest | f8 | N | dips | kept | smallest axial force of a step since the last removal
+highest | f8 | N | tracks_maxima | kept | largest axial force of a step since the last removal
+lowest | f8 | N | tracks_minima | kept | smallest axial force of a step since the last removal
 yield_force | f8 | N | plastic | given | axial force at yield
 yield_strain | f8 | | plastic_sections | | strain at first yield
 eps_p | f8 | | plastic | kept | plastic strain
 dissipated | f8 | J | dissipating | kept | energy dissipated by yield, and by removal of the element
 eps_u | f8 | | fracture | kept given | fracture strain; a fragment grows longer at it; inf: never
 eps_c | f8 | | crushing | kept given | fracture strain in compression; -inf: never
-reach | f8 | | strengths | | L / L0 from which it is checked for fracture
-near | f8 | N | unlike_limits | | size of the elastic axial force from which it is checked for any limit
+check_stretch | f8 | | strengths | | L / L0 from which it is checked for fracture
+near | f8 | N | varied_limits | | size of the elastic axial force from which it is checked for any limit
 branch_a | f8 | N | band | kept | H of a Maxwell branch
 branch_b | f8 | N | band | kept | H of a Maxwell branch
 branch_c | f8 | N | third_branch | kept | H of a Maxwell branch
@@ -160,20 +160,20 @@ breaks | u1 | | fracture | | ends at which these break, from `fracture.decide`
 SLOTS_OF_ELEMENTS = """
 other | u4 | | | | local number of the far end; in an empty slot that of the particle itself
 inv_L0 | f8 | 1/m | | | 1 / unstressed length, 0 in an empty slot
-slot_element | u4 | | numbered | | local number of the element
+slot_element | u4 | | slots_numbered | | local number of the element
 slot_EA | f8 | N | sections | repeats | axial stiffness, if it varies
 slot_bar | u1 | | bars | repeats | 1 if compression is carried
 slot_euler | f8 | N | buckling | repeats | compression at buckling
 slot_yield_force | f8 | N | plastic_sections | repeats | axial force at yield, if it varies
 slot_yield_strain | f8 | | plastic_sections | repeats | strain at first yield, if it varies
-slot_highest | f8 | N | peaks | | largest axial force of a step since the slot was filled
-slot_lowest | f8 | N | dips | | smallest axial force of a step since the slot was filled
+slot_highest | f8 | N | tracks_maxima | | largest axial force of a step since the slot was filled
+slot_lowest | f8 | N | tracks_minima | | smallest axial force of a step since the slot was filled
 slot_branch_a | f8 | N | band | repeats | H of a Maxwell branch
 slot_branch_b | f8 | N | band | repeats | H of a Maxwell branch
 slot_branch_c | f8 | N | third_branch | repeats | H of a Maxwell branch
 slot_eps_p | f8 | | plastic | repeats | plastic strain
-slot_reach | f8 | | strengths | repeats | L / L0 from which the element is checked, if it varies
-slot_near | f8 | N | unlike_limits | repeats | size of the elastic axial force from which the element is
+slot_check_stretch | f8 | | strengths | repeats | L / L0 from which the element is checked, if it varies
+slot_near | f8 | N | varied_limits | repeats | size of the elastic axial force from which the element is
     checked, if it varies
 """
 FIELDS = _fields("particle", PARTICLES) + _fields("element", ELEMENTS) + _fields("slot", SLOTS_OF_ELEMENTS)
@@ -227,7 +227,7 @@ class Features:
     fragments: bool = True  # a particle splits off where an element breaks
     detaches: bool = False  # parts may be cut free
     drags: bool = False  # relative wind acts on detached parts
-    drags_steadily: bool = False  # with a mean speed, because the wind is given as pressures
+    steady_drag: bool = False  # with a mean speed, because the wind is given as pressures
 
     @property
     def inelastic(self) -> bool:
@@ -235,12 +235,12 @@ class Features:
         return self.plastic or self.fracture
 
     @property
-    def peaks(self) -> bool:
+    def tracks_maxima(self) -> bool:
         """Whether the largest forces of all steps are stored: fracture and removal cause short waves."""
         return self.fracture or self.losses
 
     @property
-    def dips(self) -> bool:
+    def tracks_minima(self) -> bool:
         """Whether the smallest forces of all steps are stored too."""
         return self.losses or (self.fracture and self.bars)
 
@@ -260,9 +260,9 @@ class Features:
         return len(self.band) == 6
 
     @property
-    def numbered(self) -> bool:
+    def slots_numbered(self) -> bool:
         """Whether slots store the numbers of their elements."""
-        return self.inelastic or self.peaks or bool(self.sliding or self.band)
+        return self.inelastic or self.tracks_maxima or bool(self.sliding or self.band)
 
     @property
     def slip_works(self) -> bool:
@@ -280,7 +280,7 @@ class Features:
         return self.buckling and self.fracture
 
     @property
-    def unlike_limits(self) -> bool:
+    def varied_limits(self) -> bool:
         """Whether the limit force from which an element is checked differs between elements."""
         return self.buckling or (self.inelastic and (self.sections or self.strengths))
 
@@ -291,4 +291,4 @@ class Features:
 
     def has(self, field: Field) -> bool:
         """Return whether the problem has a field."""
-        return not field.needs or getattr(self, field.needs)
+        return not field.feature or getattr(self, field.feature)

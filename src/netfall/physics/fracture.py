@@ -16,7 +16,7 @@ as dissipated.
 
 Every rank that holds the element decides alike: strain, resultant forces, masses and valences are equal to
 the bit on all of them. Mass and valence are those before the step, whatever other elements break in it,
-because all decisions (`decide`) precede all splits.
+because all decisions (`choose_ends`) precede all splits.
 
 All of this is compiled and called by the time loop (`explicit/fracture.py`), which then updates slots and
 chunks.
@@ -27,18 +27,18 @@ import math
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.records import Record, has, i8, real, whole
-from netfall.physics.air import damped_mass, lose_air
+from netfall.core.records import Record, i8, is_present, real, whole
+from netfall.physics.air import damped_mass, remove_air
 from netfall.physics.events import Events, add_event
 from netfall.physics.fields import Particles
 from netfall.physics.law.element import energies_at, length_at, strain
 from netfall.physics.motion import inverse_mass
-from netfall.physics.slip.law import passed_into
-from netfall.physics.stability import ROUNDING, fragment_mass
+from netfall.physics.slip.law import passed_length
+from netfall.physics.stability import CARRIED_TOLERANCE, fragment_mass
 
-HAIR = 1e-9  # relative to the fracture strain; larger than the rounding error of a strain
+STRAIN_MARGIN = 1e-9  # relative to the fracture strain; larger than the rounding error of a strain
 EQUAL_FORCES = 1e-6  # relative; a symmetric net breaks symmetrically in spite of rounding
-LOOSE = 2  # bit shift in `Elements.breaks`: bits 0, 1: the end breaks; shifted: it is loose
+LOOSE_SHIFT = 2  # bit shift in `Elements.breaks`: bits 0, 1: the end breaks; shifted: it is loose
 
 
 class FractureRules(Record):
@@ -79,7 +79,7 @@ def owns(p, rules):
 
 
 @inner_kernel
-def decide(e, elements, particles):
+def choose_ends(e, elements, particles):
     """Write to `elements.breaks` at which ends element e breaks, and which of them are loose.
 
     It breaks at the end with the larger resultant force, or at both if these are equal.
@@ -90,7 +90,7 @@ def decide(e, elements, particles):
         breaks = 3
     for k in range(2):
         if breaks >> k & 1 and is_loose(elements.ends[e, k], e, elements, particles):
-            breaks |= 1 << (LOOSE + k)
+            breaks |= 1 << (LOOSE_SHIFT + k)
     elements.breaks[e] = breaks
 
 
@@ -111,12 +111,12 @@ def is_loose(p, e, elements, particles):
     for k in range(3):
         if not particles.free[k, p]:
             return False
-        if has(particles.spring) and particles.spring[k, p] != 0.0:
+        if is_present(particles.spring) and particles.spring[k, p] != 0.0:
             return False
-    if has(particles.turned) and (particles.turned[0, p] != 0.0 or particles.turned[1, p] != 0.0):
+    if is_present(particles.turned) and (particles.turned[0, p] != 0.0 or particles.turned[1, p] != 0.0):
         return False
     mass = damped_mass(p, particles)
-    return particles.valence[p] == 1 and mass - elements.half_mass[e] <= ROUNDING * mass
+    return particles.valence[p] == 1 and mass - elements.half_mass[e] <= CARRIED_TOLERANCE * mass
 
 
 @inner_kernel
@@ -131,7 +131,7 @@ def break_element(e, when, elements, law, fractures):
     if fractures.rules.stable_dt > 0.0:
         split_particles(e, when, elements, law, fractures)
     else:
-        take_out(e, when, elements, law, fractures)
+        remove_element(e, when, elements, law, fractures)
 
 
 @inner_kernel
@@ -143,11 +143,11 @@ def split_particles(e, when, elements, law, fractures):
     a, b = np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1])
     strain_at_fracture = strain_before(e, when.dt, elements, particles, law)
     elements.broken[e] = 1
-    if has(elements.eps_c):
+    if is_present(elements.eps_c):
         elements.eps_c[e] = -np.inf
-    if has(elements.yield_force) and elements.yield_force[e] < np.inf:
-        never_again(e, elements)
-    half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE)
+    if is_present(elements.yield_force) and elements.yield_force[e] < np.inf:
+        disable_strength(e, elements)
+    half, at_split = elements.half_mass[e], breaks & 3 & ~(breaks >> LOOSE_SHIFT)
     mass = fragment_mass(elements.EA[e], elements.L0[e], half, rules.stable_dt)
     weight = rules.gravity * (half * rules.own_weighs + (mass - half) * rules.carried_weighs)
     # the owner of the end that stays attached keeps the element; if none does, that of its start
@@ -157,11 +157,11 @@ def split_particles(e, when, elements, law, fractures):
             continue
         p, number, taken_mass = a if end == 0 else b, np.int64(-1), 0.0
         if owns(p, rules):
-            lose_wind(p, rules, particles)
+            remove_wind_at(p, rules, particles)
         if at_split >> end & 1:
             number, taken_mass = np.int64(rules.particles + 2 * gid + end), mass
             if owns(p, rules):
-                take_off(p, mass, weight, particles)
+                subtract_fragment(p, mass, weight, particles)
             if keeps_element:
                 elements.ends[e, end] = new_particle(p, number, mass, weight, particles, rows)
         if owns(p, rules):
@@ -173,15 +173,15 @@ def split_particles(e, when, elements, law, fractures):
 
 
 @inner_kernel
-def never_again(e, elements):
+def disable_strength(e, elements):
     """Disable the strength check of element e."""
     elements.eps_u[e] = np.inf
-    if has(elements.reach):
-        elements.reach[e] = np.inf
+    if is_present(elements.check_stretch):
+        elements.check_stretch[e] = np.inf
 
 
 @inner_kernel
-def lengthen(e, dt, elements, particles, law):
+def lengthen_fragment(e, dt, elements, particles, law):
     """Lengthen fragment e, strained beyond its strength, until its strain equals the fracture strain.
 
     The released energy, at the length where its forces did work, counts as dissipated. The strain stays above
@@ -194,19 +194,19 @@ def lengthen(e, dt, elements, particles, law):
         return
     L_work = length_before(e, 0.5 * dt, elements, particles)
     _, _, before = energies_at(elements, e, L_work, 0.0, law)
-    elements.L0[e] = max(elements.L0[e], length_at(L, eps_u * (1.0 + HAIR), law))
+    elements.L0[e] = max(elements.L0[e], length_at(L, eps_u * (1.0 + STRAIN_MARGIN), law))
     _, _, after = energies_at(elements, e, L_work, 0.0, law)
     elements.dissipated[e] += before - after
 
 
 @inner_kernel
-def take_out(e, when, elements, law, fractures):
+def remove_element(e, when, elements, law, fractures):
     """Remove element e from the net; its stored energy counts as dissipated."""
     rules, particles, events = fractures.rules, fractures.particles, fractures.events
     strain_at_fracture = strain_before(e, when.dt, elements, particles, law)
-    lose_stored(e, when.dt, elements, particles, law)
+    dissipate_stored(e, when.dt, elements, particles, law)
     elements.broken[e], elements.eps_u[e], elements.EA[e] = 1, np.inf, 0.0
-    if has(elements.eps_c):
+    if is_present(elements.eps_c):
         elements.eps_c[e] = -np.inf
     for end in range(2):
         p = np.int64(elements.ends[e, end])
@@ -214,43 +214,43 @@ def take_out(e, when, elements, law, fractures):
             continue
         particles.valence[p] -= 1
         if elements.breaks[e] >> end & 1:
-            lose_wind(p, rules, particles)
+            remove_wind_at(p, rules, particles)
             add_event(
                 events, when, rules.element_gid[e], particles.gid[p], np.int64(-1), strain_at_fracture, 0.0
             )
 
 
 @inner_kernel
-def lose_wind(p, rules, particles):
+def remove_wind_at(p, rules, particles):
     """Remove the wind and air effects of particle p after a fracture, unless the wind stays."""
-    if has(particles.wind) and not rules.wind_stays:
+    if is_present(particles.wind) and not rules.wind_stays:
         particles.wind[0, p] = particles.wind[1, p] = particles.wind[2, p] = 0.0
-        lose_air(p, particles)
+        remove_air(p, particles)
 
 
 @inner_kernel
-def lose_stored(e, dt, elements, particles, law):
+def dissipate_stored(e, dt, elements, particles, law):
     """Count the energy stored in element e as dissipated.
 
     It is that of half a position update ago, where the forces of the element did work.
     """
     L = length_before(e, 0.5 * dt, elements, particles)
     eps_p = 0.0
-    if has(elements.eps_p):
+    if is_present(elements.eps_p):
         eps_p = elements.eps_p[e]
     L0, elements.L0[e] = elements.L0[e], unstressed_before(e, 0.5 * dt, elements, particles)
     new_eps_p, heat, stored = energies_at(elements, e, L, eps_p, law)
     elements.L0[e] = L0
-    if has(elements.eps_p):
+    if is_present(elements.eps_p):
         elements.dissipated[e] += heat
         elements.eps_p[e] = new_eps_p
     elements.dissipated[e] += stored
 
 
 @kernel
-def dissipate(e, dt, elements, particles, law):
-    """Call `lose_stored` from Python."""
-    lose_stored(e, dt, elements, particles, law)
+def dissipate_stored_now(e, dt, elements, particles, law):
+    """Call `dissipate_stored` from Python."""
+    dissipate_stored(e, dt, elements, particles, law)
 
 
 @inner_kernel
@@ -267,8 +267,8 @@ def length_before(e, time, elements, particles):
 def unstressed_before(e, time, elements, particles):
     """Return the unstressed length [m] of element e a time [s] ago, from the present slip velocities."""
     L0 = elements.L0[e]
-    if has(elements.slip_place) and has(particles.slip_v):
-        L0 -= time * elements.slip_share[e] * passed_into(e, particles.slip_v, elements)
+    if is_present(elements.slip_place) and is_present(particles.slip_v):
+        L0 -= time * elements.slip_share[e] * passed_length(e, particles.slip_v, elements)
     return L0
 
 
@@ -280,7 +280,7 @@ def strain_before(e, time, elements, particles, law):
 
 
 @inner_kernel
-def take_off(p, mass, weight, particles):
+def subtract_fragment(p, mass, weight, particles):
     """Subtract a fragment's mass [kg] and weight [N] from particle p."""
     particles.valence[p] -= 1
     particles.mass[p] -= mass
@@ -302,7 +302,7 @@ def new_particle(p, number, mass, weight, particles, rows):
     for k in range(3):
         particles.x[k, row], particles.v[k, row] = particles.x[k, p], particles.v[k, p]
         particles.x_start[k, row] = particles.x_start[k, p]
-    if has(particles.course):
+    if is_present(particles.course):
         particles.course[row] = particles.course[p]
         for k in range(3):
             particles.ground[k, row] = 0.0  # `move_ground` sets it in each step, also in unused rows

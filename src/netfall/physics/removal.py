@@ -14,47 +14,47 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.physics.air import rooted, squared
-from netfall.physics.fracture import dissipate
+from netfall.physics.air import damping_areas, damping_vectors
+from netfall.physics.fracture import dissipate_stored_now
 from netfall.physics.state import State
-from netfall.physics.supports import keep_on_guides
+from netfall.physics.supports import project_on_guides
 
 EXTERNAL, INTERNAL = 0, 1  # columns of the works of forces
 
 
-def lose_elements(state: State, elements: np.ndarray, since: np.ndarray) -> None:
+def remove_elements(state: State, elements: np.ndarray, since: np.ndarray) -> None:
     """Remove elements, local rows (k,), from the net; call `plan.Plan.attach` afterwards.
 
     since : (k,) [s] before now at which each stopped acting
     Every rank that holds one decides alike.
     """
-    all_elements, law = state.of_a_moment
+    all_elements, law = state.elements_and_law
     for e, time in zip(elements.tolist(), since.tolist()):
         if state.EA[e] > 0.0:  # 0: on another rank since it broke, or removed
-            dissipate(e, 2.0 * time, all_elements, state.particles, law)
-            _let_go(state, e)
+            dissipate_stored_now(e, 2.0 * time, all_elements, state.particles, law)
+            _detach(state, e)
         state.EA[e], state.lost[e], state.broken[e] = 0.0, 1, 1
         if state.eps_u is not None:
             state.eps_u[e] = np.inf
 
 
-def push(state: State, particles: np.ndarray, impulse: np.ndarray, work: int) -> None:
+def apply_impulses(state: State, particles: np.ndarray, impulse: np.ndarray, work: int) -> None:
     """Apply impulses (k, 3) [N s] to particles, local rows (k,), in order. work : EXTERNAL or INTERNAL"""
     for p, one_impulse in zip(particles.tolist(), impulse):
         if state.mass[p] > 0.0:
-            before = _motion(state, p)
+            before = _kinetic_energy(state, p)
             state.v[p] += np.where(state.free[p], one_impulse / state.mass[p], 0.0)
             if state.turned is not None:
-                keep_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
+                project_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
             if state.work is not None and state.own(p):
-                state.work[p, work] += _motion(state, p) - before
+                state.work[p, work] += _kinetic_energy(state, p) - before
 
 
-def leave(state: State, particles: np.ndarray) -> None:
+def remove_particles(state: State, particles: np.ndarray) -> None:
     """Remove particles, local rows (k,), from the net."""
     for p in particles.tolist():
         if state.work is not None and state.own(p):
-            state.work[p, 0] -= _motion(state, p)
+            state.work[p, 0] -= _kinetic_energy(state, p)
         state.mass[p] = 0.0
         state.v[p] = state.load[p] = 0.0
         if state.wind is not None:
@@ -67,7 +67,7 @@ def leave(state: State, particles: np.ndarray) -> None:
             state.drag[p] = state.drag_size[p] = 0.0
 
 
-class Carried(NamedTuple):
+class CarriedLoad(NamedTuple):
     """Quantities that leaving particles carry: mass (k,) [kg]; v [m/s], load [N], wind (or None) of (k, 3).
 
     air, air_mass, drag_size : as in the state, None: there is none
@@ -82,8 +82,8 @@ class Carried(NamedTuple):
     drag_size: np.ndarray | None
 
 
-def join(
-    state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, carried: Carried
+def transfer_carried(
+    state: State, particles: np.ndarray, source: np.ndarray, share: np.ndarray, carried: CarriedLoad
 ) -> None:
     """Add shares (s,) of what the leaving rows `source` (s,) carry to particles, local rows (s,).
 
@@ -92,7 +92,7 @@ def join(
     added_mass = share * carried.mass[source]
     for p in dict.fromkeys(particles.tolist()):
         entries = np.flatnonzero(particles == p)
-        before, momentum = _motion(state, p), state.mass[p] * state.v[p]
+        before, momentum = _kinetic_energy(state, p), state.mass[p] * state.v[p]
         for k in entries.tolist():
             momentum += added_mass[k] * carried.v[source[k]]
             state.mass[p] += added_mass[k]
@@ -100,7 +100,9 @@ def join(
             if state.wind is not None:
                 state.wind[p] += share[k] * carried.wind[source[k]]
             if state.air is not None:
-                state.air[p] = rooted(squared(state.air[p]) + share[k] * squared(carried.air[source[k]]))
+                state.air[p] = damping_vectors(
+                    damping_areas(state.air[p]) + share[k] * damping_areas(carried.air[source[k]])
+                )
             if state.air_mass is not None:
                 state.air_mass[p] += share[k] * carried.air_mass[source[k]]
             if state.drag_size is not None:
@@ -109,20 +111,20 @@ def join(
             velocity = momentum / state.mass[p]
             state.v[p] = np.where(state.free[p], velocity, state.v[p])  # fixed axes keep v
             if state.turned is not None:
-                keep_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
+                project_on_guides(state.turned[p : p + 1], state.v[p : p + 1])
         if state.work is not None and state.own(p):
-            state.work[p, 0] += _motion(state, p) - before
+            state.work[p, 0] += _kinetic_energy(state, p) - before
 
 
-def _motion(state: State, p: int) -> float:
+def _kinetic_energy(state: State, p: int) -> float:
     """Return the kinetic energy [J] of a particle."""
     return 0.5 * state.mass[p] * float(np.sum(state.v[p] ** 2))
 
 
-def _let_go(state: State, e: int) -> None:
+def _detach(state: State, e: int) -> None:
     """Detach element e from its ends; ends that split off from the net with it leave."""
     for p in state.ends[e].tolist():
         if state.valence is not None:
             state.valence[p] -= 1
         if p >= state.first_split:
-            leave(state, np.array([p]))
+            remove_particles(state, np.array([p]))

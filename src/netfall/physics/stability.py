@@ -32,8 +32,8 @@ from netfall.core.kernels import kernel
 from netfall.physics.element_step import TINY
 from netfall.physics.law.measures import largest_stiffness
 
-CLOSE = 1e-6  # relative tolerance of the step that mass scaling finds
-ROUNDING = 1e-9  # relative to a particle's mass; a larger surplus over its elements is carried mass
+STEP_TOLERANCE = 1e-6  # relative tolerance of the step that mass scaling finds
+CARRIED_TOLERANCE = 1e-9  # relative to a particle's mass; a larger surplus over its elements is carried mass
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, support, sha
         return Limit("after_fracture", np.inf, -1)
     k = largest_stiffness(EA, L0)
     carried = mass - np.bincount(elements.ravel(), np.repeat(half, 2), len(mass))
-    carried = np.where(carried > ROUNDING * mass, carried, 0.0)
+    carried = np.where(carried > CARRIED_TOLERANCE * mass, carried, 0.0)
     may_take = np.where(held, 1.0, share) * carried
     single_dt = np.sqrt(2.0 * (half + may_take[elements].min(1)) / k)  # the largest dt of each single element
     single_dt[~breaks] = np.inf
@@ -144,7 +144,7 @@ def scaled_mass(elements, EA, L0, mass, free, support, share: float) -> np.ndarr
     high = 2.0 * low
     while added(high).sum() <= budget:
         low, high = high, 2.0 * high
-    while high - low > CLOSE * low:
+    while high - low > STEP_TOLERANCE * low:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if added(middle).sum() <= budget else (low, middle)
     return mass + added(low)

@@ -6,17 +6,17 @@ rows for the latter, and grow when these are used up. Fields that the problem la
 
 import numpy as np
 
-from netfall.core.arrays import columns
+from netfall.core.arrays import allocate_columns
 from netfall.core.records import Record, empty
 from netfall.core.vectors import LANES
 from netfall.physics import fields
 from netfall.physics.air import RelativeWind
 from netfall.physics.bending import Joints, joint_moments
-from netfall.physics.elements import ElementState, element_state
-from netfall.physics.law.law import Law, forces_near_limits, law_of, reaches
+from netfall.physics.elements import ElementState, compute_element_state
+from netfall.physics.law.law import LawParameters, build_law, check_forces, check_stretches
 
-FEWEST_SPARE = 64  # rows allocated at once for particles that may split off
-COMMITTED = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
+MIN_SPARE_ROWS = 64  # rows allocated at once for particles that may split off
+SAVED_FIELDS = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 
 
 class State:
@@ -62,7 +62,7 @@ class State:
         if field.entity == "element":
             return np.zeros((rows, *field.tail), field.dtype)
         count = self.width if field.entity == "slot" else int(np.prod(field.tail))
-        return columns(count, rows + LANES, field.dtype, fields.FIELDS.index(field))
+        return allocate_columns(count, rows + LANES, field.dtype, fields.FIELDS.index(field))
 
     def _hold(self, field: fields.Field, array: np.ndarray, rows: int) -> None:
         """Set an array of kernels as attribute; those of particles become views (rows, axes)."""
@@ -102,30 +102,30 @@ class State:
         return self._records[entity]
 
     @property
-    def law(self) -> Law:
+    def law(self) -> LawParameters:
         """Law parameters that all elements share; cached until `renew_law`."""
         if "law" not in self._records:
             self.renew_law()
         return self._records["law"]
 
     @property
-    def of_a_moment(self) -> tuple[fields.Elements, Law]:
+    def elements_and_law(self) -> tuple[fields.Elements, LawParameters]:
         """Elements and law, the arguments for forces at given positions."""
         return self.elements, self.law
 
-    def renew_law(self) -> Law:
+    def renew_law(self) -> LawParameters:
         """Recompute the law without the broken elements."""
         min_eps_u = None if self.eps_u is None else self.eps_u.min(initial=np.inf)
         if self.yield_strain is not None:
             self.yield_strain[:] = np.inf
             np.divide(self.yield_force, self.EA, out=self.yield_strain, where=self.EA > 0.0)
-        if self.reach is not None:
-            self.reach[:] = reaches(self.eps_u, self.features.strain)
+        if self.check_stretch is not None:
+            self.check_stretch[:] = check_stretches(self.eps_u, self.features.strain)
         yields = self.yield_force if self.features.plastic else None
-        check_force = forces_near_limits(self.EA, yields, self.eps_u, self.euler, self.features.strain)
+        check_force = check_forces(self.EA, yields, self.eps_u, self.euler, self.features.strain)
         if self.near is not None:
             self.near[:] = check_force
-        self._records["law"] = law_of(
+        self._records["law"] = build_law(
             self.features.strain,
             self.features.plastic,
             _common_value(self.EA, self.slot_EA),
@@ -136,10 +136,10 @@ class State:
         )
         return self._records["law"]
 
-    def elements_now(self) -> ElementState:
+    def present_element_state(self) -> ElementState:
         """Compute axial force [N], strain, plastic strain and length [m] (m,) at the present positions."""
         now = ElementState(*(np.empty(self.m) for _ in range(4)))
-        element_state(self.x, self.elements, self.law, now)
+        compute_element_state(self.x, self.elements, self.law, now)
         return now
 
     def bending_moments(self) -> np.ndarray:
@@ -149,7 +149,7 @@ class State:
         at_joint = np.append(moment, [np.nan, 0.0])  # NO_BENDING, CHAIN_END
         return at_joint[self.joint_at]
 
-    def begin_extremes(self, N: np.ndarray) -> None:
+    def reset_extremes(self, N: np.ndarray) -> None:
         """Restart the extremes of the axial forces from the present N (m,) [N]; the slots must be new."""
         now = np.where(self.broken != 0, 0.0, N)  # a fragment has no strength
         self.highest[:] = now
@@ -206,7 +206,7 @@ class State:
         capacity = len(self.x)
         if self.n_local + particles <= capacity:
             return
-        spare = max(FEWEST_SPARE, 2 * particles, capacity // 8)
+        spare = max(MIN_SPARE_ROWS, 2 * particles, capacity // 8)
         for field in fields.FIELDS:
             array = getattr(self, field.name)
             if field.entity != "element" and array is not None:
@@ -214,7 +214,7 @@ class State:
                 enlarged = getattr(self, field.name)
                 used = (slice(None), slice(self.n_local)) if field.entity == "slot" else slice(self.n_local)
                 enlarged[used] = array[used]
-                if field.entity == "particle" and field.split != fields.LIKE_PARENT:
+                if field.entity == "particle" and field.split != fields.COPY_PARENT:
                     enlarged[self.n_local :] = field.split
         self._records = {}
 
@@ -241,13 +241,13 @@ def _common_value(values: np.ndarray | None, slot_values: np.ndarray | None) -> 
     return float(values.max(initial=0.0))
 
 
-def committed(state: State) -> dict[str, np.ndarray]:
-    """Return copies of the fields that an equilibrium changes, for `put_back`."""
-    arrays = ((name, getattr(state, name)) for name in COMMITTED)
+def save_state(state: State) -> dict[str, np.ndarray]:
+    """Return copies of the fields that an equilibrium changes, for `restore_saved`."""
+    arrays = ((name, getattr(state, name)) for name in SAVED_FIELDS)
     return {name: array.copy(order="K") for name, array in arrays if array is not None}
 
 
-def put_back(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Restore the state saved by `committed`."""
+def restore_saved(state: State, saved: dict[str, np.ndarray]) -> None:
+    """Restore the state saved by `save_state`."""
     for name, array in saved.items():
         getattr(state, name)[:] = array

@@ -11,11 +11,11 @@ of the particles, (n, 3): n_x, n_y, and the term between.
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
-from netfall.core.records import has
+from netfall.core.records import is_present
 
 
 @inner_kernel
-def spring_back(x, x_start, spring, d0, turned, f_int):
+def add_spring_forces(x, x_start, spring, d0, turned, f_int):
     """Add the forces of the springs (n, 3) [N/m] at x (n, 3) [m] to f_int (n, 3) [N]; d0 : (n, 3) [m].
 
     turned : (n, 3), absent if all axes are x, y and z
@@ -23,32 +23,33 @@ def spring_back(x, x_start, spring, d0, turned, f_int):
     for p in range(f_int.shape[0]):  # f_int may have fewer rows than the other arrays
         for k in range(3):
             f_int[p, k] += spring[p, k] * (d0[p, k] - (x[p, k] - x_start[p, k]))
-        if has(turned):
+        if is_present(turned):
             f_int[p, 0] += turned[p, 2] * (d0[p, 1] - (x[p, 1] - x_start[p, 1]))
             f_int[p, 1] += turned[p, 2] * (d0[p, 0] - (x[p, 0] - x_start[p, 0]))
 
 
 @kernel
-def add_springs(x, x_start, spring, d0, turned, f_int):
-    """Call `spring_back` from Python."""
-    spring_back(x, x_start, spring, d0, turned, f_int)
+def add_spring_forces_now(x, x_start, spring, d0, turned, f_int):
+    """Call `add_spring_forces` from Python."""
+    add_spring_forces(x, x_start, spring, d0, turned, f_int)
 
 
 def spring_forces(x, x_start, spring, d0, turned=None) -> np.ndarray:
-    """Return the forces (n, 3) [N] of the springs on their particles; arguments as in `add_springs`."""
+    """Return the forces (n, 3) [N] of the springs on their particles; arguments as in
+    `add_spring_forces_now`."""
     elongation = d0 - (x - x_start)
     force = spring * elongation
     if turned is not None:
-        add_between(turned, elongation, force)
+        add_coupling(turned, elongation, force)
     return force
 
 
-def add_between(turned, u, force) -> None:
+def add_coupling(turned, u, force) -> None:
     """Add the x-y coupling stiffness times displacements u (n, 3) [m] to forces (n, 3) [N]."""
     force[:, :2] += turned[:, 2:] * u[:, 1::-1]
 
 
-def keep_on_guides(turned, rows) -> None:
+def project_on_guides(turned, rows) -> None:
     """Remove from vectors (k, 3) the components along the lines that guide the first k particles."""
     n = turned[: len(rows), :2]
     rows[:, :2] -= (n[:, 0] * rows[:, 0] + n[:, 1] * rows[:, 1])[:, None] * n

@@ -19,8 +19,8 @@ import numpy as np
 
 from netfall.core.functions import cube_root, geometric, integral, log
 
-KARMAN = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
-TAIL = 1e4  # x above which every shape is proportional to x^(-5/3)
+KARMAN_CONSTANT = 70.78013  # 4 B(1/2, 1/3)^2, usually rounded to 70.8: with it the integral is 1
+TAIL_START = 1e4  # x above which every shape is proportional to x^(-5/3)
 
 
 def five_thirds(a: np.ndarray) -> np.ndarray:
@@ -45,7 +45,7 @@ def kaimal(x: np.ndarray) -> np.ndarray:
 
 def von_karman(x: np.ndarray) -> np.ndarray:
     """Compute 4 / (1 + 70.8 x^2)^(5/6): von Karman 1948, n S / sigma^2 = x F; L is the integral length."""
-    return 4.0 / np.sqrt(five_thirds(1.0 + KARMAN * x * x))
+    return 4.0 / np.sqrt(five_thirds(1.0 + KARMAN_CONSTANT * x * x))
 
 
 def en1991(x: np.ndarray) -> np.ndarray:
@@ -54,7 +54,7 @@ def en1991(x: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Shape:
+class SpectrumShape:
     """Spectrum: density F; default length L [m] at 10 m; memory of the gusts in the AR model, in L."""
 
     density: Callable
@@ -63,10 +63,10 @@ class Shape:
 
 
 SHAPES = {
-    "davenport": Shape(davenport, 1200.0, 1.5),
-    "kaimal": Shape(kaimal, 56.7, 8.0),
-    "von_karman": Shape(von_karman, 63.2, 6.0),
-    "en1991": Shape(en1991, 63.2, 13.6),
+    "davenport": SpectrumShape(davenport, 1200.0, 1.5),
+    "kaimal": SpectrumShape(kaimal, 56.7, 8.0),
+    "von_karman": SpectrumShape(von_karman, 63.2, 6.0),
+    "en1991": SpectrumShape(en1991, 63.2, 13.6),
 }
 
 
@@ -88,24 +88,26 @@ class Gust:
     def share_above(self, n: float) -> float:
         """Compute the share of the variance at frequencies above n [Hz]."""
         x = n * self.length / self.speed
-        if x >= TAIL:
+        if x >= TAIL_START:
             return float(1.5 * x * self.density(x))
-        nodes = geometric(x, TAIL, 4000)
-        return float(integral(nodes * self.density(nodes), log(nodes)) + 1.5 * TAIL * self.density(TAIL))
+        nodes = geometric(x, TAIL_START, 4000)
+        return float(
+            integral(nodes * self.density(nodes), log(nodes)) + 1.5 * TAIL_START * self.density(TAIL_START)
+        )
 
 
-def intensity(settings) -> float:
+def turbulence_intensity(settings) -> float:
     """Return the turbulence intensity I at 10 m of a [wind]: sqrt(6 k), or as given."""
     if settings.turbulence is not None:
         return settings.turbulence
     return float(np.sqrt(6.0 * settings.roughness))
 
 
-def gust_of(settings) -> Gust | None:
+def make_gust(settings) -> Gust | None:
     """Return the gusts of a [wind]; None without gusts, or with gusts from a table."""
-    if settings.speed is None or settings.pressures or intensity(settings) == 0.0:
+    if settings.speed is None or settings.pressures or turbulence_intensity(settings) == 0.0:
         return None
     shape = SHAPES[settings.spectrum]
     length = shape.length if settings.gust_length == "auto" else settings.gust_length
-    deviation = intensity(settings) * settings.speed
+    deviation = turbulence_intensity(settings) * settings.speed
     return Gust(shape.density, settings.speed, deviation, length, shape.memory * length)

@@ -2,10 +2,13 @@
 
 from typing import NamedTuple
 
-from netfall.results.file import job_of
-from netfall.results.states import WITHOUT, ShownState, state_groups, states_of
+from netfall.results.file import read_job_tables
+from netfall.results.states import WITHOUT, StateView, equilibrium_groups, group_equilibria
 
-PLAIN, KINDS = "case", ("ultimate", "service")  # a load case on its own; kinds of a combination (ULS, SLS)
+PLAIN, COMBINATION_KINDS = (
+    "case",
+    ("ultimate", "service"),
+)  # a load case on its own; kinds of a combination (ULS, SLS)
 EQUILIBRIUM = "equilibrium"
 
 
@@ -20,7 +23,7 @@ class Case(NamedTuple):
 
     name: str
     kind: str
-    shown: ShownState
+    shown: StateView
     state: str = EQUILIBRIUM
     load_factor: float = 1.0
     reason: str = ""
@@ -31,16 +34,18 @@ class Case(NamedTuple):
         return self.state not in WITHOUT
 
 
-def cases_of(f) -> list[Case]:
+def read_cases(f) -> list[Case]:
     """Return the static load cases and combinations in the order of the job."""
-    combinations = job_of(f).get("combination", [])
-    kinds = {combination["name"]: combination.get("kind", KINDS[0]) for combination in combinations}
-    places = [place for place in state_groups(f) if place.startswith("cases/")]
+    combinations = read_job_tables(f).get("combination", [])
+    kinds = {
+        combination["name"]: combination.get("kind", COMBINATION_KINDS[0]) for combination in combinations
+    }
+    places = [place for place in equilibrium_groups(f) if place.startswith("cases/")]
     return [_case(f, place, kinds.get(place.removeprefix("cases/"), PLAIN)) for place in places]
 
 
 def _case(f, place: str, kind: str) -> Case:
-    attrs, (shown,) = f[place].attrs, states_of(f, place)
+    attrs, (shown,) = f[place].attrs, group_equilibria(f, place)
     name = place.removeprefix("cases/")
     if "state" not in attrs:
         return Case(name, kind, shown, EQUILIBRIUM if f[place]["stable"][()] else "unstable")

@@ -23,14 +23,14 @@ from netfall.core.errors import InputError
 from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import State
-from netfall.results.h5 import SharedFile, check_seal
+from netfall.results.h5 import SharedFile, is_intact
 
 FORMAT = 12  # version of the layout of a checkpoint
 KEPT = 2  # number of checkpoints that a run keeps
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
 
-def kept_fields(state: State, entity: str):
+def checkpoint_fields(state: State, entity: str):
     """Return the fields of a state's particles or elements that a checkpoint contains."""
     return [f for f in FIELDS if f.kept and f.entity == entity and getattr(state, f.name) is not None]
 
@@ -47,13 +47,13 @@ def _prefix(result: Path) -> str:
     return f"{result.stem}." if result.suffix == ".vtkhdf" else f"{result.name}-"
 
 
-def checkpoints_of(folder: Path, prefix: str) -> list[Path]:
+def find_checkpoints(folder: Path, prefix: str) -> list[Path]:
     """Return the checkpoints in a folder that `checkpoint_path` names with this prefix, by age."""
     matches = ((NAME.fullmatch(path.name), path) for path in folder.iterdir())
     return sorted(path for match, path in matches if match and match[1] == prefix)
 
 
-def remove_older(newest: Path, result: Path, digest: str, given: Path | None) -> None:
+def remove_old_checkpoints(newest: Path, result: Path, digest: str, given: Path | None) -> None:
     """Remove all but the last two checkpoints of a job and result up to the newest. Rank 0.
 
     given : the checkpoint that the run resumes, which stays. Without one, or with one from another folder,
@@ -61,7 +61,7 @@ def remove_older(newest: Path, result: Path, digest: str, given: Path | None) ->
     """
     if given is None or given.parent.resolve() != result.parent.resolve():
         return
-    neighbours = checkpoints_of(result.parent, _prefix(result))
+    neighbours = find_checkpoints(result.parent, _prefix(result))
     if not any(path.samefile(given) for path in neighbours):
         return
     older = [path for path in neighbours if path <= newest and _job_of(path) == digest]
@@ -110,13 +110,13 @@ def _write_state(file: SharedFile, state: State, result) -> None:
     m = result.distribution.m
     points = result.log.points
     rows = state.owned_rows()
-    for field in kept_fields(state, "particle"):
+    for field in checkpoint_fields(state, "particle"):
         values = getattr(state, field.name)[rows].reshape(len(rows), int(np.prod(field.tail)))
         block = file.slabs.collect(result.log.row_of(state.gid[rows]), values, points)
         file.put(f"particles/{field.name}", block, points, field.dtype)
     owned = state.owned.astype(bool)
     gid = result.distribution.subdomain.element_gid[owned]
-    for field in kept_fields(state, "element"):
+    for field in checkpoint_fields(state, "element"):
         block = file.slabs.collect(gid, getattr(state, field.name)[owned][:, None], m)[:, 0]
         file.put(f"elements/{field.name}", block, m, field.dtype)
     ends = file.slabs.collect(gid, state.gid[state.ends[owned]].reshape(-1, 2), m)
@@ -132,10 +132,11 @@ class Checkpoint:
         The message names the newest complete checkpoint next to it.
         """
         if not path.is_file():
-            raise InputError(f"{path}: no such checkpoint{_offer(path)}")
-        if not check_seal(path):
+            raise InputError(f"{path}: no such checkpoint{_advice_on_newest(path)}")
+        if not is_intact(path):
             raise InputError(
-                f"{path}: damaged or no checkpoint of netfall (its digest does not fit){_offer(path)}"
+                f"{path}: damaged or no checkpoint of netfall (its digest does not "
+                f"fit){_advice_on_newest(path)}"
             )
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
@@ -161,11 +162,11 @@ def _read_group(file: h5py.File, group: str) -> dict[str, np.ndarray]:
     return {name: file[f"{group}/{name}"][()] for name in file.get(group, ())}
 
 
-def _offer(path: Path) -> str:
+def _advice_on_newest(path: Path) -> str:
     """Return advice that names the newest other complete checkpoint in the folder, or ""."""
     match = NAME.fullmatch(path.name)
     if not match or not path.parent.is_dir():
         return ""
-    others = [p for p in checkpoints_of(path.parent, match[1]) if p != path]
-    newest = next((p for p in reversed(others) if check_seal(p)), None)
+    others = [p for p in find_checkpoints(path.parent, match[1]) if p != path]
+    newest = next((p for p in reversed(others) if is_intact(p)), None)
     return f"; {newest} is whole: give that" if newest else ""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from netfall.job.values import nearest
+from netfall.job.values import suggest
 
 
 class Columns(Mapping):
@@ -21,7 +21,7 @@ class Columns(Mapping):
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self._names:
-            raise KeyError(f"{self._place}: no column {name!r}; {nearest(str(name), self._names)}")
+            raise KeyError(f"{self._place}: no column {name!r}; {suggest(str(name), self._names)}")
         if name not in self._kept:
             self._kept[name] = self._read(name)
         return self._kept[name]
@@ -38,7 +38,7 @@ class Columns(Mapping):
         return "\n".join([f"{self._place}:", *lines])
 
 
-def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Columns:
+def group_columns(place: str, group, renamed: dict[str, str] | None = None) -> Columns:
     """Return the datasets of an HDF5 group as columns.
 
     renamed : dataset by column name; None: each dataset keeps its name
@@ -54,7 +54,7 @@ def of_group(place: str, group, renamed: dict[str, str] | None = None) -> Column
     return Columns(place, list(names), read, units)
 
 
-def of_arrays(place: str, arrays: dict[str, Callable[[], np.ndarray]], units=None) -> Columns:
+def array_columns(place: str, arrays: dict[str, Callable[[], np.ndarray]], units=None) -> Columns:
     """Return columns that functions compute when they are read."""
     return Columns(place, list(arrays), lambda name: arrays[name](), units)
 

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from importlib.resources import files
 from typing import NamedTuple
 
-ORDER = "order"  # attribute of a group with an equilibrium: its number in the order of computation
+ORDER_ATTRIBUTE = "order"  # attribute of a group with an equilibrium: its number in the order of computation
 NONE = "1"  # unit of dimensionless quantities
 # A section of the page: name of the group, meaning, part of a job that requests it, table of datasets.
 SECTION = re.compile(
@@ -47,7 +47,7 @@ def _groups() -> tuple[Group, ...]:
 GROUPS = _groups()
 
 
-def group_of(name: str) -> Group:
+def find_group(name: str) -> Group:
     """Return the description of a group of the file, for example of "cases/snow".
 
     Raises KeyError if the table does not list the group.
@@ -58,7 +58,7 @@ def group_of(name: str) -> Group:
     raise KeyError(f"no group /{name} in the table of datasets")
 
 
-def unit_of(path: str) -> str:
+def dataset_unit(path: str) -> str:
     """Return the unit of a numerical dataset from its path in the file.
 
     Raises KeyError if the table does not list it. Index datasets of /VTKHDF, which only VTK reads, need no
@@ -67,7 +67,7 @@ def unit_of(path: str) -> str:
     group, _, name = path.rpartition("/")
     if path.startswith("VTKHDF/"):
         group, name = "VTKHDF", path.removeprefix("VTKHDF/")
-    units = {dataset.name: dataset.unit for dataset in group_of(group).datasets}
+    units = {dataset.name: dataset.unit for dataset in find_group(group).datasets}
     if name not in units and group != "VTKHDF":
         raise KeyError(f"/{path} has no row in the table of datasets")
     return units.get(name) or NONE

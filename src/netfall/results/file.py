@@ -10,8 +10,8 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
-from netfall.job.job import tables_of
-from netfall.physics.law.limits import strength_of
+from netfall.job.job import parse_tables
+from netfall.physics.law.limits import axial_strengths
 from netfall.results.limit_load_text import Carried, overload_lines
 from netfall.results.losses import broken_at
 from netfall.results.states import start_position
@@ -37,7 +37,7 @@ def open_result(path: Path) -> h5py.File:
     for name in ("VTKHDF", *OF_MOTION * ("history" in file)):
         if name not in file:
             file.close()
-            raise _lacks(path, name)
+            raise _missing_dataset(path, name)
     return file
 
 
@@ -47,9 +47,9 @@ def provenance_text(file: h5py.File, name: str) -> str:
     return group[name].asstr()[()] if name in group else str(group.attrs[name])
 
 
-def job_of(file: h5py.File) -> dict:
+def read_job_tables(file: h5py.File) -> dict:
     """Return the tables of the job, with the overrides of the run."""
-    return tables_of(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
+    return parse_tables(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
 
 
 def notes_of_run(file: h5py.File) -> list[str]:
@@ -57,31 +57,31 @@ def notes_of_run(file: h5py.File) -> list[str]:
     return provenance_text(file, "notes").splitlines()
 
 
-def title_of(file: h5py.File) -> str:
+def result_title(file: h5py.File) -> str:
     """Return the title of the job, or its name if it has no title."""
     return provenance_text(file, "title") or provenance_text(file, "job_name")
 
 
 @contextmanager
-def telling_what_lacks(path: Path) -> Iterator[None]:
+def missing_dataset_errors(path: Path) -> Iterator[None]:
     """Convert the KeyError of h5py for a dataset that a result file lacks into an InputError."""
     try:
         yield
     except KeyError as error:
         quoted = re.search(r"(?:object|attribute:) '([^']+)'", str(error.args[0]))
-        raise _lacks(path, quoted[1] if quoted else "a group") from None
+        raise _missing_dataset(path, quoted[1] if quoted else "a group") from None
 
 
-def _lacks(path: Path, name: str) -> InputError:
+def _missing_dataset(path: Path, name: str) -> InputError:
     return InputError(
         f"{path}: {name} is not in this file, which another version of netfall wrote; run the job again"
     )
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[h5py.File]:
+def open_checked(path: Path) -> Iterator[h5py.File]:
     """Open a result file for reading. Raises InputError also if a dataset is found missing later."""
-    with open_result(path) as file, telling_what_lacks(path):
+    with open_result(path) as file, missing_dataset_errors(path):
         yield file
 
 
@@ -94,12 +94,12 @@ def element_name(f: h5py.File, e: int) -> str:
     return f"{f['net/element_id'][e]} ({a}-{b})"
 
 
-def lines_of_form(f: h5py.File) -> list[str]:
+def form_finding_lines(f: h5py.File) -> list[str]:
     """Return the text on form finding that the run printed: geometry changes or states of self-stress."""
     return provenance_text(f, "form").splitlines()
 
 
-def carried_in(f: h5py.File) -> Carried:
+def dynamic_extremes(f: h5py.File) -> Carried:
     """Return the largest tensions, strengths and fracture times of the elements in the dynamic stage."""
     net, envelope, random_factor = f["net"], f["envelope"], f["net"].get("strength")
     EA, ends = net["axial_stiffness"][:], net["elements"][:]
@@ -112,13 +112,13 @@ def carried_in(f: h5py.File) -> Carried:
     return Carried(
         ends=ends,
         direction=chord / lengths(chord)[:, None],
-        strength=strength_of(EA, fracture_strain, yield_force),
+        strength=axial_strengths(EA, fracture_strain, yield_force),
         most=envelope["tension_max"][:],
         time=envelope["tension_max_time"][:],
         broke=broken_at(f),
     )
 
 
-def overloads_of(f: h5py.File) -> list[str]:
+def overload_notes_of(f: h5py.File) -> list[str]:
     """Return the notes of `overload_lines` for a result file."""
-    return overload_lines(carried_in(f), lambda e: element_name(f, e))
+    return overload_lines(dynamic_extremes(f), lambda e: element_name(f, e))

@@ -6,9 +6,11 @@ from netfall.core.functions import lengths
 from netfall.job.values import counted
 
 STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
-NO_PART = 1e-9  # of the largest force of a state of self-stress: an element with less takes no part in it
+MIN_FORCE_SHARE = (
+    1e-9  # of the largest force of a state of self-stress: an element with less takes no part in it
+)
 FAR = 0.02  # displacement in plan as a share of the span: netfall warns above it
-LARGER = 0.05  # relative change of the roof's area by form finding: netfall warns above it
+MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: netfall warns above it
 
 
 def form_lines(
@@ -39,8 +41,8 @@ def form_lines(
             f"{count} of {len(moved)} nodes moved in plan by more than {FAR:.0%} of the span of {span:.4g} "
             f"m, node {node_id[p]} most, by {in_plan[p]:.4g} m"
         )
-    if abs(area_change) > LARGER:
-        facts.append(f"the roof's area changed by {area_change:+.1%} (limit {LARGER:.0%})")
+    if abs(area_change) > MAX_AREA_CHANGE:
+        facts.append(f"the roof's area changed by {area_change:+.1%} (limit {MAX_AREA_CHANGE:.0%})")
     if not facts:
         return [line]
     remedy = "Check supports, prestress and force densities"
@@ -56,7 +58,7 @@ def form_lines(
     ]
 
 
-def loose_notes(x, ends, N, held, angle, node_id) -> list[str]:
+def undetermined_node_notes(x, ends, N, held, angle, node_id) -> list[str]:
     """Return a note on nodes of a constant-tension form whose position along a cable is undetermined.
 
     x : (n, 3) [m], of the form; ends : (m, 2); N : (m,) [N], constant
@@ -64,7 +66,7 @@ def loose_notes(x, ends, N, held, angle, node_id) -> list[str]:
     """
     if angle is not None:  # a support with turned axes counts as one along all axes
         held = held | (held.any(1) & (angle != 0.0))[:, None]
-    rows = loose_along(x, ends[N > 0.0], held)
+    rows = undetermined_nodes(x, ends[N > 0.0], held)
     if not len(rows):
         return []
     one = len(rows) == 1
@@ -76,7 +78,7 @@ def loose_notes(x, ends, N, held, angle, node_id) -> list[str]:
     ]
 
 
-def loose_along(x, ends, held) -> np.ndarray:
+def undetermined_nodes(x, ends, held) -> np.ndarray:
     """Find the nodes (k,) whose elements all lie on one line, along which no support holds them.
 
     x : (n, 3) [m]; ends : (m, 2), of elements in tension; held : (n, 3) bool
@@ -99,13 +101,13 @@ def self_stress_lines(states: np.ndarray, group: np.ndarray, names: list[str]) -
     """
     if not len(states):
         return ["self-stress: the geometry has no state; its forces follow from the load alone"]
-    active = np.unique(group[(np.abs(states) > NO_PART).any(0)])
+    active = np.unique(group[(np.abs(states) > MIN_FORCE_SHARE).any(0)])
     inactive = np.setdiff1d(np.unique(group), active)
     named_active, named_inactive = (
         ", ".join(names[row] or "without a name" for row in rows) for rows in (active, inactive)
     )
     count = f"{len(states)} states" if len(states) > 1 else "1 state"
     without = f"; no part in {'them' if len(states) > 1 else 'it'}: {named_inactive}" if len(inactive) else ""
-    varies = [np.ptp(states[:, group == row], axis=1) > NO_PART for row in active]
+    varies = [np.ptp(states[:, group == row], axis=1) > MIN_FORCE_SHARE for row in active]
     equal = "each ring of each group" if np.any(varies) else "each group"
     return [f"self-stress: {count} with one force in {equal}, of {named_active}{without}"]

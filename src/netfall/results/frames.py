@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.results.states import absent, state_groups, states_of
+from netfall.results.states import absent, equilibrium_groups, group_equilibria
 
 
 class Frames:
@@ -61,8 +61,8 @@ class StageFrames:
     """Stages of erection with the interface of frames; `times` are the numbers of the stages, from 1."""
 
     def __init__(self, f):
-        stages = [name for name in state_groups(f) if name.startswith("stages/")]
-        self.states = [state for name in stages for state in states_of(f, name)]
+        stages = [name for name in equilibrium_groups(f) if name.startswith("stages/")]
+        self.states = [state for name in stages for state in group_equilibria(f, name)]
         self.times = np.arange(1.0, len(self.states) + 1.0)
         self.elements, self.absent = f["net/elements"][:], [absent(f, state.place) for state in self.states]
         self.cells = len(self.elements)

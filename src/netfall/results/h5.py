@@ -19,21 +19,21 @@ import numpy as np
 from netfall.core.errors import InputError, OutputError
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
-from netfall.parallel.slabs import Slabs
-from netfall.results.locks import give_back, reserve, size_of, sync, writing
+from netfall.parallel.slabs import BlockWriter
+from netfall.results.locks import reserve_disk_space, size_of, sync, truncate_to_size, writing
 
 PARALLEL = bool(h5py.get_config().mpi)
 CHUNK_BYTES = 1 << 18
-HELD_BYTES = 1 << 20  # buffer per dataset over all ranks; a full buffer is written at once
+BUFFER_BYTES = 1 << 20  # buffer per dataset over all ranks; a full buffer is written at once
 DATASET_BYTES = 1 << 13  # upper bound of HDF5 metadata per dataset, without its chunks
 CHUNK_ENTRY_BYTES = 1 << 7  # upper bound of HDF5 metadata per chunk
 SPARE_BYTES = 1 << 18  # disk space reserved ahead, also for unit attributes of datasets
-LEFT_OPEN: list[h5py.File | None] = []  # keeps files referenced, so that h5py does not close them
+UNCLOSED_FILES: list[h5py.File | None] = []  # keeps files referenced, so that h5py does not close them
 SEAL = b"netfall-sha256:"  # marks the digest of all preceding bytes, which follows the HDF5 file
 
 
 @dataclass
-class Growing:
+class AppendableDataset:
     """An open dataset to which rows are appended. A new lookup would take longer than writing a row.
 
     row_bytes : size of one row; rows : with the buffered ones
@@ -60,25 +60,25 @@ class SharedFile:
         self.path = path
         self.base = dict(base or {})
         self.temporary = path.with_name(f".{path.name}.part")
-        self.slabs = Slabs(comm, PARALLEL)
+        self.slabs = BlockWriter(comm, PARALLEL)
         self.writes = PARALLEL or comm.rank == 0
         self.file = None
-        self._growing: dict[str, Growing] = {}
+        self._growing: dict[str, AppendableDataset] = {}
         self._size = 0  # upper bound of the file's size in bytes
         self._reserved = SPARE_BYTES  # bytes reserved on the disk
-        on_root(comm, self._first_room)
+        on_root(comm, self._reserve_header)
         try:
             on_all(comm, self._open)
         except OutputError:
-            LEFT_OPEN.append(self.file)
+            UNCLOSED_FILES.append(self.file)
             raise
 
-    def _first_room(self) -> None:
+    def _reserve_header(self) -> None:
         """Reserve disk space for the metadata of an empty HDF5 file."""
         try:
             with writing(self.path):
                 self.temporary.touch()
-                reserve(self.temporary, self._reserved)
+                reserve_disk_space(self.temporary, self._reserved)
         except OutputError:
             self.temporary.unlink(missing_ok=True)
             raise
@@ -93,7 +93,7 @@ class SharedFile:
                 self.file = h5py.File(self.temporary, "w")
                 self._transfer = h5py.h5p.create(h5py.h5p.DATASET_XFER)
             if self.comm.rank == 0:
-                reserve(self.temporary, self._reserved)  # again: opening truncates the file
+                reserve_disk_space(self.temporary, self._reserved)  # again: opening truncates the file
 
     def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
         """Create an empty dataset that grows by rows of shape `tail`; its chunks have up to `rows` rows."""
@@ -109,7 +109,7 @@ class SharedFile:
 
     def rows(self) -> dict[str, int]:
         """Return the number of rows of each dataset, with those of earlier files. On ranks that write."""
-        self._write_all()
+        self._flush()
         counts = dict(self.base)
 
         def add(name, item):
@@ -136,8 +136,8 @@ class SharedFile:
             with np.errstate(over="ignore"):  # netfall reports a diverging run elsewhere
                 copied = np.array(block, dataset.dtype, order="C")  # the caller may change its array
             dataset.waiting.append((first, total, place, copied))
-            if (dataset.rows - dataset.waiting[0][0]) * dataset.row_bytes >= HELD_BYTES:
-                self._write_waiting(dataset)
+            if (dataset.rows - dataset.waiting[0][0]) * dataset.row_bytes >= BUFFER_BYTES:
+                self._flush_dataset(dataset)
         return first + self.base.get(name, 0)
 
     def put(self, name: str, block: np.ndarray, total: int, dtype=np.float64) -> None:
@@ -157,7 +157,7 @@ class SharedFile:
             self._extend(dataset)
             self._transfer_block(dataset, block, start, (1,) * block.ndim, (1,) * block.ndim, block.shape)
 
-    def _extend(self, dataset: Growing) -> None:
+    def _extend(self, dataset: AppendableDataset) -> None:
         """Resize a dataset to its number of rows. HDF5 then allocates whole chunks."""
         chunk = dataset.id.get_create_plist().get_chunk()
         cells = [-(-size // part) for size, part in zip((dataset.rows, *dataset.tail), chunk)]
@@ -179,15 +179,15 @@ class SharedFile:
 
         def have():
             with writing(self.path):
-                reserve(self.temporary, self._reserved)
+                reserve_disk_space(self.temporary, self._reserved)
 
         on_root(self.comm, have) if PARALLEL else have()
 
-    def _open_dataset(self, name: str) -> Growing:
+    def _open_dataset(self, name: str) -> AppendableDataset:
         if name not in self._growing:
             dataset = self.file[name]
             tail = dataset.shape[1:]
-            self._growing[name] = Growing(
+            self._growing[name] = AppendableDataset(
                 dataset.id,
                 dataset.dtype,
                 dataset.shape[0],
@@ -197,7 +197,7 @@ class SharedFile:
             )
         return self._growing[name]
 
-    def _write_waiting(self, dataset: Growing) -> None:
+    def _flush_dataset(self, dataset: AppendableDataset) -> None:
         """Write the buffered blocks; consecutive blocks of equal size in one transfer."""
         if dataset.waiting:
             self._extend(dataset)
@@ -215,7 +215,9 @@ class SharedFile:
             )
         dataset.waiting.clear()
 
-    def _transfer_block(self, dataset: Growing, block: np.ndarray, start, stride, count, shape) -> None:
+    def _transfer_block(
+        self, dataset: AppendableDataset, block: np.ndarray, start, stride, count, shape
+    ) -> None:
         """Write a block into `count` regions of a shape, `stride` apart. An empty block takes part too."""
         space = dataset.id.get_space()
         if block.size:
@@ -228,18 +230,18 @@ class SharedFile:
             memory.select_none()
         dataset.id.write(memory, space, block, dxpl=self._transfer)
 
-    def _write_all(self) -> None:
+    def _flush(self) -> None:
         """Write the buffered blocks of all datasets."""
         with writing(self.path):
             for dataset in self._growing.values():
-                self._write_waiting(dataset)
+                self._flush_dataset(dataset)
 
     def close(self, finish=lambda file: None, seal: bool = False) -> None:
         """Close the file, let rank 0 add the small datasets by finish(file), and rename the file.
 
-        seal : append a digest of the whole file, which `check_seal` verifies
+        seal : append a digest of the whole file, which `is_intact` verifies
         """
-        self._write_all()
+        self._flush()
         self._growing.clear()
         with writing(self.path):
             if self.writes:
@@ -249,17 +251,19 @@ class SharedFile:
 
         def last():
             with writing(self.path):
-                reserve(self.temporary, self.temporary.stat().st_size + size_of(finish) + SPARE_BYTES)
+                reserve_disk_space(
+                    self.temporary, self.temporary.stat().st_size + size_of(finish) + SPARE_BYTES
+                )
                 with h5py.File(self.temporary, "r+") as file:
                     finish(file)
-                give_back(self.temporary)
-                publish(self.temporary, self.path, seal)
+                truncate_to_size(self.temporary)
+                finish_file(self.temporary, self.path, seal)
 
         on_root(self.comm, last)
 
     def discard(self) -> None:
         """Remove the file. Not collective: called after an error, on the rank that raised it."""
-        LEFT_OPEN.append(self.file)  # closing would wait for the other ranks, or write to a full disk
+        UNCLOSED_FILES.append(self.file)  # closing would wait for the other ranks, or write to a full disk
         self.temporary.unlink(missing_ok=True)
 
     def discard_after(self, error: BaseException) -> None:
@@ -303,7 +307,7 @@ def check_one_folder(comm: MPI.Comm, path: Path) -> None:
         )
 
 
-def publish(temporary: Path, path: Path, seal: bool = False) -> None:
+def finish_file(temporary: Path, path: Path, seal: bool = False) -> None:
     """Rename a finished file to its path, once it is on disk; append a digest first if sealed."""
     if seal:
         with open(temporary, "r+b") as file:
@@ -314,7 +318,7 @@ def publish(temporary: Path, path: Path, seal: bool = False) -> None:
     os.replace(temporary, path)
 
 
-def check_seal(path: Path) -> bool:
+def is_intact(path: Path) -> bool:
     """Return whether a sealed file is complete: it ends in a digest that matches its contents."""
     tail = len(SEAL) + 32
     try:

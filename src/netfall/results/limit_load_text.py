@@ -13,8 +13,8 @@ import numpy as np
 
 BEYOND = 1.05  # tension over strength; breaking elements of the shipped jobs exceed 1 by less than 0.01
 SMALLER = "a smaller [dynamics] safety (0.2, say) or time_step shows how much is the step's"
-ONE_STEP = f"no result: a light end that came taut at speed, and what one step added then; {SMALLER}"
-RINGS = (
+OVERSHOOT_TEXT = f"no result: a light end that came taut at speed, and what one step added then; {SMALLER}"
+RINGING_TEXT = (
     "no result: it hangs on light ends of what broke, and rings with nothing to hold it back; give it a "
     f"strength; {SMALLER}"
 )
@@ -36,12 +36,12 @@ class Carried(NamedTuple):
     broke: np.ndarray
 
 
-def overloaded(c: Carried) -> np.ndarray:
+def exceeds_strength(c: Carried) -> np.ndarray:
     """Find the elements (m,) with a tension of more than BEYOND times their strength."""
     return c.most > BEYOND * c.strength
 
 
-def at_ends(c: Carried) -> np.ndarray:
+def neighbour_strength(c: Carried) -> np.ndarray:
     """Compute an upper bound (m,) [N] of tensions from the strengths of the neighbours, inf if unknown.
 
     At each node it is the larger of two values: the sum of the neighbours' strengths projected on the element
@@ -65,29 +65,30 @@ def at_ends(c: Carried) -> np.ndarray:
 
 
 def overload_lines(c: Carried, name) -> list[str]:
-    """Return notes on elements above their strength, and on those without one above the bound of `at_ends`.
+    """Return notes on elements above their strength, and on those without one above the bound of
+    `neighbour_strength`.
 
     name : returns the name of an element from its row. Empty unless something broke.
     """
     if not np.isfinite(c.broke).any():
         return []
-    lines, rows = [], np.flatnonzero(overloaded(c))
+    lines, rows = [], np.flatnonzero(exceeds_strength(c))
     if len(rows):
         e = rows[np.argmax(c.most[rows] / c.strength[rows])]
         broke = f", and it broke at t = {c.broke[e]:.4g} s" if np.isfinite(c.broke[e]) else ""
         lines.append(
             f"note: {_count(len(rows))} tensions beyond {'its' if len(rows) == 1 else 'their'} strength, the "
             f"most element {name(e)} with {c.most[e]:.4g} N at t = {c.time[e]:.4g} s, its strength is "
-            f"{c.strength[e]:.4g} N{broke}: {ONE_STEP}"
+            f"{c.strength[e]:.4g} N{broke}: {OVERSHOOT_TEXT}"
         )
-    bound = at_ends(c)
+    bound = neighbour_strength(c)
     rows = np.flatnonzero(c.most > BEYOND * bound)
     if len(rows):
         e = rows[np.argmax(c.most[rows] / bound[rows])]
         lines.append(
             f"note: {_count(len(rows))} no strength and carried more than what meets "
             f"{'it' if len(rows) == 1 else 'them'} can bear, the most element {name(e)} with "
-            f"{c.most[e]:.4g} N at t = {c.time[e]:.4g} s, for {bound[e]:.4g} N at an end: {RINGS}"
+            f"{c.most[e]:.4g} N at t = {c.time[e]:.4g} s, for {bound[e]:.4g} N at an end: {RINGING_TEXT}"
         )
     return lines
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import h5py
 
-from netfall.core.errors import BUSY, InputError, OutputError
+from netfall.core.errors import OUTPUT_IN_USE, InputError, OutputError
 
 KEEP_SIZE = 1  # FALLOC_FL_KEEP_SIZE of Linux: reserving space does not change the size of the file
 UNKNOWN = (errno.EOPNOTSUPP, errno.ENOSYS)  # the file system cannot reserve space
@@ -39,7 +39,7 @@ def writing(path: Path):
         ) from error
 
 
-def followed(path: Path) -> Path:
+def resolve_link(path: Path) -> Path:
     """Return the target of a symbolic link, or the path itself if it is no link."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
@@ -50,7 +50,7 @@ def whole(path: Path):
 
     After an error it is removed. Raises OutputError.
     """
-    path = followed(path)
+    path = resolve_link(path)
     temporary = path.with_name(f".{path.stem}.part{path.suffix}")  # writers derive the format from the suffix
     with writing(path):
         try:
@@ -61,7 +61,7 @@ def whole(path: Path):
 
 
 @contextmanager
-def whole_folder(path: Path):
+def atomic_folder(path: Path):
     """Yield a temporary folder in `path`. Its files are moved to `path` at the end of the block.
 
     After an error they are removed, and so is `path` if this function made it. Raises OutputError.
@@ -89,7 +89,7 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def check_place(path: Path) -> None:
+def check_output_path(path: Path) -> None:
     """Check that a result file can be written to a path. Raises InputError."""
     folder = path.parent
     if not folder.is_dir():
@@ -126,7 +126,7 @@ def _check_replaceable(path: Path) -> None:
         )
 
 
-def claim(path: Path):
+def lock_output(path: Path):
     """Lock the name of a result for this process. Return the open lock file, for `release`.
 
     Raises InputError if another run holds the lock. The system releases the lock of a process that ends for
@@ -140,7 +140,7 @@ def claim(path: Path):
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             file.close()
-            raise InputError(f"{path}: {BUSY}; wait for it, or give another name with -o") from None
+            raise InputError(f"{path}: {OUTPUT_IN_USE}; wait for it, or give another name with -o") from None
         except OSError:
             return file  # the file system has no locks
         if lock.exists() and os.path.samestat(lock.stat(), os.fstat(file.fileno())):
@@ -149,12 +149,12 @@ def claim(path: Path):
 
 
 def release(file) -> None:
-    """Remove the lock of `claim`."""
+    """Remove the lock of `lock_output`."""
     Path(file.name).unlink(missing_ok=True)
     file.close()
 
 
-def reserve(path: Path, size: int) -> None:
+def reserve_disk_space(path: Path, size: int) -> None:
     """Reserve disk space for a file of so many bytes. Raises OSError if there is not enough.
 
     The file may be shorter so far. If the file system cannot reserve, only the present free space is checked.
@@ -175,20 +175,20 @@ def reserve(path: Path, size: int) -> None:
         os.close(descriptor)
 
 
-def give_back(path: Path) -> None:
+def truncate_to_size(path: Path) -> None:
     """Free the space reserved beyond the end of a file."""
     os.truncate(path, path.stat().st_size)
 
 
 @contextmanager
-def roomy_h5(path: Path, size: int):
+def reserved_h5(path: Path, size: int):
     """Yield a new HDF5 file with so many bytes reserved. Raises OSError if there is not enough space."""
     path.touch()
-    reserve(path, size)
+    reserve_disk_space(path, size)
     with h5py.File(path, "w") as file:
-        reserve(path, size)  # again: opening truncates the file
+        reserve_disk_space(path, size)  # again: opening truncates the file
         yield file
-    give_back(path)
+    truncate_to_size(path)
 
 
 def size_of(finish) -> int:
@@ -200,7 +200,7 @@ def size_of(finish) -> int:
 
 
 @contextmanager
-def h5_whole(path: Path):
+def atomic_h5(path: Path):
     """Yield a new HDF5 file in memory, and write it to `path` at the end of the block.
 
     After an error an existing file at `path` is unchanged.

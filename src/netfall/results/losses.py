@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.results.removal_text import telling_factor, tension_ratios
+from netfall.results.removal_text import significant_dynamic_factors, tension_ratios
 
 
 def lost_at(f) -> np.ndarray:
@@ -22,7 +22,7 @@ def broken_at(f) -> np.ndarray:
     return time
 
 
-def loss_rows(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+def removal_stages(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     """Return envelope rows of each member removal: name, largest and least tension, failed elements.
 
     Tensions are (m,) [N], failed elements (m,) bool. The first row has the extremes over all steps, which the
@@ -46,17 +46,19 @@ def loss_rows(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     return rows
 
 
-def largest_after(f) -> dict[str, np.ndarray]:
+def largest_after_removals(f) -> dict[str, np.ndarray]:
     """Return the largest tension ratio and significant dynamic factor (m,) after any removal, nan if none."""
     removal, entries = f["removal"], range(len(f["removal/time"]))
     unknown = np.full(len(f["net/elements"]), np.nan)
     return {
         "tension_ratio": np.fmax.reduce([unknown, *(tension_ratios(removal, k) for k in entries)]),
-        "dynamic_factor": np.fmax.reduce([unknown, *(telling_factor(removal, k) for k in entries)]),
+        "dynamic_factor": np.fmax.reduce(
+            [unknown, *(significant_dynamic_factors(removal, k) for k in entries)]
+        ),
     }
 
 
-def worst_after(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
+def worst_removals(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
     """Return removal and element with the highest utilisation of a resistance (m,) [N], the worst first.
 
     If no element has a resistance, the largest tensions count. Each cable appears once per removal. Entries

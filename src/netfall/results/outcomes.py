@@ -5,7 +5,7 @@ from typing import NamedTuple
 NAN = float("nan")
 
 
-class MemberColumn(NamedTuple):
+class OutcomeColumn(NamedTuple):
     """A column of /members of a study file.
 
     empty : value while the outcome is unknown or does not apply; its type is that of the column
@@ -18,10 +18,10 @@ class MemberColumn(NamedTuple):
     name: str
     empty: float | int | str
     unit: str = ""
-    of_losses: bool = False
-    of_depth: bool = False
-    of_run: bool = True
-    of_motion: bool = False
+    needs_removal: bool = False
+    needs_depth: bool = False
+    is_outcome: bool = True
+    needs_dynamics: bool = False
 
     @property
     def dtype(self) -> type:
@@ -31,41 +31,41 @@ class MemberColumn(NamedTuple):
     @property
     def measured(self) -> bool:
         """Whether the value measures damage, so that a failure criterion may refer to it."""
-        return self.of_run and self.dtype in (int, float) and self.name not in NO_MEASURE
+        return self.is_outcome and self.dtype in (int, float) and self.name not in NOT_DAMAGE
 
 
-NO_MEASURE = (
+NOT_DAMAGE = (
     *("first_element", "first_element_id", "dynamic_factor_element", "dynamic_factor_element_id"),
     *("tension_ratio_element", "tension_ratio_element_id"),
     *("gusts", "seconds"),
 )
 OUTCOMES = (
-    MemberColumn("first_fracture", NAN, "s", of_motion=True),
-    MemberColumn("first_element", -1),
-    MemberColumn("first_element_id", -1),
-    MemberColumn("broken", 0, of_motion=True),
-    MemberColumn("roof_lost", NAN, of_motion=True),
-    MemberColumn("displacement_max", NAN, "m"),
-    MemberColumn("tension_max", NAN, "N"),
-    MemberColumn("utilisation_max", NAN),
-    MemberColumn("utilisation_before_break", NAN),
-    MemberColumn("sunk_area", NAN, of_depth=True),
-    MemberColumn("balance_error", NAN, of_motion=True),
-    MemberColumn("balance_error_attached", NAN, of_motion=True),
-    MemberColumn("tension_ratio_max", NAN, of_losses=True),
-    MemberColumn("tension_ratio_element", -1, of_losses=True),
-    MemberColumn("tension_ratio_element_id", -1, of_losses=True),
-    MemberColumn("dynamic_factor_max", NAN, of_losses=True),
-    MemberColumn("dynamic_factor_element", -1, of_losses=True),
-    MemberColumn("dynamic_factor_element_id", -1, of_losses=True),
-    MemberColumn("rest_after_loss", "", of_losses=True),
-    MemberColumn("gusts", 0, of_losses=True),
-    MemberColumn("duration", NAN, "s", of_run=False),
-    MemberColumn("seconds", NAN, "s"),
-    MemberColumn("state", ""),
-    MemberColumn("reason", ""),
+    OutcomeColumn("first_fracture", NAN, "s", needs_dynamics=True),
+    OutcomeColumn("first_element", -1),
+    OutcomeColumn("first_element_id", -1),
+    OutcomeColumn("broken", 0, needs_dynamics=True),
+    OutcomeColumn("roof_lost", NAN, needs_dynamics=True),
+    OutcomeColumn("displacement_max", NAN, "m"),
+    OutcomeColumn("tension_max", NAN, "N"),
+    OutcomeColumn("utilisation_max", NAN),
+    OutcomeColumn("utilisation_before_break", NAN),
+    OutcomeColumn("sunk_area", NAN, needs_depth=True),
+    OutcomeColumn("balance_error", NAN, needs_dynamics=True),
+    OutcomeColumn("balance_error_attached", NAN, needs_dynamics=True),
+    OutcomeColumn("tension_ratio_max", NAN, needs_removal=True),
+    OutcomeColumn("tension_ratio_element", -1, needs_removal=True),
+    OutcomeColumn("tension_ratio_element_id", -1, needs_removal=True),
+    OutcomeColumn("dynamic_factor_max", NAN, needs_removal=True),
+    OutcomeColumn("dynamic_factor_element", -1, needs_removal=True),
+    OutcomeColumn("dynamic_factor_element_id", -1, needs_removal=True),
+    OutcomeColumn("rest_after_loss", "", needs_removal=True),
+    OutcomeColumn("gusts", 0, needs_removal=True),
+    OutcomeColumn("duration", NAN, "s", is_outcome=False),
+    OutcomeColumn("seconds", NAN, "s"),
+    OutcomeColumn("state", ""),
+    OutcomeColumn("reason", ""),
 )
-BY_NAME = {each.name: each for each in OUTCOMES}
-OF_RUN = tuple(each for each in OUTCOMES if each.of_run)
+OUTCOME_BY_NAME = {each.name: each for each in OUTCOMES}
+RUN_OUTCOMES = tuple(each for each in OUTCOMES if each.is_outcome)
 # Outcomes of a run without any result; times and elements : of its fractures
-NOTHING = {each.name: each.empty for each in OF_RUN} | {"times": [], "elements": []}
+NOTHING = {each.name: each.empty for each in RUN_OUTCOMES} | {"times": [], "elements": []}

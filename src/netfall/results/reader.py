@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.results.columns import Columns, of_arrays, of_group
-from netfall.results.datasets import GROUPS, NONE, ORDER, group_of
-from netfall.results.file import open_result, provenance_text, title_of
+from netfall.results.columns import Columns, array_columns, group_columns
+from netfall.results.datasets import GROUPS, NONE, ORDER_ATTRIBUTE, find_group
+from netfall.results.file import open_result, provenance_text, result_title
 from netfall.results.frames import Frames
 from netfall.results.states import warm_lengths
 
@@ -41,16 +41,16 @@ class Frame:
     broken: np.ndarray
 
 
-def _table(name: str) -> property:
+def _group_property(name: str) -> property:
     """Return a property of Result for a group of the file; its help is the group's table of datasets."""
-    group = group_of(name)
+    group = find_group(name)
     shapes = [
         f"{dataset.name} ({dataset.shape}) [{dataset.unit or NONE}] {dataset.meaning}"
         for dataset in group.datasets
     ]
 
     def read(result: "Result") -> Columns:
-        return of_group(f"{result.path}: {name}", result._group(name))
+        return group_columns(f"{result.path}: {name}", result._group(name))
 
     return property(read, doc="\n".join([group.meaning, "", *shapes]))
 
@@ -105,7 +105,7 @@ class Result:
         }
         units = {"x": "[m]", "y": "[m]", "z": "[m]"}
         units |= {"tributary_area": "[m2]", "plan_area": "[m2]", "vector_area": "[m2]"}
-        return of_arrays(f"{self.path}: nodes", columns, units)
+        return array_columns(f"{self.path}: nodes", columns, units)
 
     def _net(self, name: str):
         """Return a dataset of /net."""
@@ -132,17 +132,17 @@ class Result:
             "unstressed_length_warm": lambda: warm_lengths(self.file),
         }
         units = {"axial_stiffness": "[N]", "unstressed_length": "[m]", "unstressed_length_warm": "[m]"}
-        return of_arrays(f"{self.path}: elements", columns, units)
+        return array_columns(f"{self.path}: elements", columns, units)
 
-    form_finding, statics, rest, modes = map(_table, ("form_finding", "statics", "rest", "modes"))
-    history, envelope, removal, wind = map(_table, ("history", "envelope", "removal", "wind"))
+    form_finding, statics, rest, modes = map(_group_property, ("form_finding", "statics", "rest", "modes"))
+    history, envelope, removal, wind = map(_group_property, ("history", "envelope", "removal", "wind"))
 
     @property
     def events(self) -> Columns:
         """A row for each fracture: time [s], step, element and node (ids of the broken element and its end),
         strain, mass [kg] of the separated particle; rows of /net: element_row, particle, new_particle.
         """
-        return of_group(f"{self.path}: events", self._group("events"), EVENT_COLUMNS)
+        return group_columns(f"{self.path}: events", self._group("events"), EVENT_COLUMNS)
 
     @property
     def cases(self) -> dict[str, Columns]:
@@ -159,12 +159,12 @@ class Result:
     def _named(self, name: str, words: str) -> dict[str, Columns]:
         """Return the equilibria of a group in the order of computation."""
         group = self._group(name)
-        order = sorted(group, key=lambda key: group[key].attrs.get(ORDER, 0))
-        return {key: of_group(f"{self.path}: {words} {key}", group[key]) for key in order}
+        order = sorted(group, key=lambda key: group[key].attrs.get(ORDER_ATTRIBUTE, 0))
+        return {key: group_columns(f"{self.path}: {words} {key}", group[key]) for key in order}
 
     def _group(self, name: str):
         if name not in self.file:
-            lacking = group_of(name).lacking
+            lacking = find_group(name).lacking
             raise AttributeError(f"{self.path}: there is no /{name}: the job has no {lacking}")
         return self.file[name]
 
@@ -244,7 +244,7 @@ class Result:
     @property
     def title(self) -> str:
         """The job's title, or its name if it has no title."""
-        return title_of(self.file)
+        return result_title(self.file)
 
     @property
     def job(self) -> str:

@@ -5,8 +5,8 @@ import numpy as np
 from netfall.job.values import counted
 
 MOST_NAMED = 4  # elements that a line names: those with the largest values
-STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
-LITTLE = 0.02  # of the net's largest tension: smaller tensions are negligible
+MIN_STATIC_CHANGE = 0.1  # of the net's largest tension: dynamic factors of smaller changes have no meaning
+NEGLIGIBLE_TENSION = 0.02  # of the net's largest tension: smaller tensions are negligible
 SOMETHING_BREAKS = "something breaks there"
 # Outcomes of the equilibrium search after a member removal, the worst first, and their text.
 RESTS = {
@@ -16,26 +16,26 @@ RESTS = {
     "breaks": f"the rest of the net would come to rest, but {SOMETHING_BREAKS}",
     "equilibrium": "the rest of the net comes to rest",
 }
-WITHOUT = ("no_equilibrium", "unstable")  # outcomes without a stable equilibrium
+REMOVAL_FAILED = ("no_equilibrium", "unstable")  # outcomes without a stable equilibrium
 
 
-def states_of_rest(removal) -> list[str]:
+def removal_states(removal) -> list[str]:
     """Return the outcome after each entry, a key of RESTS; "" if nothing was removed."""
     names = removal["state"]
     return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
 
 
-def worst_rest(states: list[str]) -> str:
+def worst_removal_state(states: list[str]) -> str:
     """Return the worst of some outcomes, "" if there is none."""
     return next((state for state in RESTS if state in states), "")
 
 
-def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
+def removal_lines(removal, events, element_id: np.ndarray) -> list[str]:
     """Describe each member removal: elements, equilibrium after it, fractures, largest dynamic factors.
 
     removal, events : datasets by name, as in the result file; element_id : (m,)
     """
-    lines, time, outcomes = [], removal["time"][:], states_of_rest(removal)
+    lines, time, outcomes = [], removal["time"][:], removal_states(removal)
     for k in range(len(time)):
         removed = removal["element"][:][removal["entry"][:] == k]
         if not len(removed):
@@ -51,8 +51,10 @@ def loss_lines(removal, events, element_id: np.ndarray) -> list[str]:
             + (f": {counted('element', breaking)}" if len(breaking) else ""),
             f"{counted('element', element_id[broken])} broke then" if len(broken) else "nothing broke then",
         ]
-        parts += _ratios(removal, k, element_id) + _factors(telling_factor(removal, k), element_id)
-        parts += _unrest(removal, k)
+        parts += _tension_ratio_text(removal, k, element_id) + _dynamic_factor_text(
+            significant_dynamic_factors(removal, k), element_id
+        )
+        parts += _residual_motion_text(removal, k)
         lines.append("; ".join(parts))
     return lines
 
@@ -63,11 +65,11 @@ def tension_ratios(removal, k: int) -> np.ndarray:
     nan if the tension before is negligible or the element was removed.
     """
     before, highest = removal["tension_before"][k], removal["tension_highest"][k]
-    significant = before > LITTLE * np.fmax.reduce(before, initial=0.0)
+    significant = before > NEGLIGIBLE_TENSION * np.fmax.reduce(before, initial=0.0)
     return np.divide(highest, before, out=np.full(len(before), np.nan), where=significant)
 
 
-def _ratios(removal, k: int, element_id: np.ndarray) -> list[str]:
+def _tension_ratio_text(removal, k: int, element_id: np.ndarray) -> list[str]:
     ratio, before, highest = (
         tension_ratios(removal, k),
         removal["tension_before"][k],
@@ -75,12 +77,12 @@ def _ratios(removal, k: int, element_id: np.ndarray) -> list[str]:
     )
     named = [
         f"{ratio[e]:.3g} (element {element_id[e]}: {before[e] / 1e3:.4g} -> {highest[e] / 1e3:.4g} kN)"
-        for e in _largest_of_each(ratio, element_id)
+        for e in _largest_per_element(ratio, element_id)
     ]
     return [f"largest tension over tension before {', '.join(named)}"] if named else []
 
 
-def _unrest(removal, k: int) -> list[str]:
+def _residual_motion_text(removal, k: int) -> list[str]:
     """Return a note if the roof still moved from an earlier removal at entry k.
 
     The tensions before entry k then differ from those of the equilibrium after that earlier removal.
@@ -92,7 +94,7 @@ def _unrest(removal, k: int) -> list[str]:
     j = earlier[np.argmax(time[earlier])]
     before, static = removal["tension_before"][k], removal["tension_after"][j]
     deviation, largest = (np.fmax.reduce(np.abs(N), initial=0.0) for N in (before - static, static))
-    if deviation <= LITTLE * largest:
+    if deviation <= NEGLIGIBLE_TENSION * largest:
         return []
     return [
         f"the roof still moved from loss {j + 1}, with tensions up to {deviation / 1e3:.4g} kN off its rest: "
@@ -100,23 +102,25 @@ def _unrest(removal, k: int) -> list[str]:
     ]
 
 
-def telling_factor(removal, k: int) -> np.ndarray:
+def significant_dynamic_factors(removal, k: int) -> np.ndarray:
     """Return the dynamic factors (m,) of entry k, nan if the static change is less than STATIC_CHANGE."""
     before, after = removal["tension_before"][k], removal["tension_after"][k]
     largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)
-    return np.where(np.abs(after - before) > STATIC_CHANGE * largest, removal["dynamic_factor"][k], np.nan)
+    return np.where(
+        np.abs(after - before) > MIN_STATIC_CHANGE * largest, removal["dynamic_factor"][k], np.nan
+    )
 
 
-def _factors(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
-    rows = _largest_of_each(factor, element_id)
+def _dynamic_factor_text(factor: np.ndarray, element_id: np.ndarray) -> list[str]:
+    rows = _largest_per_element(factor, element_id)
     if not len(rows):
         return []
     named = ", ".join(f"{factor[e]:.3g} (element {element_id[e]})" for e in rows)
-    limit = f"{STATIC_CHANGE:.0%} of the largest tension"
+    limit = f"{MIN_STATIC_CHANGE:.0%} of the largest tension"
     return [f"largest dynamic factors {named}, where the equilibrium changes by more than {limit}"]
 
 
-def _largest_of_each(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:
+def _largest_per_element(values: np.ndarray, element_id: np.ndarray) -> np.ndarray:
     """Return the rows of the largest known values, one row per element id."""
     rows = np.flatnonzero(~np.isnan(values))
     rows = rows[np.argsort(-values[rows], kind="stable")]

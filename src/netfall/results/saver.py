@@ -7,13 +7,19 @@ import numpy as np
 
 from netfall.parallel.mpi import MPI
 from netfall.physics.state import State
-from netfall.results.checkpoint import KEPT, Checkpoint, checkpoint_path, remove_older, write_checkpoint
+from netfall.results.checkpoint import (
+    KEPT,
+    Checkpoint,
+    checkpoint_path,
+    remove_old_checkpoints,
+    write_checkpoint,
+)
 from netfall.results.writer import Result
 
 Record = tuple[dict, dict[str, np.ndarray]]  # values for JSON, on every rank; arrays, on rank 0
 
 
-class Saver:
+class CheckpointWriter:
     """Writes the checkpoints of a run and keeps the last two.
 
     stage : in which the resumed run was interrupted; None: a new run
@@ -41,7 +47,7 @@ class Saver:
         record = checkpoint.record if checkpoint else {"stage": None, "parts": ()}
         self.stage, self._restored = comm.bcast((record["stage"], set(record["parts"])))
 
-    def is_past(self, stage: str) -> bool:
+    def is_completed(self, stage: str) -> bool:
         """Return whether the resumed run had finished a stage."""
         position = self.stages.index
         return self.stage is not None and position(stage) < position(self.stage)
@@ -91,9 +97,9 @@ class Saver:
         for old in self.kept[:-KEPT]:
             if not (self.given and old.exists() and old.samefile(self.given)):
                 old.unlink(missing_ok=True)
-        remove_older(self.kept[-1], self.result.path, self.digest, self.given)
+        remove_old_checkpoints(self.kept[-1], self.result.path, self.digest, self.given)
 
-    def naming_the_last(self, error: Exception) -> Exception:
+    def with_last_checkpoint(self, error: Exception) -> Exception:
         """Return the error with the name of the last checkpoint added, if there is one."""
         last = self.kept[-1] if self.kept else self.given
         if last:

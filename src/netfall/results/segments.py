@@ -7,8 +7,8 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.results.h5 import SPARE_BYTES, publish
-from netfall.results.locks import roomy_h5, size_of, writing
+from netfall.results.h5 import SPARE_BYTES, finish_file
+from netfall.results.locks import reserved_h5, size_of, writing
 
 COPY_BYTES = 1 << 26  # buffer while segments are joined
 
@@ -41,18 +41,18 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> 
     """Write the result file from its segments and the small datasets, then remove the segments. Rank 0."""
     with writing(path):
         size = sum(segment.stat().st_size for segment in segments) + size_of(finish) + SPARE_BYTES
-        with roomy_h5(temporary, size) as file:
+        with reserved_h5(temporary, size) as file:
             for segment in segments:
                 with h5py.File(segment, "r") as part:
                     append_rows(part, file)
             finish(file)
-        publish(temporary, path)
-    pattern = _left_by_runs(path)  # matches files of this run and of earlier runs that were killed
+        finish_file(temporary, path)
+    pattern = _temporary_file_pattern(path)  # matches files of this run and of earlier runs that were killed
     for old in [each for each in path.parent.iterdir() if pattern.fullmatch(each.name)]:
         old.unlink(missing_ok=True)
 
 
-def _left_by_runs(path: Path) -> re.Pattern:
+def _temporary_file_pattern(path: Path) -> re.Pattern:
     """Return a pattern for temporary files of a result.
 
     These are segments, unfinished files, and the lock files that Open MPI leaves next to them.
@@ -78,7 +78,7 @@ def find_segments(
         try:
             with h5py.File(result, "r") as file:
                 if file["provenance"].attrs["job_digest"] == digest:
-                    with roomy_h5(target, result.stat().st_size + SPARE_BYTES) as part:
+                    with reserved_h5(target, result.stat().st_size + SPARE_BYTES) as part:
                         append_rows(file, part, rows)
                     return [target]
         except (OSError, KeyError):

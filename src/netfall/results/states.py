@@ -8,21 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.rotation import from_own, to_own
+from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.physics.law import limits
-from netfall.physics.law.limits import Caps
-from netfall.physics.law.measures import elastic_forces, warm_length
-from netfall.results.datasets import ORDER
-from netfall.results.losses import broken_at, loss_rows, lost_at
+from netfall.physics.law.limits import ForceLimits
+from netfall.physics.law.measures import elastic_forces, heated_length
+from netfall.results.datasets import ORDER_ATTRIBUTE
+from netfall.results.losses import broken_at, lost_at, removal_stages
 
-MOTION = "dynamics"  # name of the dynamic stage in an envelope
+DYNAMIC_STAGE = "dynamics"  # name of the dynamic stage in an envelope
 WITHOUT = "no_equilibrium", "undecided"  # states of an equilibrium group whose full load was not reached
-FORM = "form_finding"  # group of the form, in which all elements are present
+FORM_GROUP = "form_finding"  # group of the form, in which all elements are present
 ALIKE = 1e-6  # relative difference of tensions that count as equal: frames have single precision
 
 
 @dataclass(frozen=True)
-class ShownState:
+class StateView:
     """An equilibrium, or the state at one time.
 
     tension : returns (m,) [N]; position : returns (points, 3) [m]
@@ -52,7 +52,7 @@ def form_position(f) -> np.ndarray:
 
 def last_stage(f) -> str:
     """Return the group of the last stage of erection, "" if there was none."""
-    stages = [name for name in state_groups(f) if name.startswith("stages/")]
+    stages = [name for name in equilibrium_groups(f) if name.startswith("stages/")]
     return stages[-1] if stages else ""
 
 
@@ -90,12 +90,12 @@ class Springs(NamedTuple):
         The nodes of the net come first among the points.
         """
         force = np.zeros_like(x)
-        displacement = to_own(x[self.nodes] - self.start[self.nodes], self.angle)
-        force[self.nodes] = from_own(self.stiffness * (self.rest - displacement), self.angle)
+        displacement = to_rotated_axes(x[self.nodes] - self.start[self.nodes], self.angle)
+        force[self.nodes] = from_rotated_axes(self.stiffness * (self.rest - displacement), self.angle)
         return force
 
 
-def springs_of(f) -> Springs:
+def read_springs(f) -> Springs:
     """Return the springs of a net; k = 0 if it has none."""
     start, empty, angle = start_position(f), np.zeros((0, 3)), support_angles(f)
     if "spring" not in f["net"]:
@@ -103,7 +103,7 @@ def springs_of(f) -> Springs:
     nodes = np.flatnonzero(f["net/spring"][:].any(1))
     rest = np.broadcast_to(f["provenance/net/spring_rest"][:], start.shape)[nodes]
     angle = None if angle is None else angle[nodes]
-    return Springs(nodes, f["net/spring"][:][nodes], to_own(rest, angle), start, angle)
+    return Springs(nodes, f["net/spring"][:][nodes], to_rotated_axes(rest, angle), start, angle)
 
 
 def strain_measure(f) -> str:
@@ -116,7 +116,7 @@ def warm_lengths(f) -> np.ndarray:
     L0 = f["net/unstressed_length"][:]
     if "load/temperature" not in f:
         return L0
-    return warm_length(L0, f["net/expansion"][:], f["load/temperature"][()])
+    return heated_length(L0, f["net/expansion"][:], f["load/temperature"][()])
 
 
 def start_tension(f) -> np.ndarray:
@@ -140,38 +140,38 @@ def absent(f, place: str = "") -> np.ndarray:
 
     In the form no element is absent.
     """
-    group = "" if place == FORM else place if place.startswith("stages/") else last_stage(f)
+    group = "" if place == FORM_GROUP else place if place.startswith("stages/") else last_stage(f)
     return f[f"{group}/active"][:] == 0 if group else np.zeros(len(f["net/elements"]), bool)
 
 
-def state_groups(f) -> list[str]:
+def equilibrium_groups(f) -> list[str]:
     """Return the groups of all equilibria other than the form, in the order of computation."""
     names: list[str] = []
     f.visit(names.append)  # faster than visititems, which opens each object
     places = [name.removesuffix("/tension") for name in names if name.endswith("/tension")]
-    order = {place: f[place].attrs[ORDER] for place in places if ORDER in f[place].attrs}
+    order = {place: f[place].attrs[ORDER_ATTRIBUTE] for place in places if ORDER_ATTRIBUTE in f[place].attrs}
     return sorted(order, key=order.get)
 
 
-def equilibria(f) -> Iterator[ShownState]:
-    """Yield the form, then the equilibria of all `state_groups`."""
+def equilibria(f) -> Iterator[StateView]:
+    """Yield the form, then the equilibria of all `equilibrium_groups`."""
     x = form_position(f)
     is_found = "form_finding" in f
     if is_found or not last_stage(f):  # the file lacks the first lengths of a net that is erected as given
-        name, place = ("form", FORM) if is_found else ("as given", "")
-        has_reaction = is_found and "reaction" in f[FORM]  # earlier versions do not write it
-        reaction = (lambda: f[FORM]["reaction"][:]) if has_reaction else None
-        yield ShownState(
+        name, place = ("form", FORM_GROUP) if is_found else ("as given", "")
+        has_reaction = is_found and "reaction" in f[FORM_GROUP]  # earlier versions do not write it
+        reaction = (lambda: f[FORM_GROUP]["reaction"][:]) if has_reaction else None
+        yield StateView(
             name, lambda: form_tension(f), lambda: x, None, place, reaction, unloaded=not has_reaction
         )
-    for name in state_groups(f):
-        yield from states_of(f, name)
+    for name in equilibrium_groups(f):
+        yield from group_equilibria(f, name)
 
 
-def states_of(f, name: str) -> Iterator[ShownState]:
+def group_equilibria(f, name: str) -> Iterator[StateView]:
     """Yield the equilibria of a group; a load path has one per load increment."""
     x = form_position(f) if name.startswith("stages/") else start_position(f)
-    group, words = f[name], state_words(f, name)
+    group, words = f[name], group_title(f, name)
     failed = no_equilibrium(group)
     if "load_factor" not in group:
         factor = group.attrs["load_factor"] if failed else np.nan
@@ -186,7 +186,7 @@ def states_of(f, name: str) -> Iterator[ShownState]:
         yield _state(group, f"{words}, {load}{reached}", name, x, row)
 
 
-def caps_of(f) -> Caps:
+def force_caps(f) -> ForceLimits:
     """Return the yield and buckling forces (m,) [N] with random strengths, and Euler loads of other bars."""
     net, m = f["net"], len(f["net/elements"])
     random_factor = net["strength"][:] if "strength" in net else 1.0
@@ -196,7 +196,7 @@ def caps_of(f) -> Caps:
     return limits.caps_of(yield_force, load, buckling, bending)
 
 
-def yielded_in(f) -> np.ndarray:
+def yielded_elements(f) -> np.ndarray:
     """Return which elements (m,) have yielded by the end of the dynamic stage."""
     if "final/plastic_strain" not in f:
         return np.zeros(len(f["net/elements"]), bool)
@@ -213,30 +213,30 @@ def is_undecided(group) -> bool:
     return group.attrs.get("state") == WITHOUT[1]
 
 
-def not_stable(group) -> bool:
+def is_unstable(group) -> bool:
     """Return whether the equilibrium of a group is unstable, so that compressed bars buckle."""
     return group.attrs.get("state") == "unstable"
 
 
-def shown_name(f, state: ShownState) -> str:
+def state_title(f, state: StateView) -> str:
     """Return the name of a state for plots, with a mark if the equilibrium is unstable."""
-    return f"{state.name} (not stable)" if state.place and not_stable(f[state.place]) else state.name
+    return f"{state.name} (not stable)" if state.place and is_unstable(f[state.place]) else state.name
 
 
-def start_words(f) -> str:
+def start_name(f) -> str:
     """Return the name of the geometry from which displacements count."""
     if last_stage(f):
         return "the last stage of erection"
     return "the form" if "form_finding" in f else "the net as given"
 
 
-def state_words(f, name: str) -> str:
+def group_title(f, name: str) -> str:
     """Return the name of an equilibrium group for messages: "case snow" for cases/snow."""
     case = "combination" if "factors" in f[name].attrs else "case"
     return re.sub("^stages/", "stage ", re.sub("^cases/", f"{case} ", name))
 
 
-def _state(g, words: str, name: str, x: np.ndarray, row) -> ShownState:
+def _state(g, words: str, name: str, x: np.ndarray, row) -> StateView:
     """Return a state of a group from one row of its datasets, or from the whole of them (row : ...)."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
     reaction = (lambda: g["reaction"][row]) if "reaction" in g else None
@@ -244,10 +244,10 @@ def _state(g, words: str, name: str, x: np.ndarray, row) -> ShownState:
     fields = {
         key: (lambda dataset=dataset: g[dataset][row]) for key, dataset in optional.items() if dataset in g
     }
-    return ShownState(words, lambda: g["tension"][row], position, None, name, reaction, **fields)
+    return StateView(words, lambda: g["tension"][row], position, None, name, reaction, **fields)
 
 
-def final(f) -> ShownState | None:
+def final(f) -> StateView | None:
     """Return the last state of the dynamic stage, None without one. Fragment ends follow the nodes."""
     if "history" not in f:
         return None
@@ -258,7 +258,7 @@ def final(f) -> ShownState | None:
     ends[f["events/element"][:][new_gid >= 0], (new_gid[new_gid >= 0] - n) % 2] = new_gid[new_gid >= 0]
     rows = np.searchsorted(number[order], ends)
     name = f"final, t = {f['history/time'][-1]:.4g} s"
-    return ShownState(name, lambda: f["final/tension"][:], lambda: f["final/position"][:][order], rows)
+    return StateView(name, lambda: f["final/tension"][:], lambda: f["final/position"][:][order], rows)
 
 
 @dataclass
@@ -277,7 +277,7 @@ class Envelope:
     least: np.ndarray
     of_most: np.ndarray
     of_least: np.ndarray
-    time_most: np.ndarray
+    time_of_max: np.ndarray
     slack: np.ndarray
     gone: np.ndarray
     slack_time: np.ndarray | None
@@ -307,7 +307,7 @@ def _largest(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return most, np.argmax(force >= most - ALIKE * np.abs(most), axis=0)
 
 
-def envelope_of(f, resistance: np.ndarray) -> Envelope:
+def compute_envelope(f, resistance: np.ndarray) -> Envelope:
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
     resistance : (m,) [N], nan if an element has none
@@ -322,7 +322,7 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
         stages.append((state.name, state.place, N, N, unknown, forceless, forceless))
     stages += [
         (name, "", high, low, unknown, failed | is_absent, is_absent)
-        for name, high, low, failed in loss_rows(f)
+        for name, high, low, failed in removal_stages(f)
     ]
     if "history" in f:
         high, low, when, slack_time = (
@@ -331,7 +331,7 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
         )
         failed = ~np.isnan(lost_at(f)) | ~np.isnan(broken_at(f)) | is_absent
         stages.append(
-            (MOTION, "", high, np.where(failed & (low == 0.0), np.nan, low), when, failed, is_absent)
+            (DYNAMIC_STAGE, "", high, np.where(failed & (low == 0.0), np.nan, low), when, failed, is_absent)
         )
     names, places, *columns = map(list, zip(*stages))
     high, low, when, failed, forceless = map(np.array, columns)
@@ -349,7 +349,7 @@ def envelope_of(f, resistance: np.ndarray) -> Envelope:
         least=least,
         of_most=of_most,
         of_least=of_least,
-        time_most=time,
+        time_of_max=time,
         slack=slack,
         gone=failed,
         slack_time=slack_time,

@@ -15,7 +15,7 @@ from netfall.results.h5 import SharedFile
 LINE = 3  # VTK_LINE, cell type of VTK
 
 
-class Field(NamedTuple):
+class VtkField(NamedTuple):
     """A column of points or cells, see results/README.md. bends : present only with bending chains"""
 
     name: str
@@ -24,22 +24,22 @@ class Field(NamedTuple):
     bends: bool = False
 
 
-FIELDS = {
+VTK_FIELDS = {
     "PointData": (
-        Field("displacement", np.float32, (3,)),
-        Field("velocity", np.float32, (3,)),
-        Field("node_id", np.int64),
-        Field("GlobalPointId", np.int64),
+        VtkField("displacement", np.float32, (3,)),
+        VtkField("velocity", np.float32, (3,)),
+        VtkField("node_id", np.int64),
+        VtkField("GlobalPointId", np.int64),
     ),
     "CellData": (
-        Field("tension", np.float32),
-        Field("strain", np.float32),
-        Field("plastic_strain", np.float32),
-        Field("broken", np.uint8),
-        Field("bending_moment", np.float32, (2,), True),
-        Field("group", np.int32),
-        Field("element_id", np.int64),
-        Field("GlobalCellId", np.int64),
+        VtkField("tension", np.float32),
+        VtkField("strain", np.float32),
+        VtkField("plastic_strain", np.float32),
+        VtkField("broken", np.uint8),
+        VtkField("bending_moment", np.float32, (2,), True),
+        VtkField("group", np.int32),
+        VtkField("element_id", np.int64),
+        VtkField("GlobalCellId", np.int64),
     ),
 }
 
@@ -53,15 +53,16 @@ class VtkSeries:
     def __init__(self, file: SharedFile, points: int, cells: int, bends: bool = False):
         """points, cells : initial numbers per step, for the size of chunks; bends : with bending chains"""
         self.fields = {
-            group: [field for field in fields if bends or not field.bends] for group, fields in FIELDS.items()
+            group: [field for field in fields if bends or not field.bends]
+            for group, fields in VTK_FIELDS.items()
         }
         self.sizes = {"PointData": points, "CellData": cells}
         self.parts: list[tuple[int, int]] = []  # points and cells of each part
         self.steps: list[dict] = []
         self._mesh: dict = {}
-        self.continue_in(file)
+        self.append_to(file)
 
-    def continue_in(self, file: SharedFile) -> None:
+    def append_to(self, file: SharedFile) -> None:
         """Append to a file (the first, or one that continues it) from now on."""
         self.file = file
         file.create("VTKHDF/Points", np.float64, (3,), self.sizes["PointData"])

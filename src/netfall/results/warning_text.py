@@ -4,40 +4,40 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.job.values import counted
-from netfall.physics.law.limits import REACHED
+from netfall.physics.law.limits import REACHED_SHARE
 from netfall.results import states
 
-LARGEST_BALANCE = 1e-3  # energy balance error above which a result is doubtful, by either of its shares
-TORSION = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
+MAX_BALANCE_ERROR = 1e-3  # energy balance error above which a result is doubtful, by either of its shares
+MAX_TORSION_SHARE = 0.05  # torsion of a bending chain over the largest bending moment: netfall warns above it
 MOST_MARKED = 4096  # elements listed in an attribute of an equilibrium: HDF5 limits an attribute to 64 kB
 FAR = 0.2  # static displacement over the net's largest dimension: netfall prints a note above it
 
 
-BALANCE = ("balance_error", "balance_error_attached")  # columns of /history
+BALANCE_COLUMNS = ("balance_error", "balance_error_attached")  # columns of /history
 
 
-def balance_notes(history) -> list[str]:
+def balance_warnings(history) -> list[str]:
     """Return a warning if the energy balance error of any row is above LARGEST_BALANCE.
 
     history : datasets of /history by name
     """
     time = history["time"]
-    error = np.fmax(*(np.abs(history[name]) for name in BALANCE))
-    off = np.flatnonzero(error > LARGEST_BALANCE)
+    error = np.fmax(*(np.abs(history[name]) for name in BALANCE_COLUMNS))
+    off = np.flatnonzero(error > MAX_BALANCE_ERROR)
     if not len(off):
         return []
     until = "on" if off[-1] == len(time) - 1 else f"to {time[off[-1]]:.4g} s"
     smaller = "[dynamics] safety or time_step" + (", or fragment_mass" if history["broken"][-1] else "")
     return [
-        f"warning: dynamics: the energy balance is off by up to {balance_words(history)} (limit "
-        f"{LARGEST_BALANCE:g}), from t = {time[off[0]]:.4g} s {until}. The step is too long for some of "
+        f"warning: dynamics: the energy balance is off by up to {balance_text(history)} (limit "
+        f"{MAX_BALANCE_ERROR:g}), from t = {time[off[0]]:.4g} s {until}. The step is too long for some of "
         f"what happened. Compare with a run of half the step (a smaller {smaller})"
     ]
 
 
-def balance_words(history) -> str:
-    """Return the largest energy balance errors as text; history : see `balance_notes`."""
-    in_play, attached = (f"{np.nanmax(np.abs(history[name]), initial=0.0):.2g}" for name in BALANCE)
+def balance_text(history) -> str:
+    """Return the largest energy balance errors as text; history : see `balance_warnings`."""
+    in_play, attached = (f"{np.nanmax(np.abs(history[name]), initial=0.0):.2g}" for name in BALANCE_COLUMNS)
     return f"{in_play} of the energy that took part, {attached} of the largest that attached parts stored"
 
 
@@ -118,14 +118,14 @@ def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> st
 def limit_point_warnings_of(f) -> list[str]:
     """Return the warnings of limit points on the paths to the equilibria of a result."""
     return [
-        f"warning: {states.state_words(f, place)}: a limit point was passed at load factor "
-        f"{f[place].attrs[LIMIT]:.4g}. The state found lies beyond this limit load"
-        for place in states.state_groups(f)
-        if LIMIT in f[place].attrs
+        f"warning: {states.group_title(f, place)}: a limit point was passed at load factor "
+        f"{f[place].attrs[LIMIT_ATTRIBUTE]:.4g}. The state found lies beyond this limit load"
+        for place in states.equilibrium_groups(f)
+        if LIMIT_ATTRIBUTE in f[place].attrs
     ]
 
 
-LIMIT = "limit_load_factor"  # attribute of the group of an equilibrium
+LIMIT_ATTRIBUTE = "limit_load_factor"  # attribute of the group of an equilibrium
 
 
 def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: np.ndarray) -> list[str]:
@@ -133,12 +133,12 @@ def torsion_warnings(equilibria: list[tuple[str, tuple[float, int]]], node_id: n
 
     equilibria : description of each equilibrium, and the result of `statics.at_limit.largest_torsion`
     """
-    above = [equilibrium for equilibrium in equilibria if equilibrium[1][0] > TORSION]
+    above = [equilibrium for equilibrium in equilibria if equilibrium[1][0] > MAX_TORSION_SHARE]
     if not above:
         return []
     what, (share, p) = max(above, key=lambda equilibrium: equilibrium[1][0])
     others = (
-        f" (more than {TORSION:.0%} in {len(above)} of {len(equilibria)} equilibria)"
+        f" (more than {MAX_TORSION_SHARE:.0%} in {len(above)} of {len(equilibria)} equilibria)"
         if len(equilibria) > 1
         else ""
     )
@@ -169,7 +169,7 @@ def rounding_warnings(equilibria: list[tuple[str, float, float]], tolerance: flo
     ]
 
 
-def stop_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
+def slip_end_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.ndarray) -> list[str]:
     """Return notes on equilibria in which cables slipped as far as the model allows.
 
     equilibria : description of each equilibrium, and the rows of the shortened elements
@@ -184,7 +184,7 @@ def stop_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np.nda
     ]
 
 
-NOT_STABLE = "the tangent stiffness is not positive definite, compressed bars buckle"
+INSTABILITY_TEXT = "the tangent stiffness is not positive definite, compressed bars buckle"
 
 
 def displacement_notes_of(f) -> list[str]:
@@ -221,25 +221,28 @@ def limit_notes_of(f) -> list[str]:
     """Return the notes of `limit_notes` for the equilibria and the dynamic stage of a result."""
     notes = [
         note
-        for place in states.state_groups(f)
-        for note in limit_notes(states.state_words(f, place), f[place].attrs)
+        for place in states.equilibrium_groups(f)
+        for note in limit_notes(states.group_title(f, place), f[place].attrs)
     ]
-    return notes + (motion_notes_of(f) if "history" in f else [])
+    return notes + (dynamic_limit_notes_of(f) if "history" in f else [])
 
 
-def motion_notes_of(f) -> list[str]:
+def dynamic_limit_notes_of(f) -> list[str]:
     """Return notes on elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
-    compression, caps = -f["envelope/tension_min"][:], states.caps_of(f)
-    reached = {"buckled": compression >= REACHED * caps.buckling, "beyond_euler": compression > caps.straight}
+    compression, caps = -f["envelope/tension_min"][:], states.force_caps(f)
+    reached = {
+        "buckled": compression >= REACHED_SHARE * caps.buckling,
+        "beyond_euler": compression > caps.straight,
+    }
     labels = {
         name: f["net/element_id"][:][rows][:MOST_MARKED]
-        for name, rows in (reached | {"yielded": states.yielded_in(f)}).items()
+        for name, rows in (reached | {"yielded": states.yielded_elements(f)}).items()
         if rows.any()
     }
-    return limit_notes(states.MOTION, labels)
+    return limit_notes(states.DYNAMIC_STAGE, labels)
 
 
-def error_words(displacement: float, tension: float) -> str:
+def error_text(displacement: float, tension: float) -> str:
     """Return estimated relative errors of displacements and tensions as text; nan: not known."""
     known = f"to {displacement:.0e} of displacements, {tension:.0e} of tensions"
     return known if displacement == displacement else "(error not known)"

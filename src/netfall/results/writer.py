@@ -10,16 +10,16 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import OutputError
-from netfall.geometry.bars import CURVES, FLAGS, buckling_lengths, euler_load
+from netfall.geometry.bars import BAR_FLAGS, CURVES, buckling_lengths, euler_load
 from netfall.geometry.net import Net
-from netfall.geometry.slip_points import Slides
-from netfall.geometry.zones import Roof
+from netfall.geometry.slip_points import SlidingCables
+from netfall.geometry.zones import RoofAreas
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.events import EventLog
 from netfall.physics.state import State
-from netfall.results.datasets import ORDER, unit_of
+from netfall.results.datasets import ORDER_ATTRIBUTE, dataset_unit
 from netfall.results.h5 import SharedFile
 from netfall.results.ids import LocalIds
 from netfall.results.segments import join_segments
@@ -76,7 +76,7 @@ class Result:
 
     def _begin_segment(self, rows: dict[str, int]) -> None:
         self.file = SharedFile(self.comm, self.path, rows)
-        self.series.continue_in(self.file)  # if it raises, the run discards the file
+        self.series.append_to(self.file)  # if it raises, the run discards the file
 
     def record(self) -> dict:
         """Return the data for `restore`."""
@@ -219,7 +219,7 @@ class Result:
                     file.create_dataset(f"{group}/{name}", data=values)
             states = [group for group in sections if group != "form_finding" and f"{group}/tension" in file]
             for order, group in enumerate(states):
-                file[group].attrs[ORDER] = order
+                file[group].attrs[ORDER_ATTRIBUTE] = order
             for group, attributes in labels.items():
                 file.require_group(group).attrs.update(attributes)
             _write_provenance(file.create_group("provenance"), provenance, phases)
@@ -255,7 +255,7 @@ def label(file: h5py.File) -> None:
 
     def add(path: str, item) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind != "O":
-            item.attrs["unit"] = unit_of(path)
+            item.attrs["unit"] = dataset_unit(path)
 
     file.visititems(add)
 
@@ -276,7 +276,7 @@ def _write_provenance(group, values, phases):
         timings.attrs[name] = seconds  # minimum, mean and maximum over the ranks
 
 
-def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.ndarray]:
+def net_section(net: Net, roof: RoofAreas, cut_length: np.ndarray) -> dict[str, np.ndarray]:
     """Return the datasets of /net. cut_length : (m,) [m], unstressed, at the temperature of form finding"""
     zones = roof.zones
     optional = {"zone_share": zones.share[:, :-1]} if len(zones.mixed) else {}
@@ -286,7 +286,7 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
         "elements": net.elements,
         "fixed": net.fixed.astype(np.uint8),
         "group": net.group.astype(np.int32),
-        "group_names": texts(net.group_names),
+        "group_names": text_dataset(net.group_names),
         "tributary_area": roof.area,
         "plan_area": roof.plan_area,
         "vector_area": roof.vector,
@@ -294,9 +294,9 @@ def net_section(net: Net, roof: Roof, cut_length: np.ndarray) -> dict[str, np.nd
         "element_id": net.element_id,
         "unstressed_length": cut_length,
         "cable": net.cable.astype(np.int32),
-        "cable_names": texts(net.cable_names),
+        "cable_names": text_dataset(net.cable_names),
         "zone": zones.of_node.astype(np.int32),
-        "zone_names": texts(zones.names),
+        "zone_names": text_dataset(zones.names),
     }
     return _strength_section(net) | optional | datasets
 
@@ -308,20 +308,23 @@ def _bar_section(net: Net, cut_length: np.ndarray) -> dict[str, np.ndarray]:
         "buckling_length": buckling_lengths(net, cut_length),
         "euler_load": euler_load(net, cut_length),
         "buckling_curve": net.buckling_curve.astype(np.int32),
-        "buckling_curve_names": texts(list(CURVES)),
-        **{name: flags.astype(np.uint8) for name in FLAGS if (flags := getattr(net, name)) is not None},
+        "buckling_curve_names": text_dataset(list(CURVES)),
+        **{name: flags.astype(np.uint8) for name in BAR_FLAGS if (flags := getattr(net, name)) is not None},
     }
 
 
-def texts(words: list[str]) -> np.ndarray:
+def text_dataset(words: list[str]) -> np.ndarray:
     """Return words as a dataset."""
     return np.array(words, h5py.string_dtype())
 
 
-def slide_section(net: Net, slides: Slides) -> dict[str, np.ndarray]:
+def slide_section(net: Net, slides: SlidingCables) -> dict[str, np.ndarray]:
     """Return the slip points of cables, /slide."""
     names = ("before", "after", "friction", "resistance")
-    datasets = {"node": net.node_id[slides.node], "cable": texts([net.cable_names[k] for k in slides.cable])}
+    datasets = {
+        "node": net.node_id[slides.node],
+        "cable": text_dataset([net.cable_names[k] for k in slides.cable]),
+    }
     return datasets | {name: getattr(slides, name) for name in names}
 
 
@@ -346,5 +349,5 @@ def _strength_section(net: Net) -> dict[str, np.ndarray]:
     if net.angle is not None:
         section["angle"] = net.angle
     if net.type_names:
-        section |= {"type": net.type.astype(np.int32), "type_names": texts(net.type_names)}
+        section |= {"type": net.type.astype(np.int32), "type_names": text_dataset(net.type_names)}
     return section

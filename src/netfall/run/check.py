@@ -7,45 +7,48 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
-from netfall.core.timings import Phases
-from netfall.geometry.areas import GIVEN_AREAS, areas_are_given, largest_face, normals
+from netfall.core.timings import PhaseTimes
+from netfall.geometry.areas import GIVEN_AREAS_NOTE, areas_are_given, largest_face, normals
 from netfall.geometry.build import build_net
-from netfall.job.cache import Memory
-from netfall.job.derived import along_normals, has_statics, load_steps
+from netfall.job.cache import ResultCache
+from netfall.job.derived import has_normal_loads, has_statics, load_steps
 from netfall.job.job import Job
-from netfall.loads.wind.sectors import bearing
+from netfall.loads.wind.sectors import describe_direction
 from netfall.model.layout import Layout, make_layout
-from netfall.model.schedule import steps_line
+from netfall.model.schedule import describe_steps
 from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS
 from netfall.results.h5 import CHUNK_BYTES
 from netfall.results.locks import writing
-from netfall.run.load_sequence import Wanted, equilibria, loaded
+from netfall.run.load_sequence import EquilibriumRequest, equilibria, loaded
 from netfall.run.messages import run
 from netfall.run.messages.wind import wind_lines
 from netfall.run.modes import mode_lines
-from netfall.run.problem import Scene
+from netfall.run.problem import Problem
 from netfall.run.ranks import ranks_line, steps_time
-from netfall.run.setup import prepare
+from netfall.run.setup import prepare_scene
 
 # Times [s] on one core; those of large nets are from jobs/bench.
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot
-CHECKPOINT_S, SAVED_S = 0.026, 4e-6  # per checkpoint; per element in it
+CHECKPOINT_S, CHECKPOINT_ELEMENT_S = 0.026, 4e-6  # per checkpoint; per element in it
 EQUILIBRIUM_S = 1e-4  # per equilibrium and element of a small net; varies with slack and compression
 FEWEST = 2000  # particles from which a net counts as large
-STAGE_S, TRIALS = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
-NEAR_S, FAR_S = 4.5e-6, 4e-5  # per equilibrium and element of a large net: tangent predicts it, or does not
+STAGE_S, TARGET_EQUILIBRIA = 2.5e-4, 8  # per stage of erection and element; equilibria until targets are met
+PREDICTED_S, UNPREDICTED_S = (
+    4.5e-6,
+    4e-5,
+)  # per equilibrium and element of a large net: tangent predicts it, or does not
 RELAXED = "; a stage whose nodes hang far from where they are held taut is relaxed, for seconds"
-UNFORESEEN = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
-NOT_BORNE = 5  # time of a search for the limit load factor over the time of an equilibrium
+UNPREDICTED = "; what the tangent does not foresee takes from a third to five times as long, more if relaxed"
+LIMIT_LOAD_SEARCH_RATIO = 5  # time of a search for the limit load factor over the time of an equilibrium
 START_S, NET_S = 0.8, 3e-4  # s to start Python and MPI; s per element for net and form
 LARGEST_FORM = 400_000  # elements up to which check also finds the form, in some ten seconds
 # Bytes of the result file per particle and per element: of a snapshot; of the connectivity, which a snapshot
 # contains only if elements broke since the last one; of an equilibrium; of datasets that are written once.
-FRAME_BYTES, JOINED_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 + 1 + 8 + 8 + 4)
-STATE_BYTES, ONCE_BYTES = (24 + 24, 8), (190, 150)
+FRAME_BYTES, CONNECTIVITY_BYTES = (24 + 12 + 12, 4 + 4 + 4 + 1), (8 + 8, 16 + 8 + 1 + 8 + 8 + 4)
+STATE_BYTES, STATIC_DATA_BYTES = (24 + 24, 8), (190, 150)
 ROW_BYTES, FILE_BYTES = 8 * 15, 2e5  # per history row; HDF5 metadata and small datasets
-MUCH_LARGER = 4.0  # area over that of the usual face of the roof: a larger face may be an opening
+OPENING_AREA_RATIO = 4.0  # area over that of the usual face of the roof: a larger face may be an opening
 EQUILIBRIUM_BYTES = 950  # memory per element: tangent and multigrid levels, and output on rank 0
 
 
@@ -54,11 +57,11 @@ def check_job(job: Job, say: Callable[[str], None], folder: Path | None = None) 
 
     folder : for a picture of the net, which is drawn even if no form is found; None: no picture
     """
-    for line in _lines(job, folder):
+    for line in _check_lines(job, folder):
         say(line)
 
 
-def _lines(job: Job, folder: Path | None) -> Iterator[str]:
+def _check_lines(job: Job, folder: Path | None) -> Iterator[str]:
     """Yield the lines of `check_job` as they are computed."""
     checked_job = job
     if job.form_finding and build_net(job).m > LARGEST_FORM:
@@ -67,30 +70,30 @@ def _lines(job: Job, folder: Path | None) -> Iterator[str]:
             "figures are those of the start geometry"
         )
         checked_job = replace(job, form_finding=None)
-    memory = Memory(1)
+    memory = ResultCache(1)
     if folder:
-        yield f"picture: {draw_check(job, make_layout(checked_job, 1, memory), folder)}"
-    scene = prepare(MPI.COMM_SELF, checked_job, Phases(), memory=memory)[0]
+        yield f"picture: {plot_job_net(job, make_layout(checked_job, 1, memory), folder)}"
+    scene = prepare_scene(MPI.COMM_SELF, checked_job, PhaseTimes(), memory=memory)[0]
     if scene.failure:
         raise scene.failure
     model = scene.model
     yield f"{job.path}: {job.title or job.name}: valid"
-    yield from _of_net(scene)
+    yield from _net_lines(scene)
     if scene.form:
-        yield from (run.form_line(scene), *run.moved_lines(scene))
+        yield from (run.form_line(scene), *run.form_change_lines(scene))
     yield from run.start_notes(scene)
     yield "stages: " + ", ".join(run.stages(job))
-    yield f"the scene has: {run.feature_words(job, model)}"
+    yield f"the scene has: {run.feature_text(job, model)}"
     yield from wind_lines(job, model)
     if scene.schedule:
         yield from (run.limit_line(limit, model) for limit in scene.limits.values())
-        yield f"steps: {steps_line(scene.schedule)}" + " (auto)" * (job.dynamics.time_step == "auto")
-        yield from run.remarks_of(scene)
-    yield from (time_line(scene), ranks_line(scene), memory_line(scene))
+        yield f"steps: {describe_steps(scene.schedule)}" + " (auto)" * (job.dynamics.time_step == "auto")
+        yield from run.dynamic_remarks(scene)
+    yield from (run_time_line(scene), ranks_line(scene), memory_line(scene))
     yield from mode_lines(checked_job, scene)
 
 
-def _of_net(scene: Scene) -> Iterator[str]:
+def _net_lines(scene: Problem) -> Iterator[str]:
     """Yield lines on the net, its masses and its roof."""
     model, net = scene.model, scene.model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
@@ -102,14 +105,14 @@ def _of_net(scene: Scene) -> Iterator[str]:
     )
     element_mass = float((net.density * net.section * L0).sum())
     yield f"masses: elements {element_mass:.4g} kg, all particles {model.mass.sum():.4g} kg"
-    covered = model.layout.roofing.covered
+    covered = model.layout.roofing.covered_share
     source = f"closed faces cover {covered:.1%} of the net's outline in plan (its convex hull)"
     yield (
         f"roof: {model.roof.area.sum():.1f} m2 of surface, {model.roof.plan_area.sum():.1f} m2 in plan; "
-        + (GIVEN_AREAS if areas_are_given(net) else source)
+        + (GIVEN_AREAS_NOTE if areas_are_given(net) else source)
     )
     face = largest_face(model.x, net, model.layout.roofing.faces)
-    if face and face[0] > MUCH_LARGER * face[1]:
+    if face and face[0] > OPENING_AREA_RATIO * face[1]:
         area, usual, (x, y) = face
         yield (
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
@@ -118,12 +121,12 @@ def _of_net(scene: Scene) -> Iterator[str]:
     yield from run.job_remarks(model, scene.job)
 
 
-def time_line(scene: Scene) -> str:
+def run_time_line(scene: Problem) -> str:
     """Return a line on the expected run time on one core, with its parts."""
     job, schedule, m = scene.job, scene.schedule, scene.model.net.m
     parts, remark = {"start, net and form": START_S + NET_S * m}, ""
     if job.stages or job.targets:
-        parts["erection"] = STAGE_S * m * (len(job.stages) + TRIALS * bool(job.targets))
+        parts["erection"] = STAGE_S * m * (len(job.stages) + TARGET_EQUILIBRIA * bool(job.targets))
         remark = RELAXED
     if has_statics(job):
         parts["equilibria"], unknown = equilibria_time(scene)
@@ -132,7 +135,7 @@ def time_line(scene: Scene) -> str:
         parts["steps"] = steps_time(scene)
         parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
-            parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + SAVED_S * m)
+            parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + CHECKPOINT_ELEMENT_S * m)
     total, listed = (
         sum(parts.values()),
         ", ".join(f"{name} {seconds:.2g} s" for name, seconds in parts.items()),
@@ -143,7 +146,7 @@ def time_line(scene: Scene) -> str:
     )
 
 
-def equilibria_time(scene: Scene) -> tuple[float, str]:
+def equilibria_time(scene: Problem) -> tuple[float, str]:
     """Estimate the time of all equilibria on one core [s], and a remark on its uncertainty. Collective.
 
     For a large net it depends on whether the tangent predicts the last and the first equilibrium.
@@ -153,21 +156,25 @@ def equilibria_time(scene: Scene) -> tuple[float, str]:
     if scene.distribution.n < FEWEST:
         return EQUILIBRIUM_S * m * count, ""
     if job.form_finding and scene.form is None:
-        return NEAR_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
+        return PREDICTED_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
     if _is_predicted(scene, wanted[-1]):
-        return NEAR_S * m * count, ""
+        return PREDICTED_S * m * count, ""
     predicted = sum(each.kind == "permanent" for each, _ in wanted) if _is_predicted(scene, wanted[0]) else 0
     limits = scene.state.features.plastic or scene.state.features.fracture
-    remark = f"; where a load is not borne, up to {NOT_BORNE} times its equilibrium" if limits else ""
-    return m * (NEAR_S * predicted + FAR_S * (count - predicted)), UNFORESEEN + remark
+    remark = (
+        f"; where a load is not borne, up to {LIMIT_LOAD_SEARCH_RATIO} times its equilibrium"
+        if limits
+        else ""
+    )
+    return m * (PREDICTED_S * predicted + UNPREDICTED_S * (count - predicted)), UNPREDICTED + remark
 
 
-def _is_predicted(scene: Scene, want: Wanted) -> bool:
+def _is_predicted(scene: Problem, want: EquilibriumRequest) -> bool:
     """Return whether the tangent stiffness predicts an equilibrium well. Collective."""
-    return scene.finder.foresees(loaded(scene, want).load)
+    return scene.finder.converges_quickly(loaded(scene, want).load)
 
 
-def memory_line(scene: Scene) -> str:
+def memory_line(scene: Problem) -> str:
     """Return a line on the memory and disk space of a run."""
     m, state = scene.model.net.m, scene.state
     size = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
@@ -181,7 +188,7 @@ def memory_line(scene: Scene) -> str:
     )
 
 
-def result_bytes(scene: Scene) -> tuple[float, float]:
+def result_bytes(scene: Problem) -> tuple[float, float]:
     """Estimate the size of the result file without fractures, and the increase due to fractures.
 
     The increase assumes that elements break before every frame.
@@ -192,27 +199,27 @@ def result_bytes(scene: Scene) -> tuple[float, float]:
         of_particle, of_element = entity_bytes
         return float(net.n * of_particle + net.m * of_element)
 
-    least = FILE_BYTES + size(ONCE_BYTES) + len(equilibria(scene)) * size(STATE_BYTES)
+    least = FILE_BYTES + size(STATIC_DATA_BYTES) + len(equilibria(scene)) * size(STATE_BYTES)
     least += CHUNK_BYTES if load_steps(job) else 0
     frames = job.output.frames if scene.schedule else 0
-    least += size(JOINED_BYTES) + (frames + 1) * size(FRAME_BYTES)
+    least += size(CONNECTIVITY_BYTES) + (frames + 1) * size(FRAME_BYTES)
     if scene.schedule:
         probes, field = model.layout.probes, model.wind_field
         row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
         least += row * len(scene.schedule.history)
         if field is not None and field.model is not None:
             least += 8 * (1 + len(field.control_point)) * job.dynamics.duration / job.wind.time_step
-    return least, frames * size(JOINED_BYTES) if scene.state.features.fracture else 0.0
+    return least, frames * size(CONNECTIVITY_BYTES) if scene.state.features.fracture else 0.0
 
 
-def draw_check(job: Job, layout: Layout, folder: Path) -> Path:
+def plot_job_net(job: Job, layout: Layout, folder: Path) -> Path:
     """Write NAME_net.png into a folder, with the net before form finding, and return its path."""
     from netfall.post.plots.job import JobNet, draw_job
 
     net, zones, given, probes = layout.net, layout.zones, layout.roofing.given, layout.probes
     areas = [(given.plan * share).sum() for share in zones.share.T]
     polygons = [zone.polygon for zone in job.zones if zone.polygon is not None]
-    normal = normals(net, given.vector) if along_normals(job) else None
+    normal = normals(net, given.vector) if has_normal_loads(job) else None
     lost = np.unique(np.concatenate([np.zeros(0, np.int64), *layout.lost]))
     job_net = JobNet(
         title=job.title or job.name,
@@ -242,4 +249,4 @@ def _wind_of(job: Job) -> tuple[float, str] | None:
     if wind is None or wind.pressures is not None:
         return None
     what = f"wind of {wind.speed:g} m/s" if wind.speed else f"wind of {wind.file}"
-    return wind.direction, f"{what} {bearing(wind.direction)}"
+    return wind.direction, f"{what} {describe_direction(wind.direction)}"

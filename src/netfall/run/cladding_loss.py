@@ -14,7 +14,7 @@ from netfall.geometry.net import GRAVITY
 from netfall.loads.redistribution import Redistribution
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
-from netfall.physics.air import take_air
+from netfall.physics.air import subtract_air
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.state import State
 
@@ -43,7 +43,7 @@ class Corners(NamedTuple):
         return Corners(self.panel, node, *(share * carried for carried in self[2:]))
 
 
-class Tearing:
+class PanelTearing:
     """Panels that are still on the roof, and what leaves with one; the same on all ranks."""
 
     def __init__(self, comm: MPI.Comm, distribution: Distribution, model, broken, stable_dt: float):
@@ -77,7 +77,7 @@ class Tearing:
         least_mass = np.maximum(own_mass, 0.5 * self.stable_dt**2 * stiffness)
         for index in corners.tolist():
             p, corner_loads = self.row[index], self.corners.at(index)
-            take_air(state, p, corner_loads.air, corner_loads.air_mass)
+            subtract_air(state, p, corner_loads.air, corner_loads.air_mass)
             mass = min(corner_loads.mass, max(0.0, state.mass[p] - least_mass[p]))
             if state.work is not None:
                 state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p] ** 2))

@@ -18,11 +18,11 @@ import llvmlite.binding
 import numba
 import numpy as np
 
-from netfall.core.cache import FOLDER
+from netfall.core.cache import CACHE_VARIABLE
 from netfall.core.progress import Progress
 from netfall.job.read import read_job
-from netfall.parallel.agree import wait_asleep
-from netfall.parallel.halo import buffers_alone, exchange_rows
+from netfall.parallel.agree import sleeping_barrier
+from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.parallel.mpi import MPI
 from netfall.run.run import run_job
 
@@ -73,18 +73,20 @@ def compile_all(say: Callable[[str], None] = lambda line: None) -> None:
             job.write_text(text)
             run_job(MPI.COMM_SELF, read_job(job), Path(folder, "job.vtkhdf"), Progress(False))
             say(f"{name}: {time.perf_counter() - begin:.1f} s")
-    exchange_rows(np.zeros((0, 3)), np.zeros((0, 3)), buffers_alone())  # one rank does not call it by itself
+    exchange_rows(
+        np.zeros((0, 3)), np.zeros((0, 3)), buffers_without_neighbours()
+    )  # one rank does not call it by itself
     marker().touch()
 
 
-def compile_first(comm: MPI.Comm) -> None:
+def compile_missing(comm: MPI.Comm) -> None:
     """Let one rank of each node compile missing kernels while the others wait. Collective."""
     node = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    if node.rank == 0 and FOLDER in os.environ and not marker().exists():
+    if node.rank == 0 and CACHE_VARIABLE in os.environ and not marker().exists():
         with contextlib.suppress(Exception), turn():  # if it fails, each rank compiles what it needs
             if not marker().exists():
                 compile_all()
-    wait_asleep(comm)
+    sleeping_barrier(comm)
     node.Free()
 
 
@@ -92,7 +94,7 @@ def marker() -> Path:
     """Return the path of the file that marks complete compilation by this numba for this processor."""
     host = llvmlite.binding.get_host_cpu_name(), llvmlite.binding.get_host_cpu_features().flatten()
     name = hashlib.sha256(repr((numba.__version__, sys.version, *host)).encode()).hexdigest()[:16]
-    return Path(os.environ[FOLDER], f"compiled-{name}")
+    return Path(os.environ[CACHE_VARIABLE], f"compiled-{name}")
 
 
 @contextlib.contextmanager
@@ -102,7 +104,7 @@ def turn():
     A process waits no longer than PATIENCE.
     """
     end = time.monotonic() + PATIENCE
-    with open(Path(os.environ[FOLDER], "compiling"), "a") as file:
+    with open(Path(os.environ[CACHE_VARIABLE], "compiling"), "a") as file:
         while time.monotonic() < end:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -1,34 +1,34 @@
 """Parts of the net that are detached in motion: which they are, and the velocity of their centres of mass.
 
 A part is detached if no path of unbroken elements leads from it to a support. The connectivity is evaluated
-at fixed simulated times, `EVERY` seconds apart, if an element has broken or was removed since. So the result
-does not depend on ranks, rows, snapshots or restarts. With [wind] after_fracture = "detached" the wind
-pressure on such a part ends then, and the drag of the relative wind acts on it (`physics.air`).
+at fixed simulated times, `EVALUATION_INTERVAL` seconds apart, if an element has broken or was removed since.
+So the result does not depend on ranks, rows, snapshots or restarts. With [wind] after_fracture = "detached"
+the wind pressure on such a part ends then, and the drag of the relative wind acts on it (`physics.air`).
 """
 
 import numpy as np
 
-from netfall.geometry.connected_parts import part_has, parts_of
+from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
 from netfall.parallel.sums import exact_sums
-from netfall.physics.air import end_wind
+from netfall.physics.air import remove_wind
 from netfall.physics.state import State
-from netfall.run.problem import Scene
+from netfall.run.problem import Problem
 
-EVERY = 0.01  # s between evaluations
+EVALUATION_INTERVAL = 0.01  # s between evaluations
 LARGE = 0.01  # share of the mass that can move [-]: parts above it are followed
 ATTACHED = -1  # value in place of a part; 0: a detached part that is not followed; k: the k-th one that is
 
 
-class Detaching:
+class DetachedParts:
     """Detached parts of a run; the data of followed parts are the same on all ranks.
 
     part : (owned and halo,) of each particle, see `ATTACHED`
     evaluated : step of the last evaluation; broken : elements broken or removed by then, -1: not known
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Problem):
         """Collective."""
         job, model = scene.job, scene.model
         self.comm, self.distribution, self.model = scene.comm, scene.distribution, model
@@ -42,12 +42,15 @@ class Detaching:
 
     def due(self, step: int) -> int:
         """Return the number of the first step from this one on at which the next evaluation is due."""
-        k = max(0, int(step * self.dt / EVERY) - 1)
-        while self.step_at(k * EVERY) < step or self.step_at(k * EVERY) <= self.evaluated:
+        k = max(0, int(step * self.dt / EVALUATION_INTERVAL) - 1)
+        while (
+            self.step_at(k * EVALUATION_INTERVAL) < step
+            or self.step_at(k * EVALUATION_INTERVAL) <= self.evaluated
+        ):
             k += 1
-        return self.step_at(k * EVERY)
+        return self.step_at(k * EVALUATION_INTERVAL)
 
-    def has_news(self, state: State) -> bool:
+    def has_new_breaks(self, state: State) -> bool:
         """Return whether an element has broken or was removed since the last evaluation. Collective."""
         local_count = int(np.count_nonzero((state.broken == 1) & (state.owned == 1)))
         before, self.broken = self.broken, self.comm.allreduce(local_count)
@@ -66,7 +69,7 @@ class Detaching:
         state.detached[:first] = is_detached
         state.detached[first : state.n_local] = self._part_of_splits(state) != ATTACHED
         if self.ends_wind and len(new):
-            end_wind(state, new)
+            remove_wind(state, new)
         return self.ends_wind and len(new) > 0
 
     def _parts(self, state: State) -> tuple[np.ndarray, np.ndarray] | None:
@@ -82,8 +85,8 @@ class Detaching:
         if self.model is None:
             return None
         net = self.model.net
-        label = parts_of(net.elements[broken == 0], net.n)
-        supported = part_has(label, held)
+        label = connected_parts(net.elements[broken == 0], net.n)
+        supported = part_contains(label, held)
         part_mass = np.bincount(label, mass, net.n)
         large = np.flatnonzero(~supported & (part_mass > self.least))
         number = np.zeros(net.n, np.int64)

@@ -4,33 +4,46 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, interrupted
-from netfall.explicit.energy import Energies, energies_of, most_extreme, take_snapshot, total_energies
-from netfall.explicit.envelope import Envelope
-from netfall.explicit.history import History, columns_at, most_strained, most_strained_of_all
+from netfall.core.errors import DivergedError, interruption_error
+from netfall.explicit.energy import (
+    Energies,
+    energies_from_sums,
+    local_extremes,
+    take_snapshot,
+    total_energies,
+)
+from netfall.explicit.envelope import DynamicEnvelope
+from netfall.explicit.history import (
+    History,
+    history_columns,
+    largest_unlimited_strain_of_ranks,
+    most_strained,
+)
 from netfall.explicit.rows import RowTable
 from netfall.explicit.wind import wind_section
-from netfall.job.derived import own_weight
+from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
-from netfall.model.schedule import steps_line
-from netfall.physics.base_motion import begin_with_ground, move_ground
+from netfall.model.schedule import describe_steps
+from netfall.physics.base_motion import move_ground, start_with_ground
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.inertia import slip_inertia
 from netfall.physics.slip.motion import beside
 from netfall.results.ids import event_ids
 from netfall.results.writer import slide_section
 from netfall.run import removed_equilibria
-from netfall.run.detaching import Detaching
-from netfall.run.problem import Desk, Outcome, Scene
-from netfall.run.removal import Removal
-from netfall.run.removed_equilibria import losses_now
+from netfall.run.detaching import DetachedParts
+from netfall.run.problem import Outcome, Problem, RunContext
+from netfall.run.removal import MemberRemoval
+from netfall.run.removed_equilibria import planned_removals
 from netfall.run.stepper import Stepper
 from netfall.run.varying_loads import WindLoad, varying_loads
 
-WIDEN_STEPS = 50  # largest number of long steps between updates of the envelope
+ENVELOPE_STEPS = 50  # largest number of long steps between updates of the envelope
 # largest number of steps between checks of the stop flag: 0.1 s of wall time on the smallest net
 LOOK_STEPS = 100_000
-LOOK_WORK = 200_000_000  # largest number of element steps between these checks: 2 s of wall time on one rank
+MAX_CHECK_WORK = (
+    200_000_000  # largest number of element steps between these checks: 2 s of wall time on one rank
+)
 
 NAME = "dynamics"
 KEPT = ("before_dt", "made", "stride", "calm", "largest_work", "start_strain", "start_plastic")
@@ -41,20 +54,20 @@ def required(job: Job) -> bool:
     return job.dynamics is not None
 
 
-def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Run the dynamic stage; result : the `Simulation`. Collective."""
-    losses, removal, start, state, schedule = losses_now(scene), None, None, scene.state, scene.schedule
+    losses, removal, start, state, schedule = planned_removals(scene), None, None, scene.state, scene.schedule
     if scene.job.removes:
-        removal = Removal(scene, losses, outcomes[removed_equilibria.NAME].result, context.log)
+        removal = MemberRemoval(scene, losses, outcomes[removed_equilibria.NAME].result, context.log)
     with context.phases.phase("wind"):
         loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
-    context.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {steps_line(schedule)}")
+    context.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {describe_steps(schedule)}")
     if context.saver.stage != NAME:
         if state.features.sliding:
-            begin_slipping(scene)
+            set_slip_inertia(scene)
         start = total_energies(scene.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
         if state.features.band:
-            rest_branches(state)
+            relax_branches(state)
     simulation = Simulation(scene, context, loads, removal)
     if start:
         simulation.begin(start)
@@ -69,26 +82,26 @@ def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
     return Outcome(simulation, sections=sections(scene, simulation), attributes=attributes)
 
 
-def begin_slipping(scene: Scene) -> None:
+def set_slip_inertia(scene: Problem) -> None:
     """Set the inertia of slips and the weight that goes with them, constant in the dynamic stage.
 
     Collective.
     """
     state, places = scene.state, scene.state.places
-    scene.finder.slips.weigh(own_weight(scene.job))
+    scene.finder.slips.freeze_weights(permanent_weight_factor(scene.job))
     stiffness = beside(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
     inertia = slip_inertia(beside(places, state.half_mass), stiffness, scene.schedule.long_dt)
     state.slip_mass[places.node, places.column] = inertia
 
 
-def rest_branches(state) -> None:
+def relax_branches(state) -> None:
     """Set the Maxwell branches to long-term equilibrium, in which they add no force."""
-    N = state.elements_now().N
+    N = state.present_element_state().N
     for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):
         branch[:] = alpha * N
 
 
-def sections(scene: Scene, simulation) -> dict[str, dict[str, np.ndarray]]:
+def sections(scene: Problem, simulation) -> dict[str, dict[str, np.ndarray]]:
     """Return the datasets of history, events, removals and wind, on rank 0."""
     model = scene.model
     locked_at = (
@@ -130,23 +143,23 @@ class Simulation(Stepper):
     stop flag at the same steps.
     """
 
-    def __init__(self, scene: Scene, context: Desk, loads: list, removal: Removal | None):
+    def __init__(self, scene: Problem, context: RunContext, loads: list, removal: MemberRemoval | None):
         """Collective. loads : that vary, see `varying`; removal : of members, None: none"""
         probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
-        self.envelope = Envelope(scene.distribution, scene.state.joints is not None)
+        self.envelope = DynamicEnvelope(scene.distribution, scene.state.joints is not None)
         self.history = History(probes, scene.state.features)
         schedule, subdomain = scene.schedule, scene.distribution.subdomain
         slips = scene.finder.slips.numbers() if scene.state.features.sliding else None
-        widen_every, due = WIDEN_STEPS * schedule.stride, schedule.history
+        widen_every, due = ENVELOPE_STEPS * schedule.stride, schedule.history
         rows = RowTable(scene.state, due, schedule.dt, widen_every, subdomain, probes, self.envelope, slips)
         super().__init__(scene, context, loads, rows)
         self.removal = removal
-        self.detaching = Detaching(scene) if scene.state.features.detaches else None
+        self.detaching = DetachedParts(scene) if scene.state.features.detaches else None
         self.result, self.progress, self.saver = context.result, context.progress, context.saver
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
         self.largest_work = 0.0
-        check_steps = min(LOOK_STEPS, LOOK_WORK // max(1, scene.distribution.m)) // schedule.stride
+        check_steps = min(LOOK_STEPS, MAX_CHECK_WORK // max(1, scene.distribution.m)) // schedule.stride
         self.look_every = max(1, check_steps) * schedule.stride  # steps
 
     def begin(self, energies: Energies) -> None:
@@ -154,9 +167,9 @@ class Simulation(Stepper):
         self.start_strain, self.start_plastic = energies.strain, energies.plastic
         self.history.begin(energies.strain)
         if self.state.highest is not None:
-            self.state.begin_extremes(self.state.elements_now().N)
+            self.state.reset_extremes(self.state.present_element_state().N)
         if self.ground:
-            begin_with_ground(self.state, self.ground)
+            start_with_ground(self.state, self.ground)
 
     def register(self) -> None:
         """Register all changing data for checkpoints and restore them in a resumed run. Collective."""
@@ -202,7 +215,7 @@ class Simulation(Stepper):
             self.history.most_strained = max(self.history.most_strained, strain_record)
         if not self.make_row() and has_checkpoint:
             self.check_energies(snapshot)
-        self.take_up_rows()
+        self.collect_rows()
         if has_frame:
             self.result.write_frame(self.time, self.state, snapshot)
         self.report()
@@ -214,7 +227,7 @@ class Simulation(Stepper):
     def make_row(self) -> bool:
         """Make the history row of the present step if it is due and missing; return whether it was."""
         if self.rows.full:
-            self.take_up_rows()
+            self.collect_rows()
         if not self.rows.is_due(self.n):
             return False
         self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
@@ -235,7 +248,9 @@ class Simulation(Stepper):
         """Return the record that `restore` needs. Collective."""
         small = {name: getattr(self, name) for name in KEPT}
         small |= {"step": self.n, "widened": int(self.rows.last[0])}
-        return small | {"most_strained": most_strained_of_all(self.comm, self.history.most_strained)}, {}
+        return small | {
+            "most_strained": largest_unlimited_strain_of_ranks(self.comm, self.history.most_strained)
+        }, {}
 
     def restore(self, small: dict, _: dict | None) -> None:
         """Restore the record of an earlier run and its loads."""
@@ -244,7 +259,7 @@ class Simulation(Stepper):
         self.n, self.rows.last[:] = small["step"], small["widened"]
         self.history.most_strained = tuple(small["most_strained"])
         self.result.losses = self.removal.done if self.removal else 0
-        self.loads.renew(self.state)
+        self.loads.update_samples(self.state)
         self.loads.advance(self.state, self.n)
 
     def restore_removal(self, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
@@ -262,10 +277,10 @@ class Simulation(Stepper):
         Raises Interrupted if asked to stop.
         """
         while self.n < target:
-            stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.full_at)
+            stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.first_full_step)
             if self.removal:
                 if self.n == self.removal.next_step:
-                    self.removal.happen(self)
+                    self.removal.remove_members(self)
                 stop = min(stop, self.removal.next_step)
             self.loads.advance(self.state, self.n)
             stop = min(stop, self.loads.due())
@@ -273,7 +288,7 @@ class Simulation(Stepper):
                 self.advance_in_stride(min(stop, self.find_detached()))
             if self.n < target and (self.n % self.look_every == 0 or self.rows.full):
                 with self.phases.phase("dynamics: output"):
-                    self.take_up_rows()
+                    self.collect_rows()
                     self.report()
                     if self.stopping:
                         self.leave()
@@ -287,7 +302,7 @@ class Simulation(Stepper):
         if self.detaching is None or is_intact:
             return self.schedule.steps
         if self.detaching.due(self.n) == self.n:
-            if self.detaching.has_news(self.state):
+            if self.detaching.has_new_breaks(self.state):
                 self.make_row()  # row of the state before, independent of targets
                 if self.detaching.evaluate(self.state):
                     self.plan.attach(self.state)
@@ -298,7 +313,7 @@ class Simulation(Stepper):
     def leave(self) -> None:
         """Save a checkpoint and raise Interrupted. Collective."""
         self.check_energies(self.snapshot())
-        raise interrupted(f"at t = {self.time:.6g} s (step {self.n})", self.save())
+        raise interruption_error(f"at t = {self.time:.6g} s (step {self.n})", self.save())
 
     def save(self) -> Path:
         """Write a checkpoint of the present step; return its path. Collective."""
@@ -308,16 +323,16 @@ class Simulation(Stepper):
         """Raise DivergedError if the run has diverged, before the state is saved. Collective."""
         energies = total_energies(self.comm, self.state, snapshot)
         if diverges(energies, self.largest_work, self.start_strain):
-            extreme = most_extreme(self.state, self.subdomain.element_gid, snapshot)
-            raise divergence(self, self.n, energies.kinetic, extreme)
+            extreme = local_extremes(self.state, self.subdomain.element_gid, snapshot)
+            raise divergence_error(self, self.n, energies.kinetic, extreme)
 
-    def take_up_rows(self) -> None:
+    def collect_rows(self) -> None:
         """Move the buffered rows to /history. Raise DivergedError if the run has diverged. Collective."""
         buffered = self.rows.take_up(self.comm)
         self.share_events()
         if not len(buffered.number):
             return
-        energies = energies_of(self.state, buffered.sums)
+        energies = energies_from_sums(self.state, buffered.sums)
         work = np.fmax.accumulate(np.append(self.largest_work, energies.given))
         diverged = np.flatnonzero(diverges(energies, work[:-1], self.start_strain))
         for k in diverged[:1].tolist():
@@ -327,14 +342,14 @@ class Simulation(Stepper):
                 buffered.size[k, 1],
                 int(buffered.who[k, 1]),
             )
-            raise divergence(self, int(buffered.number[k]), float(energies.kinetic[k]), extreme)
+            raise divergence_error(self, int(buffered.number[k]), float(energies.kinetic[k]), extreme)
         self.largest_work = work[-1]
         self.slack = int(buffered.slack[-1])
         time = buffered.number * self.schedule.dt
         for k in np.flatnonzero(buffered.who[:, 2] >= 0).tolist():
             strain_record = float(buffered.size[k, 2]), float(time[k]), int(buffered.who[k, 2])
             self.history.most_strained = max(self.history.most_strained, strain_record)
-        columns = columns_at(time, buffered.time_step, energies, (self.start_strain, self.start_plastic))
+        columns = history_columns(time, buffered.time_step, energies, (self.start_strain, self.start_plastic))
         broken = np.searchsorted(self.log.breaking, buffered.number)  # elements broken before each row
         self.history.add(buffered.probes, columns | {"slack": buffered.slack, "broken": broken})
 
@@ -356,10 +371,10 @@ def diverges(energies: Energies, work, stored: float):
     return ~np.isfinite(energies.kinetic) | (energies.kinetic > 2 * supply + 1e-9)
 
 
-def divergence(simulation, number: int, kinetic: float, extreme: tuple) -> DivergedError:
+def divergence_error(simulation, number: int, kinetic: float, extreme: tuple) -> DivergedError:
     """Return the error that names the fastest particle and the element with the largest strain. Collective.
 
-    number : of the step; kinetic : [J]; extreme : of this rank, as of `energy.most_extreme`
+    number : of the step; kinetic : [J]; extreme : of this rank, as of `energy.local_extremes`
     """
     s = simulation
     extremes = s.comm.allgather(extreme)
@@ -367,7 +382,7 @@ def divergence(simulation, number: int, kinetic: float, extreme: tuple) -> Diver
         max(extremes, key=lambda entry: entry[0])[1],
         max(extremes, key=lambda entry: entry[2])[3],
     )
-    node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.id_of(element)))
+    node, element = s.comm.bcast(s.model and (s.model.node_name(particle), s.model.element_id_of(element)))
     return DivergedError(
         f"diverged at t = {number * s.schedule.dt:.6g} s (step {number}): kinetic energy {kinetic:.3g} J is "
         f"out of all proportion to the external work; fastest: {node}, most strained: element {element}; "

@@ -5,62 +5,62 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, Interrupted, interrupted
-from netfall.core.stop import StopRequest
+from netfall.core.errors import DivergedError, Interrupted, interruption_error
+from netfall.core.stop import StopFlag
 from netfall.explicit.energy import Snapshot, take_snapshot
-from netfall.job.derived import settings_of, tears
+from netfall.job.derived import breaks_equilibrium, load_settings
 from netfall.model.actions import StaticLoad
-from netfall.parallel.agree import all_of
+from netfall.parallel.agree import union_of_ranks
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.slip.law import set_strands
-from netfall.physics.state import State, committed, put_back
-from netfall.results.saver import Record, Saver
-from netfall.results.warning_text import NOT_STABLE
-from netfall.run.problem import Desk, Scene
+from netfall.physics.slip.law import set_slipless_lengths
+from netfall.physics.state import State, restore_saved, save_state
+from netfall.results.saver import CheckpointWriter, Record
+from netfall.results.warning_text import INSTABILITY_TEXT
+from netfall.run.problem import Problem, RunContext
 from netfall.run.static_outcome import (
     EQUILIBRIUM,
-    MOST_NAMED,
-    NONE,
+    MAX_LISTED_ELEMENTS,
+    NO_EQUILIBRIUM,
     UNDECIDED,
     UNSTABLE,
     Equilibrium,
     StaticOutcome,
 )
-from netfall.statics.at_limit import at_limit_in, beyond_euler
+from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_load import (
     BREAKS,
-    NOTHING,
-    OF_LOAD,
-    SURELY,
-    UNSTRAINED,
-    GivesWay,
-    Strained,
+    LOAD_POWER,
+    NO_UTILISATION,
+    SURE_STRAIN,
+    UNLOADED,
+    LimitReached,
+    LimitUtilisation,
     Trial,
+    limit_utilisation_of,
     search_limit,
-    strained,
 )
-from netfall.statics.limit_point import LimitPoint, LoadPath, is_compressible, load_on_path
-from netfall.statics.newton import UNKNOWN, NoConvergence, Solution, Stopped
-from netfall.statics.reactions import Balance, balance_of, unknown
+from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
+from netfall.statics.newton import UNKNOWN, NoConvergence, Solution, StopRequested
+from netfall.statics.reactions import Balance, compute_balance, unknown
 from netfall.statics.relaxation import (
     RELAXATION,
     Paused,
     Relaxation,
-    RunsAway,
+    UnboundedDisplacement,
+    initial_relaxation,
     largest_force,
-    not_begun,
     relaxation_record,
     restored_relaxation,
 )
-from netfall.statics.slip import find_slipping
+from netfall.statics.slip import find_with_slip
 
 NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
-BORNE = 1.0, UNSTRAINED, None
-ROUGH = 1e-3  # estimated error [-] of trials in the search for the limit load factor
+FULLY_CARRIED = 1.0, NO_UTILISATION, None
+ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the limit load factor
 FEW = 20_000  # iterations of a relaxation in the search for the limit load factor
 # kinds whose limit load factor is sought
-SEARCHED = ("permanent", "case", "combination", "step", "at once", "rest")
-FOLLOWED = (*SEARCHED, "stage")  # kinds whose path is searched for limit points
+LIMIT_LOAD_KINDS = ("permanent", "case", "combination", "step", "at once", "rest")
+LIMIT_POINT_KINDS = (*LIMIT_LOAD_KINDS, "stage")  # kinds whose path is searched for limit points
 # kinds outside the sequence of the run: what follows them starts as if they were absent
 APART = ("case", "combination")
 
@@ -78,21 +78,21 @@ class Effort(NamedTuple):
     gives_up: bool = False
 
 
-def _full(scene: Scene, max_iterations: int | None = None) -> Effort:
+def _full_effort(scene: Problem, max_iterations: int | None = None) -> Effort:
     """Return the full effort that the job allows. max_iterations : None: as the job sets them"""
-    settings = settings_of(scene.job)
+    settings = load_settings(scene.job)
     return Effort(min(max_iterations or np.inf, settings.max_iterations), settings.tolerance)
 
 
-def taken_up(distribution: Distribution, saver: Saver) -> Relaxation | None:
+def resumed_relaxation(distribution: Distribution, saver: CheckpointWriter) -> Relaxation | None:
     """Restore the relaxation in which an earlier run was interrupted, None: in none. Collective."""
     record = saver.taken_up(RELAXATION)
     return record and restored_relaxation(distribution, *record)
 
 
 def paused(
-    scene: Scene,
-    context: Desk,
+    scene: Problem,
+    context: RunContext,
     stage: str,
     words: str,
     before: int,
@@ -105,121 +105,127 @@ def paused(
     """
     step = before + pause.at.total + pause.at.iteration
     records = {RELAXATION: relaxation_record(scene.distribution, pause.at)} | (stage_records or {})
-    return interrupted(f"in statics, {words}", context.saver.save(stage, step, scene.state, records))
+    return interruption_error(f"in statics, {words}", context.saver.save(stage, step, scene.state, records))
 
 
-def reference_force(scene: Scene, last: StaticLoad) -> float:
+def reference_force(scene: Problem, last: StaticLoad) -> float:
     """Return the largest tension and nodal load [N] of what can move, the reference of the tolerance.
 
     Collective.
     """
     state = scene.state
-    N, load = state.elements_now().N, last.load[: state.n_owned]
+    N, load = state.present_element_state().N, last.load[: state.n_owned]
     return largest_force(scene.comm, N, state.ends, state.free, load)
 
 
 def settle(
-    scene: Scene, load_case: StaticLoad, reference: float, stop: StopRequest, resume=None, max_iterations=None
+    scene: Problem, load_case: StaticLoad, reference: float, stop: StopFlag, resume=None, max_iterations=None
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, and update plastic strains. Collective.
 
     reference : [N], of the tolerance; stop, resume : see `relax`
 
-    If there is no equilibrium, the state depends on the load. If the load is one of `SEARCHED` or if an
-    element breaks, the state is the equilibrium under the limit load factor. Otherwise it is the initial
+    If there is no equilibrium, the state depends on the load. If the load is one of `LIMIT_LOAD_KINDS` or if
+    an element breaks, the state is the equilibrium under the limit load factor. Otherwise it is the initial
     state. An equilibrium has no fractures, except after member removal: there the elements beyond their
     strength are reported. Raises Paused if asked to stop.
     """
-    start = committed(scene.state)
+    start = save_state(scene.state)
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
-    has_limit_load = load_case.kind in SEARCHED and scene.finder.has_limit_load()
-    effort = _full(scene, max_iterations)._replace(
-        relaxes=not has_limit_load, gives_up=load_case.kind in SEARCHED
+    has_limit_load = load_case.kind in LIMIT_LOAD_KINDS and scene.finder.has_limit_load()
+    effort = _full_effort(scene, max_iterations)._replace(
+        relaxes=not has_limit_load, gives_up=load_case.kind in LIMIT_LOAD_KINDS
     )
-    full_load, equilibrium = _tried(scene, load_case, reference, stop, effort, resume)
+    full_load, equilibrium = _try_load(scene, load_case, reference, stop, effort, resume)
     if not full_load.reason:
-        return _on_its_path(scene, load_case, reference, start, equilibrium, stop)
-    if load_case.kind in SEARCHED or full_load.reason == BREAKS:
-        return _largest_share(scene, load_case, reference, start, full_load, has_limit_load, stop)
-    put_back(scene.state, start)
-    reason, elements = _named(scene, full_load), full_load.elements[:MOST_NAMED]
-    return StaticOutcome(_failed(full_load), load_case.reached(0.0), reason, elements, as_it_began(scene))
+        return _outcome_with_limit_point(scene, load_case, reference, start, equilibrium, stop)
+    if load_case.kind in LIMIT_LOAD_KINDS or full_load.reason == BREAKS:
+        return _limit_load_outcome(scene, load_case, reference, start, full_load, has_limit_load, stop)
+    restore_saved(scene.state, start)
+    reason, elements = _reason_text(scene, full_load), full_load.elements[:MAX_LISTED_ELEMENTS]
+    return StaticOutcome(
+        _state_without_equilibrium(full_load),
+        load_case.reached(0.0),
+        reason,
+        elements,
+        initial_equilibrium_record(scene),
+    )
 
 
-def _failed(*tried: Strained) -> str:
+def _state_without_equilibrium(*tried: LimitUtilisation) -> str:
     """Return the state of a load without an equilibrium from the results for all and parts of it."""
-    return NONE if any(result.is_decided for result in tried) else UNDECIDED
+    return NO_EQUILIBRIUM if any(result.is_decided for result in tried) else UNDECIDED
 
 
-def _tried(
-    scene: Scene, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
-) -> tuple[Strained, Equilibrium | None]:
+def _try_load(
+    scene: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
+) -> tuple[LimitUtilisation, Equilibrium | None]:
     """Return the utilisation under a load and its equilibrium, None if none was found. Collective.
 
     The state is then the last one of the search. Raises Paused.
     """
     try:
-        equilibrium = _found(scene, load_case, reference, stop, effort, resume)
-    except GivesWay as reached:
+        equilibrium = _find(scene, load_case, reference, stop, effort, resume)
+    except LimitReached as reached:
         return reached.there, None
     except DivergedError as error:
-        return _where(scene, load_case, error), None
-    return (UNSTRAINED if load_case.kind == "loss" else _strained(scene, load_case)), equilibrium
+        return _utilisation_at_failure(scene, load_case, error), None
+    return (NO_UTILISATION if load_case.kind == "loss" else _limit_utilisation(scene, load_case)), equilibrium
 
 
-def _borne_whole(scene: Scene, load_case: StaticLoad, equilibrium: Equilibrium) -> StaticOutcome:
+def _carried_outcome(scene: Problem, load_case: StaticLoad, equilibrium: Equilibrium) -> StaticOutcome:
     """Return the outcome of an equilibrium under the whole load; update plastic strains. Collective."""
-    _commit(scene.state, equilibrium.snapshot)
+    _update_plastic_strains(scene.state, equilibrium.snapshot)
     state, elements = EQUILIBRIUM, ()
     if equilibrium.solution.unstable_at >= 0:
-        state, elements = UNSTABLE, _compressed_at(scene, equilibrium.solution.unstable_at)
-    return StaticOutcome(state, load_case.factor, NOT_STABLE if elements else "", elements, equilibrium)
+        state, elements = UNSTABLE, _compressed_elements(scene, equilibrium.solution.unstable_at)
+    return StaticOutcome(state, load_case.factor, INSTABILITY_TEXT if elements else "", elements, equilibrium)
 
 
-def _on_its_path(
-    scene: Scene,
+def _outcome_with_limit_point(
+    scene: Problem,
     load_case: StaticLoad,
     reference: float,
     start: dict,
     equilibrium: Equilibrium,
-    stop: StopRequest,
+    stop: StopFlag,
 ) -> StaticOutcome:
     """Return the outcome of an equilibrium under the whole load, with the limit point before it. Collective.
 
-    start : the state without the load, as of `committed`. Raises Paused.
+    start : the state without the load, as of `save_state`. Raises Paused.
     """
-    limit, equilibrium = _limit_point(scene, load_case, reference, start, equilibrium, stop)
-    return _borne_whole(scene, load_case, equilibrium)._replace(limit=limit)
+    limit, equilibrium = _find_limit_point(scene, load_case, reference, start, equilibrium, stop)
+    return _carried_outcome(scene, load_case, equilibrium)._replace(limit=limit)
 
 
-def _limit_point(
-    scene: Scene,
+def _find_limit_point(
+    scene: Problem,
     load_case: StaticLoad,
     reference: float,
     start: dict,
     equilibrium: Equilibrium,
-    stop: StopRequest,
+    stop: StopFlag,
     carried: float = 1.0,
 ) -> tuple[LimitPoint | None, Equilibrium]:
     """Find the limit point on the path to an equilibrium under a share of a load. Collective.
 
-    carried : that share; see `_on_its_path` for the other arguments
+    carried : that share; see `_outcome_with_limit_point` for the other arguments
 
     The share of the limit point is converted to a load factor. If the path leads to another equilibrium
     without a limit point, the state and the result are that equilibrium. Raises Paused.
     """
     if (
-        load_case.kind not in FOLLOWED
+        load_case.kind not in LIMIT_POINT_KINDS
         or scene.finder.slips is not None
-        or not is_compressible(scene.comm, scene.state)
+        or not has_compression(scene.comm, scene.state)
     ):
         return None, equilibrium
     is_unstable = equilibrium.solution.unstable_at >= 0
     if is_unstable and load_case.kind == "stage":
         return None, equilibrium
-    state, end, tolerance = scene.state, committed(scene.state), settings_of(scene.job).tolerance
-    put_back(state, start)
+    state, end, tolerance = scene.state, save_state(scene.state), load_settings(scene.job).tolerance
+    restore_saved(state, start)
     load_at = load_on_path(scene.finder, load_case.load, load_case.before or start, start, carried)
 
     def find(factor: float) -> Solution:
@@ -230,13 +236,15 @@ def _limit_point(
     )
     try:
         limit, x = path.limit_point((load_case.before or start)["x"], None if is_unstable else end["x"])
-        put_back(state, end)
+        restore_saved(state, end)
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
-            equilibrium = _found(scene, load_case._replace(load=load_at(1.0)), reference, stop, _full(scene))
+            equilibrium = _find(
+                scene, load_case._replace(load=load_at(1.0)), reference, stop, _full_effort(scene)
+            )
     except Paused:
-        put_back(state, start)
-        raise Paused(not_begun(start["x"])) from None
+        restore_saved(state, start)
+        raise Paused(initial_relaxation(start["x"])) from None
     if limit is None:
         return None, equilibrium
     share = limit.share * carried
@@ -245,108 +253,111 @@ def _limit_point(
     ), equilibrium
 
 
-def _strained(scene: Scene, load_case: StaticLoad) -> Strained:
+def _limit_utilisation(scene: Problem, load_case: StaticLoad) -> LimitUtilisation:
     """Return the utilisation of the state under a load. Collective."""
-    return strained(
-        scene.comm, scene.distribution, scene.state, tears(scene.job, load_case.kind, load_case.factor)
+    return limit_utilisation_of(
+        scene.comm,
+        scene.distribution,
+        scene.state,
+        breaks_equilibrium(scene.job, load_case.kind, load_case.factor),
     )
 
 
-def _give_up(scene: Scene, load_case: StaticLoad) -> None:
+def _stop_if_breaking(scene: Problem, load_case: StaticLoad) -> None:
     """Raise GivesWay if an element will surely break. Collective."""
-    utilisation = _strained(scene, load_case)
-    if utilisation.reason == BREAKS and utilisation.most > SURELY:
-        raise GivesWay(utilisation)
+    utilisation = _limit_utilisation(scene, load_case)
+    if utilisation.reason == BREAKS and utilisation.most > SURE_STRAIN:
+        raise LimitReached(utilisation)
 
 
-def _where(scene: Scene, load_case: StaticLoad, error: DivergedError) -> Strained:
+def _utilisation_at_failure(scene: Problem, load_case: StaticLoad, error: DivergedError) -> LimitUtilisation:
     """Return the utilisation of a net without an equilibrium; known only if displacements are unbounded."""
-    if isinstance(error, RunsAway):
-        return strained(scene.comm, scene.distribution, scene.state, False)._replace(most=np.inf)
-    return Strained(np.inf, (), str(error).removeprefix(f"{load_case.words}: "))
+    if isinstance(error, UnboundedDisplacement):
+        return limit_utilisation_of(scene.comm, scene.distribution, scene.state, False)._replace(most=np.inf)
+    return LimitUtilisation(np.inf, (), str(error).removeprefix(f"{load_case.words}: "))
 
 
-def _named(scene: Scene, utilisation: Strained) -> str:
+def _reason_text(scene: Problem, utilisation: LimitUtilisation) -> str:
     """Return the reason why there is no equilibrium, with elements by their ids. Collective."""
     if not utilisation.elements:
         return utilisation.reason
-    name = scene.comm.bcast(scene.model and scene.model.id_of(utilisation.elements[0]))
+    name = scene.comm.bcast(scene.model and scene.model.element_id_of(utilisation.elements[0]))
     return f"element {name} {utilisation.reason}"
 
 
-def _found(scene: Scene, load_case: StaticLoad, reference, stop, effort: Effort, resume=None) -> Equilibrium:
+def _find(scene: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None) -> Equilibrium:
     """Find the equilibrium, without an update of plastic strains.
 
     Collective. Raises DivergedError, Paused.
     """
     iterations, tolerance, relaxes, gives_up = effort
-    watch = partial(_give_up, scene, load_case) if gives_up else None
+    watch = partial(_stop_if_breaking, scene, load_case) if gives_up else None
     find, slips = scene.finder.find, scene.finder.slips
     if slips is not None:
         slips.weights = load_case.weights
-        find = partial(find_slipping, scene.finder)
+        find = partial(find_with_slip, scene.finder)
     name = load_case.words
     solution = find(load_case.load, tolerance, reference, iterations, name, stop, resume, relaxes, watch)
-    return _equilibrium(scene, solution, load_case.load)
+    return _equilibrium_record(scene, solution, load_case.load)
 
 
-def _equilibrium(scene: Scene, solution: Solution, load: np.ndarray) -> Equilibrium:
+def _equilibrium_record(scene: Problem, solution: Solution, load: np.ndarray) -> Equilibrium:
     """Build the record of the present equilibrium under a load (n, 3) [N]. Collective."""
     slips = scene.finder.slips
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     balance = _balance(scene, snapshot, solution, load)
     slack = scene.comm.allreduce(snapshot.slack)
-    at_limit = at_limit_in(scene.comm, scene.distribution, scene.state, snapshot)
+    at_limit = elements_at_limits(scene.comm, scene.distribution, scene.state, snapshot)
     at_limit |= beyond_euler(scene.comm, scene.job, scene.distribution, scene.state, scene.model, snapshot.N)
     stopped = slips.stopped() if slips is not None else ()
     return Equilibrium(snapshot, slack, solution, balance, at_limit, _slips(scene), stopped)
 
 
-def balanced_under(scene: Scene, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
+def with_reactions(scene: Problem, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
     """Return the outcome with reactions under a load (n, 3) [N] that hardly differs. Collective."""
     equilibrium = outcome.equilibrium
     balance = _balance(scene, equilibrium.snapshot, equilibrium.solution, load)
     return outcome._replace(equilibrium=equilibrium._replace(balance=balance))
 
 
-def _slips(scene: Scene) -> list[float] | None:
+def _slips(scene: Problem) -> list[float] | None:
     """Return the slips of all slip points, None if no cable slides."""
     return scene.finder.slips and scene.finder.slips.s.tolist()
 
 
-def as_it_began(scene: Scene) -> Equilibrium:
+def initial_equilibrium_record(scene: Problem) -> Equilibrium:
     """Build the record of a state from which no equilibrium was found. Collective."""
     snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
     slack, balance = scene.comm.allreduce(snapshot.slack), unknown(scene.state)
     return Equilibrium(snapshot, slack, NOT_FOUND, balance, {}, _slips(scene))
 
 
-def _balance(scene: Scene, snapshot: Snapshot, solution: Solution, load: np.ndarray) -> Balance:
-    tolerance, slips = settings_of(scene.job).tolerance, scene.finder.slips
-    return balance_of(scene.comm, scene.state, snapshot, load, solution.residual, tolerance, slips)
+def _balance(scene: Problem, snapshot: Snapshot, solution: Solution, load: np.ndarray) -> Balance:
+    tolerance, slips = load_settings(scene.job).tolerance, scene.finder.slips
+    return compute_balance(scene.comm, scene.state, snapshot, load, solution.residual, tolerance, slips)
 
 
-def _commit(state: State, snapshot: Snapshot) -> None:
+def _update_plastic_strains(state: State, snapshot: Snapshot) -> None:
     if state.features.plastic:
         state.dissipated[:] = snapshot.heat
         state.eps_p[:] = snapshot.eps_p
 
 
-def _largest_share(
-    scene: Scene,
+def _limit_load_outcome(
+    scene: Problem,
     load_case: StaticLoad,
     reference: float,
     start: dict,
-    full_load: Strained,
+    full_load: LimitUtilisation,
     has_limit_load: bool,
     stop,
 ) -> StaticOutcome:
     """Return the outcome of a load that is not carried in full: its limit load factor and the state there.
 
-    start : the state without the load, as of `committed`; full_load : utilisation under the full load
+    start : the state without the load, as of `save_state`; full_load : utilisation under the full load
     has_limit_load : whether work control applies. Collective. Raises Paused.
     """
-    put_back(scene.state, start)
+    restore_saved(scene.state, start)
     missing_load = scene.finder.residual(load_case.load)
 
     def say(low: float, high: float) -> None:
@@ -354,79 +365,89 @@ def _largest_share(
 
     try:
         limit = _limit(scene, load_case, missing_load, stop, say) if has_limit_load else None
-        if limit is BORNE or (has_limit_load and limit is None and not full_load.is_decided):
-            put_back(scene.state, start)
-            full_load, equilibrium = _tried(scene, load_case, reference, stop, _full(scene))
+        if limit is FULLY_CARRIED or (has_limit_load and limit is None and not full_load.is_decided):
+            restore_saved(scene.state, start)
+            full_load, equilibrium = _try_load(scene, load_case, reference, stop, _full_effort(scene))
             if not full_load.reason:
-                return _on_its_path(scene, load_case, reference, start, equilibrium, stop)
+                return _outcome_with_limit_point(scene, load_case, reference, start, equilibrium, stop)
             limit = None
         limit = limit or _by_trials(scene, load_case, missing_load, reference, start, full_load, stop, say)
     except Paused:
-        put_back(scene.state, start)
-        raise Paused(not_begun(start["x"])) from None
+        restore_saved(scene.state, start)
+        raise Paused(initial_relaxation(start["x"])) from None
     share, beyond, equilibrium = limit
     if share == 1.0:
-        return _on_its_path(scene, load_case, reference, start, equilibrium, stop)
+        return _outcome_with_limit_point(scene, load_case, reference, start, equilibrium, stop)
     limit_point = None
     if share > 0.0:
-        limit_point, equilibrium = _limit_point(scene, load_case, reference, start, equilibrium, stop, share)
-    _commit(scene.state, equilibrium.snapshot)
-    state = _failed(beyond, full_load)
+        limit_point, equilibrium = _find_limit_point(
+            scene, load_case, reference, start, equilibrium, stop, share
+        )
+    _update_plastic_strains(scene.state, equilibrium.snapshot)
+    state = _state_without_equilibrium(beyond, full_load)
     beyond = beyond if beyond.is_decided else full_load
-    reason = _named(scene, beyond) + f" at {share:.4g} of them" * (
-        load_case.kind == "permanent" and state == NONE
+    reason = _reason_text(scene, beyond) + f" at {share:.4g} of them" * (
+        load_case.kind == "permanent" and state == NO_EQUILIBRIUM
     )
     return StaticOutcome(
-        state, load_case.reached(share), reason, beyond.elements[:MOST_NAMED], equilibrium, limit_point
+        state,
+        load_case.reached(share),
+        reason,
+        beyond.elements[:MAX_LISTED_ELEMENTS],
+        equilibrium,
+        limit_point,
     )
 
 
-def _limit(scene: Scene, load_case: StaticLoad, missing_load: np.ndarray, stop, say) -> tuple | None:
+def _limit(scene: Problem, load_case: StaticLoad, missing_load: np.ndarray, stop, say) -> tuple | None:
     """Find the limit load factor by work control. Collective. Raises Paused.
 
     missing_load : (n, 3) [N], not yet applied; say(low, high) : receives the bracket of the factor
 
-    Returns the factor, `Strained` beyond it, and `Equilibrium`; None: not found; `BORNE`: the whole load is
-    carried.
+    Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found; `FULLY_CARRIED`: the
+    whole load is carried.
     """
-    tolerance = settings_of(scene.job).tolerance
-    tolerances, strained_now = (max(tolerance, ROUGH), tolerance), lambda: _strained(scene, load_case)
+    tolerance = load_settings(scene.job).tolerance
+    tolerances, strained_now = (
+        (max(tolerance, ROUGH_TOLERANCE), tolerance),
+        lambda: _limit_utilisation(scene, load_case),
+    )
     try:
         limit, solution = scene.finder.limit_load(
             load_case.load - missing_load, missing_load, strained_now, tolerances, stop, say
         )
     except NoConvergence:
         return None
-    except Stopped:
-        raise Paused(not_begun(scene.state.x)) from None
+    except StopRequested:
+        raise Paused(initial_relaxation(scene.state.x)) from None
     carried_load = load_case.load - (1.0 - limit.factor) * missing_load
     return (
-        (limit.factor, limit.beyond, _equilibrium(scene, solution, carried_load))
+        (limit.factor, limit.beyond, _equilibrium_record(scene, solution, carried_load))
         if limit.beyond.reason
-        else BORNE
+        else FULLY_CARRIED
     )
 
 
 def _by_trials(
-    scene: Scene,
+    scene: Problem,
     load_case: StaticLoad,
     missing_load: np.ndarray,
     reference,
     start: dict,
-    full_load: Strained,
+    full_load: LimitUtilisation,
     stop,
     say,
-) -> tuple[float, Strained, Equilibrium]:
+) -> tuple[float, LimitUtilisation, Equilibrium]:
     """Find the limit load factor by trials of factors, to a rough tolerance. Collective. Raises Paused.
 
     Returns what `_limit` does. Cables have one equilibrium under a load, so a trial may start from the closer
     end of the bracket. If bars carry compression or cables slip with friction, the equilibrium depends on the
     path, so the load only grows.
     """
-    state, full = scene.state, _full(scene)
-    from_above = scene.finder.slips is None and not is_compressible(scene.comm, state)
-    effort = Effort(min(FEW, full.iterations), max(ROUGH, full.tolerance))
-    best, above, equilibrium = (0.0, start), None, as_it_began(scene)
+    state, full = scene.state, _full_effort(scene)
+    from_above = scene.finder.slips is None and not has_compression(scene.comm, state)
+    effort = Effort(min(FEW, full.iterations), max(ROUGH_TOLERANCE, full.tolerance))
+    best, above, equilibrium = (0.0, start), None, initial_equilibrium_record(scene)
 
     def under(share: float) -> StaticLoad:
         return load_case._replace(load=load_case.load - (1.0 - share) * missing_load)
@@ -434,42 +455,44 @@ def _by_trials(
     def trial(share: float) -> Trial:
         nonlocal best, above, equilibrium
         is_nearer = above is not None and above[0] - share < share - best[0]
-        put_back(state, above[1] if is_nearer else best[1])
-        utilisation, trial_equilibrium = _tried(scene, under(share), reference, stop, effort)
+        restore_saved(state, above[1] if is_nearer else best[1])
+        utilisation, trial_equilibrium = _try_load(scene, under(share), reference, stop, effort)
         if not utilisation.reason:
-            best, equilibrium = (share, committed(state)), trial_equilibrium
+            best, equilibrium = (share, save_state(state)), trial_equilibrium
         elif from_above and utilisation.reason == BREAKS:
-            above = share, committed(state)
+            above = share, save_state(state)
         return Trial(share, share, utilisation)
 
-    low, high = search_limit(trial, NOTHING, Trial(1.0, 1.0, full_load), OF_LOAD, say)
-    put_back(state, best[1])
+    low, high = search_limit(trial, UNLOADED, Trial(1.0, 1.0, full_load), LOAD_POWER, say)
+    restore_saved(state, best[1])
     if low.factor > 0.0:
         try:
-            equilibrium = _found(scene, under(low.factor), reference, stop, full)
+            equilibrium = _find(scene, under(low.factor), reference, stop, full)
         except DivergedError:  # the estimated error of the trial stays in the result
-            put_back(state, best[1])
+            restore_saved(state, best[1])
     return low.factor, high.there, equilibrium
 
 
-def _compressed_at(scene: Scene, particle: int) -> tuple[int, ...]:
+def _compressed_elements(scene: Problem, particle: int) -> tuple[int, ...]:
     """List global numbers of compressed elements at the particle that moves most in buckling. Collective."""
     d, state = scene.distribution.subdomain, scene.state
-    is_compressed = (d.particle_gid[state.ends] == particle).any(1) & (state.elements_now().N < 0.0)
-    return all_of(scene.comm, d.element_gid[is_compressed].tolist())[:MOST_NAMED]
+    is_compressed = (d.particle_gid[state.ends] == particle).any(1) & (state.present_element_state().N < 0.0)
+    return union_of_ranks(scene.comm, d.element_gid[is_compressed].tolist())[:MAX_LISTED_ELEMENTS]
 
 
-def yielded(scene: Scene) -> tuple[int, ...]:
+def yielded(scene: Problem) -> tuple[int, ...]:
     """List global numbers of the elements that have yielded so far. Collective."""
     if not scene.state.features.plastic:
         return ()
-    return all_of(scene.comm, scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0].tolist())
+    return union_of_ranks(
+        scene.comm, scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0].tolist()
+    )
 
 
-def set_net(state: State, load_case: StaticLoad) -> None:
+def apply_actions(state: State, load_case: StaticLoad) -> None:
     """Give the net the unstressed lengths, springs and support positions of a load."""
     if load_case.L0 is not None:
-        set_strands(state, load_case.L0)
+        set_slipless_lengths(state, load_case.L0)
     if load_case.spring_rest is not None:
         state.spring_rest[:] = load_case.spring_rest
     if load_case.settlement is not None:

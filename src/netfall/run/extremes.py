@@ -6,7 +6,7 @@ import numpy as np
 
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import State
-from netfall.run.problem import Scene
+from netfall.run.problem import Problem
 
 
 class Extremes(NamedTuple):
@@ -29,7 +29,7 @@ def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
     return np.divide(N, EA, out=np.zeros(len(N)), where=EA > 0.0)
 
 
-def gathered(distribution: Distribution, state: State, rows: Extremes) -> Extremes:
+def gather_extremes(distribution: Distribution, state: State, rows: Extremes) -> Extremes:
     """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,) and (n_owned,). Collective."""
     owned = state.owned.astype(bool)
     return Extremes(
@@ -41,7 +41,7 @@ def gathered(distribution: Distribution, state: State, rows: Extremes) -> Extrem
     )
 
 
-def extremes_of_motion(scene: Scene, simulation) -> Extremes:
+def extremes_of_motion(scene: Problem, simulation) -> Extremes:
     """Return the extremes of a dynamic stage. Collective.
 
     The plastic strain of a cable never decreases, so that the last value is the largest.
@@ -51,10 +51,12 @@ def extremes_of_motion(scene: Scene, simulation) -> Extremes:
     strain = elastic_strain(tension, state.EA) + plastic
     compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
     displacement, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
-    return gathered(scene.distribution, state, Extremes(tension, strain, compressed, displacement, sunk))
+    return gather_extremes(
+        scene.distribution, state, Extremes(tension, strain, compressed, displacement, sunk)
+    )
 
 
-class Watched:
+class EquilibriumExtremes:
     """Accumulates the largest values over equilibria."""
 
     def __init__(self, distribution: Distribution):
@@ -81,4 +83,4 @@ class Watched:
 
     def extremes(self, state: State) -> Extremes:
         """Return the extremes over all equilibria so far. Collective."""
-        return gathered(self._distribution, state, self._rows)
+        return gather_extremes(self._distribution, state, self._rows)

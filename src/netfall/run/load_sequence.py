@@ -5,49 +5,56 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.job.cases import factor_of
-from netfall.job.derived import load_steps, own_weight, rests_at_loss, rests_in_wind
-from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, of_case_alone, of_combination
+from netfall.job.cases import action_factor
+from netfall.job.derived import (
+    load_steps,
+    permanent_weight_factor,
+    starts_in_mean_wind,
+    starts_loaded_for_removal,
+)
+from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, case_actions, combination_actions
 from netfall.model.model import Model
-from netfall.run.problem import Scene
+from netfall.run.problem import Problem
 
 
-class Wanted(NamedTuple):
+class EquilibriumRequest(NamedTuple):
     """Equilibrium to be computed.
 
     each : the load, without arrays; acts(model) : returns its arrays, on rank 0
     """
 
     each: StaticLoad
-    acts: Callable[[Model], Actions]
+    actions_of: Callable[[Model], Actions]
 
 
-def equilibria(scene: Scene) -> list[Wanted]:
+def equilibria(scene: Problem) -> list[EquilibriumRequest]:
     """List the equilibria that the job needs, in their order.
 
     Permanent loads come first, then cases, combinations, load steps, and the final equilibrium.
     """
     job = scene.job
-    steps, final_wind = load_steps(job), rests_in_wind(job)
+    steps, final_wind = load_steps(job), starts_in_mean_wind(job)
     apart = [
-        *((case, of_case_alone) for case in job.cases),
-        *((static_load, of_combination) for static_load in job.combinations),
+        *((case, case_actions) for case in job.cases),
+        *((static_load, combination_actions) for static_load in job.combinations),
     ]
     requests = []
 
-    weights = own_weight(job)
+    weights = permanent_weight_factor(job)
 
     def want(kind: str, name: str, acts: Callable[[Model], np.ndarray], **options) -> None:
         load = StaticLoad(kind, name, None, weights=weights, **options)
-        requests.append(Wanted(load, lambda model: Actions(acts(model))))
+        requests.append(EquilibriumRequest(load, lambda model: Actions(acts(model))))
 
     if apart or steps:
         want("permanent", "the permanent loads", lambda model: model.loading.permanent)
     for entry, acts in apart:
-        what = "case" if acts is of_case_alone else "combination"
-        weight = weights * factor_of(entry, "permanent") if acts is of_combination else weights
+        what = "case" if acts is case_actions else "combination"
+        weight = weights * action_factor(entry, "permanent") if acts is combination_actions else weights
         static_load = StaticLoad(what, f"{what} {entry.name}", None, 1.0, entry.name, True, weights=weight)
-        requests.append(Wanted(static_load, lambda model, entry=entry, acts=acts: acts(job, model, entry)))
+        requests.append(
+            EquilibriumRequest(static_load, lambda model, entry=entry, acts=acts: acts(job, model, entry))
+        )
     has_cases = bool(apart)
     for step in range(1, steps + 1):
         want(
@@ -56,21 +63,21 @@ def equilibria(scene: Scene) -> list[Wanted]:
             lambda model, factor=step / steps: model.loading.permanent + factor * model.loading.live,
             factor=step / steps,
             from_permanent=has_cases and step == 1,
-            begins=(step - 1) / steps,
+            start_factor=(step - 1) / steps,
         )
     if final_wind and not steps:
         want("at once", "the constant loads", lambda model: model.load, factor=1.0, from_permanent=has_cases)
-    if rests_at_loss(job):
+    if starts_loaded_for_removal(job):
         want("rest", ALL_LOADS, lambda model: model.load, factor=1.0, from_permanent=has_cases and not steps)
     if final_wind:
         want("rest", "the mean wind", lambda model: model.load + model.mean_wind, factor=1.0)
     return requests
 
 
-def loaded(scene: Scene, request: Wanted) -> StaticLoad:
+def loaded(scene: Problem, request: EquilibriumRequest) -> StaticLoad:
     """Return the load of an equilibrium with its arrays on this rank. Collective."""
     distribution = scene.distribution
-    actions = request.acts(scene.model) if scene.model else None
+    actions = request.actions_of(scene.model) if scene.model else None
     names = scene.comm.bcast(
         actions and {name for name, values in vars(actions).items() if values is not None}
     )

@@ -15,36 +15,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.core.rotation import from_own, to_own
-from netfall.core.stop import NEVER
+from netfall.core.rotation import from_rotated_axes, to_rotated_axes
+from netfall.core.stop import NEVER_STOP
 from netfall.geometry.net import GRAVITY, Net
-from netfall.geometry.turned import springs_along, turned_column
-from netfall.job.derived import air_moves, has_statics, rests_at_loss
+from netfall.geometry.turned import global_spring_stiffness, rotation_column
+from netfall.job.derived import has_added_air_mass, has_statics, starts_loaded_for_removal
 from netfall.job.job import Job
-from netfall.job.values import listed
+from netfall.job.values import format_list
 from netfall.model.model import Model
-from netfall.physics.air import rooted
+from netfall.physics.air import damping_vectors
 from netfall.physics.law.branches import band_branches
-from netfall.physics.law.limits import REACHED
+from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.law.measures import elastic_stiffness
-from netfall.run.equilibrium import committed, put_back, reference_force, settle
+from netfall.run.equilibrium import reference_force, restore_saved, save_state, settle
 from netfall.run.load_sequence import equilibria, loaded
-from netfall.run.problem import Desk, Outcome, Scene
+from netfall.run.problem import Outcome, Problem, RunContext
 from netfall.statics.multigrid.joints import joint_tangent, with_joints
 from netfall.statics.multigrid.tangent import block_matrix, incidence_of
 from netfall.statics.slip import SlipTangent
 
 # of the largest diagonal of M^-1 K [-]: an omega^2 below it is rounding, the mode is a mechanism
-STILL = 1e-12
+ZERO_OMEGA2 = 1e-12
 SHIFT = 1e-11  # distance of the shift below zero, over the same [-], so that mechanisms can be found too
-DENSE = 300  # free axes up to which a dense solver finds all modes
-SPARE = 4  # modes computed in addition: equal periods come in pairs, none of which may be missed
+MAX_DENSE_AXES = 300  # free axes up to which a dense solver finds all modes
+SPARE_MODES = 4  # modes computed in addition: equal periods come in pairs, none of which may be missed
 LOOSE = 1e-9  # stiffness over that of a segment [-] that holds a closed cable, which could run round freely
 GOLDEN = 0.6180339887498949
 MODES = 6  # that `check` prints
-LARGEST = 50_000  # elements up to which `check` prints modes
+MAX_CHECK_ELEMENTS = 50_000  # elements up to which `check` prints modes
 MOVING = 0.5  # of the largest displacement [-]: nodes above it name a mode without stiffness
-REST = {"step": "the static loads", "at once": "the constant loads", "rest": "the mean wind"}
+LOAD_NAMES = {"step": "the static loads", "at once": "the constant loads", "rest": "the mean wind"}
 
 
 @dataclass(frozen=True)
@@ -106,12 +106,12 @@ def modes_at(
         axial,
         N / L,
         free,
-        springs_along(net),
+        global_spring_stiffness(net),
         np.zeros(net.n),
         number,
         incidence_of(net.elements, number, net.n),
         net.n,
-        between=None if net.angle is None else turned_column(net, net.fixed)[:, 2],
+        between=None if net.angle is None else rotation_column(net, net.fixed)[:, 2],
     )
     if joints is not None:
         K = with_joints(K, joint_tangent(x, joints, np.zeros(net.n)), free, number)
@@ -121,14 +121,14 @@ def modes_at(
     root = 1.0 / np.sqrt(np.repeat(mass, 3)[moves])
     scaled = (diags_array(root) @ K.tocsr()[moves][:, moves] @ diags_array(root)).tocsc()
     values, vectors, unstable = _lowest(scaled, min(count, len(moves)))
-    threshold = STILL * scaled.diagonal().max()
+    threshold = ZERO_OMEGA2 * scaled.diagonal().max()
     with np.errstate(divide="ignore", invalid="ignore"):
         periods = 2.0 * np.pi / np.sqrt(np.where(np.abs(values) <= threshold, 0.0, values))
     unit_motion = (1.0 / root)[:, None] * unit_motions[moves]  # vectors are M^1/2 u, of length 1
     share = (vectors.T @ unit_motion) ** 2 / np.maximum((unit_motion**2).sum(0), np.finfo(float).tiny)
     shape = np.zeros((len(values), 3 * net.n))
     shape[:, moves] = (vectors * root[:, None]).T
-    shape = _scaled(np.array([from_own(mode, net.angle) for mode in shape.reshape(-1, net.n, 3)]))
+    shape = _scaled(np.array([from_rotated_axes(mode, net.angle) for mode in shape.reshape(-1, net.n, 3)]))
     difference = shape[:, net.elements[:, 1]] - shape[:, net.elements[:, 0]]
     elongation = np.sum(difference * (vectors_along / L[:, None]), axis=2)
     modal_stiffness = np.maximum(values, threshold) * (np.sum(shape**2, axis=2) @ mass)
@@ -140,7 +140,7 @@ def modes_at(
 
 def _in_own_axes(net: Net, K):
     """Return unit motions (3 n, 3) along x, y and z, and the stiffness K, in the axes of the supports."""
-    along = [to_own(np.tile(unit, (net.n, 1)), net.angle) for unit in np.eye(3)]
+    along = [to_rotated_axes(np.tile(unit, (net.n, 1)), net.angle) for unit in np.eye(3)]
     rotations = np.stack(along, axis=-1)  # (n, 3, 3), of each node
     if net.angle is not None:
         from scipy.sparse import bsr_array  # imported here: it takes 0.2 s to load
@@ -159,7 +159,7 @@ def _with_slips(K, slip: SlipTangent, elements: np.ndarray):
     from scipy.sparse.linalg import spsolve
 
     chains, q, k = slip.slips.chains, len(slip.coupling), len(slip.way)
-    sides = np.concatenate([chains.into[chains.segment], chains.out[chains.segment]])
+    sides = np.concatenate([chains.slip_in[chains.segment], chains.out[chains.segment]])
     e = np.tile(np.arange(q), 2)
     slips = (sides >= 0) & (slip.way[sides] != 0)
     # derivative of the unstressed length by the slips at both ends of the element's segment
@@ -185,7 +185,7 @@ def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     If values are far below zero, the result has those closest to zero.
     """
     size, top = matrix.shape[0], float(np.abs(matrix.diagonal()).max())
-    if size <= max(DENSE, 4 * (count + SPARE)) or top == 0.0:
+    if size <= max(MAX_DENSE_AXES, 4 * (count + SPARE_MODES)) or top == 0.0:
         values, vectors = np.linalg.eigh(matrix.toarray())
         return values[:count], vectors[:, :count], int((values < -SHIFT * top).sum())
     from scipy.sparse import eye_array
@@ -201,7 +201,7 @@ def _lowest(matrix, count: int) -> tuple[np.ndarray, np.ndarray, int]:
     unstable = int((factors.U.diagonal() < 0.0).sum())  # Sylvester's law of inertia
     values, vectors = eigsh(
         matrix,
-        count + SPARE,
+        count + SPARE_MODES,
         sigma=shift,
         OPinv=LinearOperator(matrix.shape, factors.solve),
         v0=(np.arange(1, size + 1) * GOLDEN) % 1.0 - 0.5,
@@ -226,25 +226,25 @@ def required(job: Job) -> bool:
     return bool(job.output.modes)
 
 
-def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the modes about the last equilibrium of the statics and write /modes. Collective."""
-    if not context.saver.is_past(NAME):
+    if not context.saver.is_completed(NAME):
         with context.phases.phase(NAME):
-            modes = modes_now(scene, scene.job.output.modes)
+            modes = current_modes(scene, scene.job.output.modes)
             context.result.write_whole(NAME, modes and modes_section(scene.job, scene.model, modes))
     return Outcome()
 
 
-def modes_now(scene: Scene, count: int) -> Modes | None:
+def current_modes(scene: Problem, count: int) -> Modes | None:
     """Compute the lowest modes of the net in its present state, on rank 0, None elsewhere. Collective."""
     gather, state, model = scene.distribution.gather_elements, scene.state, scene.model
     x = scene.distribution.gather_particles(state.x)
-    N, L0, EA = gather(state.elements_now().N), gather(state.L0), gather(state.EA)
-    slip = scene.finder.slips and scene.finder.slips.tangent_at_rest()
+    N, L0, EA = gather(state.present_element_state().N), gather(state.L0), gather(state.EA)
+    slip = scene.finder.slips and scene.finder.slips.pulley_tangent()
     if model is None:
         return None
     # otherwise taken out in a stage of erection, or buckled
-    carries = (EA > 0.0) & (-N < REACHED * model.euler)
+    carries = (EA > 0.0) & (-N < REACHED_SHARE * model.euler)
     strain = state.features.strain
     return modes_at(x, model.net, N, L0, model.mass, count, strain, model.joints, slip, carries)
 
@@ -261,32 +261,37 @@ def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]
     return section
 
 
-def mode_lines(job: Job, scene: Scene) -> list[str]:
+def mode_lines(job: Job, scene: Problem) -> list[str]:
     """Return the text of `check` on modes and damping. Changes the state. One rank."""
-    if scene.model.net.m > LARGEST:
-        return [f"modes: left out, for the net has more than {LARGEST} elements"]
-    place = go_to_rest(job, scene)
-    modes = modes_now(scene, MODES)
+    if scene.model.net.m > MAX_CHECK_ELEMENTS:
+        return [f"modes: left out, for the net has more than {MAX_CHECK_ELEMENTS} elements"]
+    place = go_to_equilibrium(job, scene)
+    modes = current_modes(scene, MODES)
     if not len(modes.period):
         return []
     lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(scene.model, modes)
     return lines + (_damping_lines(job, scene.model, modes) if job.dynamics else [])
 
 
-def go_to_rest(job: Job, scene: Scene) -> str:
+def go_to_equilibrium(job: Job, scene: Problem) -> str:
     """Bring the state to the last equilibrium of the run, if it has one; return its name. One rank.
 
     The full load is applied at once, in contrast to the steps of a run.
     """
     requests = (
-        [request for request in equilibria(scene) if request.each.kind in REST] if has_statics(job) else []
+        [request for request in equilibria(scene) if request.each.kind in LOAD_NAMES]
+        if has_statics(job)
+        else []
     )
     if not requests:
         return "in the initial state, without loads"
     last = loaded(scene, requests[-1])
-    start, loads = committed(scene.state), "all loads" if rests_at_loss(job) else REST[last.kind]
-    if not settle(scene, last, reference_force(scene, last), NEVER).carries:
-        put_back(scene.state, start)
+    start, loads = (
+        save_state(scene.state),
+        "all loads" if starts_loaded_for_removal(job) else LOAD_NAMES[last.kind],
+    )
+    if not settle(scene, last, reference_force(scene, last), NEVER_STOP).carries:
+        restore_saved(scene.state, start)
         return f"in the initial state (no rest was found under {loads})"
     return f"at rest under {loads}"
 
@@ -299,14 +304,14 @@ def _notes(model: Model, modes: Modes) -> list[str]:
     for selected, words in kinds:
         if selected.any():
             moves_most = (np.linalg.norm(modes.shape[selected], axis=2) > MOVING).any(0)
-            nodes = listed(model.net.node_id[moves_most])
+            nodes = format_list(model.net.node_id[moves_most])
             notes.append(f"modes: {int(selected.sum())} of these {words}: nodes {nodes} move most")
     return notes
 
 
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     """Return the text on the damping ratio of each kind of damping, and on free fall with mass damping."""
-    zeta, air = job.dynamics.damping, ", without the air that moves along" * air_moves(job)
+    zeta, air = job.dynamics.damping, ", without the air that moves along" * has_added_air_mass(job)
     lines = [
         f"damping: damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the critical in "
         f"them (damping x period / 4 pi{air})"
@@ -360,7 +365,7 @@ def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None
     if not job.wind.pressures:
         field, gust = model.wind_field, model.history.mean_gust
         speed = np.abs(field.mean + np.sum(field.weight * gust[field.corner], axis=1))
-    c = model.air if kappa is None else rooted(kappa * job.wind.air_density * model.roof.vector)
+    c = model.air if kappa is None else damping_vectors(kappa * job.wind.air_density * model.roof.vector)
     modal_damping = np.sum(modes.shape * c, axis=2) ** 2 @ speed
     modal_mass = np.sum(modes.shape**2, axis=2) @ model.mass
     return modal_damping / modal_mass * modes.period / (4.0 * np.pi)

@@ -8,9 +8,9 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
-from netfall.core.stop import NEVER, StopRequest
-from netfall.core.timings import Phases
-from netfall.job.cache import FORGETFUL, Memory
+from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.timings import PhaseTimes
+from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.model.schedule import Schedule
@@ -20,12 +20,12 @@ from netfall.parallel.subdomain import Distribution
 from netfall.physics.events import EventLog
 from netfall.physics.stability import Limit
 from netfall.physics.state import State
-from netfall.results.saver import Saver
+from netfall.results.saver import CheckpointWriter
 from netfall.results.writer import Result
 from netfall.statics.form.find import Form
-from netfall.statics.free_segments import cable_chains_of
+from netfall.statics.free_segments import build_slip_chains
 from netfall.statics.slip import Slips
-from netfall.statics.solver import Finder
+from netfall.statics.solver import EquilibriumFinder
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class BuildUp:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Problem:
     """Problem definition of a run on one rank: the job with all that is needed to step.
 
     model : on rank 0, None elsewhere; finder : of equilibria of the state; digest : of job and net
@@ -68,7 +68,7 @@ class Scene:
     distribution: Distribution
     halo: Halo
     state: State
-    finder: Finder
+    finder: EquilibriumFinder
     form: Form | None
     residual: float
     reference: float
@@ -83,16 +83,16 @@ class Scene:
         return self.build_up and self.build_up.failure
 
 
-def let_slip(scene: Scene) -> None:
+def set_up_slip(scene: Problem) -> None:
     """Set up sliding cables for the equilibria of the scene, if there are any. Collective."""
     if scene.state.features.slip:
         layout = scene.model and scene.model.layout
-        chains = scene.comm.bcast(layout and cable_chains_of(layout.slides, layout.net.own_weight))
+        chains = scene.comm.bcast(layout and build_slip_chains(layout.slides, layout.net.own_weight))
         scene.finder.slips = Slips(scene.distribution, scene.state, chains)
 
 
 @dataclass(frozen=True)
-class Desk:
+class RunContext:
     """Run context of a stage on one rank: output, progress, checkpoints.
 
     stop : stop flag; memory : cache of results that runs in this process share
@@ -101,11 +101,11 @@ class Desk:
 
     log: EventLog
     result: Result
-    saver: Saver
+    saver: CheckpointWriter
     progress: Progress
-    phases: Phases
-    stop: StopRequest = NEVER
-    memory: Memory = FORGETFUL
+    phases: PhaseTimes
+    stop: StopFlag = NEVER_STOP
+    memory: ResultCache = NO_CACHE
     watch: Callable[[State, Any], None] = lambda *_: None
 
 

@@ -12,18 +12,18 @@ from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.parallel.mpi import MPI
 from netfall.results.h5 import PARALLEL
-from netfall.run.messages.run import moved_lines, notes_of
-from netfall.run.problem import Scene
+from netfall.run.messages.run import form_change_lines, run_notes
+from netfall.run.problem import Problem
 
 
-def how_it_writes() -> str:
+def library_text() -> str:
     """Return the MPI library and the kind of HDF5 in use, as text."""
     library = MPI.Get_library_version().split(",")[0].split("\n")[0].strip()
     way = "parallel HDF5 (MPI-IO)" if PARALLEL else "serial HDF5 (rank 0 gathers and writes)"
     return f"{library}, {way}"
 
 
-OF_TABLES = (  # columns of the net that /net lacks or contains in another form
+TABLE_COLUMNS = (  # columns of the net that /net lacks or contains in another form
     *("load", "mass", "area", "normal", "section", "modulus", "density", "yield_stress"),
     *("breaking_load", "fracture_strain"),
 )
@@ -31,19 +31,19 @@ OF_TABLES = (  # columns of the net that /net lacks or contains in another form
 
 def net_record(model: Model) -> dict[str, np.ndarray]:
     """Return the data that /net lacks to write the tables of the same net. A constant column has one row."""
-    columns = {name: getattr(model.net, name) for name in OF_TABLES} | {"spring_rest": model.spring_rest}
-    compressed = {name: values[:1] if _alike(values) else values for name, values in columns.items()}
+    columns = {name: getattr(model.net, name) for name in TABLE_COLUMNS} | {"spring_rest": model.spring_rest}
+    compressed = {name: values[:1] if _is_constant(values) else values for name, values in columns.items()}
     rings = model.layout.roofing.faces.rings
     face = np.arange(len(rings)) if rings.face is None else rings.face
     bounds = {"ring_start": rings.start, "ring_corner": rings.corner, "ring_face": face}
     return compressed | bounds | {"corners": model.net.corners}
 
 
-def _alike(values: np.ndarray) -> bool:
+def _is_constant(values: np.ndarray) -> bool:
     return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
 
 
-def provenance_of(scene: Scene) -> dict:
+def provenance_values(scene: Problem) -> dict:
     """Return the attributes and texts of /provenance; complete on rank 0."""
     job, model = scene.job, scene.model
     values = {
@@ -62,7 +62,7 @@ def provenance_of(scene: Scene) -> dict:
         "h5py": h5py.__version__,
         "hdf5": h5py.version.hdf5_version,
         "mpi": MPI.Get_library_version().split("\n")[0].strip("\x00 "),
-        "writing": how_it_writes(),
+        "writing": library_text(),
         "ranks": scene.comm.size,
         "exit_state": "finished",
     }
@@ -73,10 +73,10 @@ def provenance_of(scene: Scene) -> dict:
         "metis_seed": partition.SEED,
         "edge_cut": partition.edge_cut(model.net.elements, model.layout.part),
         "net": net_record(model),
-        "notes": "\n".join(notes_of(scene)),
+        "notes": "\n".join(run_notes(scene)),
     }
     if scene.form:
-        values["form"] = "\n".join(moved_lines(scene))
+        values["form"] = "\n".join(form_change_lines(scene))
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
     if scene.schedule:

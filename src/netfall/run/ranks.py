@@ -1,17 +1,19 @@
 """Number of ranks that is fastest for a job. The constants are measured (jobs/bench)."""
 
-from netfall.run.problem import Scene
+from netfall.run.problem import Problem
 
 # Time on one core: ns per element and step, and us per step. Long rows of elements need less, fractures more.
 STEP_NS, STEP_US = 5.0, 1.0
-SMALL = 5_000  # elements below which equilibria on several ranks are no faster
+SMALL_NET_ELEMENTS = 5_000  # elements below which equilibria on several ranks are no faster
 FEWEST = 900  # elements below which steps are no faster either
-SAVED = 0.26  # share of the step time that a second rank saves between these sizes (1.2 to 1.5 times faster)
-SECOND_S = 0.8  # s to start a second rank (0.5 to 1.2)
-ELEMENTS_EACH = 8_000  # per rank: with fewer, network messages take longer than the computation
+SECOND_RANK_SAVING = (
+    0.26  # share of the step time that a second rank saves between these sizes (1.2 to 1.5 times faster)
+)
+RANK_START_S = 0.8  # s to start a second rank (0.5 to 1.2)
+ELEMENTS_PER_RANK = 8_000  # per rank: with fewer, network messages take longer than the computation
 
 
-def steps_time(scene: Scene) -> float:
+def steps_time(scene: Problem) -> float:
     """Estimate the time of all steps on one core [s]."""
     if not scene.schedule:
         return 0.0
@@ -19,28 +21,30 @@ def steps_time(scene: Scene) -> float:
     return steps * (scene.distribution.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
 
 
-def saved_by_second(scene: Scene) -> float | None:
+def saved_by_second(scene: Problem) -> float | None:
     """Estimate the time [s] that a second rank saves in a small net, less its start.
 
     None for a large net.
     """
     m = scene.distribution.m
-    if m >= SMALL:
+    if m >= SMALL_NET_ELEMENTS:
         return None
-    return (SAVED * steps_time(scene) if m >= FEWEST else 0.0) - SECOND_S
+    return (SECOND_RANK_SAVING * steps_time(scene) if m >= FEWEST else 0.0) - RANK_START_S
 
 
-def ranks_line(scene: Scene) -> str:
+def ranks_line(scene: Problem) -> str:
     """Return a line on the fastest number of ranks."""
     saved = saved_by_second(scene)
     if saved is None:
-        return f"ranks: two are faster than one; many are, with {ELEMENTS_EACH} elements for each and more"
+        return (
+            f"ranks: two are faster than one; many are, with {ELEMENTS_PER_RANK} elements for each and more"
+        )
     if saved < 0.0:
-        return f"ranks: one is fastest: a second takes about {SECOND_S:g} s to start and saves less"
+        return f"ranks: one is fastest: a second takes about {RANK_START_S:g} s to start and saves less"
     return f"ranks: two save about {saved:.2g} s of the steps; equilibria of so small a net are no faster"
 
 
-def ranks_notes(scene: Scene) -> list[str]:
+def ranks_notes(scene: Problem) -> list[str]:
     """Return a note if a run has more ranks than are useful."""
     saved = saved_by_second(scene)
     if scene.comm.size == 1 or saved is None or saved >= 0.0:

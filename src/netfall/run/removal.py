@@ -11,27 +11,35 @@ import sys
 import numpy as np
 
 from netfall.loads.redistribution import Redistribution
-from netfall.loads.removal import Loss, leaving_then
+from netfall.loads.removal import Loss, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.events import EventLog
-from netfall.physics.law.branches import with_branches
-from netfall.physics.removal import EXTERNAL, INTERNAL, Carried, join, leave, lose_elements, push
-from netfall.results.writer import texts
-from netfall.run.problem import Scene
-from netfall.run.removed_equilibria import Rest, RestsAfter
+from netfall.physics.law.branches import add_branch_forces
+from netfall.physics.removal import (
+    EXTERNAL,
+    INTERNAL,
+    CarriedLoad,
+    apply_impulses,
+    remove_elements,
+    remove_particles,
+    transfer_carried,
+)
+from netfall.results.writer import text_dataset
+from netfall.run.problem import Problem
+from netfall.run.removed_equilibria import RemovalEquilibria, RemovalOutcome
 from netfall.run.varying_loads import FadingLoad
 
 # (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
 # broken elements.
-TENSIONS = ("before", "highest", "lowest", "rest", "after")
-NO_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no dynamic factor
+TENSION_NAMES = ("before", "highest", "lowest", "rest", "after")
+MIN_TENSION_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no dynamic factor
 
 
-class Removal:
+class MemberRemoval:
     """Member removals of a run, and the tensions around them; these on rank 0."""
 
-    def __init__(self, scene: Scene, losses: list[Loss], after: RestsAfter | None, log: EventLog):
+    def __init__(self, scene: Problem, losses: list[Loss], after: RemovalEquilibria | None, log: EventLog):
         """after : of the stage `rests`, None: in a resumed run"""
         self.distribution, self.losses, self.job = scene.distribution, losses, scene.job
         self.model, self.log, self.dt, self.done = scene.model, log, scene.schedule.dt, 0
@@ -46,7 +54,7 @@ class Removal:
         self.fades = {k: FadingLoad(gid, durations[k]) for k in entries if durations[k]}
         self.tensions = None
         if self.model:
-            self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSIONS}
+            self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSION_NAMES}
             if after is not None:
                 self.tensions["rest"][:], self.tensions["after"][:] = after.tension[:-1], after.tension[1:]
 
@@ -55,30 +63,30 @@ class Removal:
         """Return the step of the next removal; after the last: larger than every step."""
         return self.losses[self.done].step if self.done < len(self.losses) else sys.maxsize
 
-    def happen(self, simulation) -> None:
+    def remove_members(self, simulation) -> None:
         """Carry out the removal that is due at the present step. Collective."""
         state, loss = simulation.state, self.losses[self.done]
         simulation.plan.collect_yield()
-        elements = state.elements_now()
+        elements = state.present_element_state()
         self.close(state, elements.N)
         simulation.envelope.take_in(simulation.time, state)
         self._keep("before", self.done, state, elements.N)
         gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
         force = self._forces(state, loss, rows[rows >= 0], elements)
         simulation.share_events()
-        particles, handed = self._leaving(self.done)
+        particles, handed = self._leaving_particles(self.done)
         entries = [self.job.removes[k] for k in loss.entry.tolist()]
-        since, missing = missing_times(entries, simulation.time, simulation.before_dt, simulation.dt)
-        lose_elements(state, rows[rows >= 0], since[rows >= 0])
-        push(state, *ends_in(gid, loss.ends, missing[:, :1] * force), INTERNAL)
-        push(state, *ends_in(gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
+        since, missing = impulse_times(entries, simulation.time, simulation.before_dt, simulation.dt)
+        remove_elements(state, rows[rows >= 0], since[rows >= 0])
+        apply_impulses(state, *local_impulses(gid, loss.ends, missing[:, :1] * force), INTERNAL)
+        apply_impulses(state, *local_impulses(gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
         self._join(state, handed)
-        leave(state, np.flatnonzero(np.isin(gid, particles)))
+        remove_particles(state, np.flatnonzero(np.isin(gid, particles)))
         simulation.plan.attach(state)
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
         self._hand_over(simulation, handed)
-        simulation.loads.renew(state)
-        state.begin_extremes(elements.N)
+        simulation.loads.update_samples(state)
+        state.reset_extremes(elements.N)
         self.done += 1
         simulation.result.losses = self.done
 
@@ -91,7 +99,7 @@ class Removal:
 
         Elements that had broken before exert none. Collective.
         """
-        force, N = np.zeros((len(loss.elements), 3)), with_branches(state, elements.N)
+        force, N = np.zeros((len(loss.elements), 3)), add_branch_forces(state, elements.N)
         for e in rows[state.owned[rows].astype(bool) & (state.broken[rows] == 0)].tolist():
             a, b = state.ends[e]
             k = np.searchsorted(loss.elements, self.distribution.subdomain.element_gid[e])
@@ -99,7 +107,7 @@ class Removal:
         self.distribution.comm.Allreduce(MPI.IN_PLACE, force, MPI.SUM)  # other ranks add zeros
         return force
 
-    def _leaving(self, k: int) -> tuple[np.ndarray, Redistribution]:
+    def _leaving_particles(self, k: int) -> tuple[np.ndarray, Redistribution]:
         """Return the particles that leave at removal k and the redistribution of their loads. Collective.
 
         Takes into account which elements had broken before, by the log.
@@ -107,17 +115,19 @@ class Removal:
         loss = self.losses[k]
         broken = set(self.log.element[self.log.step < loss.step].tolist()) & set(loss.elements.tolist())
         if not broken:
-            return loss.particles, loss.handed
-        result = leaving_then(self.model, self.losses, k, broken) if self.model else None
+            return loss.particles, loss.redistribution
+        result = particles_removed_after_breaks(self.model, self.losses, k, broken) if self.model else None
         return self.distribution.comm.bcast(result)
 
     def _join(self, state, handed: Redistribution) -> None:
         """Move what particles inside removed cables carry to other particles. Collective."""
-        values = [getattr(state, name) for name in Carried._fields]
-        given = Carried(*(None if rows is None else handed.given(self.distribution, rows) for rows in values))
+        values = [getattr(state, name) for name in CarriedLoad._fields]
+        given = CarriedLoad(
+            *(None if rows is None else handed.given(self.distribution, rows) for rows in values)
+        )
         row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
         is_local = row >= 0
-        join(state, row[is_local], handed.source[is_local], handed.share[is_local], given)
+        transfer_carried(state, row[is_local], handed.source[is_local], handed.share[is_local], given)
 
     def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
         """Start the fading tensions of a removal; force : (k, 3) [N] of the elements of each entry."""
@@ -159,25 +169,28 @@ class Removal:
     def restore(self, small: dict, arrays: dict[str, np.ndarray] | None, simulation) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         self.done = small["done"]
-        self.rests = [Rest(state, tuple(elements)) for state, elements in small["rests"]]
+        self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
         if arrays:
-            self.tensions = {name: arrays[name] for name in TENSIONS}
+            self.tensions = {name: arrays[name] for name in TENSION_NAMES}
         for k, loss in enumerate(self.losses[: self.done]):
             entries = sorted(set(loss.entry.tolist()) & set(self.fades))
             force = {e: arrays[str(e)] for e in entries} if arrays else None
             self._begin_fades(loss, self.distribution.comm.bcast(force))
-            self._hand_over(simulation, self._leaving(k)[1])
+            self._hand_over(simulation, self._leaving_particles(k)[1])
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the datasets of /removal, a row for each entry of the job. Rank 0."""
         m, entries = self.model.net.m, self.job.removes
         names = *(f"tension_{k}" for k in ("before", "highest", "lowest", "peak", "after")), "dynamic_factor"
-        datasets = {"time": np.array([entry.time for entry in entries]), "state": texts([""] * len(entries))}
+        datasets = {
+            "time": np.array([entry.time for entry in entries]),
+            "state": text_dataset([""] * len(entries)),
+        }
         datasets |= {name: np.full((len(entries), m), np.nan) for name in names}
         is_removed, breaks = np.zeros(m, bool), []
         for k, loss in enumerate(self.losses):
             is_removed[loss.elements] = True
-            before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSIONS)
+            before, highest, lowest, rest, after = (self.tensions[name][k] for name in TENSION_NAMES)
             highest, lowest = np.where(is_removed, np.nan, highest), np.where(is_removed, np.nan, lowest)
             peak = farthest(before, highest, lowest, after)
             factor = np.where(np.isnan(lowest), np.nan, dynamic_factors(before, peak, rest, after))
@@ -194,7 +207,7 @@ class Removal:
         return datasets | {"breaking_element": pairs[:, 0], "breaking_entry": pairs[:, 1]}
 
 
-def missing_times(entries: list, time: float, before: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def impulse_times(entries: list, time: float, before: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Return how long removed elements act outside the velocity updates of the steps: (k,), (k, 2) [s].
 
     The elements are removed at a time [s]. The first result is the time since they stopped to act as
@@ -216,7 +229,7 @@ def missing_times(entries: list, time: float, before: float, dt: float) -> tuple
     return since, missing
 
 
-def ends_in(gid: np.ndarray, ends: np.ndarray, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def local_impulses(gid: np.ndarray, ends: np.ndarray, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (r,) of the ends (k, 2) of elements among gid (n,), and impulses (r, 3) [N s] on them.
 
     impulse : (k, 3) on the start of each
@@ -244,5 +257,5 @@ def dynamic_factors(before, peak, rest, after) -> np.ndarray:
     change, is_known = after - before, ~np.isnan(after)
     largest = max(np.abs(before).max(initial=0.0), np.abs(after[is_known]).max(initial=0.0))
     difference = np.minimum(np.abs(change), np.abs(after - np.where(np.isnan(rest), before, rest)))
-    changes = is_known & (difference > NO_CHANGE * largest)
+    changes = is_known & (difference > MIN_TENSION_CHANGE * largest)
     return np.divide(peak - before, change, out=np.full(len(before), np.nan), where=changes)

@@ -5,36 +5,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.job.derived import own_weight
+from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
-from netfall.job.values import counted, listed
-from netfall.loads.removal import Loss, comes_loose, losses_of
+from netfall.job.values import counted, format_list
+from netfall.loads.removal import Loss, is_unsupported, make_removals
 from netfall.model.actions import StaticLoad
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
 from netfall.results.removal_text import SOMETHING_BREAKS
-from netfall.results.warning_text import error_words, force_balance_warnings
+from netfall.results.warning_text import error_text, force_balance_warnings
 from netfall.run.equilibrium import (
-    committed,
     paused,
-    put_back,
     reference_force,
+    restore_saved,
+    resumed_relaxation,
+    save_state,
     settle,
-    taken_up,
 )
-from netfall.run.problem import Desk, Outcome, Scene
+from netfall.run.problem import Outcome, Problem, RunContext
 from netfall.run.static_outcome import UNDECIDED, undecided
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 
-OF_PARTICLES = {each.name for each in FIELDS if each.entity == "particle"}  # the others belong to elements
-MOST_ITERATIONS = 100_000  # after which the damaged net counts as without equilibrium
+PARTICLE_FIELDS = {each.name for each in FIELDS if each.entity == "particle"}  # the others belong to elements
+MAX_REMOVAL_ITERATIONS = 100_000  # after which the damaged net counts as without equilibrium
 
 
 NAME = "rests"
 
 
-class Rest(NamedTuple):
+class RemovalOutcome(NamedTuple):
     """Outcome of the search for the equilibrium after a member removal.
 
     state : a key of `removal_text.RESTS`; elements : global numbers of those beyond their strength
@@ -44,36 +44,36 @@ class Rest(NamedTuple):
     elements: tuple[int, ...] = ()
 
 
-class RestsAfter(NamedTuple):
+class RemovalEquilibria(NamedTuple):
     """Equilibrium after each member removal.
 
     tension : (losses + 1, m) [N] before any removal and after each, on rank 0; nan: no equilibrium was found
     """
 
-    rests: list[Rest]
+    rests: list[RemovalOutcome]
     tension: np.ndarray | None
 
 
 @dataclass
-class Search:
+class RemovalSearch:
     """Progress of the search for the equilibria after member removal.
 
-    best : the state in the last equilibrium, as of `committed`; total : iterations so far
+    best : the state in the last equilibrium, as of `save_state`; total : iterations so far
     rests : outcome after each removal so far; tension : before any and after each of them, (m,) [N] on rank 0
     """
 
     best: dict[str, np.ndarray]
     total: int = 0
-    rests: list[Rest] = field(default_factory=list)
+    rests: list[RemovalOutcome] = field(default_factory=list)
     tension: list[np.ndarray | None] = field(default_factory=list)
 
-    def record(self, scene: Scene) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self, scene: Problem) -> tuple[dict, dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
         distribution, is_owned = scene.distribution, scene.state.owned.astype(bool)
         gathered = {
             name: (
                 distribution.gather_particles(rows)
-                if name in OF_PARTICLES
+                if name in PARTICLE_FIELDS
                 else distribution.gather_elements(rows, is_owned)
             )
             for name, rows in self.best.items()
@@ -81,14 +81,14 @@ class Search:
         small = {"total": self.total, "rests": self.rests}
         return small, gathered | {"tension": np.array(self.tension)} if scene.model else {}
 
-    def restore(self, scene: Scene, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
+    def restore(self, scene: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         self.total = small["total"]
-        self.rests = [Rest(state, tuple(elements)) for state, elements in small["rests"]]
+        self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
         self.tension = list(arrays["tension"]) if scene.model else [None] * (1 + len(self.rests))
         distribution = scene.distribution
         self.best = {
-            name: (distribution.particles if name in OF_PARTICLES else distribution.elements)(
+            name: (distribution.particles if name in PARTICLE_FIELDS else distribution.elements)(
                 arrays and arrays[name]
             )
             for name in self.best
@@ -100,63 +100,63 @@ def required(job: Job) -> bool:
     return bool(job.removes and job.dynamics)
 
 
-def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the equilibrium after each member removal. Collective. Raises Interrupted if asked to stop.
 
-    The result is a `RestsAfter`, None if nothing is removed in time. Each search starts from the initial
-    state of the dynamic stage, with the removals so far. All constant loads and the mean wind act. The state
-    is restored at the end.
+    The result is a `RemovalEquilibria`, None if nothing is removed in time. Each search starts from the
+    initial state of the dynamic stage, with the removals so far. All constant loads and the mean wind act.
+    The state is restored at the end.
     """
-    losses = losses_now(scene)
-    if context.saver.is_past(NAME) or not losses:
+    losses = planned_removals(scene)
+    if context.saver.is_completed(NAME) or not losses:
         return Outcome()
     with context.phases.phase("statics"):
-        return Outcome(rests_after(scene, context, losses))
+        return Outcome(find_removal_equilibria(scene, context, losses))
 
 
-def losses_now(scene: Scene) -> list[Loss]:
+def planned_removals(scene: Problem) -> list[Loss]:
     """List the member removals of the dynamic stage, on every rank. Collective."""
     if not required(scene.job):
         return []
-    return scene.comm.bcast(scene.model and losses_of(scene.job, scene.model, scene.schedule))
+    return scene.comm.bcast(scene.model and make_removals(scene.job, scene.model, scene.schedule))
 
 
-def rests_after(scene: Scene, context: Desk, losses: list[Loss]) -> RestsAfter:
+def find_removal_equilibria(scene: Problem, context: RunContext, losses: list[Loss]) -> RemovalEquilibria:
     """Compute the result of `run`. Collective."""
     state, distribution, model = scene.state, scene.distribution, scene.model
-    loads = loads_after(model, losses) if model else [None] * (len(losses) + 1)
-    start, EA, broken = committed(state), state.EA.copy(), state.broken.copy()
-    unsupported = scene.comm.bcast(loose_after(model, losses, loads) if model else None)
+    loads = loads_after_removals(model, losses) if model else [None] * (len(losses) + 1)
+    start, EA, broken = save_state(state), state.EA.copy(), state.broken.copy()
+    unsupported = scene.comm.bcast(unsupported_after_removals(model, losses, loads) if model else None)
     reference = reference_force(scene, StaticLoad("loss", "", distribution.particles(loads[0])))
 
     def gather_owned(tension: np.ndarray) -> np.ndarray | None:
         return distribution.gather_elements(tension, state.owned.astype(bool))
 
-    search = Search(start, tension=[gather_owned(state.elements_now().N)])
-    resume = _taken_up(scene, context, search)
+    search = RemovalSearch(start, tension=[gather_owned(state.present_element_state().N)])
+    resume = _resume_search(scene, context, search)
     for k, (loss, is_loose, new_load) in enumerate(zip(losses, unsupported, loads[1:])):
         rows = rows_of(distribution.subdomain.element_gid, loss.elements)
         rows = rows[rows >= 0]
         state.EA[rows], state.broken[rows] = 0.0, 1  # removed, not slack
         if k < len(search.rests):
             continue
-        scene.finder.forget()
-        put_back(state, search.best)
+        scene.finder.reset_structure()
+        restore_saved(state, search.best)
         load = distribution.particles(new_load)
-        words = f"the net without {words_of(scene.job, loss)}"
-        tension, rest = np.full(state.m, np.nan), Rest("no_equilibrium")
+        words = f"the net without {removed_names(scene.job, loss)}"
+        tension, rest = np.full(state.m, np.nan), RemovalOutcome("no_equilibrium")
         lines = [f"no rest: a part of {words} is connected to no support"]
         if not is_loose:
             try:
-                load_case = StaticLoad("loss", words, load, 1.0, weights=own_weight(scene.job))
-                tension, rest, lines, iterations = _rest_under(
+                load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(scene.job))
+                tension, rest, lines, iterations = _removal_equilibrium(
                     scene, load_case, reference, context.stop, resume
                 )
                 search.total += iterations
-                search.best = committed(state) if rest.state == "equilibrium" else search.best
+                search.best = save_state(state) if rest.state == "equilibrium" else search.best
             except Paused as pause:
                 pause.at.x = pause.at.x.copy(order="K")  # a copy, since it may be the array of the state
-                put_back(state, start)
+                restore_saved(state, start)
                 state.EA[:], state.broken[:] = EA, broken
                 records = {NAME: search.record(scene)}
                 raise paused(scene, context, NAME, words, search.total, pause, records) from None
@@ -164,30 +164,32 @@ def rests_after(scene: Scene, context: Desk, losses: list[Loss]) -> RestsAfter:
         context.progress.say(*lines)
         search.rests.append(rest)
         search.tension.append(gather_owned(tension))
-    put_back(state, start)
+    restore_saved(state, start)
     state.EA[:], state.broken[:] = EA, broken
-    scene.finder.forget()
-    return RestsAfter(search.rests, np.array(search.tension) if model else None)
+    scene.finder.reset_structure()
+    return RemovalEquilibria(search.rests, np.array(search.tension) if model else None)
 
 
-def _taken_up(scene: Scene, context: Desk, search: Search) -> Relaxation | None:
+def _resume_search(scene: Problem, context: RunContext, search: RemovalSearch) -> Relaxation | None:
     """Restore a search that an earlier run was interrupted in; return its relaxation. Collective."""
     record = context.saver.taken_up(NAME)
     if record is None:
         return None
     search.restore(scene, *record)
-    return taken_up(scene.distribution, context.saver)
+    return resumed_relaxation(scene.distribution, context.saver)
 
 
-def _rest_under(
-    scene: Scene, load_case: StaticLoad, reference: float, stop, resume: Relaxation | None
-) -> tuple[np.ndarray, Rest, list[str], int]:
+def _removal_equilibrium(
+    scene: Problem, load_case: StaticLoad, reference: float, stop, resume: Relaxation | None
+) -> tuple[np.ndarray, RemovalOutcome, list[str], int]:
     """Find the equilibrium after a member removal. Collective.
 
     Returns the tensions (m,) [N] of this rank's elements, the outcome, messages, and iterations.
     """
     max_iterations = (
-        min(MOST_ITERATIONS, scene.job.load.max_iterations) if scene.job.load else MOST_ITERATIONS
+        min(MAX_REMOVAL_ITERATIONS, scene.job.load.max_iterations)
+        if scene.job.load
+        else MAX_REMOVAL_ITERATIONS
     )
     outcome = settle(scene, load_case, reference, stop, resume, max_iterations)
     equilibrium = outcome.equilibrium
@@ -195,13 +197,18 @@ def _rest_under(
         line = f"no rest: {load_case.words}: {outcome.reason}"
         if outcome.state == UNDECIDED:
             line = f"warning: {undecided(load_case.words, outcome)}"
-        return np.full_like(equilibrium.snapshot.N, np.nan), Rest(outcome.state), [line], MOST_ITERATIONS
+        return (
+            np.full_like(equilibrium.snapshot.N, np.nan),
+            RemovalOutcome(outcome.state),
+            [line],
+            MAX_REMOVAL_ITERATIONS,
+        )
     solution, N = equilibrium.solution, equilibrium.snapshot.N
     if solution.unstable_at >= 0:
         node = scene.comm.bcast(scene.model and scene.model.net.node_id[solution.unstable_at])
         line = f"no rest of {load_case.words}: not stable at node {node}"
-        return np.full_like(N, np.nan), Rest("unstable"), [line], solution.iterations
-    line = f"rest of {load_case.words}: {error_words(solution.displacement_error, solution.tension_error)}"
+        return np.full_like(N, np.nan), RemovalOutcome("unstable"), [line], solution.iterations
+    line = f"rest of {load_case.words}: {error_text(solution.displacement_error, solution.tension_error)}"
     remark = "" if solution.unstable_at == STABLE else ", whether it is stable could not be told"
     line += f", residual {solution.residual:.3g} N, slack {equilibrium.slack}{remark}"
 
@@ -216,12 +223,12 @@ def _rest_under(
     exceeded = equilibrium.at_limit.get("over_strength", ())
     warnings = force_balance_warnings([(f"rest of {load_case.words}", equilibrium.balance.unexplained)])
     if not exceeded:
-        return N, Rest("equilibrium"), [line, *warnings], solution.iterations
+        return N, RemovalOutcome("equilibrium"), [line, *warnings], solution.iterations
     line += f"; {SOMETHING_BREAKS}: {names_of(exceeded)}"
-    return N, Rest("breaks", exceeded), [line, *warnings], solution.iterations
+    return N, RemovalOutcome("breaks", exceeded), [line, *warnings], solution.iterations
 
 
-def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
+def loads_after_removals(model, losses: list[Loss]) -> list[np.ndarray]:
     """Compute the loads without gusts, (n, 3) [N], before any member removal and after each. Rank 0."""
     constant, wind, gid = model.load.copy(), None, np.arange(model.net.n)
     if model.loading.growing is not None:
@@ -236,14 +243,14 @@ def loads_after(model, losses: list[Loss]) -> list[np.ndarray]:
     for loss in losses:
         for values in (constant, wind):
             if values is not None:
-                loss.handed.move(values, gid)
+                loss.redistribution.move(values, gid)
                 values[loss.particles] = 0.0
         totals.append(total())
     return totals
 
 
-def loose_after(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
-    """Return after each removal whether a part of the net is unsupported; loads : of `loads_after`.
+def unsupported_after_removals(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
+    """Return after each removal whether a part of the net is unsupported; loads : of `loads_after_removals`.
 
     Rank 0.
     """
@@ -251,11 +258,11 @@ def loose_after(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool
     results = []
     for loss, load in zip(losses, loads[1:]):
         is_present[loss.elements], is_removed[loss.particles] = False, True
-        results.append(comes_loose(model.net, is_present, load, is_removed))
+        results.append(is_unsupported(model.net, is_present, load, is_removed))
     return results
 
 
-def words_of(job, loss: Loss) -> str:
+def removed_names(job, loss: Loss) -> str:
     """Return the name of the removed members as the job gives it."""
     names = []
     for k in loss.entries:
@@ -263,7 +270,7 @@ def words_of(job, loss: Loss) -> str:
         for key, value in (("element", entry.elements), ("cable", entry.cables)):
             if value is not None:
                 value = list(dict.fromkeys(value))
-                names.append(f"{key}{'s' * (len(value) > 1)} {listed(value)}")
+                names.append(f"{key}{'s' * (len(value) > 1)} {format_list(value)}")
         if entry.group is not None:
             names.append(f"group {entry.group}")
     return " and ".join(names)

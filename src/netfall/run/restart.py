@@ -6,8 +6,8 @@ from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import State
-from netfall.results.checkpoint import Checkpoint, kept_fields
-from netfall.results.saver import Saver
+from netfall.results.checkpoint import Checkpoint, checkpoint_fields
+from netfall.results.saver import CheckpointWriter
 from netfall.results.segments import find_segments
 from netfall.results.writer import Result
 
@@ -20,14 +20,14 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
     A fragment end goes to the rank that keeps its element, as in `fracture.split_particles`.
     """
     comm, n = distribution.comm, distribution.n
-    particles = kept_fields(state, "particle")
+    particles = checkpoint_fields(state, "particle")
     split = comm.bcast({f.name: checkpoint.particles[f.name][n:] for f in particles} if checkpoint else None)
     fragments = checkpoint and checkpoint.part(LOG)[1]["new_particle"]
     gid = comm.bcast(np.sort(fragments[fragments >= 0]) if checkpoint else None)
     for field in particles:
         rows = distribution.particles(checkpoint.particles[field.name][:n] if checkpoint else None)
         getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
-    for field in kept_fields(state, "element"):
+    for field in checkpoint_fields(state, "element"):
         rows = distribution.elements(checkpoint.elements[field.name] if checkpoint else None)
         getattr(state, field.name)[:] = rows
     if not state.features.fragments:
@@ -53,7 +53,7 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
             state.ends[e, end] = j
 
 
-def register_result(comm: MPI.Comm, result: Result, saver: Saver) -> None:
+def register_result(comm: MPI.Comm, result: Result, saver: CheckpointWriter) -> None:
     """Register the log of fractures and the segments of the result file, and restore them. Collective."""
 
     def restore_log(_: dict, events: dict[str, np.ndarray]) -> None:
@@ -66,7 +66,7 @@ def register_result(comm: MPI.Comm, result: Result, saver: Saver) -> None:
     saver.register(RESULT, lambda: (result.record(), {}), restore_result)
 
 
-def _restore(comm: MPI.Comm, result: Result, saver: Saver, record: dict) -> None:
+def _restore(comm: MPI.Comm, result: Result, saver: CheckpointWriter, record: dict) -> None:
     checkpoint = saver.checkpoint
     rows = comm.bcast(checkpoint and checkpoint.record["rows"])
 

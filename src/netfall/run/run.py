@@ -9,37 +9,37 @@ from pathlib import Path
 import numpy as np
 
 import netfall
-from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, Undecided
+from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, UndecidedError
 from netfall.core.progress import Progress
-from netfall.core.stop import NEVER, StopRequest
-from netfall.core.timings import Phases
+from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.timings import PhaseTimes
 from netfall.explicit.energy import take_snapshot
-from netfall.job.cache import FORGETFUL, Memory
-from netfall.job.derived import carries_permanent, settings_of
+from netfall.job.cache import NO_CACHE, ResultCache
+from netfall.job.derived import carries_permanent, load_settings
 from netfall.job.job import Job
-from netfall.loads.loads import load_section
+from netfall.loads.loads import load_datasets
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.physics.events import EventLog
 from netfall.results.checkpoint import Checkpoint
 from netfall.results.h5 import check_one_folder
-from netfall.results.locks import check_place, claim, followed, release
-from netfall.results.saver import Saver
+from netfall.results.locks import check_output_path, lock_output, release, resolve_link
+from netfall.results.saver import CheckpointWriter
 from netfall.results.warning_text import force_balance_warnings
 from netfall.results.writer import Result, net_section, slide_section
 from netfall.run import dynamics, modes, removed_equilibria, statics
-from netfall.run.messages.run import after_run, before_run, in_form
-from netfall.run.problem import BuildUp, Desk, Outcome, Scene
-from netfall.run.provenance import how_it_writes, provenance_of
+from netfall.run.messages.run import form_found_model, report_outcome, report_problem
+from netfall.run.problem import BuildUp, Outcome, Problem, RunContext
+from netfall.run.provenance import library_text, provenance_values
 from netfall.run.ranks import ranks_notes
 from netfall.run.restart import register_result, restore_state
-from netfall.run.setup import prepare
-from netfall.run.static_outcome import NONE, UNDECIDED
+from netfall.run.setup import prepare_scene
+from netfall.run.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.statics.form.initial import FORM, INITIAL, initial_record
-from netfall.statics.reactions import Balance, balance_in_form
+from netfall.statics.reactions import Balance, compute_form_balance
 
 STAGES = (statics, removed_equilibria, modes, dynamics)
-NAMES = (FORM, *(stage.NAME for stage in STAGES))
+STAGE_NAMES = (FORM, *(stage.NAME for stage in STAGES))
 
 
 def run_job(
@@ -48,7 +48,7 @@ def run_job(
     path: Path,
     progress: Progress,
     restart: Path | None = None,
-    stop: StopRequest = NEVER,
+    stop: StopFlag = NEVER_STOP,
     profile: bool = False,
 ) -> None:
     """Run the stages that the job has and write the result file. Collective.
@@ -58,52 +58,56 @@ def run_job(
     Raises InputError before anything is computed or written, DivergedError if a stage has no solution,
     Interrupted after a checkpoint if `stop` requests it.
     """
-    phases = Phases(profile)
-    path = comm.bcast(followed(path))
-    lock = on_root(comm, lambda: (check_place(path), claim(path))[1])
+    phases = PhaseTimes(profile)
+    path = comm.bcast(resolve_link(path))
+    lock = on_root(comm, lambda: (check_output_path(path), lock_output(path))[1])
     try:
         check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
-        progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {how_it_writes()}")
+        progress.say(f"netfall {netfall.__version__}: {job.title or job.name}, {ranks}, {library_text()}")
 
         def report(iteration: int, residual: float) -> None:
-            progress.detail(f"form finding: iteration {iteration}, largest residual {residual:.3g} N")
+            progress.verbose_message(
+                f"form finding: iteration {iteration}, largest residual {residual:.3g} N"
+            )
 
-        scene, checkpoint = prepare(comm, job, phases, report, path, restart, stop)
-        before_run(scene, progress)
+        scene, checkpoint = prepare_scene(comm, job, phases, report, path, restart, stop)
+        report_problem(scene, progress)
         progress.say(*ranks_notes(scene))
-        context = desk_for(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
+        context = make_context(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
         outcomes = run_stages(scene, context)
         progress.end()
-        after_run(scene, context, outcomes, path)
+        report_outcome(scene, context, outcomes, path)
         raise_failure(context, outcomes)
     finally:
         if lock:
             release(lock)
 
 
-def desk_for(
-    scene: Scene,
+def make_context(
+    scene: Problem,
     path: Path | None,
     progress: Progress,
-    phases: Phases,
-    stop: StopRequest = NEVER,
-    memory: Memory = FORGETFUL,
+    phases: PhaseTimes,
+    stop: StopFlag = NEVER_STOP,
+    memory: ResultCache = NO_CACHE,
     given: Path | None = None,
     checkpoint: Checkpoint | None = None,
-) -> Desk:
+) -> RunContext:
     """Return the run context, with the parts of a resumed run. Collective.
 
     path : of the result file, None: none is written
     given : the checkpoint to resume; checkpoint : its contents, on rank 0
     """
     log, net, job = EventLog(scene.distribution.n), scene.model and scene.model.net, scene.job
-    result = Result(scene.comm, path, scene.distribution, net, log) if path else Unwritten(scene.comm)
-    saver = Saver(scene.comm, result, job.title or job.name, scene.digest, NAMES, given, checkpoint)
-    return Desk(log, result, saver, progress, phases, stop, memory)
+    result = Result(scene.comm, path, scene.distribution, net, log) if path else NullResult(scene.comm)
+    saver = CheckpointWriter(
+        scene.comm, result, job.title or job.name, scene.digest, STAGE_NAMES, given, checkpoint
+    )
+    return RunContext(log, result, saver, progress, phases, stop, memory)
 
 
-class Unwritten:
+class NullResult:
     """A result with the interface of `result.Result` that discards everything."""
 
     kept = False
@@ -118,7 +122,7 @@ class Unwritten:
     write_envelope = write_final = close = discard = discard_all = discard_after = _nothing
 
 
-def run_stages(scene: Scene, context: Desk) -> dict[str, Outcome]:
+def run_stages(scene: Problem, context: RunContext) -> dict[str, Outcome]:
     """Run the stages after form finding and write the result file. Return the outcomes by name. Collective.
 
     The last outcome may have a `failure`: the file then contains the results until there.
@@ -126,7 +130,7 @@ def run_stages(scene: Scene, context: Desk) -> dict[str, Outcome]:
     outcomes = {FORM: of_form(scene)}
     try:
         context.progress.say(*outcomes[FORM].lines)
-        take_up(scene, context)
+        register_state(scene, context)
         for stage in STAGES:
             if stage.required(scene.job) and not scene.failure:
                 outcomes[stage.NAME] = stage.run(scene, context, outcomes)
@@ -137,7 +141,7 @@ def run_stages(scene: Scene, context: Desk) -> dict[str, Outcome]:
             snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
             context.result.write_frame(0.0, scene.state, snapshot)
             context.result.write_final(scene.state, snapshot)
-        provenance = provenance_of(scene) if context.result.kept else {}
+        provenance = provenance_values(scene) if context.result.kept else {}
         sections, attributes, labels = (
             {name: value for outcome in outcomes.values() for name, value in getattr(outcome, kind).items()}
             for kind in ("sections", "attributes", "labels")
@@ -147,65 +151,69 @@ def run_stages(scene: Scene, context: Desk) -> dict[str, Outcome]:
     except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same
         context.result.file.discard_all()
         if isinstance(error, DivergedError):
-            error = context.saver.naming_the_last(error)
+            error = context.saver.with_last_checkpoint(error)
         raise error from None
     except OutputError as error:
         context.result.discard_after(error, bool(context.saver.kept or context.saver.given))
-        raise context.saver.naming_the_last(error) from None
+        raise context.saver.with_last_checkpoint(error) from None
     except BaseException:
         context.result.file.discard()
         raise
     return outcomes
 
 
-def raise_failure(context: Desk, outcomes: dict[str, Outcome]) -> None:
+def raise_failure(context: RunContext, outcomes: dict[str, Outcome]) -> None:
     """Raise the failure of the stage at which a run ended, if there is one. The result file is complete."""
     for outcome in outcomes.values():
         if outcome.failure:
-            raise context.saver.naming_the_last(outcome.failure)
+            raise context.saver.with_last_checkpoint(outcome.failure)
 
 
-def take_up(scene: Scene, context: Desk) -> None:
+def register_state(scene: Problem, context: RunContext) -> None:
     """Register the states that belong to no stage, and restore those of a resumed run. Collective."""
     if context.saver.given:
         context.progress.say(f"going on from {context.saver.given}")
     built = scene.build_up or BuildUp(scene.model)
     for name, record in {INITIAL: initial_record(scene.form, built.base), **built.records}.items():
-        # `prepare` has restored the record of a resumed run.
+        # `prepare_scene` has restored the record of a resumed run.
         context.saver.register(name, lambda record=record: record, lambda *_: None)
     register_result(scene.comm, context.result, context.saver)
     if context.saver.stage not in (None, FORM):
         restore_state(scene.distribution, scene.state, context.saver.checkpoint)
 
 
-def of_form(scene: Scene) -> Outcome:
+def of_form(scene: Problem) -> Outcome:
     """Return the outcome of form finding, targets and stages of erection."""
     built, failure, notes = scene.build_up or BuildUp(scene.model), scene.failure, []
-    balance = balance_of_form(scene) if scene.model and scene.form else None
+    balance = form_balance(scene) if scene.model and scene.form else None
     if balance and "form_finding" not in built.labels:
         notes = force_balance_warnings([("form", balance.unexplained)])
-    attributes = {"exit_state": UNDECIDED if isinstance(failure, Undecided) else NONE} if failure else {}
+    attributes = (
+        {"exit_state": UNDECIDED if isinstance(failure, UndecidedError) else NO_EQUILIBRIUM}
+        if failure
+        else {}
+    )
     labels = built.labels if scene.model else {}
     return Outcome(None, notes, initial_sections(scene, built, balance), attributes, labels, failure)
 
 
-def balance_of_form(scene: Scene) -> Balance:
+def form_balance(scene: Problem) -> Balance:
     """Compute the balance of the form under its load. Rank 0."""
-    model, tolerance = in_form(scene), settings_of(scene.job).tolerance
+    model, tolerance = form_found_model(scene), load_settings(scene.job).tolerance
     if scene.job.form_finding:
         tolerance = max(tolerance, scene.job.form_finding.tolerance)
     load = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
-    return balance_in_form(model, load, scene.residual, tolerance)
+    return compute_form_balance(model, load, scene.residual, tolerance)
 
 
-def initial_sections(scene: Scene, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
+def initial_sections(scene: Problem, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
     """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
     model, form = scene.model, scene.form
     if model is None:
         return {}
     net = replace(model.net, density=build_up.base.net.density)  # erection sets 0 for removed elements
     sections = {"net": net_section(net, model.roof, model.cut_length)}
-    sections["load"] = load_section(scene.job, model.roof.zones)
+    sections["load"] = load_datasets(scene.job, model.roof.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
     if model.layout.slides:

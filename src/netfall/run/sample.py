@@ -7,35 +7,40 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, InputError, NoRest, OutputError, Undecided
+from netfall.core.errors import DivergedError, InputError, NoEquilibriumError, OutputError, UndecidedError
 from netfall.core.progress import Progress
-from netfall.core.timings import Phases
-from netfall.geometry.connected_parts import part_has, parts_of
+from netfall.core.timings import PhaseTimes
+from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import Net
-from netfall.job.cache import Memory
+from netfall.job.cache import ResultCache
 from netfall.job.job import Job
-from netfall.model.distribution import crushing_strain
+from netfall.model.distribution import compressive_fracture_strain
 from netfall.model.model import Model
 from netfall.parallel.agree import on_root
 from netfall.parallel.mpi import MPI
 from netfall.results.h5 import check_one_folder
-from netfall.results.locks import check_place
+from netfall.results.locks import check_output_path
 from netfall.results.outcomes import NOTHING
-from netfall.results.removal_text import states_of_rest, telling_factor, tension_ratios, worst_rest
+from netfall.results.removal_text import (
+    removal_states,
+    significant_dynamic_factors,
+    tension_ratios,
+    worst_removal_state,
+)
 from netfall.results.writer import net_section
 from netfall.run import dynamics, statics
-from netfall.run.extremes import Extremes, Watched, extremes_of_motion
-from netfall.run.problem import Scene
-from netfall.run.run import desk_for, raise_failure, run_stages
-from netfall.run.setup import prepare
-from netfall.run.static_outcome import NONE, UNDECIDED
+from netfall.run.extremes import EquilibriumExtremes, Extremes, extremes_of_motion
+from netfall.run.problem import Problem
+from netfall.run.run import make_context, raise_failure, run_stages
+from netfall.run.setup import prepare_scene
+from netfall.run.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 
 
-def run_member(
+def run_sample(
     comm: MPI.Comm,
     read: Callable[[], Job],
     path: Path | None,
-    memory: Memory,
+    memory: ResultCache,
     profile: bool = False,
     depth: float | None = None,
 ) -> dict | None:
@@ -49,13 +54,13 @@ def run_member(
     """
     begin = time.perf_counter()
     try:
-        outcome = _outcome(comm, read(), path, memory, Phases(profile), depth)
+        outcome = _run_outcomes(comm, read(), path, memory, PhaseTimes(profile), depth)
         outcomes = (outcome or {}) | {"exit_code": 0}
         outcomes["state"] = outcomes.get("state") or "finished"
-    except NoRest as error:  # the structure fails under the mean wind
+    except NoEquilibriumError as error:  # the structure fails under the mean wind
         outcomes = _ended("no_rest", error) | {"first_fracture": 0.0, "roof_lost": 1.0, "sunk_area": 1.0}
     except DivergedError as error:
-        outcomes = _ended("undecided" if isinstance(error, Undecided) else "diverged", error)
+        outcomes = _ended("undecided" if isinstance(error, UndecidedError) else "diverged", error)
     except (InputError, OutputError) as error:
         if isinstance(error, OutputError) and not getattr(error, "on_every_rank", comm.size == 1):
             raise
@@ -69,17 +74,17 @@ def _ended(state: str, error: Exception) -> dict:
     return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
 
 
-def _outcome(
-    comm: MPI.Comm, job: Job, path: Path | None, memory: Memory, phases: Phases, depth: float | None
+def _run_outcomes(
+    comm: MPI.Comm, job: Job, path: Path | None, memory: ResultCache, phases: PhaseTimes, depth: float | None
 ) -> dict | None:
     """Run the stages. Return the outcomes on rank 0. Collective."""
     if path:
-        on_root(comm, lambda: check_place(path))
+        on_root(comm, lambda: check_output_path(path))
         check_one_folder(comm, path)
-    scene = prepare(comm, job, phases, memory=memory)[0]
-    context, watched = desk_for(scene, path, Progress(False), phases, memory=memory), None
+    scene = prepare_scene(comm, job, phases, memory=memory)[0]
+    context, watched = make_context(scene, path, Progress(False), phases, memory=memory), None
     if job.dynamics is None:
-        watched = Watched(scene.distribution)
+        watched = EquilibriumExtremes(scene.distribution)
         context = replace(context, watch=watched.take_in)
     try:
         outcomes = run_stages(scene, context)
@@ -90,17 +95,19 @@ def _outcome(
         raise
     scene.halo.free()
     if watched:
-        measured = _of_equilibria(scene, watched.extremes(scene.state), outcomes[statics.NAME].result, depth)
+        measured = _static_outcomes(
+            scene, watched.extremes(scene.state), outcomes[statics.NAME].result, depth
+        )
         return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
     extremes = extremes_of_motion(scene, simulation)
     if comm.rank > 0:
         return None
-    run_outcomes = NOTHING | _of_motion(scene.model, simulation, extremes, depth)
+    run_outcomes = NOTHING | _dynamic_outcomes(scene.model, simulation, extremes, depth)
     return run_outcomes | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
-def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, depth: float | None):
+def _static_outcomes(scene: Problem, extremes: Extremes, path: statics.StaticPath, depth: float | None):
     """Return the outcomes of a run without a dynamic stage, on rank 0.
 
     If a case has no equilibrium, the state is "no_rest" or "undecided".
@@ -111,11 +118,14 @@ def _of_equilibria(scene: Scene, extremes: Extremes, path: statics.StaticPath, d
     groups = path.labels.items()
     reasons = {
         state: [f"{group}: {label['reason']}" for group, label in groups if label["state"] == state]
-        for state in (NONE, UNDECIDED)
+        for state in (NO_EQUILIBRIUM, UNDECIDED)
     }
     if any(reasons.values()) or path.failed:
-        state = "no_rest" if reasons[NONE] else "undecided"
-        outcomes |= {"state": state, "reason": path.failed or "; ".join(reasons[NONE] or reasons[UNDECIDED])}
+        state = "no_rest" if reasons[NO_EQUILIBRIUM] else "undecided"
+        outcomes |= {
+            "state": state,
+            "reason": path.failed or "; ".join(reasons[NO_EQUILIBRIUM] or reasons[UNDECIDED]),
+        }
     return outcomes | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model, extremes)}
 
 
@@ -134,7 +144,7 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
     return outcomes
 
 
-def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
+def _dynamic_outcomes(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
     """Return the outcomes of a dynamic stage that ran to its end. depth : [m] of `sunk_area`. Rank 0."""
     net, log, area = model.net, simulation.log, model.roof.area
     removal = simulation.removal.columns() if simulation.removal else None
@@ -160,8 +170,8 @@ def _of_motion(model: Model, simulation, extremes: Extremes, depth: float | None
         extremes = extremes._replace(tension=highest)
         outcomes |= _largest(net, removal, "tension_ratio", tension_ratios)
         if not len(log):  # after fractures the dynamic factor refers to another net
-            outcomes |= _largest(net, removal, "dynamic_factor", telling_factor)
-        outcomes["rest_after_loss"] = worst_rest(states_of_rest(removal))
+            outcomes |= _largest(net, removal, "dynamic_factor", significant_dynamic_factors)
+        outcomes["rest_after_loss"] = worst_removal_state(removal_states(removal))
         outcomes["gusts"] = int(model.wind_field is not None and model.wind_field.varies)
     outcomes |= {"roof_lost": roof_lost(net, area, failed), "utilisation_before_break": used}
     return outcomes | _of_net(net, area, extremes, depth)
@@ -174,17 +184,19 @@ def utilisation(model: Model, extremes: Extremes) -> float:
     """
     strain, breakable = extremes.strain, np.isfinite(model.eps_u)
     if model.net.buckling is not None:
-        strain = np.fmax(strain, np.where(np.isfinite(crushing_strain(model)), extremes.compressed, 0.0))
+        strain = np.fmax(
+            strain, np.where(np.isfinite(compressive_fracture_strain(model)), extremes.compressed, 0.0)
+        )
     return float(np.max(strain[breakable] / model.eps_u[breakable])) if breakable.any() else np.nan
 
 
-def net_of(comm: MPI.Comm, read: Callable[[], Job], memory: Memory) -> dict[str, np.ndarray] | None:
+def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> dict[str, np.ndarray] | None:
     """Return the datasets of /net in a study file for a job in its form, on rank 0. Collective.
 
     None if the job has no form.
     """
     try:
-        scene = prepare(comm, read(), Phases(), memory=memory)[0]
+        scene = prepare_scene(comm, read(), PhaseTimes(), memory=memory)[0]
     except (InputError, DivergedError):
         return None
     scene.halo.free()
@@ -215,6 +227,6 @@ def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
 
     gone : (m,) bool, elements that broke or were removed; nan: there is no roof
     """
-    label = parts_of(net.elements[net.is_there & ~gone], net.n)
+    label = connected_parts(net.elements[net.is_there & ~gone], net.n)
     total = float(area.sum())
-    return float(area[~part_has(label, net.held.any(1))].sum()) / total if total > 0.0 else np.nan
+    return float(area[~part_contains(label, net.held.any(1))].sum()) / total if total > 0.0 else np.nan

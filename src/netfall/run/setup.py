@@ -7,48 +7,48 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.stop import NEVER, StopRequest
-from netfall.core.timings import Phases
-from netfall.job.cache import FORGETFUL, OF_SPEED, Memory, key_of
+from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.timings import PhaseTimes
+from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.distribution import make_state
-from netfall.model.layout import features_of, layout_digest, make_layout
+from netfall.model.layout import layout_digest, make_features, make_layout
 from netfall.model.model import make_model
-from netfall.model.schedule import schedule_of, step_limits, with_slips
+from netfall.model.schedule import scale_limits_for_slip, schedule_job, step_limits
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.physics.law.measures import warm_length
-from netfall.physics.slip.law import set_strands
+from netfall.parallel.subdomain import Distribution, split_net
+from netfall.physics.law.measures import heated_length
+from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.stability import Limit
 from netfall.results.checkpoint import Checkpoint
-from netfall.run.permanent_state import built_up
-from netfall.run.problem import Scene, let_slip
+from netfall.run.permanent_state import solve_initial_state
+from netfall.run.problem import Problem, set_up_slip
 from netfall.run.step_limit import assembled_limit
-from netfall.statics.form.initial import INITIAL, form_of, kept_form
+from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form
 from netfall.statics.relaxation import state_residual
-from netfall.statics.solver import Finder
+from netfall.statics.solver import EquilibriumFinder
 
 # Number of elements up to which each run computes the sharp step limit (10 ms for a stadium, 0.5 s at this
 # number). Above it, a run does so only if a fixed time step exceeds the simple limit.
-LARGEST_SHARP = 50_000
+MAX_SHARP_LIMIT_ELEMENTS = 50_000
 
 
-def prepare(
+def prepare_scene(
     comm: MPI.Comm,
     job: Job,
-    phases: Phases,
+    phases: PhaseTimes,
     report: Callable = lambda iteration, residual: None,
     result: Path | None = None,
     restart: Path | None = None,
-    stop: StopRequest = NEVER,
-    memory: Memory = FORGETFUL,
-) -> tuple[Scene, Checkpoint | None]:
+    stop: StopFlag = NEVER_STOP,
+    memory: ResultCache = NO_CACHE,
+) -> tuple[Problem, Checkpoint | None]:
     """Return the job in its initial state (form, prestress, load), and on rank 0 the checkpoint. Collective.
 
-    If targets are not met or a stage of erection has no equilibrium, `Scene.failure` is set. The scene then
+    If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The scene then
     has no limits and no schedule.
     result : path of the result file, next to which an interrupted form finding leaves a checkpoint
     restart : the checkpoint to resume; memory : cache of earlier runs
@@ -57,23 +57,23 @@ def prepare(
     Interrupted if `stop` requests it.
     """
     with phases.phase("net and partition"):
-        layout, features, distribution, halo = _split(comm, job, memory)
+        layout, features, distribution, halo = _distribute(comm, job, memory)
     net = layout and layout.net
     digest = comm.bcast(layout_digest(job, net) if layout else None)
     checkpoint = on_root(comm, lambda: Checkpoint(restart, digest)) if restart else None
     has_form = comm.bcast(checkpoint and INITIAL in checkpoint.record["parts"])  # form finding was complete
     with phases.phase("form finding"):
         if has_form:
-            form, x, N = kept_form(comm, job, checkpoint)
+            form, x, N = restored_form(comm, job, checkpoint)
         elif job.form_finding is not None:
 
             def find_form() -> tuple:
-                return form_of(
+                return find_initial_form(
                     job, layout, distribution, halo, report, result, digest, restart, checkpoint, stop
                 )
 
-            key = comm.bcast(key_of(job, without=OF_SPEED) if layout else None)
-            form, x, N = memory.once("form", key, find_form)
+            key = comm.bcast(cache_key(job, without=WIND_SPEED_KEYS) if layout else None)
+            form, x, N = memory.get_or_compute("form", key, find_form)
         else:
             form, x, N = None, layout and net.x, None
         model = on_root(comm, lambda: make_model(job, layout, x, N, memory))
@@ -86,42 +86,42 @@ def prepare(
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
             _check_form(job, max(form.reference, reference), residual)
-    finder = Finder(comm, halo, distribution, state)
-    scene = Scene(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
+    finder = EquilibriumFinder(comm, halo, distribution, state)
+    scene = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
-            scene = built_up(scene, result, restart, checkpoint, stop)
+            scene = solve_initial_state(scene, result, restart, checkpoint, stop)
     if scene.failure:
         return scene, checkpoint
     with phases.phase("state"):
-        let_slip(scene)
+        set_up_slip(scene)
         if job.load and job.load.temperature:
             if model := scene.model:
-                L0 = warm_length(model.cut_length, model.net.expansion, job.load.temperature)
+                L0 = heated_length(model.cut_length, model.net.expansion, job.load.temperature)
                 scene = replace(scene, model=replace(model, L0=L0))
-            set_strands(scene.state, distribution.elements(scene.model and scene.model.L0))
+            set_slipless_lengths(scene.state, distribution.elements(scene.model and scene.model.L0))
         if job.stages:
-            scene = replace(scene, build_up=replace(scene.build_up, left=_left(scene)))
-        limits = _limits(scene)
-        schedule = job.dynamics and on_root(comm, lambda: schedule_of(job, limits, scene.model))
+            scene = replace(scene, build_up=replace(scene.build_up, left=_residual_after_erection(scene)))
+        limits = _step_limits(scene)
+        schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, scene.model))
         return replace(scene, limits=limits, schedule=comm.bcast(schedule)), checkpoint
 
 
-def _left(scene: Scene) -> tuple[float, float]:
+def _residual_after_erection(scene: Problem) -> tuple[float, float]:
     """Return the largest residual and tension [N] under [load] after the last stage. Collective."""
     state, comm = scene.state, scene.comm
     load = scene.distribution.particles(scene.model and scene.model.load)
-    largest = comm.allreduce(float(np.abs(state.elements_now().N).max(initial=0.0)), MPI.MAX)
+    largest = comm.allreduce(float(np.abs(state.present_element_state().N).max(initial=0.0)), MPI.MAX)
     return state_residual(comm, state, load), largest
 
 
-def _split(comm: MPI.Comm, job: Job, memory: Memory) -> tuple:
+def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple:
     """Return the layout of the net, on rank 0, its features, and its parts on the ranks. Collective."""
     layout = on_root(comm, lambda: make_layout(job, comm.size, memory))
     net = layout and layout.net
-    n, m, features = comm.bcast(layout and (net.n, net.m, features_of(job, net, layout.slides)))
+    n, m, features = comm.bcast(layout and (net.n, net.m, make_features(job, net, layout.slides)))
     joints = [layout.chains.particles] if layout and layout.chains else []
-    cut = on_root(comm, lambda: cut_net(n, net.elements, layout.part, comm.size, *joints))
+    cut = on_root(comm, lambda: split_net(n, net.elements, layout.part, comm.size, *joints))
     distribution = Distribution(comm, n, m, cut)
     return layout, features, distribution, Halo(comm, distribution.subdomain, 3)
 
@@ -136,16 +136,16 @@ def _check_form(job: Job, reference: float, residual: float) -> None:
         )
 
 
-def _limits(scene: Scene) -> dict[str, Limit]:
+def _step_limits(scene: Problem) -> dict[str, Limit]:
     """Compute the time step limits by name. Collective."""
     comm, job, model, distribution = scene.comm, scene.job, scene.model, scene.distribution
     share = job.dynamics.fragment_mass if job.dynamics else 0.0
     limits = comm.bcast(step_limits(model, scene.state.features, share) if model else None)
     time_step = job.dynamics.time_step if job.dynamics else "auto"
-    needs_sharp = distribution.m <= LARGEST_SHARP or (
+    needs_sharp = distribution.m <= MAX_SHARP_LIMIT_ELEMENTS or (
         time_step != "auto" and time_step > limits["any_shape"].dt
     )
     if job.dynamics and needs_sharp:
         element_gid = distribution.subdomain.element_gid
         limits["assembled"] = assembled_limit(comm, scene.state, element_gid, scene.halo)
-    return with_slips(limits) if scene.state.features.sliding else limits
+    return scale_limits_for_slip(limits) if scene.state.features.sliding else limits

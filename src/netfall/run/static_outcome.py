@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.explicit.energy import Snapshot
-from netfall.job.derived import load_steps, rests_at_loss, rests_in_wind
+from netfall.job.derived import load_steps, starts_in_mean_wind, starts_loaded_for_removal
 from netfall.job.job import Job
 from netfall.model.actions import ALL_LOADS, StaticLoad
 from netfall.results.warning_text import AT_LIMIT, MOST_MARKED, limit_point_warning
@@ -13,9 +13,9 @@ from netfall.statics.limit_point import LimitPoint
 from netfall.statics.newton import Solution
 from netfall.statics.reactions import Balance
 
-EQUILIBRIUM, NONE, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
+EQUILIBRIUM, NO_EQUILIBRIUM, UNSTABLE = "equilibrium", "no_equilibrium", "unstable"
 UNDECIDED = "undecided"  # the search ended without a decision: an equilibrium may exist
-MOST_NAMED = 100  # elements listed at a limit
+MAX_LISTED_ELEMENTS = 100  # elements listed at a limit
 
 
 class Equilibrium(NamedTuple):
@@ -46,7 +46,7 @@ class StaticOutcome(NamedTuple):
 
     state : "equilibrium"; "unstable": one in which compressed bars buckle; "no_equilibrium"; or "undecided"
     load_factor : reached, see `StaticLoad.factor`; nan: not known
-    reason : text, ""; elements : global numbers at the limit, at most `MOST_NAMED`
+    reason : text, ""; elements : global numbers at the limit, at most `MAX_LISTED_ELEMENTS`
     equilibrium : that under `load_factor`; if none was found, the state before the search
     limit : the first limit point on the way, None: there is none; its share counts from the start of the load
     """
@@ -61,7 +61,7 @@ class StaticOutcome(NamedTuple):
     @property
     def carries(self) -> bool:
         """Return whether an equilibrium was found under the whole load."""
-        return self.state not in (NONE, UNDECIDED)
+        return self.state not in (NO_EQUILIBRIUM, UNDECIDED)
 
     def labels(self) -> dict:
         """Return the attributes of its group of the file, elements by their global numbers."""
@@ -78,7 +78,7 @@ def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) ->
     return limit_point_warning(load_case.words, place, node if limit.particle >= 0 else None, limit.jump)
 
 
-def by_ids(labels: dict, element_id: np.ndarray) -> dict:
+def with_element_ids(labels: dict, element_id: np.ndarray) -> dict:
     """Replace global numbers of elements by their ids (m,) in attributes of `StaticOutcome.labels`."""
     names = [name for name in ("elements", *AT_LIMIT) if name in labels]
     return labels | {name: element_id[list(labels[name])] for name in names}
@@ -101,11 +101,11 @@ def undecided(words: str, outcome: StaticOutcome) -> str:
     """
     factor = outcome.load_factor
     up_to = f"; an equilibrium was found up to load factor {factor:.4g}" if factor > 0.0 else ""
-    return f"{words}: undecided: {outcome.reason}{up_to}. {NOT_A_PROOF} {WHAT_TO_DO}"
+    return f"{words}: undecided: {outcome.reason}{up_to}. {UNDECIDED_NOTE} {UNDECIDED_REMEDY}"
 
 
-NOT_A_PROOF = "This does not show that the load cannot be carried."
-WHAT_TO_DO = (
+UNDECIDED_NOTE = "This does not show that the load cannot be carried."
+UNDECIDED_REMEDY = (
     "Raise [load] max_iterations, apply the load in more steps, or give coordinates nearer to the equilibrium"
 )
 
@@ -114,8 +114,8 @@ def _advice(job: Job, load_case: StaticLoad) -> str:
     if load_case.kind == "case" or load_case.kind == "rest":
         return f": there is no equilibrium under {'it' if load_case.words != ALL_LOADS else 'them'}"
     keys = ["[load] steps = 0"] * bool(load_steps(job))
-    keys += ['[wind] onset = "sudden"'] * rests_in_wind(job)
-    at_once = job.dynamics and not job.cases and not rests_at_loss(job)
+    keys += ['[wind] onset = "sudden"'] * starts_in_mean_wind(job)
+    at_once = job.dynamics and not job.cases and not starts_loaded_for_removal(job)
     return ": there is no static equilibrium to start from; lower the load" + (
         f", or set {' and '.join(keys)} to let it act at once in the dynamic stage" if at_once else ""
     )

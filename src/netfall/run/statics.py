@@ -12,45 +12,51 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, NoRest, Undecided
+from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
-from netfall.core.stop import NEVER
-from netfall.job.cache import key_of
-from netfall.job.derived import has_statics, load_steps, rests_at_loss, rests_in_wind, settings_of
+from netfall.core.stop import NEVER_STOP
+from netfall.job.cache import cache_key
+from netfall.job.derived import (
+    has_statics,
+    load_settings,
+    load_steps,
+    starts_in_mean_wind,
+    starts_loaded_for_removal,
+)
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
-from netfall.physics.slip.law import set_strands
+from netfall.physics.slip.law import set_slipless_lengths
 from netfall.results import warning_text
-from netfall.results.writer import texts
+from netfall.results.writer import text_dataset
 from netfall.run.equilibrium import (
     APART,
-    committed,
+    apply_actions,
     paused,
-    put_back,
     reference_force,
-    set_net,
+    restore_saved,
+    resumed_relaxation,
+    save_state,
     settle,
-    taken_up,
 )
 from netfall.run.load_sequence import equilibria, loaded
-from netfall.run.problem import Desk, Outcome, Scene
+from netfall.run.problem import Outcome, Problem, RunContext
 from netfall.run.static_outcome import (
     EQUILIBRIUM,
-    NONE,
-    NOT_A_PROOF,
+    NO_EQUILIBRIUM,
     UNDECIDED,
-    WHAT_TO_DO,
+    UNDECIDED_NOTE,
+    UNDECIDED_REMEDY,
     StaticOutcome,
-    by_ids,
     limit_warning,
     no_equilibrium,
+    with_element_ids,
 )
 from netfall.statics.at_limit import largest_torsion
 from netfall.statics.newton import STABLE, UNKNOWN
 from netfall.statics.relaxation import Paused, Relaxation
 
 # entries of `Equilibrium.numbers` and `keep` that serve messages and are not written
-OF_LINES = ("moved", "torsion", "stopped", "rounding", "unexplained")
+MESSAGE_NUMBERS = ("moved", "torsion", "stopped", "rounding", "unexplained")
 
 
 @dataclass
@@ -58,7 +64,8 @@ class StaticPath:
     """Equilibria found so far.
 
     reference : [N], of the tolerance; done : number of equilibria; total : iterations for all of these
-    steps : load_factor, `Equilibrium.numbers` and `farthest` of the permanent loads, then of each load step
+    steps : load_factor, `Equilibrium.numbers` and `most_displaced_particle` of the permanent loads, then of
+        each load step
     cases : the same by name; rest : the same for the final equilibrium, once found
     labels : attributes of the groups of the file; failed : why the run cannot continue, or ""
     undecided : whether that is a search that ended without a decision
@@ -93,44 +100,48 @@ def required(job: Job) -> bool:
     return has_statics(job)
 
 
-def run(scene: Scene, context: Desk, outcomes: dict) -> Outcome:
+def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the equilibria that the job needs, or resume an interrupted run. Collective."""
     path, saver, steps = StaticPath(), context.saver, load_steps(scene.job)
     saver.register(NAME, path.record, path.restore)
-    if saver.is_past(NAME):
+    if saver.is_completed(NAME):
         return Outcome(path, sections=sections(path), labels=group_labels(path, scene))
     if steps:
         context.progress.say(f"statics: {steps} load steps")
     with context.phases.phase(NAME):
         try:
             if saver.stage == NAME:
-                find_equilibria(scene, context, path, taken_up(scene.distribution, saver))
+                find_equilibria(scene, context, path, resumed_relaxation(scene.distribution, saver))
             else:
-                find_or_recall(scene, context, path)
+                find_or_reuse_equilibria(scene, context, path)
         except Paused as pause:
             name = equilibria(scene)[path.done].each.words
             raise paused(scene, context, NAME, name, path.total, pause) from None
-    attributes = {} if not path.failed else {"exit_state": failed_as(path)}
+    attributes = {} if not path.failed else {"exit_state": failure_state(path)}
     labels = group_labels(path, scene)
-    return Outcome(path, lines(path, scene), sections(path), attributes, labels, failure_of(scene.job, path))
+    return Outcome(
+        path, lines(path, scene), sections(path), attributes, labels, static_failure(scene.job, path)
+    )
 
 
-def failure_of(job: Job, path: StaticPath) -> DivergedError | None:
+def static_failure(job: Job, path: StaticPath) -> DivergedError | None:
     """Return the error for which the run cannot continue, None: it can."""
     if not path.failed:
         return None
-    if failed_as(path) == UNDECIDED:
-        return Undecided(path.failed)
-    lacks_equilibrium = rests_in_wind(job) and path.labels.get("rest", {}).get("state") == NONE
-    return (NoRest if lacks_equilibrium else DivergedError)(path.failed)
+    if failure_state(path) == UNDECIDED:
+        return UndecidedError(path.failed)
+    lacks_equilibrium = (
+        starts_in_mean_wind(job) and path.labels.get("rest", {}).get("state") == NO_EQUILIBRIUM
+    )
+    return (NoEquilibriumError if lacks_equilibrium else DivergedError)(path.failed)
 
 
-def failed_as(path: StaticPath) -> str:
+def failure_state(path: StaticPath) -> str:
     """Return the state that ended the search for equilibria: "no_equilibrium" or "undecided"."""
-    return UNDECIDED if path.undecided else NONE
+    return UNDECIDED if path.undecided else NO_EQUILIBRIUM
 
 
-def find_or_recall(scene: Scene, context: Desk, path: StaticPath) -> None:
+def find_or_reuse_equilibria(scene: Problem, context: RunContext, path: StaticPath) -> None:
     """Call `find_equilibria`, or recall its results from an earlier run of this process. Collective."""
     if not context.memory.most:
         find_equilibria(scene, context, path)
@@ -141,34 +152,38 @@ def find_or_recall(scene: Scene, context: Desk, path: StaticPath) -> None:
         find_equilibria(scene, context, path, seen=seen)
         return seen
 
-    key = scene.comm.bcast(key_of(scene.job) if scene.comm.rank == 0 else None)
-    results = context.memory.once("statics", key, find)
+    key = scene.comm.bcast(cache_key(scene.job) if scene.comm.rank == 0 else None)
+    results = context.memory.get_or_compute("statics", key, find)
     if results is not seen:
-        _again(scene, context, path, results)
+        _replay(scene, context, path, results)
 
 
-def _again(
-    scene: Scene, context: Desk, path: StaticPath, results: list[tuple[StaticOutcome, dict, str]]
+def _replay(
+    scene: Problem, context: RunContext, path: StaticPath, results: list[tuple[StaticOutcome, dict, str]]
 ) -> None:
     """Repeat the output of `find_equilibria` for results of an earlier run. Collective."""
     for request, (outcome, arrays, failed) in zip(equilibria(scene), results):
-        put_back(scene.state, arrays)
+        restore_saved(scene.state, arrays)
         note(scene, context, path, loaded(scene, request), outcome)
         path.failed, path.undecided = failed, bool(failed) and outcome.state == UNDECIDED
     if path.failed:
-        _not_begun(scene, context, path, outcome)
+        _record_unstarted_cases(scene, context, path, outcome)
     if request.each.kind in APART:
-        to_the_start(scene)
+        restore_initial_state(scene)
 
 
 def find_equilibria(
-    scene: Scene, context: Desk, path: StaticPath, resume: Relaxation | None = None, seen: list | None = None
+    scene: Problem,
+    context: RunContext,
+    path: StaticPath,
+    resume: Relaxation | None = None,
+    seen: list | None = None,
 ) -> None:
     """Bring the state through all equilibria that the job needs. Collective.
 
     path : receives the results, and says how far an earlier run came; resume : relaxation within the next
         equilibrium
-    seen : receives all results, for `find_or_recall`
+    seen : receives all results, for `find_or_reuse_equilibria`
 
     A case without an equilibrium is recorded and the search continues. Any other load without one ends it,
     see `path.failed`. Raises Paused if asked to stop.
@@ -177,38 +192,40 @@ def find_equilibria(
     if path.reference is None:
         path.reference = reference_force(scene, loaded(scene, requests[-1]))
     elif path.done > 0 and any(load_case.from_permanent for load_case, _ in requests[path.done :]):
-        base = permanent_again(scene, loaded(scene, requests[0]), path.reference)
+        base = recompute_permanent(scene, loaded(scene, requests[0]), path.reference)
     context.progress.start()
-    scene.finder.report = context.progress.doing
+    scene.finder.report = context.progress.show_task
     for request in requests[path.done :]:
         load_case = loaded(scene, request)
         if load_case.from_permanent and base:
-            put_back(state, base)
+            restore_saved(state, base)
         if load_case.L0 is not None or load_case.settlement is not None:
-            load_case = load_case._replace(before=committed(state))
-        set_net(state, load_case)
+            load_case = load_case._replace(before=save_state(state))
+        apply_actions(state, load_case)
         outcome = settle(scene, load_case, path.reference, context.stop, resume)
         resume = None
         if not outcome.carries and load_case.kind not in APART:
             path.failed = no_equilibrium(scene.job, load_case, outcome)
             path.undecided = outcome.state == UNDECIDED
-            if load_case.kind == "rest" and rests_in_wind(scene.job) and not path.undecided:
-                path.failed += f"; {_borne(scene.job, outcome.load_factor)}"
+            if load_case.kind == "rest" and starts_in_mean_wind(scene.job) and not path.undecided:
+                path.failed += f"; {_carried_wind_text(scene.job, outcome.load_factor)}"
         if load_case.kind == "permanent":
-            base = committed(state)
+            base = save_state(state)
         if seen is not None:
-            seen.append((outcome, committed(state), path.failed))
+            seen.append((outcome, save_state(state), path.failed))
         note(scene, context, path, load_case, outcome)
         if path.failed:
-            _not_begun(scene, context, path, outcome)
+            _record_unstarted_cases(scene, context, path, outcome)
             return
         share, slack = path.done / len(requests), f"slack {outcome.equilibrium.slack}"
         context.progress.at(share, load_case.words, path.total, "iterations", slack, even=False)
     if requests[-1].each.kind in APART:  # what follows starts as if there were no cases
-        to_the_start(scene)
+        restore_initial_state(scene)
 
 
-def _not_begun(scene: Scene, context: Desk, path: StaticPath, last: StaticOutcome) -> None:
+def _record_unstarted_cases(
+    scene: Problem, context: RunContext, path: StaticPath, last: StaticOutcome
+) -> None:
     """Record the cases that cannot start because the permanent loads have no equilibrium. Collective.
 
     last : the last outcome, whose state stands for theirs
@@ -222,7 +239,7 @@ def _not_begun(scene: Scene, context: Desk, path: StaticPath, last: StaticOutcom
 
 
 def note(
-    scene: Scene, context: Desk, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
+    scene: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
 ) -> None:
     """Write and count an outcome. Collective."""
     keep(scene, context, path, load_case, outcome)
@@ -234,24 +251,24 @@ def note(
     path.total += outcome.equilibrium.solution.iterations
 
 
-def permanent_again(scene: Scene, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
+def recompute_permanent(scene: Problem, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
     """Recompute the state under the permanent loads, in a resumed run. Collective."""
     state = scene.state
-    present = committed(state)
-    to_the_start(scene)
-    settle(scene, permanent, reference, NEVER)
-    base = committed(state)
-    put_back(state, present)
+    present = save_state(state)
+    restore_initial_state(scene)
+    settle(scene, permanent, reference, NEVER_STOP)
+    base = save_state(state)
+    restore_saved(state, present)
     return base
 
 
-def to_the_start(scene: Scene) -> None:
+def restore_initial_state(scene: Problem) -> None:
     """Restore the initial state, without displacements or plastic strains. Collective."""
     state, model = scene.state, scene.model
     state.x[:] = scene.distribution.particles(model.x if model else None)
     if state.slip is not None:
         state.slip[:] = 0.0
-    set_strands(state, scene.distribution.elements(model.L0 if model else None))
+    set_slipless_lengths(state, scene.distribution.elements(model.L0 if model else None))
     if state.features.springs:
         state.spring_rest[:] = scene.distribution.particles(model.spring_rest if model else None)
     if state.features.plastic:
@@ -259,16 +276,19 @@ def to_the_start(scene: Scene) -> None:
 
 
 def keep(
-    scene: Scene, context: Desk, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
+    scene: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
 ) -> None:
     """Record an outcome and write it. Collective."""
     state, snapshot = scene.state, outcome.equilibrium.snapshot
     unexplained = outcome.equilibrium.balance.unexplained if outcome.carries else 0.0
-    numbers = outcome.equilibrium.numbers() | {"moved": farthest(scene), "unexplained": unexplained}
+    numbers = outcome.equilibrium.numbers() | {
+        "moved": most_displaced_particle(scene),
+        "unexplained": unexplained,
+    }
     if state.joints is not None:
         chains = scene.model and scene.model.layout.chains
         numbers |= {"torsion": largest_torsion(scene.distribution, state, chains)}
-    tolerance, errors = settings_of(scene.job).tolerance, outcome.equilibrium.solution[2:4]
+    tolerance, errors = load_settings(scene.job).tolerance, outcome.equilibrium.solution[2:4]
     if max(errors) > tolerance:
         newton = scene.finder.newton(load_case.load)
         numbers |= {"rounding": newton.rounding(newton.tangent())}
@@ -299,7 +319,7 @@ def keep(
         path.labels[group] = path.labels.get(group, {}) | outcome.labels()
 
 
-def farthest(scene: Scene) -> tuple[float, int]:
+def most_displaced_particle(scene: Problem) -> tuple[float, int]:
     """Return the largest displacement [m] from the initial state and the particle that has it. Collective."""
     state, gid = scene.state, scene.distribution.subdomain.particle_gid
     displacements = lengths(state.x[: state.n_owned] - state.x_start[: state.n_owned])
@@ -308,7 +328,7 @@ def farthest(scene: Scene) -> tuple[float, int]:
     return max(scene.comm.allgather(candidate), key=lambda entry: (entry[0], -entry[1]))
 
 
-def _borne(job: Job, share: float) -> str:
+def _carried_wind_text(job: Job, share: float) -> str:
     """Return the carried share of the mean wind and a remedy as text; pressures at taps have no speed."""
 
     def down(part: float) -> str:
@@ -320,7 +340,7 @@ def _borne(job: Job, share: float) -> str:
     return f'{text}; lower the {quantity}, or set [wind] onset = "sudden" to let it act at once'
 
 
-def lines(path: StaticPath, scene: Scene) -> list[str]:
+def lines(path: StaticPath, scene: Problem) -> list[str]:
     """Return the messages of the static stage."""
     combined = {entry.name for entry in scene.job.combinations}
     called = {name: f"{'combination' if name in combined else 'case'} {name}" for name in path.cases}
@@ -328,10 +348,12 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
     if path.steps:
         final.append(("statics", "statics", path.steps[-1]))
     if path.rest:
-        final.append(("rest", rest_words(scene.job), path.rest))
+        final.append(("rest", final_equilibrium_name(scene.job), path.rest))
     elements = scene.distribution.m
-    lines = [f"{title}: {_in_words(entry, path.labels[group], elements)}" for group, title, entry in final]
-    for state, verb in ((NONE, "have no equilibrium"), (UNDECIDED, "are undecided")):
+    lines = [
+        f"{title}: {_equilibrium_text(entry, path.labels[group], elements)}" for group, title, entry in final
+    ]
+    for state, verb in ((NO_EQUILIBRIUM, "have no equilibrium"), (UNDECIDED, "are undecided")):
         count = sum(path.labels[f"cases/{name}"]["state"] == state for name in path.cases)
         if count:
             lines.append(f"warning: {count} of {len(path.cases)} cases {verb}")
@@ -355,12 +377,12 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
             for _, title, entry in entries
             if "rounding" in entry
         ],
-        settings_of(scene.job).tolerance,
+        load_settings(scene.job).tolerance,
     )
     stopped = [(title, entry["stopped"]) for _, title, entry in entries if "stopped" in entry]
-    lines += warning_text.stop_notes(stopped, element_id)
+    lines += warning_text.slip_end_notes(stopped, element_id)
     for group, title, _ in final:
-        lines += warning_text.limit_notes(title, by_ids(path.labels[group], element_id))
+        lines += warning_text.limit_notes(title, with_element_ids(path.labels[group], element_id))
     lines += warning_text.force_balance_warnings(
         [(title, entry["unexplained"]) for _, title, entry in entries]
     )
@@ -368,18 +390,18 @@ def lines(path: StaticPath, scene: Scene) -> list[str]:
     return lines + warning_text.displacement_notes(moved, scene.model.x)
 
 
-def rest_words(job: Job) -> str:
+def final_equilibrium_name(job: Job) -> str:
     """Return the name of the final equilibrium, from which the dynamic stage starts; "": it has none."""
-    if rests_in_wind(job):
+    if starts_in_mean_wind(job):
         return "rest under the mean wind"
-    return "rest under all loads" if rests_at_loss(job) else ""
+    return "rest under all loads" if starts_loaded_for_removal(job) else ""
 
 
 def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     """Return the numbers of all equilibria as datasets; their states are written as they are found."""
     datasets = {}
     if path.steps:
-        names = [name for name in path.steps[0] if name not in OF_LINES]
+        names = [name for name in path.steps[0] if name not in MESSAGE_NUMBERS]
         columns = {name: [step[name] for step in path.steps] for name in names}
         datasets["statics"] = numbers_of(columns)
     datasets |= {f"cases/{name}": numbers_of(numbers) for name, numbers in path.cases.items()}
@@ -388,20 +410,22 @@ def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     return datasets
 
 
-def group_labels(path: StaticPath, scene: Scene) -> dict[str, dict]:
+def group_labels(path: StaticPath, scene: Problem) -> dict[str, dict]:
     """Return the attributes of the groups of the file, on rank 0: elements by their ids."""
     if scene.model is None:
         return {}
-    labels = {group: by_ids(entry, scene.model.net.element_id) for group, entry in path.labels.items()}
+    labels = {
+        group: with_element_ids(entry, scene.model.net.element_id) for group, entry in path.labels.items()
+    }
     for entry in scene.job.combinations:
         if f"cases/{entry.name}" in labels:
             labels[f"cases/{entry.name}"] |= {"kind": entry.kind, "factors": json.dumps(entry.factors)}
-    return labels | ({"cases": {"order": texts(list(path.cases))}} if path.cases else {})
+    return labels | ({"cases": {"order": text_dataset(list(path.cases))}} if path.cases else {})
 
 
 def numbers_of(numbers: dict) -> dict[str, np.ndarray]:
-    """Convert the numbers of equilibria to datasets, with a flag `stable` and without `OF_LINES`."""
-    arrays = {name: np.array(value) for name, value in numbers.items() if name not in OF_LINES}
+    """Convert the numbers of equilibria to datasets, with a flag `stable` and without `MESSAGE_NUMBERS`."""
+    arrays = {name: np.array(value) for name, value in numbers.items() if name not in MESSAGE_NUMBERS}
     return arrays | {"stable": arrays.pop("unstable_at") == STABLE}
 
 
@@ -410,18 +434,19 @@ def _unstable(title: str, p: int, node_id: np.ndarray) -> str:
         return f"note: {title}: whether compressed bars buckle there could not be decided"
     node = node_id[p]
     return (
-        f"note: {title}: NOT STABLE: {warning_text.NOT_STABLE}, node {node} moves most; the net does not stay "
+        f"note: {title}: NOT STABLE: {warning_text.INSTABILITY_TEXT}, node {node} moves most; the net "
+        "does not stay "
         "in this equilibrium: support the bars across, or tension the net more"
     )
 
 
-def _in_words(numbers: dict, label: dict, elements: int) -> str:
+def _equilibrium_text(numbers: dict, label: dict, elements: int) -> str:
     if label["state"] == UNDECIDED:
-        return f"UNDECIDED: {label['reason']}. {NOT_A_PROOF} {WHAT_TO_DO}"
-    if label["state"] == NONE:
+        return f"UNDECIDED: {label['reason']}. {UNDECIDED_NOTE} {UNDECIDED_REMEDY}"
+    if label["state"] == NO_EQUILIBRIUM:
         return f"NO EQUILIBRIUM: {label['reason']}; load factor reached {label['load_factor']:.4g}"
     return (
-        f"in equilibrium {warning_text.error_words(numbers['displacement_error'], numbers['tension_error'])}"
+        f"in equilibrium {warning_text.error_text(numbers['displacement_error'], numbers['tension_error'])}"
         f"{', by relaxation' if numbers['relaxed'] else ''}, residual {numbers['residual']:.3g} N, "
         f"slack {numbers['slack']} of {elements}"
     )

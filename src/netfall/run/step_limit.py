@@ -10,24 +10,24 @@ from collections.abc import Callable
 
 import numpy as np
 
-from netfall.core.linear import top_of_tridiagonal
+from netfall.core.linear import largest_tridiagonal_eigenpair
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_bounds, add_joint_stiffness
 from netfall.physics.elements import add_stiffness, geometric_stiffness
-from netfall.physics.law.branches import stiffening
+from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.stability import Limit
 from netfall.physics.state import State
-from netfall.physics.supports import add_between, keep_on_guides, largest_springs
+from netfall.physics.supports import add_coupling, largest_springs, project_on_guides
 from netfall.statics.multigrid.joints import joint_tangent
 
 # relative error bound of omega_max^2 [-] at which the iteration ends; the bound is added, so the limit is
 # conservative
 CLOSE = 1e-4
 MOST = 300  # iterations; the bound is added whatever its value
-EACH = 5  # iterations between checks of the bound
+BOUND_CHECK_EVERY = 5  # iterations between checks of the bound
 
 
 def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo: Halo) -> Limit:
@@ -36,7 +36,7 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
     element_gid : (m,); halo : of width 3. Collective.
     """
     s, owned = state, slice(state.n_owned)
-    elements = s.elements_now()
+    elements = s.present_element_state()
     N, L = elements.N, elements.L
     direction = (s.x[s.ends[:, 1]] - s.x[s.ends[:, 0]]) / np.maximum(L, 1e-300)[:, None]
     axial, transverse = largest_stiffness(s.EA, s.L0), geometric_stiffness(np.maximum(N, 0.0), L)
@@ -56,27 +56,27 @@ def assembled_limit(comm: MPI.Comm, state: State, element_gid: np.ndarray, halo:
         if s.features.springs:
             force[:] += s.spring * shape
         if s.turned is not None:
-            add_between(s.turned, shape, force)
-            keep_on_guides(s.turned, force)
+            add_coupling(s.turned, shape, force)
+            project_on_guides(s.turned, force)
         return force[owned] * root[owned]
 
     number = 3 * s.gid[owned, None] + np.arange(3)
     any_vector = ((number * 2654435761) % 2**32) / 2.0**32 - 0.5  # depends on the number alone
     start = np.where(moves[owned], any_vector, 0.0)
     if s.turned is not None:
-        keep_on_guides(s.turned, start)
-    top, mode = _highest(comm, apply, start)
+        project_on_guides(s.turned, start)
+    top, mode = _largest_eigenvalue(comm, apply, start)
     if not top > 0.0:
         return Limit("assembled", np.inf, -1)
     shape[owned] = mode * root[owned]
     halo.update(shape)
     energy = axial * np.sum((shape[s.ends[:, 1]] - shape[s.ends[:, 0]]) * direction, axis=1) ** 2
     largest = (float(energy.max()), -int(element_gid[np.argmax(energy)])) if len(energy) else (-1.0, 1)
-    omega2 = top * stiffening(s.features.band)
+    omega2 = top * branch_stiffening(s.features.band)
     return Limit("assembled", 2.0 / float(np.sqrt(omega2)), -max(comm.allgather(largest))[1])
 
 
-def _highest(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float, np.ndarray]:
+def _largest_eigenvalue(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float, np.ndarray]:
     """Return an upper bound of the largest eigenvalue of a symmetric map, and its vector. Collective.
 
     apply : the map of rows (n_owned, 3). The bound is 0 if the map or the start vector is zero.
@@ -95,9 +95,9 @@ def _highest(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float,
         off_diagonal.append(np.sqrt(beta_squared))
         j = len(diagonal)
         ended = off_diagonal[-1] <= 1e-9 * max(np.abs(diagonal))  # the vectors span an invariant subspace
-        if j % EACH == 0 or ended or j == MOST:
+        if j % BOUND_CHECK_EVERY == 0 or ended or j == MOST:
             pivot, vector = np.empty((2, j))
-            largest = top_of_tridiagonal(
+            largest = largest_tridiagonal_eigenpair(
                 np.array(diagonal), np.array([*off_diagonal[1:j], 0.0]), pivot, vector
             )
             error_bound = 0.0 if ended else off_diagonal[-1] * abs(vector[-1])
@@ -116,7 +116,7 @@ def _highest(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> tuple[float,
     return largest + error_bound, mode
 
 
-def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margin: float) -> bool:
+def is_long_step_stable(comm: MPI.Comm, state: State, halo: Halo, dt: float, margin: float) -> bool:
     """Return whether the present net, with split-off particles, is stable with the step dt [s]. Collective.
 
     The criterion is that of `stability.any_shape_limits` for the intact net. It limits omega dt to 1 at a
@@ -124,7 +124,7 @@ def long_step_allowed(comm: MPI.Comm, state: State, halo: Halo, dt: float, margi
     halo : of any width
     """
     s, k = state, np.where(state.EA > 0.0, largest_stiffness(state.EA, state.L0), 0.0)
-    k = k * stiffening(s.features.band) if s.features.band else k
+    k = k * branch_stiffening(s.features.band) if s.features.band else k
     stiffness = np.bincount(s.ends.ravel(), np.repeat(k, 2), s.n_local)
     if s.features.springs:
         stiffness += largest_springs(s.spring, s.turned)[: s.n_local]

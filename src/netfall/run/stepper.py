@@ -3,23 +3,23 @@
 import numpy as np
 
 from netfall.explicit.loop import Interval
-from netfall.explicit.plan import Plan, halo_width
+from netfall.explicit.plan import StepPlan, halo_width
 from netfall.explicit.rows import RowTable
 from netfall.geometry.net import GRAVITY
-from netfall.job.derived import carries_weight
+from netfall.job.derived import has_carried_weight
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
-from netfall.physics.air import end_wind
+from netfall.physics.air import remove_wind
 from netfall.physics.events import COLUMNS
 from netfall.physics.fracture import FractureRules
-from netfall.physics.law.branches import stiffening
-from netfall.physics.slip.motion import STEP
-from netfall.run.cladding_loss import Tearing
-from netfall.run.problem import Desk, Scene
-from netfall.run.step_limit import long_step_allowed
+from netfall.physics.law.branches import branch_stiffening
+from netfall.physics.slip.motion import SLIP_STEP_SHARE
+from netfall.run.cladding_loss import PanelTearing
+from netfall.run.problem import Problem, RunContext
+from netfall.run.step_limit import is_long_step_stable
 from netfall.run.varying_loads import VaryingLoads, ground_of
 
-CALM = 100  # long steps without a fracture, after which long steps are allowed again
+CALM_STEPS = 100  # long steps without a fracture, after which long steps are allowed again
 
 
 class Stepper:
@@ -29,7 +29,7 @@ class Stepper:
     made : steps so far, long or short; calm : number from which on a step may be long again
     """
 
-    def __init__(self, scene: Scene, context: Desk, loads: list, rows: RowTable):
+    def __init__(self, scene: Problem, context: RunContext, loads: list, rows: RowTable):
         """Collective. loads : that vary, see `varying`; rows : of the history"""
         job, schedule, distribution = scene.job, scene.schedule, scene.distribution
         self.comm, self.state, self.schedule = scene.comm, scene.state, schedule
@@ -41,9 +41,9 @@ class Stepper:
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         stable_dt = schedule.stable_dt  # Maxwell branches stiffen elements, so this one is longer
         if self.state.features.band:
-            stable_dt *= float(np.sqrt(stiffening(self.state.features.band)))
+            stable_dt *= float(np.sqrt(branch_stiffening(self.state.features.band)))
         if self.state.features.sliding:  # slips add their share to it
-            stable_dt /= STEP
+            stable_dt /= SLIP_STEP_SHARE
         breaks = self.state.features.fracture
         rules = FractureRules(
             particles=distribution.n,
@@ -52,19 +52,19 @@ class Stepper:
             element_gid=distribution.subdomain.element_gid,
             gravity=GRAVITY,
             own_weighs=bool(job.load and job.load.self_weight),
-            carried_weighs=carries_weight(job),
+            carried_weighs=has_carried_weight(job),
             wind_stays=self.after_fracture not in ("particle", "detached"),
             stable_dt=stable_dt if self.state.features.fragments else np.nan,
         )
         self.subdomain, self.rows = distribution.subdomain, rows
         self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
-        self.plan = Plan(self.state, self.halo, rules if breaks else None, rows, self.ground)
+        self.plan = StepPlan(self.state, self.halo, rules if breaks else None, rows, self.ground)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
         self.slack, self.stopping = 0, False
         self.tearing = None
         if self.after_fracture == "panels":
-            self.tearing = Tearing(scene.comm, distribution, self.model, self.log.broken, stable_dt)
+            self.tearing = PanelTearing(scene.comm, distribution, self.model, self.log.broken, stable_dt)
         with self.phases.phase("time loop"):  # compiles or loads the kernels
             self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
 
@@ -91,19 +91,21 @@ class Stepper:
             if long == 1:
                 self.advance_through_fractures(stop)
             elif self.advance_to_first_fracture(stop):
-                self.stride, self.calm = 1, self.n + CALM * long
+                self.stride, self.calm = 1, self.n + CALM_STEPS * long
             return
         self.advance_through_fractures(min(stop, self.calm))
         local_steps = self.plan.events.step[: self.plan.events.count[0]]
         last_known = self.log.step[-1] if len(self.log) else -1
         last_fracture = self.comm.allreduce(int(local_steps.max(initial=last_known)), MPI.MAX)
-        self.calm = max(self.calm, (last_fracture // long + 1 + CALM) * long if last_fracture >= 0 else 0)
+        self.calm = max(
+            self.calm, (last_fracture // long + 1 + CALM_STEPS) * long if last_fracture >= 0 else 0
+        )
         if self.n == self.calm:
             long_dt, margin = self.schedule.long_dt, self.schedule.margin
-            if long_step_allowed(self.comm, self.state, self.halo, long_dt, margin):
+            if is_long_step_stable(self.comm, self.state, self.halo, long_dt, margin):
                 self.stride = long
             else:
-                self.calm += CALM * long
+                self.calm += CALM_STEPS * long
 
     def advance_through_fractures(self, stop: int) -> None:
         """Step to number `stop` with the short step, through any fractures."""
@@ -113,7 +115,7 @@ class Stepper:
             self.plan.attach(self.state)
             count = len(self.log)
         if self.after_fracture == "all" and not count and self.advance_to_fracture(stop):
-            end_wind(self.state)
+            remove_wind(self.state)
         self.advance_block(stop)
 
     def interval(self, stop: int, trial: bool = False) -> Interval:
@@ -127,15 +129,15 @@ class Stepper:
     def advance_to_first_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or to the step before a fracture on any rank; return whether one is due."""
         interval = self.interval(stop, trial=True)
-        steps = self.comm.allreduce(self.plan.try_out(interval, self.phases.of_steps), MPI.MIN)
+        steps = self.comm.allreduce(self.plan.run_trial(interval, self.phases.of_steps), MPI.MIN)
         if steps < interval.steps:
-            self.plan.take_back()
+            self.plan.revert_trial()
             self.advance_block(self.n + steps * self.stride)
             return True
-        self._stepped(steps)
+        self._count_steps(steps)
         return False
 
-    def _stepped(self, steps: int) -> None:
+    def _count_steps(self, steps: int) -> None:
         self.n += steps * self.stride
         self.made += steps
         self.before_dt = self.dt if steps else self.before_dt
@@ -143,7 +145,7 @@ class Stepper:
     def advance_block(self, stop: int) -> None:
         """Step to number `stop` without communication except with neighbours."""
         while self.n < stop:
-            self._stepped(self.plan.run(self.interval(stop), self.phases.of_steps))
+            self._count_steps(self.plan.run(self.interval(stop), self.phases.of_steps))
 
     def advance_to_fracture(self, stop: int) -> bool:
         """Step to number `stop`, or just beyond the first fracture on any rank; return whether there is one.

@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.job.derived import grows, rests_in_wind
+from netfall.job.derived import has_growing_pressure, starts_in_mean_wind
 from netfall.loads.redistribution import Redistribution
 from netfall.loads.wind.field import WindField, particle_speeds
 from netfall.loads.wind.onset import GrowingGusts
@@ -27,21 +27,21 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.base_motion import Ground
 from netfall.physics.state import State
-from netfall.run.problem import Scene
+from netfall.run.problem import Problem
 
-CHUNK = 64  # samples of the history that rank 0 sends at once
+SAMPLES_PER_BROADCAST = 64  # samples of the history that rank 0 sends at once
 
 
-def varying_loads(scene: Scene) -> list:
+def varying_loads(scene: Problem) -> list:
     """Create the varying loads, except those that fade after a member removal. Collective."""
     loads, job, model, distribution = [], scene.job, scene.model, scene.distribution
     if job.wind:
         field = model.wind_field if model else None
-        ramp = job.wind.ramp if rests_in_wind(job) else 0.0
+        ramp = job.wind.ramp if starts_in_mean_wind(job) else 0.0
         gusts = GrowingGusts(model.history, ramp) if model else None
         loads.append(WindLoad(scene.comm, distribution, field, gusts))
-    if grows(job):
-        loads.append(GrowingLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
+    if has_growing_pressure(job):
+        loads.append(RampLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
     return loads
 
 
@@ -63,9 +63,9 @@ class VaryingLoads:
     def __init__(self, state: State, loads: list, step_at: Callable[[float], int]):
         """step_at(time) : returns the number of the first step at or after a time [s]"""
         self.loads, self.step_at = loads, step_at
-        self.renew(state)
+        self.update_samples(state)
 
-    def renew(self, state: State) -> None:
+    def update_samples(self, state: State) -> None:
         """Recompute both load samples, at the start and after one of the loads has changed."""
         self.time = max((load.before for load in self.loads), default=0.0)
         end = min((load.after for load in self.loads), default=math.inf)
@@ -86,7 +86,7 @@ class VaryingLoads:
         while self.due() <= step:
             for load in self.loads:
                 load.advance(step, self.step_at)
-            self.renew(state)
+            self.update_samples(state)
 
     def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
         """Move what acts on leaving particles to others; call `renew` afterwards. Collective."""
@@ -94,7 +94,7 @@ class VaryingLoads:
             load.hand_over(handed, distribution)
 
 
-class GrowingLoad:
+class RampLoad:
     """Force that grows linearly from zero over a ramp and then stays constant."""
 
     def __init__(self, force: np.ndarray, ramp: float):
@@ -232,7 +232,7 @@ class WindLoad:
         while len(self.samples) <= k:
             chunk = None
             if self.comm.rank == 0:
-                chunk = [sample for _ in range(CHUNK) for sample in self.history.next()]
+                chunk = [sample for _ in range(SAMPLES_PER_BROADCAST) for sample in self.history.next()]
             self.samples += self.comm.bcast(chunk)
         return self.samples[k]
 

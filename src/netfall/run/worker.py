@@ -19,7 +19,7 @@ from pathlib import Path
 
 from netfall.__main__ import abort  # its import also limits each rank to one thread
 
-REMEMBERED = 4  # number of cached forms, equilibria and winds of earlier samples
+CACHE_SIZE = 4  # number of cached forms, equilibria and winds of earlier samples
 
 
 def next_task(comm) -> dict | None:
@@ -38,7 +38,7 @@ def read_task(comm, task: dict):
     return comm.bcast(on_root(comm, lambda: read_job(task["job"], task["overrides"], task["removes"])))
 
 
-def packed(array) -> dict:
+def encode_array(array) -> dict:
     """Encode an array as text without loss."""
     return {
         "type": array.dtype.str,
@@ -47,31 +47,35 @@ def packed(array) -> dict:
     }
 
 
-def serve() -> None:
+def run_tasks() -> None:
     """Run tasks until the input ends."""
-    from netfall.parallel.alone import world
+    from netfall.parallel.alone import world_communicator
 
-    comm = world()
-    from netfall.core.sources import TELLING, program_digest
-    from netfall.job.cache import Memory
-    from netfall.run.compile import compile_first
-    from netfall.run.sample import net_of, run_member
+    comm = world_communicator()
+    from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+    from netfall.job.cache import ResultCache
+    from netfall.run.compile import compile_missing
+    from netfall.run.sample import run_sample, study_net
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted study ends its workers itself
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # output of libraries must not mix with answers
-    compile_first(comm)  # one of several workers compiles for all
+    compile_missing(comm)  # one of several workers compiles for all
     if comm.rank == 0:
-        print(json.dumps({"ranks": comm.size, "program": program_digest(TELLING)}), file=answers, flush=True)
-    memory = Memory(REMEMBERED)
+        print(
+            json.dumps({"ranks": comm.size, "program": program_digest(PRESENTATION_PACKAGES)}),
+            file=answers,
+            flush=True,
+        )
+    memory = ResultCache(CACHE_SIZE)
     while (task := next_task(comm)) is not None:
         read = partial(read_task, comm, task)
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
-            net = net_of(comm, read, memory)
-            answer = {"net": {name: packed(array) for name, array in (net or {}).items()}}
+            net = study_net(comm, read, memory)
+            answer = {"net": {name: encode_array(array) for name, array in (net or {}).items()}}
         else:
-            answer = run_member(comm, read, result, memory, task["profile"], task["depth"])
+            answer = run_sample(comm, read, result, memory, task["profile"], task["depth"])
         if comm.rank == 0:
             print(json.dumps(answer), file=answers, flush=True)
 
@@ -79,7 +83,7 @@ def serve() -> None:
 def main() -> None:
     """Run the worker as a program."""
     try:
-        serve()
+        run_tasks()
     except BaseException as error:
         abort(error)
 

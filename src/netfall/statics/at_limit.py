@@ -6,11 +6,11 @@ from netfall.explicit.energy import Snapshot
 from netfall.job.derived import has_second_moments
 from netfall.job.job import Job
 from netfall.model.model import Model
-from netfall.parallel.agree import all_of
+from netfall.parallel.agree import union_of_ranks
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import joint_moments
-from netfall.physics.law.limits import REACHED
+from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.state import State
 
 NIL = 1e-9  # of EI / l: a smaller bending moment is rounding error
@@ -39,7 +39,7 @@ def largest_torsion(distribution: Distribution, state: State, chains) -> tuple[f
     return distribution.comm.bcast(torsion)
 
 
-def at_limit_in(
+def elements_at_limits(
     comm: MPI.Comm, distribution: Distribution, state: State, snapshot: Snapshot
 ) -> dict[str, tuple[int, ...]]:
     """Return the global numbers of elements at each limit; a limit that none reaches is left out. Collective.
@@ -51,11 +51,13 @@ def at_limit_in(
         crushed = state.features.crushing and snapshot.eps < state.eps_c
         at_limit["over_strength"] = (snapshot.eps > state.eps_u) | crushed
     if state.features.buckling:
-        at_limit["buckled"] = -N >= REACHED * state.euler
+        at_limit["buckled"] = -N >= REACHED_SHARE * state.euler
     if state.features.plastic:
-        at_limit["yielding"] = np.abs(N) >= REACHED * state.yield_force
+        at_limit["yielding"] = np.abs(N) >= REACHED_SHARE * state.yield_force
     whole = state.broken == 0
-    numbers = {name: all_of(comm, gid[reached & whole].tolist()) for name, reached in at_limit.items()}
+    numbers = {
+        name: union_of_ranks(comm, gid[reached & whole].tolist()) for name, reached in at_limit.items()
+    }
     return {name: ids for name, ids in numbers.items() if ids}
 
 
@@ -64,12 +66,12 @@ def beyond_euler(
 ) -> dict[str, tuple[int, ...]]:
     """Return bars compressed beyond the Euler load that the model does not buckle. Collective.
 
-    The format is that of `at_limit_in`. model : on rank 0; N : [N] of the elements of this rank
+    The format is that of `elements_at_limits`. model : on rank 0; N : [N] of the elements of this rank
     """
     if not has_second_moments(job):
         return {}
     N, beyond = distribution.gather_elements(N, state.owned.astype(bool)), []
     if model is not None:
-        beyond = np.flatnonzero(-N > model.caps.straight).tolist()
+        beyond = np.flatnonzero(-N > model.element_force_limits.straight).tolist()
     beyond = tuple(comm.bcast(beyond))
     return {"beyond_euler": beyond} if beyond else {}

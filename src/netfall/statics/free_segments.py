@@ -7,19 +7,19 @@ import numpy as np
 from netfall.core.arithmetic import exponential, logarithm
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, i8
-from netfall.physics.slip.law import LEAST, angle_between, slip_force, slip_limit
+from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_force, slip_limit
 
 MOST_STEPS = 200  # of Newton's method on the slips at given positions
-NEAR_ZERO = 1e-12  # residual of the driving forces over the largest force [-]
+SLIP_TOLERANCE = 1e-12  # residual of the driving forces over the largest force [-]
 ROUNDING = 4e-3  # share of EA that counts as such a force [-]: the rounding error of lengths scales with EA
-FLOOR = 1e-6  # lowest stiffness over EA / L0 [-], so that the slip of a slack segment is defined
+MIN_STIFFNESS = 1e-6  # lowest stiffness over EA / L0 [-], so that the slip of a slack segment is defined
 HALVINGS = 40
-SHORTEST = 0.02  # shortest free segment over its length without slip [-] in trials
+MIN_SEGMENT = 0.02  # shortest free segment over its length without slip [-] in trials
 # stiffness of the stop on a cable over that of the segment [-]; it acts below the share LEAST of the length
-STOP = 100.0
+STOP_STIFFNESS = 100.0
 
 
-class CableChains(Record):
+class SlipChains(Record):
     """Slip points along each cable and the free segments between them; the same on every rank.
 
     node, column : (k,) global particle, and the index of the cable among its cables
@@ -40,7 +40,7 @@ class CableChains(Record):
     friction: f8
     resistance: f8
     start: i8
-    into: i8
+    slip_in: i8
     out: i8
     element: i8
     segment: i8
@@ -55,14 +55,14 @@ class CableChains(Record):
     def passed(self, s: np.ndarray) -> np.ndarray:
         """Return the changes (q,) [m] of the elements' unstressed lengths due to slips s (k,) [m]."""
         s = np.append(s, 0.0)
-        return self.share * (s[self.into] - s[self.out])[self.segment]
+        return self.share * (s[self.slip_in] - s[self.out])[self.segment]
 
     def by_segment(self, values: np.ndarray) -> np.ndarray:
         """Return the sums (g,) over the elements of each segment of values (q,) times their shares."""
-        return np.bincount(self.segment, self.share * values, len(self.into))
+        return np.bincount(self.segment, self.share * values, len(self.slip_in))
 
 
-def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
+def build_slip_chains(slides, weight: np.ndarray) -> SlipChains:
     """Build the chains of `geometry.slip_points.Slides`. weight : (m,) [N/m] of each element"""
     element = np.flatnonzero(slides.segment >= 0)
     rows = np.searchsorted(element, [slides.before, slides.after])
@@ -71,7 +71,7 @@ def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
     into, out = np.full((2, segment.max() + 1), -1)
     into[after], out[before] = np.arange(slides.count), np.arange(slides.count)
     start = np.flatnonzero(np.append(True, before[1:] != after[:-1]))  # otherwise the chain continues
-    return CableChains(
+    return SlipChains(
         slides.node,
         slides.column,
         rows[0],
@@ -91,8 +91,8 @@ def cable_chains_of(slides, weight: np.ndarray) -> CableChains:
     )
 
 
-class Strands(Record):
-    """Elements of `CableChains` at given positions (q,), [N] and [m].
+class SlipElements(Record):
+    """Elements of `SlipChains` at given positions (q,), [N] and [m].
 
     EA : 0 if the element carries nothing; strand : [m] unstressed length without slip; L : [m] length
     stop : [N/m] stiffness of the stop; height : [m] of the element's middle
@@ -112,7 +112,7 @@ def _force_of(e, L0, strands, law):
     """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
-        return 0.0, 0.0, 0.0, FLOOR * EA / L0
+        return 0.0, 0.0, 0.0, MIN_STIFFNESS * EA / L0
     if law.logarithmic:
         T = EA * logarithm(L / L0)
         return T, slip_force(T, EA, law), EA / L0, EA * L / (L0 * L0)
@@ -121,13 +121,13 @@ def _force_of(e, L0, strands, law):
 
 
 @part_of_kernel
-def _short(e, L0, strands):
+def _stop_overlap(e, L0, strands):
     """Compute how much [m] element e is shorter than its stop allows, at unstressed lengths L0 (q,) [m]."""
-    return LEAST * strands.strand[e] - L0[e]
+    return MIN_SEGMENT_SHARE * strands.strand[e] - L0[e]
 
 
 @kernel
-def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness, drive, hold):
+def compute_slip_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness, drive, hold):
     """Compute the forces of the elements at slips s (k,) [m]; all arrays (q,) are filled.
 
     T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
@@ -137,8 +137,8 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
     hold[:] = 0.0
     for e in range(L0.shape[0]):
         g, slipped = chains.segment[e], 0.0
-        if chains.into[g] >= 0:
-            slipped += s[chains.into[g]]
+        if chains.slip_in[g] >= 0:
+            slipped += s[chains.slip_in[g]]
         if chains.out[g] >= 0:
             slipped -= s[chains.out[g]]
         L0[e] = strands.strand[e] + chains.share[e] * slipped
@@ -146,7 +146,7 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
         q[e] -= weights * chains.weight[e] * strands.height[e]
         if strands.EA[e] == 0.0:
             q[e] = 0.0
-        short = _short(e, L0, strands)
+        short = _stop_overlap(e, L0, strands)
         if short > 0.0:
             q[e] += strands.stop[e] * short
             stiffness[e] += strands.stop[e]
@@ -155,16 +155,16 @@ def strand_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffnes
 
 
 @inner_kernel
-def potential(s, old, limit, chains, strands, weights, law, L0):
+def slip_potential(s, old, limit, chains, strands, weights, law, L0):
     """Compute W [J] at slips s (k,) [m] and unstressed lengths L0 (q,) [m]; inf if a segment is too short."""
     W = 0.0
     for e in range(L0.shape[0]):
-        EA, L, short = strands.EA[e], strands.L[e], _short(e, L0, strands)
+        EA, L, short = strands.EA[e], strands.L[e], _stop_overlap(e, L0, strands)
         if short > 0.0:
             W += 0.5 * strands.stop[e] * short * short
         if EA == 0.0:
             continue
-        if L0[e] < SHORTEST * strands.strand[e]:
+        if L0[e] < MIN_SEGMENT * strands.strand[e]:
             return math.inf
         W += weights * chains.weight[e] * strands.height[e] * (L0[e] - strands.strand[e])
         if L > L0[e] and law.logarithmic:
@@ -178,7 +178,7 @@ def potential(s, old, limit, chains, strands, weights, law, L0):
 
 
 @kernel
-def limits_of(chains, strands, T, law, limit):
+def compute_slip_limits(chains, strands, T, law, limit):
     """Fill limit (k,) with the slip resistances R [N] at tensions T (q,) [N]."""
     for i in range(limit.shape[0]):
         b, a = chains.before[i], chains.after[i]
@@ -197,7 +197,7 @@ def limits_of(chains, strands, T, law, limit):
 
 
 @inner_kernel
-def residuals(s, old, limit, chains, drive, r, direction):
+def slip_residuals(s, old, limit, chains, drive, r, direction):
     """Fill r (k,) [N] with the residual driving forces; return the largest.
 
     direction : (k,), filled with 1, -1, 0: the point sticks, and r is 0
@@ -218,7 +218,7 @@ def residuals(s, old, limit, chains, drive, r, direction):
 def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
     """Solve K_ss out = b, slips (k,) [m] and forces (k,) [N] of the points that slip, chain by chain.
 
-    hold : (g,) of `strand_forces`. The last slip point of a chain is a border of the matrix, for closed
+    hold : (g,) of `compute_slip_forces`. The last slip point of a chain is a border of the matrix, for closed
         chains.
     pivot, off_diagonal, border : (k,), scratch
     """
@@ -240,7 +240,7 @@ def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
                     off_diagonal[i] -= hold[g]
         corner = pivot[last]
         for i in range(first, last):
-            pivot[i] = max(pivot[i], FLOOR)
+            pivot[i] = max(pivot[i], MIN_STIFFNESS)
             multiplier = border[i] / pivot[i]
             if i + 1 < last:
                 ratio = off_diagonal[i] / pivot[i]
@@ -249,7 +249,7 @@ def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
                 out[i + 1] -= ratio * out[i]
             pivot[last] -= multiplier * border[i]
             out[last] -= multiplier * out[i]
-        pivot[last] = max(pivot[last], FLOOR * corner, FLOOR * FLOOR)
+        pivot[last] = max(pivot[last], MIN_STIFFNESS * corner, MIN_STIFFNESS * MIN_STIFFNESS)
         out[last] /= pivot[last]
         for i in range(last - 1, first - 1, -1):
             out[i] -= border[i] * out[last]
@@ -259,7 +259,7 @@ def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
 
 
 @kernel
-def slips_at(old, limit, chains, strands, weights, law, work, s):
+def solve_slips(old, limit, chains, strands, weights, law, work, s):
     """Compute the slips s (k,) [m] at given positions from `old` (k,); return the relative residual force.
 
     work : `Work`; its forces are then those at s
@@ -267,15 +267,17 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
     for i in range(s.shape[0]):
         s[i] = old[i]
     w, worst, scale = work, 0.0, 0.0
-    strand_forces(s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold)
-    old_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
+    compute_slip_forces(
+        s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
+    )
+    old_potential = slip_potential(s, old, limit, chains, strands, weights, law, w.L0)
     for _ in range(MOST_STEPS):
-        worst = residuals(s, old, limit, chains, w.drive, w.r, w.way)
+        worst = slip_residuals(s, old, limit, chains, w.drive, w.r, w.way)
         for e in range(w.q.shape[0]):
             scale = max(scale, abs(w.T[e]), ROUNDING * strands.EA[e])
-            if _short(e, w.L0, strands) > 0.0:
+            if _stop_overlap(e, w.L0, strands) > 0.0:
                 scale = max(scale, ROUNDING * strands.stop[e] * strands.strand[e])
-        if worst <= NEAR_ZERO * scale:
+        if worst <= SLIP_TOLERANCE * scale:
             return 0.0
         solve_chains(chains, w.way, w.hold, w.r, w.pivot, w.beside, w.border, w.step)
         for i in range(s.shape[0]):
@@ -286,19 +288,19 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
                 s[i] = w.start[i] + step_share * w.step[i]
                 if limit[i] > 0.0 and (s[i] - old[i]) * w.way_before[i] < 0.0:
                     s[i] = old[i]
-            strand_forces(
+            compute_slip_forces(
                 s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
             )
-            new_potential = potential(s, old, limit, chains, strands, weights, law, w.L0)
-            if new_potential <= old_potential + NEAR_ZERO * abs(old_potential):
+            new_potential = slip_potential(s, old, limit, chains, strands, weights, law, w.L0)
+            if new_potential <= old_potential + SLIP_TOLERANCE * abs(old_potential):
                 break
             step_share *= 0.5
-        if not new_potential <= old_potential + NEAR_ZERO * abs(
+        if not new_potential <= old_potential + SLIP_TOLERANCE * abs(
             old_potential
         ):  # due to rounding, or positions that are not finite
             for i in range(s.shape[0]):
                 s[i] = w.start[i]
-            strand_forces(
+            compute_slip_forces(
                 s, chains, strands, weights, law, w.L0, w.T, w.q, w.coupling, w.stiffness, w.drive, w.hold
             )
             return worst / scale
@@ -307,7 +309,7 @@ def slips_at(old, limit, chains, strands, weights, law, work, s):
 
 
 class Work(Record):
-    """Scratch arrays of `slips_at`.
+    """Scratch arrays of `solve_slips`.
 
     Elements (q,) have L0 to stiffness, segments (g,) drive and hold, slip points (k,) the others.
     """
@@ -329,6 +331,6 @@ class Work(Record):
     way_before: i8
 
 
-def make_work(q: int, g: int, k: int) -> Work:
+def allocate_slip_scratch(q: int, g: int, k: int) -> Work:
     """Allocate the arrays for q elements, g segments and k slip points."""
     return Work(*np.zeros((5, q)), *np.zeros((2, g)), *np.zeros((6, k)), *np.zeros((2, k), np.int64))

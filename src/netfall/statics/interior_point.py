@@ -23,37 +23,43 @@ import numpy as np
 from netfall.core.arithmetic import logarithm
 from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8, u1, whole
-from netfall.core.stop import StopRequest
+from netfall.core.stop import StopFlag
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
 from netfall.statics.multigrid.tangent import Tangent
-from netfall.statics.newton import NEARLY, Newton, NoConvergence, StartPoint, Stopped, still_missing
-from netfall.statics.relaxation import RunsAway
+from netfall.statics.newton import NEARLY, Newton, NoConvergence, StartPoint, StopRequested, remaining_errors
+from netfall.statics.relaxation import UnboundedDisplacement
 
 # steps for one equilibrium: 10 to 30 suffice; 50 near a limit load; 95 for a chain that hangs folded
 MOST_STEPS = 150
 # lowest strain [-] used to choose the initial barrier parameter: the strain of slack cables is no scale
-STRETCHED = 1e-4
+MIN_INITIAL_STRAIN = 1e-4
 # initial barrier parameter over the energy of an element [-]; plastic flow means large strains
-ELASTIC, YIELDING = 0.2, 100.0
-BEGUN = 0.1  # lower bound of the initial tension, a share of the yield force or of the tension [-]
-KEPT = 0.03  # smallest share of a tension or of its distance from the limit that is left after a step [-]
+ELASTIC_BARRIER, PLASTIC_BARRIER = 0.2, 100.0
+MIN_INITIAL_TENSION = (
+    0.1  # lower bound of the initial tension, a share of the yield force or of the tension [-]
+)
+MIN_REMAINING = (
+    0.03  # smallest share of a tension or of its distance from the limit that is left after a step [-]
+)
 # share of the largest displacement and tension [-]; after a larger step the barrier parameter stays
-LARGE = 0.6
-NARROWER = 0.1  # ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench)
-PARTS = np.sqrt(0.5) ** np.arange(12)  # shares of a step that are tried [-], the largest first
+LARGE_STEP = 0.6
+BARRIER_FACTOR = (
+    0.1  # ratio of successive barrier parameters [-]: 0.04 took 13 % more iterations (jobs/bench)
+)
+STEP_SHARES = np.sqrt(0.5) ** np.arange(12)  # shares of a step that are tried [-], the largest first
 # share of the cables [-] that a step may take beyond zero, or that may be unsettled when the barrier
 # parameter is reduced. Otherwise both would wait for the last cable of a large net.
-FEW = 5e-3
-BEYOND = 1.5  # share of a step over the share at which the other cables reach zero [-]
+ALLOWED_SHARE = 5e-3
+OVERSTEP = 1.5  # share of a step over the share at which the other cables reach zero [-]
 # share of the residual left after a correction [-]: 0.1 took more corrections, each as expensive as 3
 # iterations
 LEFT = 0.02
-NARROWED = 1e-4, 1e-6, 0.0  # sizes of the last step [-] after which Newton's method is tried; 0: to the end
+STEP_SIZES = 1e-4, 1e-6, 0.0  # sizes of the last step [-] after which Newton's method is tried; 0: to the end
 
 
-class Cables(Record):
+class CableProperties(Record):
     """Elements (m,) of one rank: EA [N]; L0 [m]; eps_p; limit [N], inf: none.
 
     carries : 1 for cables in the net; 0 for bars, which keep their law, and for elements that have left
@@ -68,16 +74,16 @@ class Cables(Record):
     logarithmic: whole
 
 
-def cables_of(state: State) -> Cables:
+def cable_properties(state: State) -> CableProperties:
     """Collect the properties of the elements of a state."""
     plastic, m = state.features.plastic, state.m
     limit = state.yield_force if plastic else np.full(m, np.inf)
     eps_p = state.eps_p if plastic else np.zeros(m)
     carries = ((state.EA > 0.0) & (state.bar == 0)).astype(np.uint8)
-    return Cables(state.EA, state.L0, eps_p, limit, carries, state.features.strain == "logarithmic")
+    return CableProperties(state.EA, state.L0, eps_p, limit, carries, state.features.strain == "logarithmic")
 
 
-class Mixed:
+class InteriorPoint:
     """Primal-dual interior point method for the elements of one state.
 
     now : (m, 4), the tension N, its distance from the limit, p and q, all [N]
@@ -89,14 +95,14 @@ class Mixed:
     missing : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopRequest, work=None, watch=None):
+    def __init__(self, newton: Newton, state: State, stop: StopFlag, work=None, watch=None):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
         self.newton, self.state, self.stop, self.work, self.watch = newton, state, stop, work, watch
-        self.cables, self.steps, self.gradients = cables_of(state), 0, 0
+        self.cables, self.steps, self.gradients = cable_properties(state), 0, 0
         is_own = newton.distribution.subdomain.element_owned & (self.cables.carries == 1)
         self.owned = np.flatnonzero(is_own)
-        elements = state.elements_now()
-        N = np.maximum(elements.N, STRETCHED * state.EA)[is_own]
+        elements = state.present_element_state()
+        N = np.maximum(elements.N, MIN_INITIAL_STRAIN * state.EA)[is_own]
         yields = int(np.isfinite(self.cables.limit[is_own]).any())
         self.count, yields = newton.comm.allreduce(np.array([len(N), yields]))
         if not self.count:
@@ -104,18 +110,23 @@ class Mixed:
         self.energy = (
             exact_sums(newton.comm, 0.5 * N * N / state.EA[is_own] * state.L0[is_own])[0] / self.count
         )
-        self.gap = self.begun = (YIELDING if yields else ELASTIC) * self.energy
+        self.gap = self.begun = (PLASTIC_BARRIER if yields else ELASTIC_BARRIER) * self.energy
         self.size, self.missing = np.inf, (np.inf, np.inf)
         self.now, self.changes = np.zeros((2, state.m, 4))
         self.aimed, self.part = np.zeros(state.m), np.full(state.m, np.inf)
-        begin_tensions(self.cables, elements.L, self.gap, self.now)
+        initialise_tensions(self.cables, elements.L, self.gap, self.now)
 
-    def begin_again(self) -> None:
+    def restart_near_equilibrium(self) -> None:
         """Restart with a small barrier parameter from present positions that are close to an equilibrium."""
-        self.gap, self.steps, self.size, self.missing = NARROWER**3 * self.energy, 0, np.inf, (np.inf, np.inf)
-        begin_tensions(self.cables, self.state.elements_now().L, self.gap, self.now)
+        self.gap, self.steps, self.size, self.missing = (
+            BARRIER_FACTOR**3 * self.energy,
+            0,
+            np.inf,
+            (np.inf, np.inf),
+        )
+        initialise_tensions(self.cables, self.state.present_element_state().L, self.gap, self.now)
 
-    def narrow(self, size: float, tolerance: float) -> StartPoint:
+    def iterate(self, size: float, tolerance: float) -> StartPoint:
         """Take steps until the step size or the estimated error is small enough. Collective.
 
         size : of a step that is small enough; 0: only the error counts, as a step may vanish at any barrier
@@ -137,7 +148,7 @@ class Mixed:
 
         Collective.
         """
-        N, rows = self.state.elements_now().N, self.owned
+        N, rows = self.state.present_element_state().N, self.owned
         deviation, largest = self.newton.largest(N[rows] - self.now[rows, 0], self.now[rows, 0])
         return deviation / largest
 
@@ -145,33 +156,35 @@ class Mixed:
         """Take one step. Collective. Raises as `narrow`."""
         newton, state = self.newton, self.state
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
-            raise Stopped
+            raise StopRequested
         newton.begin()
-        K, L = newton.tangent(), state.elements_now().L
-        aim_tensions(self.cables, L, self.gap, self.now, K.axial, K.across, self.aimed)
+        K, L = newton.tangent(), state.present_element_state().L
+        compute_target_tensions(self.cables, L, self.gap, self.now, K.axial, K.across, self.aimed)
         newton.net.forces(state.x, newton.f)
         pull = np.where(self.cables.carries == 1, self.aimed - K.N, 0.0)
-        add_pulls(state.ends, pull[:, None] * K.direction, newton.f)
-        s, factor_change, count = self.answer(K, newton.not_held(newton.f[newton.owned]))
+        add_element_pulls(state.ends, pull[:, None] * K.direction, newton.f)
+        s, factor_change, count = self.answer(K, newton.without_held(newton.f[newton.owned]))
         displacement, changed, change = newton.sizes(K, s, state.x_start)
-        change_of_tensions(self.cables, L, self.gap, self.now, self.aimed, change, self.changes, self.part)
-        step_share = self.longest()
-        (most_turn,) = newton.largest(most_turned(newton.spread, self.cables, L, state.ends))
-        step_share = min(newton.most_of(s), step_share, max(1.0 / most_turn, PARTS[-1]))
+        compute_tension_changes(
+            self.cables, L, self.gap, self.now, self.aimed, change, self.changes, self.part
+        )
+        step_share = self.longest_step()
+        (most_turn,) = newton.largest(largest_rotation(newton.spread, self.cables, L, state.ends))
+        step_share = min(newton.allowed_share(s), step_share, max(1.0 / most_turn, STEP_SHARES[-1]))
         state.x[:] += step_share * newton.spread
-        change_tensions(self.cables, step_share, self.changes, self.now)
+        apply_tension_changes(self.cables, step_share, self.changes, self.now)
         if self.work is not None:
             self.work.factor += step_share * factor_change
         elif newton.net.lost is not None and newton.net.lost(newton.comm, newton.spread):
-            raise RunsAway("what yields stretches without end")
+            raise UnboundedDisplacement("what yields stretches without end")
         size = max(displacement, changed)
-        displacement_error, tension_error = still_missing((displacement, changed), step_share, self.size)
+        displacement_error, tension_error = remaining_errors((displacement, changed), step_share, self.size)
         self.missing = displacement_error, max(tension_error, self.off())
         self.size, self.steps, self.gradients = size, self.steps + 1, self.gradients + count
         (largest_tension,) = newton.largest(self.now[self.owned, 0])
-        if step_share == 1.0 and displacement < LARGE and self.settled(change, largest_tension):
-            self.gap = max(NARROWER * self.gap, np.finfo(float).eps * self.energy)
-            if self.watch is not None and self.gap < 2.0 * NARROWER**2 * self.begun:
+        if step_share == 1.0 and displacement < LARGE_STEP and self.is_settled(change, largest_tension):
+            self.gap = max(BARRIER_FACTOR * self.gap, np.finfo(float).eps * self.energy)
+            if self.watch is not None and self.gap < 2.0 * BARRIER_FACTOR**2 * self.begun:
                 self.watch()
 
     def answer(self, K: Tangent, r: np.ndarray) -> tuple[np.ndarray, float, int]:
@@ -184,14 +197,14 @@ class Mixed:
         s, count = self.newton.solve(K, self.newton.cycle(K), r, LEFT)
         return s, 0.0, count
 
-    def longest(self) -> float:
+    def longest_step(self) -> float:
         """Return the largest share of a step that takes only few cables beyond their bounds. Collective."""
         shares = self.part[self.owned]
-        beyond = [np.count_nonzero(shares < trial_share) for trial_share in PARTS / BEYOND]
-        allowed = PARTS[self.newton.comm.allreduce(np.array(beyond)) <= FEW * self.count]
-        return float(allowed.max(initial=PARTS[-1]))
+        beyond = [np.count_nonzero(shares < trial_share) for trial_share in STEP_SHARES / OVERSTEP]
+        allowed = STEP_SHARES[self.newton.comm.allreduce(np.array(beyond)) <= ALLOWED_SHARE * self.count]
+        return float(allowed.max(initial=STEP_SHARES[-1]))
 
-    def settled(self, change: np.ndarray, largest_tension: float) -> bool:
+    def is_settled(self, change: np.ndarray, largest_tension: float) -> bool:
         """Return whether only few cables are unsettled, so that the barrier parameter may be reduced.
 
         Collective.
@@ -199,12 +212,14 @@ class Mixed:
         A cable is unsettled if it allows less than half a step or if its tension changes much.
         change : (m,) [N] by the motion of the ends; largest_tension : [N]
         """
-        unsettled = (self.part[self.owned] < 0.5) | (np.abs(change[self.owned]) > LARGE * largest_tension)
-        return self.newton.comm.allreduce(np.count_nonzero(unsettled)) <= FEW * self.count
+        unsettled = (self.part[self.owned] < 0.5) | (
+            np.abs(change[self.owned]) > LARGE_STEP * largest_tension
+        )
+        return self.newton.comm.allreduce(np.count_nonzero(unsettled)) <= ALLOWED_SHARE * self.count
 
 
 @part_of_kernel
-def trial(e, length, cables):
+def elastic_force(e, length, cables):
     """Compute the force [N] of element e as if it were elastic at a length [m], and its stiffness [N/m]."""
     EA, L0 = cables.EA[e], cables.L0[e]
     if cables.logarithmic:
@@ -213,7 +228,7 @@ def trial(e, length, cables):
 
 
 @kernel
-def begin_tensions(cables, L, gap, now):
+def initialise_tensions(cables, L, gap, now):
     """Fill now (m, 4) for lengths L (m,) [m] with an initial guess.
 
     The lower bound is treated as if nothing yielded, the upper bound as if nothing were slack.
@@ -221,17 +236,17 @@ def begin_tensions(cables, L, gap, now):
     for e in range(now.shape[0]):
         if not cables.carries[e]:
             continue
-        a, k = trial(e, L[e], cables)
+        a, k = elastic_force(e, L[e], cables)
         N, limit = 0.5 * (a + np.sqrt(a * a + 4.0 * gap * k)), cables.limit[e]
         if limit < np.inf:
             half = 0.5 * (limit - N)
-            N = max(N + half - np.sqrt(half * half + gap * k), BEGUN * min(N, limit))
+            N = max(N + half - np.sqrt(half * half + gap * k), MIN_INITIAL_TENSION * min(N, limit))
         now[e, 0], now[e, 1] = N, limit - N
         now[e, 2], now[e, 3] = gap * k / N, gap * k / (limit - N)
 
 
 @kernel
-def aim_tensions(cables, L, gap, now, axial, across, aimed):
+def compute_target_tensions(cables, L, gap, now, axial, across, aimed):
     """Fill aimed (m,) with the tension [N] that the next step aims at with fixed ends.
 
     axial, across : filled with the stiffness, in the arrays of a `Tangent`
@@ -240,7 +255,7 @@ def aim_tensions(cables, L, gap, now, axial, across, aimed):
         if not cables.carries[e]:
             across[e] = max(across[e], 0.0)
             continue
-        a, k = trial(e, L[e], cables)
+        a, k = elastic_force(e, L[e], cables)
         N, reserve = now[e, 0], now[e, 1]
         D = 1.0 + now[e, 2] / N + now[e, 3] / reserve
         aimed[e] = N + (a - N + gap * k / N - gap * k / reserve) / D
@@ -248,7 +263,7 @@ def aim_tensions(cables, L, gap, now, axial, across, aimed):
 
 
 @kernel
-def add_pulls(ends, pull, f):
+def add_element_pulls(ends, pull, f):
     """Add forces (m, 3) [N] to the first ends and subtract them from the second ends, in f (n, 3) [N]."""
     for e in range(ends.shape[0]):
         for i in range(3):
@@ -257,7 +272,7 @@ def add_pulls(ends, pull, f):
 
 
 @kernel
-def change_of_tensions(cables, L, gap, now, aimed, by_motion, changes, step_limit):
+def compute_tension_changes(cables, L, gap, now, aimed, by_motion, changes, step_limit):
     """Fill changes (m, 4) of `now` for a step to the tension aimed at and for moving ends.
 
     by_motion : (m,) [N], the effect of moving ends
@@ -267,7 +282,7 @@ def change_of_tensions(cables, L, gap, now, aimed, by_motion, changes, step_limi
     for e in range(now.shape[0]):
         if not cables.carries[e]:
             continue
-        _, k = trial(e, L[e], cables)
+        _, k = elastic_force(e, L[e], cables)
         step_limit[e] = np.inf
         tension_change = aimed[e] - now[e, 0] + by_motion[e]
         changes[e, 0], changes[e, 1] = tension_change, -tension_change
@@ -280,7 +295,7 @@ def change_of_tensions(cables, L, gap, now, aimed, by_motion, changes, step_limi
 
 
 @kernel
-def most_turned(u, cables, L, ends):
+def largest_rotation(u, cables, L, ends):
     """Return the largest relative displacement of the ends of a cable, over its length L (m,) [m].
 
     u : displacements (n, 3) [m]
@@ -297,13 +312,13 @@ def most_turned(u, cables, L, ends):
 
 
 @kernel
-def change_tensions(cables, share, changes, now):
-    """Change now (m, 4) by a share of its changes, but leave at least `KEPT` of each value."""
+def apply_tension_changes(cables, share, changes, now):
+    """Change now (m, 4) by a share of its changes, but leave at least `MIN_REMAINING` of each value."""
     for e in range(now.shape[0]):
         if not cables.carries[e]:
             continue
         for i in range(4):
-            now[e, i] = max(now[e, i] + share * changes[e, i], KEPT * now[e, i])
+            now[e, i] = max(now[e, i] + share * changes[e, i], MIN_REMAINING * now[e, i])
         if now[e, 0] < now[e, 1]:
             now[e, 1] = cables.limit[e] - now[e, 0]
         else:

@@ -18,25 +18,25 @@ from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.physics.elements import nodal_stiffness
 from netfall.physics.state import State
-from netfall.physics.supports import keep_on_guides
+from netfall.physics.supports import project_on_guides
 
 # strain of yielding elements at the limit [-], if the fracture strain is not larger: a cable of twice the
 # length is useless
-GIVEN_WAY = 1.0
+LIMIT_STRAIN = 1.0
 # share of the largest strain of yielding elements [-]: elements strained more reach the limit together
-WITH_IT = 0.5
+JOINT_SHARE = 0.5
 # powers of the work or of the load with which strains grow [-] (jobs/bench)
-OF_WORK, OF_LOAD = 1.5, 2.0 / 3.0
+WORK_POWER, LOAD_POWER = 1.5, 2.0 / 3.0
 FAR = 2.0  # strain over the limit strain [-], above which strains grow with these powers
-SHARP = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
+BRACKET_WIDTH = 0.004  # relative width of the bracket of the limit load factor at the end of the search [-]
 LEAST = 1e-3  # load factor [-], below which the load counts as not carried at all
 # strain over the fracture strain [-], at which an element surely breaks, also in the equilibrium nearby
-SURELY = 5.0
+SURE_STRAIN = 5.0
 BREAKS = "breaks"
-RUNS_AWAY = "yields without end, nodes move farther than the net is wide"
+UNBOUNDED = "yields without end, nodes move farther than the net is wide"
 
 
-class Strained(NamedTuple):
+class LimitUtilisation(NamedTuple):
     """Utilisation of a net: how close it is to its limit.
 
     most : largest strain over the limit strain; inf: displacements are unbounded, or there is no equilibrium
@@ -53,16 +53,16 @@ class Strained(NamedTuple):
     @property
     def is_decided(self) -> bool:
         """Return whether it is known that the limit is exceeded or not; otherwise the search ended early."""
-        return self.reason in ("", BREAKS, RUNS_AWAY)
+        return self.reason in ("", BREAKS, UNBOUNDED)
 
 
-UNSTRAINED = Strained()
+NO_UTILISATION = LimitUtilisation()
 
 
-class GivesWay(DivergedError):
+class LimitReached(DivergedError):
     """Limit that a load will exceed, as is clear before its equilibrium is found."""
 
-    def __init__(self, there: Strained):
+    def __init__(self, there: LimitUtilisation):
         super().__init__(there.reason)
         self.there = there._replace(is_sure=False)
 
@@ -76,10 +76,10 @@ class Trial(NamedTuple):
 
     at: float
     factor: float
-    there: Strained
+    there: LimitUtilisation
 
 
-NOTHING = Trial(0.0, 0.0, UNSTRAINED)
+UNLOADED = Trial(0.0, 0.0, NO_UTILISATION)
 
 
 def yield_strains(state: State) -> np.ndarray:
@@ -88,10 +88,10 @@ def yield_strains(state: State) -> np.ndarray:
         return np.zeros(state.m)
     fracture = np.where(np.isfinite(state.eps_u), state.eps_u, 0.0) if state.features.fracture else 0.0
     yields = np.isfinite(state.yield_force) & (state.broken == 0)
-    return np.where(yields, state.elements_now().eps / np.maximum(GIVEN_WAY, fracture), 0.0)
+    return np.where(yields, state.present_element_state().eps / np.maximum(LIMIT_STRAIN, fracture), 0.0)
 
 
-def run_away(comm: MPI.Comm, state: State) -> float:
+def unbounded_share(comm: MPI.Comm, state: State) -> float:
     """Return how close displacements are to unbounded; from 1 on they count as unbounded. Collective.
 
     Both criteria of the module docstring must hold, so the result is the smaller of the two.
@@ -106,7 +106,7 @@ def run_away(comm: MPI.Comm, state: State) -> float:
     return float(min(maxima[7], maxima[6] / (maxima[:3] + maxima[3:6]).max()))
 
 
-def is_lost(
+def is_unbounded(
     comm: MPI.Comm, state: State, load: np.ndarray, held: np.ndarray, fields, residual: float
 ) -> bool:
     """Return whether displacements are unbounded and no equilibrium exists to return to. Collective.
@@ -121,18 +121,18 @@ def is_lost(
     that never yields is taken to carry a strain of 1. The result is also true if the net is in equilibrium
     under nearly that load.
     """
-    excess = run_away(comm, state)
+    excess = unbounded_share(comm, state)
     if excess <= 1.0:
         return False
     largest = comm.allreduce(float(np.abs(load).max(initial=0.0, where=state.free != 0)), MPI.MAX)
-    if residual <= SHARP * largest:
+    if residual <= BRACKET_WIDTH * largest:
         return True
     moves, limit = (state.free != 0) & ~held[:, None], np.minimum(state.yield_force, state.EA)
     terms, owned = [], slice(state.n_owned)
     for field in fields:
         u, absorbed = np.where(moves, field, 0.0), np.zeros(len(moves))
         if state.turned is not None:
-            keep_on_guides(state.turned, u)
+            project_on_guides(state.turned, u)
         elongations = lengths(u[state.ends[:, 1]] - u[state.ends[:, 0]])
         nodal_stiffness(state.ends, 0.5 * limit * elongations, absorbed)  # half at either end
         terms += [(load * u)[owned], absorbed[owned]]
@@ -140,28 +140,30 @@ def is_lost(
     return any(work > capacity for work, capacity in zip(sums[::2], sums[1::2]))
 
 
-def strained(comm: MPI.Comm, distribution: Distribution, state: State, breaks: bool) -> Strained:
+def limit_utilisation_of(
+    comm: MPI.Comm, distribution: Distribution, state: State, breaks: bool
+) -> LimitUtilisation:
     """Return the utilisation of a state, the same on every rank. Collective.
 
     breaks : whether an element fails at its fracture strain
     """
-    excess, strain, threshold = run_away(comm, state), np.zeros(state.m), 1.0
+    excess, strain, threshold = unbounded_share(comm, state), np.zeros(state.m), 1.0
     if breaks and state.features.fracture:
-        eps = state.elements_now().eps
+        eps = state.present_element_state().eps
         strain = np.where(state.broken == 0, eps / state.eps_u, 0.0)
         if state.features.crushing:
             strain = np.where(state.broken == 0, np.maximum(strain, eps / state.eps_c), strain)
     largest = comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
-    reason = BREAKS if largest > 1.0 else RUNS_AWAY if excess > 1.0 else ""
-    if reason == RUNS_AWAY:
+    reason = BREAKS if largest > 1.0 else UNBOUNDED if excess > 1.0 else ""
+    if reason == UNBOUNDED:
         strain = yield_strains(state)
-        threshold = WITH_IT * comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
+        threshold = JOINT_SHARE * comm.allreduce(float(strain.max(initial=0.0)), MPI.MAX)
     subdomain = distribution.subdomain
     is_over = (strain > (threshold if reason else np.inf)) & subdomain.element_owned
     gathered = comm.allgather((np.round(strain[is_over], 3), subdomain.element_gid[is_over]))
     strains, elements = (np.concatenate(values) for values in zip(*gathered))
     order = np.lexsort((elements, -strains))  # elements of equal strain by number
-    return Strained(max(largest, excess), tuple(elements[order].tolist()), reason)
+    return LimitUtilisation(max(largest, excess), tuple(elements[order].tolist()), reason)
 
 
 def search_limit(
@@ -171,7 +173,7 @@ def search_limit(
     power: float,
     report: Callable[[float, float], None],
 ) -> tuple[Trial, Trial]:
-    """Return the trials below and above the limit load factor, no more than `SHARP` apart.
+    """Return the trials below and above the limit load factor, no more than `BRACKET_WIDTH` apart.
 
     trial(at) : solves a trial, from the state of the largest load carried so far
     low, high : trials below and above the limit; power : of `Trial.at`, with which strains grow
@@ -180,29 +182,30 @@ def search_limit(
     If `high` is not sure, or was unbounded far from equilibrium, it is tried again from nearby. So the last
     `low` may carry the whole load.
     """
-    first_high, is_confirmed, repeats = high, _is_near(high), 0
+    first_high, is_confirmed, repeats = high, _is_confirmed(high), 0
     while high.factor > LEAST and low.factor < 1.0:
-        is_narrow = high.factor - low.factor <= SHARP * high.factor
+        is_narrow = high.factor - low.factor <= BRACKET_WIDTH * high.factor
         if is_narrow and is_confirmed:
             break
         report(low.factor, min(high.factor, 1.0))
-        result = trial(high.at if is_narrow else _between(low, high, power, repeats))
+        result = trial(high.at if is_narrow else _next_trial(low, high, power, repeats))
         if result.there.reason:
-            is_confirmed, high, repeats = is_narrow or _is_near(result), result, min(repeats, 0) - 1
+            is_confirmed, high, repeats = is_narrow or _is_confirmed(result), result, min(repeats, 0) - 1
         elif is_narrow:  # the load is carried after all
-            low, high, is_confirmed, repeats = result, first_high, _is_near(first_high), 0
+            low, high, is_confirmed, repeats = result, first_high, _is_confirmed(first_high), 0
         else:
             low, repeats = result, max(repeats, 0) + 1
     return low, high
 
 
-def _is_near(high: Trial) -> bool:
+def _is_confirmed(high: Trial) -> bool:
     """Return whether the utilisation at the upper end is finite and sure."""
     return high.there.is_sure and high.there.most < np.inf
 
 
-def _between(low: Trial, high: Trial, power: float, stays: int) -> float:
-    """Return the next trial between two trials, by regula falsi, half of `SHARP` or more inside the bracket.
+def _next_trial(low: Trial, high: Trial, power: float, stays: int) -> float:
+    """Return the next trial between two trials, by regula falsi, half of `BRACKET_WIDTH` or more inside the
+    bracket.
 
     power : with which strains grow, used while no load is carried yet
     stays : how often the high end has stayed; less than 0: the low end
@@ -213,7 +216,7 @@ def _between(low: Trial, high: Trial, power: float, stays: int) -> float:
     reserve, excess = 1.0 - low.there.most, high.there.most - 1.0
     if low.at == 0.0 and FAR < high.there.most < np.inf:
         return high.at * high.there.most ** (-1.0 / power)
-    share, margin = 0.5, 0.5 * SHARP * high.factor / (high.factor - low.factor)
+    share, margin = 0.5, 0.5 * BRACKET_WIDTH * high.factor / (high.factor - low.factor)
     if excess < np.inf:
         reserve, excess = reserve * 0.5 ** max(-stays - 1, 0), excess * 0.5 ** max(stays - 1, 0)
         share = min(max(reserve / (reserve + excess), margin), 1.0 - margin)

@@ -21,12 +21,12 @@ from netfall.statics.newton import NoConvergence
 from netfall.statics.stability import unstable_at
 
 # error of a tangent over the relative motion of an element's ends [-], up to which it predicts the motion
-OFF = 0.5
+PREDICTION_ERROR = 0.5
 LEAST = 1e-3  # relative motion of an element's ends over its length [-], below which it is no jump
 NARROW = 2.0**-9  # load factor [-]: in an interval so short a path that only curves is plain
 # the same if the tangent predicts more motion than there is, for example as cables become taut
-NARROWEST = 2.0**-16
-MOST_TRIALS = 60  # equilibria inside the interval
+SHORTEST_INTERVAL = 2.0**-16
+MAX_PATH_EQUILIBRIA = 60  # equilibria inside the interval
 
 
 class LimitPoint(NamedTuple):
@@ -55,11 +55,11 @@ class _Motion(NamedTuple):
     size: float
 
 
-class _Untold(Exception):
+class _Undecided(Exception):
     """Failure to decide whether the states of the path follow each other continuously."""
 
 
-UNKNOWN = _Motion(False, False, -1, 0.0)
+UNKNOWN_MOTION = _Motion(False, False, -1, 0.0)
 
 
 class LoadPath:
@@ -82,17 +82,17 @@ class LoadPath:
         """
         try:
             return self._search(x, end)
-        except _Untold:
+        except _Undecided:
             return None, end
 
     def _search(self, x: np.ndarray, end: np.ndarray | None) -> tuple[LimitPoint | None, np.ndarray]:
         low, stack, is_sought = 0.0, [(1.0, end)], end is None
-        for _ in range(MOST_TRIALS):
+        for _ in range(MAX_PATH_EQUILIBRIA):
             high, upper = stack[-1]
-            motion = UNKNOWN if upper is None else self._motion(x, upper, low, high)
+            motion = UNKNOWN_MOTION if upper is None else self._motion(x, upper, low, high)
             if motion is None and (low, high) == (0.0, 1.0):
                 return None, end
-            motion = motion or UNKNOWN
+            motion = motion or UNKNOWN_MOTION
             if motion.plain:
                 low, x = stack.pop()
                 if not stack:
@@ -104,7 +104,7 @@ class LoadPath:
                 continue
             if is_narrow and (upper is None or motion.jumps):
                 return LimitPoint(low, motion.particle, motion.size), end
-            if high - low <= NARROWEST:
+            if high - low <= SHORTEST_INTERVAL:
                 low, x = stack.pop()
                 if not stack:
                     return None, x
@@ -122,7 +122,7 @@ class LoadPath:
         except DivergedError:
             stable = False
         if not stable and self.hangs:
-            raise _Untold
+            raise _Undecided
         return self.state.x.copy(order="K") if stable else None
 
     def _motion(self, x, upper, low: float, high: float) -> _Motion | None:
@@ -137,10 +137,10 @@ class LoadPath:
         a, b = state.ends.T
         relative = motion[b] - motion[a]
         size = lengths(relative)
-        counts = size > LEAST * state.elements_now().L
+        counts = size > LEAST * state.present_element_state().L
         missed = [relative - (predicted[b] - predicted[a]) for predicted in foreseen]
-        exceeds = [bool((counts & (lengths(error) > OFF * size)).any()) for error in missed]
-        falls_short = [counts & ((error * relative).sum(1) > OFF * size**2) for error in missed]
+        exceeds = [bool((counts & (lengths(error) > PREDICTION_ERROR * size)).any()) for error in missed]
+        falls_short = [counts & ((error * relative).sum(1) > PREDICTION_ERROR * size**2) for error in missed]
         owned = slice(state.n_owned)
         beyond = lengths((motion - foreseen[0])[owned])
         newton = self.newton(low)
@@ -166,7 +166,7 @@ class LoadPath:
             s, _ = newton.solve(K, cycle, newton.residual())
         except NoConvergence:
             return None
-        newton.spread_out(s)
+        newton.set_displacement(s)
         return newton.spread.copy()
 
 
@@ -199,6 +199,6 @@ def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: f
     return load_at
 
 
-def is_compressible(comm: MPI.Comm, state) -> bool:
+def has_compression(comm: MPI.Comm, state) -> bool:
     """Return whether anything carries compression or bends; otherwise the energy is convex. Collective."""
     return comm.allreduce(state.joints is not None or bool((state.bar != 0).any()), MPI.LOR)

@@ -11,38 +11,46 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
-from netfall.physics.supports import keep_on_guides, largest_residual
-from netfall.statics.multigrid.cycle import Cycle
-from netfall.statics.multigrid.distributed import advance, dot_rows, turn
+from netfall.physics.supports import largest_residual, project_on_guides
+from netfall.statics.multigrid.cycle import VCycle
+from netfall.statics.multigrid.distributed import dot_rows, update_direction, update_solution
 from netfall.statics.multigrid.tangent import Tangent, without_compression
 
-MOST_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
-MOST_GRADIENTS = 200  # conjugate gradient iterations per correction: a singular tangent takes more
-MANY_GRADIENTS = 25  # iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
+MAX_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
+MAX_CG_ITERATIONS = 200  # conjugate gradient iterations per correction: a singular tangent takes more
+SLOW_CG_ITERATIONS = (
+    25  # iterations above which a new multigrid cycle is cheaper than the old one (jobs/bench)
+)
 # share of the residual left after a correction [-]: two corrections then nearly reach the default tolerance
 LEFT = 3e-3
-LEFT_LAST = 0.1  # the same for the last correction before the tolerance [-]
-CAUTION = 10.0  # factor on the remaining error after many iterations [-]: slow modes hold more of the error
+LAST_CG_TOLERANCE = 0.1  # the same for the last correction before the tolerance [-]
+SLOW_CG_FACTOR = (
+    10.0  # factor on the remaining error after many iterations [-]: slow modes hold more of the error
+)
 # largest displacement of a correction over the net's extent [-]: beyond it the tangent is not valid
-FARTHEST = 0.1
-HALVINGS = 10  # reductions of a correction that goes too far
-SHORT = 0.3  # share of a correction [-]: if less of it is possible, the next correction gets more inertia
+MAX_MOVE = 0.1
+MAX_REDUCTIONS = 10  # reductions of a correction that goes too far
+SHORT_STEP = (
+    0.3  # share of a correction [-]: if less of it is possible, the next correction gets more inertia
+)
 FAR = 0.6  # unpredicted change of tension over the largest tension [-], above which the start is too far away
 # share of the nodal stiffness added to a singular tangent [-], first and largest value: more would slow the
 # directions that have stiffness
 INERTIA = 1e-6, 1e-3
 # times the tolerance [-]: largest accepted error if rounding or a singular tangent ends a search
 NEARLY = 10.0
-ULPS = 4.0  # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
+ROUNDING_ULPS = (
+    4.0  # rounding error of lengths in units in the last place of coordinates: two ends, two roundings
+)
 # smallest reference displacement of errors over the net's extent [-]
-NIL = 1e-6
+MIN_DISPLACEMENT = 1e-6
 
 
 STABLE, UNKNOWN = -1, -2  # values of `unstable_at` that are not the number of a particle
@@ -83,7 +91,7 @@ class StartPoint(NamedTuple):
     size: float = np.inf
 
 
-class Stopped(Exception):
+class StopRequested(Exception):
     """Request to stop, raised inside Newton's method."""
 
 
@@ -103,7 +111,9 @@ class NotPositiveDefinite(NoConvergence):
         self.shape = shape
 
 
-def still_missing(sizes: tuple[float, float], step_share: float, previous_size: float) -> tuple[float, ...]:
+def remaining_errors(
+    sizes: tuple[float, float], step_share: float, previous_size: float
+) -> tuple[float, ...]:
     """Estimate the errors left after a share of a step, if step sizes go on to decrease at the same rate.
 
     previous_size : the larger size of the step before. The estimate is at least the size of the step itself.
@@ -137,7 +147,7 @@ class Newton:
         self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
         self.extent, self.inertia = float((high - low).max()), 0.0
 
-    def dots(self, *pairs) -> list[float]:
+    def inner_products(self, *pairs) -> list[float]:
         """Compute inner products over all ranks, correctly rounded, of pairs of arrays (n_owned, 3).
 
         Collective.
@@ -156,16 +166,16 @@ class Newton:
     def residual(self) -> np.ndarray:
         """Compute the residual forces (n_owned, 3) [N] on the free axes."""
         self.net.forces(self.net.x, self.f)
-        return self.not_held(self.f[self.owned])
+        return self.without_held(self.f[self.owned])
 
-    def spread_out(self, u: np.ndarray) -> None:
+    def set_displacement(self, u: np.ndarray) -> None:
         """Copy displacements u (n_owned, 3) [m] to `spread` (n, 3) and update its halo. Collective."""
         self.spread[self.owned] = u
         self.halo.update(self.spread)
 
     def stiffness_times(self, K: Tangent, u: np.ndarray) -> np.ndarray:
         """Multiply the tangent stiffness by displacements u (n_owned, 3) [m]; [N], a view. Collective."""
-        self.spread_out(u)
+        self.set_displacement(u)
         self.answer[:] = 0.0
         add_stiffness(self.spread, self.net.ends, K.direction, K.axial, K.across, self.answer)
         if K.joints is not None:
@@ -176,12 +186,12 @@ class Newton:
             self.answer[:, :2] += K.between[:, None] * self.spread[:, 1::-1]
         out = self.answer[self.owned]
         if K.slip is not None:
-            K.slip.soften(self.spread, self.answer)
+            K.slip.subtract_slip(self.spread, self.answer)
         if self.inertia:
             out += self.inertia * K.nodal[self.owned, None] * u
         return self._held(out)
 
-    def not_held(self, rows: np.ndarray) -> np.ndarray:
+    def without_held(self, rows: np.ndarray) -> np.ndarray:
         """Return a copy of rows (n_owned, 3) without the components along held directions."""
         return self._held(np.where(self.moves, rows, 0.0))
 
@@ -189,11 +199,11 @@ class Newton:
         """Set rows (n_owned, 3) to 0 on held axes and along lines held by supports, in place; return them."""
         rows[self.stays] = 0.0
         if self.net.turned is not None:
-            keep_on_guides(self.net.turned, rows)
+            project_on_guides(self.net.turned, rows)
         return rows
 
     def solve(
-        self, K: Tangent, cycle: Cycle, r: np.ndarray, residual_share: float = LEFT
+        self, K: Tangent, cycle: VCycle, r: np.ndarray, residual_share: float = LEFT
     ) -> tuple[np.ndarray, int]:
         """Return the correction (n_owned, 3) [m] of a residual and the iterations. Collective.
 
@@ -204,21 +214,21 @@ class Newton:
         s, remainder, previous_remainder = np.zeros_like(r), r.copy(), np.empty_like(r)
         z = self._held(cycle(remainder))
         p = z.copy()
-        rz, rr = self.dots((remainder, z), (remainder, remainder))
+        rz, rr = self.inner_products((remainder, z), (remainder, remainder))
         if rr == 0.0:
             return s, 0
         if not (0.0 < rz < np.inf and rr < np.inf):
             raise NoConvergence("the preconditioner is not positive")
         first = rz
-        for iteration in range(1, MOST_GRADIENTS + 1):
+        for iteration in range(1, MAX_CG_ITERATIONS + 1):
             q = self.stiffness_times(K, p)
-            (pq,) = self.dots((p, q))
+            (pq,) = self.inner_products((p, q))
             if not pq > 0.0:
                 raise NotPositiveDefinite(p)
             step = rz / pq
-            advance(step, p, q, s, remainder, previous_remainder)
+            update_solution(step, p, q, s, remainder, previous_remainder)
             z = self._held(cycle(remainder))
-            size, new, mixed_product = self.dots(
+            size, new, mixed_product = self.inner_products(
                 (remainder, remainder), (remainder, z), (previous_remainder, z)
             )
             if (
@@ -226,21 +236,21 @@ class Newton:
                 and new <= residual_share * residual_share * first
             ):
                 return s, iteration
-            turn((new - mixed_product) / rz, z, p)
+            update_direction((new - mixed_product) / rz, z, p)
             rz = new
             if not 0.0 < rz < np.inf:
                 raise NoConvergence("the preconditioner is not positive")
-        raise SlowConvergence(f"{MOST_GRADIENTS} iterations of conjugate gradients were not enough")
+        raise SlowConvergence(f"{MAX_CG_ITERATIONS} iterations of conjugate gradients were not enough")
 
-    def cycle(self, K: Tangent) -> Cycle:
+    def cycle(self, K: Tangent) -> VCycle:
         """Set up the multigrid cycle, the approximate inverse of a tangent. Collective."""
-        return Cycle(self.distribution, self.net, K, self.inertia, self.structure)
+        return VCycle(self.distribution, self.net, K, self.inertia, self.structure)
 
     def find(
         self,
         tolerance: float,
         start: np.ndarray,
-        stop: StopRequest = NEVER,
+        stop: StopFlag = NEVER_STOP,
         start_point: StartPoint | None = None,
         quick: bool = False,
     ) -> Solution:
@@ -259,17 +269,19 @@ class Newton:
         K, (total, previous_size) = self.tangent(), start_point or StartPoint()
         cycle, r = None, self.residual()
         exact = True  # whether the tangent includes compression
-        for _ in range(MOST_CORRECTIONS):
+        for _ in range(MAX_CORRECTIONS):
             if self.comm.allreduce(int(stop.wanted), MPI.MAX):
-                raise Stopped
+                raise StopRequested
             cycle = cycle or self.cycle(K)
-            residual_share = min(max(LEFT, tolerance / (LEFT * max(previous_size, tolerance))), LEFT_LAST)
+            residual_share = min(
+                max(LEFT, tolerance / (LEFT * max(previous_size, tolerance))), LAST_CG_TOLERANCE
+            )
             try:
                 s, count = self.solve(K, cycle, r, residual_share)
             except NoConvergence as error:
                 if quick or (isinstance(error, SlowConvergence) and not start_point):
                     raise
-                if exact and self.comm.allreduce(K.softened, MPI.LOR):
+                if exact and self.comm.allreduce(K.is_softened, MPI.LOR):
                     K, exact = without_compression(K), False
                 else:
                     self._more_inertia()
@@ -280,16 +292,16 @@ class Newton:
             displacement, change, predicted = self.sizes(K, s, start)
             step_share = self.go(s, r)
             old_tangent, r, K = K, self.residual(), self.tangent()
-            unpredicted = self.unforeseen(old_tangent, K, predicted)
+            unpredicted = self.unpredicted_change(old_tangent, K, predicted)
             is_full, change = step_share == 1.0 and not self.inertia, max(change, unpredicted)
-            if quick and (step_share < SHORT or unpredicted > FAR):
+            if quick and (step_share < SHORT_STEP or unpredicted > FAR):
                 raise NoConvergence("it is not near")
             size, changed = max(displacement, change), self.active_set_changes(old_tangent, K)
             if changed:  # elements became slack or taut, or began or ceased to yield
                 previous_size = np.inf
-            if changed or count > MANY_GRADIENTS:
+            if changed or count > SLOW_CG_ITERATIONS:
                 cycle = None
-            solver_share = CAUTION * residual_share if count > MANY_GRADIENTS else residual_share
+            solver_share = SLOW_CG_FACTOR * residual_share if count > SLOW_CG_ITERATIONS else residual_share
             remaining_share = (
                 max(solver_share, min(1.0, size / previous_size)) if 0.0 < previous_size < np.inf else 1.0
             )
@@ -299,16 +311,16 @@ class Newton:
                 worst = self.comm.allreduce(local_residual, MPI.MAX)
                 return Solution(total, worst, remaining_share * displacement, remaining_share * change)
             previous_size, exact = size if is_full else np.inf, True
-            if step_share < SHORT:
+            if step_share < SHORT_STEP:
                 self._more_inertia()
             elif step_share == 1.0:
                 self.inertia = 0.0 if self.inertia <= INERTIA[0] else 0.1 * self.inertia
-        raise NoConvergence(f"{MOST_CORRECTIONS} corrections were not enough")
+        raise NoConvergence(f"{MAX_CORRECTIONS} corrections were not enough")
 
     def rounding(self, K: Tangent) -> float:
         """Estimate the change of tensions by rounded coordinates, over the largest tension. Collective."""
         size = np.abs(self.net.x).max(1, initial=0.0)[self.net.ends].max(1, initial=0.0)
-        force = ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size
+        force = ROUNDING_ULPS * np.finfo(float).eps * (K.axial + np.abs(K.across)) * size
         force, tension = self.largest(force[self.moved_elements], K.N[self.moved_elements])
         return force / tension if tension > 0.0 else 0.0
 
@@ -328,21 +340,23 @@ class Newton:
 
         Returns shares of displacement and tension as `errors` does. Call `begin` first.
         """
-        owned, tensions, counts = self.owned, state.elements_now().N, self.moved_elements
+        owned, tensions, counts = self.owned, state.present_element_state().N, self.moved_elements
         movement, distance, force_change, tension = self.largest(
             lengths((state.x - x)[owned]),
             lengths((state.x - state.x_start)[owned]),
             (tensions - N)[counts],
             tensions[counts],
         )
-        return movement / max(distance, NIL * self.extent), force_change / tension if tension > 0.0 else 0.0
+        return movement / max(
+            distance, MIN_DISPLACEMENT * self.extent
+        ), force_change / tension if tension > 0.0 else 0.0
 
     def _more_inertia(self) -> None:
         self.inertia = 10.0 * self.inertia or INERTIA[0]
         if self.inertia > INERTIA[1]:
             raise NoConvergence("the tangent is singular")
 
-    def unforeseen(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
+    def unpredicted_change(self, old: Tangent, new: Tangent, predicted: np.ndarray) -> float:
         """Return the largest change of tension that the old tangent missed, over the largest tension."""
         difference, tension = self.largest(
             (new.N - old.N - predicted)[self.moved_elements], new.N[self.moved_elements]
@@ -359,7 +373,7 @@ class Newton:
 
         The first two are shares of the largest displacement and tension.
         """
-        self.spread_out(s)
+        self.set_displacement(s)
         change = np.empty(len(K.axial))
         displacement = np.ascontiguousarray(self.net.x[self.owned] - start[self.owned])
         axial_forces(self.spread, self.net.ends, K.direction, K.axial, change)
@@ -373,30 +387,30 @@ class Newton:
         movement, distance, force_change, tension = self.largest(
             np.sqrt(squares[0]), np.sqrt(squares[1]), change[counts], K.N[counts]
         )
-        if movement <= ULPS * np.finfo(float).eps * self.extent:
+        if movement <= ROUNDING_ULPS * np.finfo(float).eps * self.extent:
             return 0.0, 0.0, change
         return (
-            movement / max(distance, NIL * self.extent),
+            movement / max(distance, MIN_DISPLACEMENT * self.extent),
             force_change / tension if tension > 0.0 else 0.0,
             change,
         )
 
-    def most_of(self, s: np.ndarray) -> float:
+    def allowed_share(self, s: np.ndarray) -> float:
         """Return the share of a correction that moves nothing too far. Collective."""
-        return min(1.0, FARTHEST * self.extent / max(self.largest(s)[0], 1e-300))
+        return min(1.0, MAX_MOVE * self.extent / max(self.largest(s)[0], 1e-300))
 
     def go(self, s: np.ndarray, r: np.ndarray) -> float:
         """Move the net along a correction until the residual changes sign; return the share moved.
 
         Collective.
         """
-        step_share = self.most_of(s)
+        step_share = self.allowed_share(s)
         start = self.net.x.copy()
-        (slope,) = self.dots((r, s))
-        self.spread_out(s)
-        for _ in range(HALVINGS):
+        (slope,) = self.inner_products((r, s))
+        self.set_displacement(s)
+        for _ in range(MAX_REDUCTIONS):
             self.net.x[:] = start + step_share * self.spread
-            (new_slope,) = self.dots((self.residual(), s))
+            (new_slope,) = self.inner_products((self.residual(), s))
             if np.isfinite(new_slope) and new_slope >= -0.5 * slope:
                 break
             fraction = slope / (slope - new_slope) if np.isfinite(new_slope) else 0.1

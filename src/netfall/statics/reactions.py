@@ -12,20 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.arrays import placed
+from netfall.core.arrays import padded_copy
 from netfall.core.functions import lengths
 from netfall.explicit.energy import Snapshot
-from netfall.geometry.turned import on_held
+from netfall.geometry.turned import support_forces
 from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_bending_forces, joint_moments
-from netfall.physics.elements import add_tensions
+from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.state import State
-from netfall.physics.supports import keep_on_guides, spring_forces
+from netfall.physics.supports import project_on_guides, spring_forces
 
-ROUNDED = 1e-9  # rounding error of sums of reactions and residuals, relative to the scale of `Balance`
-ROUNDED_TENSION = 1e-12  # rounding error of forces that cancel in the net, relative to the sum of tensions
+ROUNDING = 1e-9  # rounding error of sums of reactions and residuals, relative to the scale of `Balance`
+TENSION_ROUNDING = 1e-12  # rounding error of forces that cancel in the net, relative to the sum of tensions
 
 
 class Balance(NamedTuple):
@@ -49,7 +49,7 @@ class Balance(NamedTuple):
         return {"residual_sum": self.residual_sum, "force_balance_error": self.error}
 
 
-class Parts(NamedTuple):
+class BalanceTerms(NamedTuple):
     """Contributions of one rank to a balance.
 
     x, load, reaction, residual : (r, 3) [m], [N]; moves : (r,) bool; N : (k,) [N] of the owned elements
@@ -71,7 +71,7 @@ def unknown(state: State) -> Balance:
     return Balance(nan, [np.nan] * 3, np.nan, 0.0)
 
 
-def balance_of(
+def compute_balance(
     comm: MPI.Comm, state: State, snapshot: Snapshot, load: np.ndarray, residual: float, tolerance, slips=None
 ) -> Balance:
     """Compute the balance of an equilibrium under loads (n, 3) [N]. Collective.
@@ -84,7 +84,7 @@ def balance_of(
         load = load.copy()
         slips.add_moved_weights(load)
     pull, hold = np.zeros_like(state.x), np.zeros(0)
-    add_tensions(state.x, state.ends, snapshot.N, snapshot.room.now.L, pull)
+    add_axial_forces_now(state.x, state.ends, snapshot.N, snapshot.room.now.L, pull)
     if joints is not None:
         add_bending_forces(state.x, joints, pull)
         moment, all_hold = np.empty((2, len(joints.stiffness)))
@@ -94,7 +94,7 @@ def balance_of(
     reaction = np.where(free, 0.0, total)
     if state.turned is not None:
         guided = total.copy()
-        keep_on_guides(state.turned[rows], guided)
+        project_on_guides(state.turned[rows], guided)
         reaction[:, :2] += np.where(free, total - guided, 0.0)[:, :2]
     if state.features.springs:
         turned = None if state.turned is None else state.turned[rows]
@@ -103,12 +103,12 @@ def balance_of(
         )
         reaction -= np.where(free, force, 0.0)
     N = snapshot.N[state.owned != 0]
-    parts = Parts(state.x[rows], load[rows], reaction, total - reaction, free.any(1), N, hold)
-    return summed(comm, parts, residual, tolerance)
+    parts = BalanceTerms(state.x[rows], load[rows], reaction, total - reaction, free.any(1), N, hold)
+    return sum_balance(comm, parts, residual, tolerance)
 
 
-def balance_in_form(model: Model, load: np.ndarray, residual: float, tolerance: float) -> Balance:
-    """Compute the balance of the form of a model under loads (n, 3) [N], as `balance_of` does. Rank 0.
+def compute_form_balance(model: Model, load: np.ndarray, residual: float, tolerance: float) -> Balance:
+    """Compute the balance of the form of a model under loads (n, 3) [N], as `compute_balance` does. Rank 0.
 
     Axes with springs are fixed in the form: the reaction becomes the initial spring force.
     """
@@ -120,16 +120,16 @@ def balance_in_form(model: Model, load: np.ndarray, residual: float, tolerance: 
     np.subtract.at(pull, end, force)
     if model.joints is not None:
         pull = np.asfortranarray(pull)  # memory order of the arrays of a State
-        add_bending_forces(placed(x), model.joints, pull)
+        add_bending_forces(padded_copy(x), model.joints, pull)
         pull, (moment, hold) = np.ascontiguousarray(pull), np.empty((2, len(model.joints.stiffness)))
-        joint_moments(placed(x), model.joints, moment, hold)
+        joint_moments(padded_copy(x), model.joints, moment, hold)
     total, held = pull + load, net.fixed | (net.spring > 0)
-    reaction = on_held(net, held, total)
-    parts = Parts(x, load, reaction, total - reaction, ~held.all(1), model.N, hold)
-    return summed(MPI.COMM_SELF, parts, residual, tolerance)
+    reaction = support_forces(net, held, total)
+    parts = BalanceTerms(x, load, reaction, total - reaction, ~held.all(1), model.N, hold)
+    return sum_balance(MPI.COMM_SELF, parts, residual, tolerance)
 
 
-def summed(comm: MPI.Comm, parts: Parts, residual: float, tolerance: float) -> Balance:
+def sum_balance(comm: MPI.Comm, parts: BalanceTerms, residual: float, tolerance: float) -> Balance:
     """Combine the contributions of all ranks; bitwise the same on any number of ranks. Collective."""
     x, P, R, r, moves, N, hold = parts
     corners = np.concatenate([x, -x], axis=1).max(0, initial=-np.inf)
@@ -144,7 +144,7 @@ def summed(comm: MPI.Comm, parts: Parts, residual: float, tolerance: float) -> B
     scale, reach = max(absolute, tension), float(extent.max())
     if not scale > 0.0:
         return Balance(R, residual_sum.tolist(), 0.0, 0.0)
-    rounded = ROUNDED * scale + ROUNDED_TENSION * tensions
+    rounded = ROUNDING * scale + TENSION_ROUNDING * tensions
     error = np.abs(load_sum - reaction_sum).max()
     excess = [
         (np.abs(load_sum - reaction_sum - residual_sum).max() - rounded) / scale,

@@ -15,21 +15,28 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.kernels import kernel
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.parallel.sums import ALL, LIMBS, add_exactly, rounded
+from netfall.parallel.sums import ALL, LIMBS, add_exactly, round_limbs
 from netfall.physics.bending import add_bending_forces, add_joint_bounds
 from netfall.physics.elements import add_element_forces, geometric_stiffness, nodal_stiffness
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.state import State
-from netfall.physics.supports import add_springs, keep_on_guides, largest_residual, largest_springs
-from netfall.statics.limit_load import is_lost
+from netfall.physics.supports import (
+    add_spring_forces_now,
+    largest_residual,
+    largest_springs,
+    project_on_guides,
+)
+from netfall.statics.limit_load import is_unbounded
 
-MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
-OF_JOINTS = 1.5  # virtual mass of a joint over its stiffness [-]: a joint has three particles, an element two
-LOOK_EVERY = 10  # iterations between checks of the residual, which need a reduction
+MASS_MARGIN = 1.2  # factor on the virtual mass [-]: the stiffness grows a little between two peaks
+JOINT_MASS_FACTOR = (
+    1.5  # virtual mass of a joint over its stiffness [-]: a joint has three particles, an element two
+)
+CHECK_EVERY = 10  # iterations between checks of the residual, which need a reduction
 
 
 @dataclass
@@ -57,7 +64,7 @@ class Relaxation:
         return self.iteration > 0 or self.stage > 0 or self.total > 0
 
 
-class RunsAway(DivergedError):
+class UnboundedDisplacement(DivergedError):
     """Unbounded displacements of yielding elements."""
 
 
@@ -68,7 +75,7 @@ class Paused(Exception):
         self.at = at
 
 
-def not_begun(x: np.ndarray) -> Relaxation:
+def initial_relaxation(x: np.ndarray) -> Relaxation:
     """Return the state of a relaxation before its first iteration."""
     return Relaxation(0, 0.0, True, x, np.zeros_like(x), np.ones_like(x))
 
@@ -112,7 +119,7 @@ class Net(NamedTuple):
     stiffness(x) : returns an upper bound (m,) [N/m] of the elements' stiffness at x
     support : (n,) [N/m] of elastic supports, the stiffest axis, None: none
     bound(x, out) : adds to out (n,) the stiffness of bending joints, None: there are none
-    lost(comm, u, residual) : see `limit_load.is_lost`, for displacements u (n, 3); None: nothing yields
+    lost(comm, u, residual) : see `limit_load.is_unbounded`, for displacements u (n, 3); None: nothing yields
     turned : (n, 3) of supports with axes of their own, None: there are none; `forces` leaves no component
         along the lines that they hold
     """
@@ -136,7 +143,7 @@ def relax(
     max_iterations: int,
     name: str,
     report: Callable[[int, float], None] = lambda iteration, residual: None,
-    stop: StopRequest = NEVER,
+    stop: StopFlag = NEVER_STOP,
     resume: Relaxation | None = None,
 ) -> tuple[int, float]:
     """Move net.x to equilibrium; return the iterations and the largest residual [N]. Collective.
@@ -156,7 +163,7 @@ def relax(
         x[:], v[:], mass[:] = resume.x, resume.v, resume.mass
     for iteration in range(first, max_iterations + 1):
         net.forces(x, f)
-        if iteration % LOOK_EVERY == 0 or rested:
+        if iteration % CHECK_EVERY == 0 or rested:
             checked = np.array([largest_residual(f, free, n_owned), stop.wanted])
             comm.Allreduce(MPI.IN_PLACE, checked, MPI.MAX)
             residual, stopping = checked.tolist()
@@ -170,21 +177,21 @@ def relax(
             report(iteration, residual)
             if stopping:
                 raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
-        if net.lost is not None and iteration % (10 * LOOK_EVERY) == 0 and net.lost(comm, v, residual):
-            raise RunsAway(f"{name}: what yields stretches without end")
+        if net.lost is not None and iteration % (10 * CHECK_EVERY) == 0 and net.lost(comm, v, residual):
+            raise UnboundedDisplacement(f"{name}: what yields stretches without end")
         halo.update(f)
         if rested:
             total = np.zeros(len(x)) if net.support is None else net.support.copy()
             nodal_stiffness(net.ends, net.stiffness(x), total)
             if net.bound is not None:
                 net.bound(x, total)
-            mass[:] = np.where(total > 0.0, 0.5 * MARGIN * total, 1.0)[:, None]
+            mass[:] = np.where(total > 0.0, 0.5 * MASS_MARGIN * total, 1.0)[:, None]
             halo.update(mass)
         relax_step(x, v, f, mass, free, rested, n_owned, kinetic)
         limbs[:] = 0
         add_exactly(kinetic, ALL, limbs)
         comm.Allreduce(MPI.IN_PLACE, limbs, MPI.SUM)
-        energy = rounded(limbs)
+        energy = round_limbs(limbs)
         rested = not energy > previous
         previous = energy
         if rested:
@@ -221,27 +228,31 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
         f[:] = 0.0
         if slips is not None:
             slips.forces(x, f)
-        add_element_forces(x, *state.of_a_moment, f)
+        add_element_forces(x, *state.elements_and_law, f)
         if state.joints is not None:
             add_bending_forces(x, state.joints, f)
         if state.features.springs:
-            add_springs(x, state.x_start, state.spring, state.spring_rest, turned, f)
+            add_spring_forces_now(x, state.x_start, state.spring, state.spring_rest, turned, f)
         f += load
         if state.turned is not None:
-            keep_on_guides(state.turned, f)
+            project_on_guides(state.turned, f)
 
     def stiffness(x):
-        elements = state.elements_now()
+        elements = state.present_element_state()
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(elements.N, elements.L)
 
     support = largest_springs(state.spring, state.turned) if state.features.springs else None
-    bound = None if state.joints is None else lambda x, out: add_joint_bounds(x, state.joints, OF_JOINTS, out)
+    bound = (
+        None
+        if state.joints is None
+        else lambda x, out: add_joint_bounds(x, state.joints, JOINT_MASS_FACTOR, out)
+    )
 
     def lost(comm, u, residual=np.inf):
         stiffness = np.zeros(len(u)) if support is None else support.copy()
         if bound is not None:
             bound(state.x, stiffness)
-        return is_lost(comm, state, load, stiffness > 0.0, (u, state.x - state.x_start), residual)
+        return is_unbounded(comm, state, load, stiffness > 0.0, (u, state.x - state.x_start), residual)
 
     return Net(
         state.x,
@@ -267,7 +278,7 @@ def state_residual(comm: MPI.Comm, state: State, load: np.ndarray) -> float:
 
 
 RELAXATION = "relaxation"  # key in checkpoints
-RELAXED = ("x", "v", "mass", "start")  # arrays of a relaxation in checkpoints
+RELAXATION_ARRAYS = ("x", "v", "mass", "start")  # arrays of a relaxation in checkpoints
 
 
 def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
@@ -275,7 +286,7 @@ def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict,
 
     Collective.
     """
-    local_arrays = {name: getattr(at, name) for name in RELAXED} | {
+    local_arrays = {name: getattr(at, name) for name in RELAXATION_ARRAYS} | {
         "start": at.x if at.start is None else at.start
     }
     arrays = {name: distribution.gather_particles(rows) for name, rows in local_arrays.items()}
@@ -285,4 +296,6 @@ def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict,
 
 def restored_relaxation(distribution: Distribution, small: dict, arrays: dict | None) -> Relaxation:
     """Restore the relaxation of a record; arrays : on rank 0. Collective."""
-    return Relaxation(**small, **{name: distribution.particles(arrays and arrays[name]) for name in RELAXED})
+    return Relaxation(
+        **small, **{name: distribution.particles(arrays and arrays[name]) for name in RELAXATION_ARRAYS}
+    )

@@ -10,26 +10,26 @@ from dataclasses import replace
 import numpy as np
 
 from netfall.core.errors import DivergedError
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.physics.state import State
 from netfall.statics.newton import NEARLY, Newton, NoConvergence, Solution, StartPoint
-from netfall.statics.relaxation import Paused, Relaxation, not_begun, relax
+from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, relax
 from netfall.statics.stability import unstable_at
 
 # residuals over the largest force [-], after which Newton's method is tried
-NEARER = (1e-2, 1e-3, 1e-4, 1e-5)
-MOST_AGAIN = 6  # further residuals, each a tenth of the one before, if no tangent estimates the error
-AGAIN = 1000  # iterations allowed for each of these, in addition to the number taken before
+STAGE_RESIDUALS = (1e-2, 1e-3, 1e-4, 1e-5)
+MAX_EXTRA_STAGES = 6  # further residuals, each a tenth of the one before, if no tangent estimates the error
+EXTRA_ITERATIONS = 1000  # iterations allowed for each of these, in addition to the number taken before
 
 
-def relaxed_in_turn(
+def relax_in_stages(
     finder,
     newton: Newton,
     tolerance: float,
     reference: float,
     max_iterations: int,
     name: str,
-    stop: StopRequest,
+    stop: StopFlag,
     start: np.ndarray,
     resume: Relaxation | None,
 ) -> Solution:
@@ -40,8 +40,8 @@ def relaxed_in_turn(
     Raises DivergedError if the iterations run out, RunsAway, Paused.
     """
     state, final_residual = finder.state, tolerance * reference
-    residuals = [share * reference for share in NEARER if share > tolerance]
-    residuals += [final_residual / 10.0**k for k in range(MOST_AGAIN)]
+    residuals = [share * reference for share in STAGE_RESIDUALS if share > tolerance]
+    residuals += [final_residual / 10.0**k for k in range(MAX_EXTRA_STAGES)]
     first, total = (resume.stage, resume.total) if resume else (0, 0)
     positions, solution, previous, resume_point = start, None, None, None
     for stage in range(first, len(residuals)):
@@ -50,7 +50,7 @@ def relaxed_in_turn(
         def report(_: int, residual: float, goal: float = goal) -> None:
             finder.report(f"{name}: relaxing, residual {residual:.2g} N of {goal:.2g} N")
 
-        allowed = min(max_iterations, AGAIN + total) if solution else max_iterations
+        allowed = min(max_iterations, EXTRA_ITERATIONS + total) if solution else max_iterations
         try:
             net = newton.net
             iterations, residual = relax(
@@ -70,15 +70,15 @@ def relaxed_in_turn(
             continue
         total, resume, positions = total + iterations, None, state.x.copy(order="K")
         try:
-            return finder.corrected(newton, tolerance, NEVER, StartPoint(total))
+            return finder.find_by_newton(newton, tolerance, NEVER_STOP, StartPoint(total))
         except NoConvergence:
             state.x[:] = positions
         if goal <= final_residual:
             solution = Solution(total, residual, *_errors(newton, state, previous), True, unstable_at(newton))
-            previous = positions, state.elements_now().N
+            previous = positions, state.present_element_state().N
             if solution.error <= tolerance:
                 break
-            resume_point = resume_point or replace(not_begun(positions), stage=stage, total=total)
+            resume_point = resume_point or replace(initial_relaxation(positions), stage=stage, total=total)
     _check_error(newton, solution, tolerance, residuals[-1], name)
     return solution
 

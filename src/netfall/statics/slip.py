@@ -2,11 +2,11 @@
 
 For positions x the slips s minimise W(x, s) = strain energy + potential of the self weight + sum R |s -
 s_old|. A slip point sticks while |Q| <= R and slips with |Q| = R (`physics.slip.law`). When a fifth of a
-free segment is left, a stop on the cable ends the slip (a stiff spring, `free_segments.STOP`). W is convex in
-s, so Newton's method on the slip points that slip finds the minimum. Its steps end where a slip would
-reverse. The forces on the nodes are the gradient of the minimum of W. The tangent is that of the net without
-slip, reduced by what slips: K_xx - K_xs K_ss^-1 K_sx. So an equilibrium is found as without slip, and every
-trial includes the slips.
+free segment is left, a stop on the cable ends the slip (a stiff spring, `free_segments.STOP_STIFFNESS`). W is
+convex in s, so Newton's method on the slip points that slip finds the minimum. Its steps end where a slip
+would reverse. The forces on the nodes are the gradient of the minimum of W. The tangent is that of the net
+without slip, reduced by what slips: K_xx - K_xs K_ss^-1 K_sx. So an equilibrium is found as without slip, and
+every trial includes the slips.
 
 R is constant within one search for an equilibrium. It is then updated with the tensions, and the search
 starts again from the same positions, until R does not change. The effect of friction depends on the path:
@@ -21,34 +21,34 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.errors import DivergedError
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
-from netfall.physics.slip.law import LEAST, slipped_lengths
+from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
 from netfall.physics.state import State
 from netfall.statics.free_segments import (
-    STOP,
-    CableChains,
-    Strands,
-    limits_of,
-    make_work,
-    slips_at,
+    STOP_STIFFNESS,
+    SlipChains,
+    SlipElements,
+    allocate_slip_scratch,
+    compute_slip_forces,
+    compute_slip_limits,
     solve_chains,
-    strand_forces,
+    solve_slips,
 )
 from netfall.statics.newton import Solution
-from netfall.statics.relaxation import Paused, Relaxation, not_begun
+from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation
 
-INEXACT = 1e-8  # residual force on slips over the largest tension [-], accepted in an equilibrium
-SETTLED = 0.1  # accepted change of slip resistances over the tolerance of the equilibrium [-]
-MOST_ROUNDS = 100  # updates of the slip resistances with the tensions
+SLIP_RESIDUAL = 1e-8  # residual force on slips over the largest tension [-], accepted in an equilibrium
+LIMIT_TOLERANCE = 0.1  # accepted change of slip resistances over the tolerance of the equilibrium [-]
+MAX_LIMIT_UPDATES = 100  # updates of the slip resistances with the tensions
 
 
 class SlipTangent(NamedTuple):
     """Reduction of the tangent stiffness by slip, at the positions of construction. slips : `Slips`
 
     way : (k,) 0 if a slip point sticks; coupling, stiffness : (q,) of `_force_of`; direction : (q, 3)
-    hold : (g,) of `strand_forces`
+    hold : (g,) of `compute_slip_forces`
     """
 
     slips: "Slips"
@@ -70,7 +70,7 @@ class SlipTangent(NamedTuple):
             self.coupling * elongation - slips.weights * chains.weight * 0.5 * (ends[:, 2] + ends[:, 5])
         )
 
-    def of_strands(self, change: np.ndarray) -> np.ndarray:
+    def length_changes(self, change: np.ndarray) -> np.ndarray:
         """Compute the changes (m,) [m] of unstressed lengths at fixed nodes, slip included. Collective.
 
         change : (m,) [m], prescribed
@@ -90,7 +90,7 @@ class SlipTangent(NamedTuple):
         solve_chains(chains, self.way, self.hold, forces, pivot, off_diagonal, border, s)
         return chains.passed(np.where(self.way != 0, s, 0.0))
 
-    def soften(self, u: np.ndarray, answer: np.ndarray) -> None:
+    def subtract_slip(self, u: np.ndarray, answer: np.ndarray) -> None:
         """Subtract the effect of slip from forces `answer` (n, 3) [N] of the net without slip. Collective."""
         slips = self.slips
         length_change = self.changes(u)
@@ -123,7 +123,7 @@ class Slips:
     held : whether everything sticks; left : residual force on slips over the largest tension
     """
 
-    def __init__(self, distribution: Distribution, state: State, chains: CableChains):
+    def __init__(self, distribution: Distribution, state: State, chains: SlipChains):
         self.distribution, self.state, self.chains = distribution, state, chains
         self.comm, self.weights, self.left = distribution.comm, 0.0, 0.0
         self.held, self.resistance = False, chains.resistance
@@ -139,7 +139,7 @@ class Slips:
         self.rows = np.flatnonzero(row >= 0), row[row >= 0]
         self.here = [(e, int(row[e]), along(e)) for e in np.flatnonzero(row >= 0).tolist()]
         self.my_ends = np.array([along(e) for e in self.mine.tolist()], int).reshape(-1, 2)
-        self.work = make_work(len(chains.element), len(chains.into), len(chains.node))
+        self.work = allocate_slip_scratch(len(chains.element), len(chains.slip_in), len(chains.node))
         self.old, self.s, self.limit = np.zeros((3, len(chains.node)))
         at = rows_of(d.particle_gid, chains.node)
         self.places = np.flatnonzero(at >= 0)
@@ -158,7 +158,7 @@ class Slips:
 
     def open_clamps(self, opened: bool) -> None:
         """Set the slip resistance of the clamps to zero, or restore it."""
-        self.chains = self.chains.replaced(resistance=self.resistance * (not opened))
+        self.chains = self.chains.with_values(resistance=self.resistance * (not opened))
 
     def begin(self) -> None:
         """Start an equilibrium: slips count from here, slip resistances follow the present tensions.
@@ -176,9 +176,9 @@ class Slips:
         is_torn = np.bincount(self.chains.segment, self.sections[:, 0] == 0.0) > 0
         # a segment carries nothing if one of its elements carries nothing
         self.sections[is_torn[self.chains.segment], 0] = 0.0
-        self.stop = STOP * self.sections[:, 0].max(initial=0.0) / self.sections[:, 1]
+        self.stop = STOP_STIFFNESS * self.sections[:, 0].max(initial=0.0) / self.sections[:, 1]
         self.old[:] = self.s[:] = slips
-        self.renew_limits()
+        self.update_resistances()
 
     def numbers(self) -> tuple[np.ndarray, int]:
         """Return the index of each of `State.places` among all slip points, (places,), and their number."""
@@ -186,7 +186,7 @@ class Slips:
         order = np.lexsort((column, row))
         return self.places[order][row[order] < self.state.n_owned], len(self.s)
 
-    def weigh(self, factor: float) -> None:
+    def freeze_weights(self, factor: float) -> None:
         """Convert the self weight and its pull at slip points to constant loads. Collective.
 
         factor : of the self weight. Serves the dynamic stage, in which weights do not follow slips.
@@ -202,20 +202,20 @@ class Slips:
         for e, _, pair in self.here:
             state.load[pair, 2] += shifted[e]
 
-    def _strands(self) -> Strands:
+    def _strands(self) -> SlipElements:
         ends = self.at_ends(self.state.x)
         along = ends[:, 3:] - ends[:, :3]
         L = np.sqrt(along[:, 0] ** 2 + along[:, 1] ** 2 + along[:, 2] ** 2)
         EA, strand = np.ascontiguousarray(self.sections.T)
-        return Strands(
+        return SlipElements(
             EA, strand, self.stop, L, 0.5 * (ends[:, 2] + ends[:, 5]), along / np.maximum(L, 1e-300)[:, None]
         )
 
-    def renew_limits(self) -> float:
+    def update_resistances(self) -> float:
         """Update slip resistances with the tensions; return the largest change over the largest tension."""
         strands, w, previous = self._strands(), self.work, self.limit.copy()
         law, weights = self.state.law, self.weights
-        strand_forces(
+        compute_slip_forces(
             self.s,
             self.chains,
             strands,
@@ -229,15 +229,15 @@ class Slips:
             w.drive,
             w.hold,
         )
-        limits_of(self.chains, strands, w.T, law, self.limit)
+        compute_slip_limits(self.chains, strands, w.T, law, self.limit)
         largest = np.abs(w.T).max(initial=0.0)
         return float(np.abs(self.limit - previous).max(initial=0.0) / largest) if largest > 0.0 else 0.0
 
-    def follow(self) -> Strands:
+    def follow(self) -> SlipElements:
         """Update slips and unstressed lengths to the present positions. Collective."""
         strands = self._strands()
         limit = self.limit + np.inf if self.held else self.limit
-        self.left = slips_at(
+        self.left = solve_slips(
             self.old, limit, self.chains, strands, self.weights, self.state.law, self.work, self.s
         )
         self.state.slip[self.at] = self.s[self.places]
@@ -267,7 +267,7 @@ class Slips:
         coupling = np.where(w.T > 0.0, w.coupling, 0.0)
         return SlipTangent(self, w.way.copy(), coupling, w.stiffness.copy(), w.hold.copy(), strands.direction)
 
-    def tangent_at_rest(self) -> SlipTangent:
+    def pulley_tangent(self) -> SlipTangent:
         """Return the reduction of the tangent by frictionless pulleys; all other slip points stick.
 
         Collective.
@@ -280,10 +280,10 @@ class Slips:
 
     def stopped(self) -> tuple[int, ...]:
         """Return the global numbers of elements whose stop is reached, after an equilibrium."""
-        return tuple(self.chains.element[self.work.L0 < LEAST * self.sections[:, 1]].tolist())
+        return tuple(self.chains.element[self.work.L0 < MIN_SEGMENT_SHARE * self.sections[:, 1]].tolist())
 
 
-def _near(slips: Slips, finder, find: Callable[[], Solution]) -> None:
+def _find_sticking(slips: Slips, finder, find: Callable[[], Solution]) -> None:
     """Bring the net to the equilibrium in which everything sticks, a better start for friction. Collective.
 
     find() : finds it, and may raise. If there is none, or a stop is requested, the positions are restored.
@@ -296,14 +296,14 @@ def _near(slips: Slips, finder, find: Callable[[], Solution]) -> None:
     slips.held = False
 
 
-def find_slipping(
+def find_with_slip(
     finder,
     load: np.ndarray,
     tolerance: float,
     reference: float,
     max_iterations: int,
     name: str,
-    stop: StopRequest = NEVER,
+    stop: StopFlag = NEVER_STOP,
     resume: Relaxation | None = None,
     relaxes: bool = True,
     watch: Callable[[], None] | None = None,
@@ -323,21 +323,21 @@ def find_slipping(
 
     slips.begin()
     if slips.limit.any():
-        _near(slips, finder, find)
-    for _ in range(MOST_ROUNDS):
+        _find_sticking(slips, finder, find)
+    for _ in range(MAX_LIMIT_UPDATES):
         try:
             solution = find()
         except Paused:
             state.x[:], state.slip[:] = start, slip
-            slipped_lengths(state.particles.slip, state.elements)
-            raise Paused(not_begun(start)) from None
+            update_slipped_lengths(state.particles.slip, state.elements)
+            raise Paused(initial_relaxation(start)) from None
         slips.follow()
-        if not slips.left <= INEXACT:
+        if not slips.left <= SLIP_RESIDUAL:
             raise DivergedError(f"{name}: the slips of cables over nodes were not found")
         slips_before = slips.s.copy()
-        if slips.renew_limits() <= SETTLED * tolerance:
+        if slips.update_resistances() <= LIMIT_TOLERANCE * tolerance:
             return solution
         slips.follow()
         if np.array_equal(slips.s, slips_before):  # resistances of points that stick do not matter
             return solution
-    raise DivergedError(f"{name}: friction of what slips did not settle in {MOST_ROUNDS} rounds")
+    raise DivergedError(f"{name}: friction of what slips did not settle in {MAX_LIMIT_UPDATES} rounds")

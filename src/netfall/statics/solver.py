@@ -16,31 +16,31 @@ from functools import cache
 import numpy as np
 
 from netfall.core.errors import DivergedError
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.elements import add_tensions, axial_forces
+from netfall.physics.elements import add_axial_forces_now, axial_forces
 from netfall.physics.state import State
-from netfall.statics.interior_point import NARROWED, Mixed
-from netfall.statics.limit_load import Strained
-from netfall.statics.limit_point import is_compressible
-from netfall.statics.multigrid.cycle import Structure
-from netfall.statics.multigrid.lines import Lines, lines_of
+from netfall.statics.interior_point import STEP_SIZES, InteriorPoint
+from netfall.statics.limit_load import LimitUtilisation
+from netfall.statics.limit_point import has_compression
+from netfall.statics.multigrid.cycle import CycleStructure
+from netfall.statics.multigrid.lines import Lines, distribute_lines
 from netfall.statics.multigrid.tangent import Tangent, tangent_of
-from netfall.statics.newton import Newton, NoConvergence, Solution, StartPoint, Stopped
-from netfall.statics.relaxation import Paused, Relaxation, net_of, not_begun
-from netfall.statics.relaxation_stages import relaxed_in_turn
+from netfall.statics.newton import Newton, NoConvergence, Solution, StartPoint, StopRequested
+from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation, net_of
+from netfall.statics.relaxation_stages import relax_in_stages
 from netfall.statics.slip import Slips
 from netfall.statics.stability import unstable_at
 from netfall.statics.work_control import LimitLoad, limit_load
 
 # share of the residual force that may remain in a response [-]: small, since differences are used
-EXACT = 1e-10
+RESPONSE_RESIDUAL = 1e-10
 
 
 @dataclass
-class Finder:
+class EquilibriumFinder:
     """Search for equilibria of one state.
 
     slips : cables that slide over nodes, None: there are none
@@ -53,9 +53,9 @@ class Finder:
     state: State
     slips: Slips | None = None
     report: Callable[[str], None] = field(default_factory=lambda: lambda words: None, init=False)
-    _structure: Structure | None = field(default=None, init=False)
+    _structure: CycleStructure | None = field(default=None, init=False)
 
-    def forget(self) -> None:
+    def reset_structure(self) -> None:
         """Discard the cached multigrid structure after the elements of the net have changed."""
         self._structure = None
 
@@ -66,7 +66,7 @@ class Finder:
         reference: float,
         max_iterations: int,
         name: str,
-        stop: StopRequest = NEVER,
+        stop: StopFlag = NEVER_STOP,
         resume: Relaxation | None = None,
         relaxes: bool = True,
         watch: Callable[[], None] | None = None,
@@ -75,75 +75,77 @@ class Finder:
 
         tolerance : of the estimated errors; reference : [N], the largest force that acts; max_iterations : of
             the relaxation; stop, resume : see `relax`; relaxes : whether relaxation is tried last;
-        watch : see `Mixed`
+        watch : see `InteriorPoint`
 
         Raises DivergedError if no equilibrium is found, RunsAway if there is none, Paused if asked to stop.
         """
         newton, x = self.newton(load), self.state.x
         if resume is None or not resume.is_begun:
             start, resume = x.copy(order="K"), None
-            for method in (self._by_newton, self._by_tensions):
+            for method in (self._try_newton, self._try_interior_point):
                 try:
                     return method(newton, tolerance, stop, watch)
-                except Stopped:
+                except StopRequested:
                     x[:] = start
-                    raise Paused(not_begun(start)) from None
+                    raise Paused(initial_relaxation(start)) from None
                 except NoConvergence:
                     x[:] = start
         else:
             start = resume.start
         if not relaxes:
             raise DivergedError(f"{name}: no equilibrium was found at once")
-        return relaxed_in_turn(self, newton, tolerance, reference, max_iterations, name, stop, start, resume)
+        return relax_in_stages(self, newton, tolerance, reference, max_iterations, name, stop, start, resume)
 
-    def _has_tensions(self) -> bool:
+    def _allows_interior_point(self) -> bool:
         """Return whether the interior point method applies, which takes tensions as unknowns. Collective.
 
         It applies to nets of cables alone: their energy is convex, so there is one equilibrium.
         """
-        return self.slips is None and not is_compressible(self.comm, self.state)
+        return self.slips is None and not has_compression(self.comm, self.state)
 
     def has_limit_load(self) -> bool:
         """Return whether `limit_load` applies: to nets of cables alone that yield. Collective."""
-        return self._has_tensions() and self.state.features.plastic
+        return self._allows_interior_point() and self.state.features.plastic
 
-    def _by_newton(self, newton: Newton, tolerance: float, stop: StopRequest, watch) -> Solution:
+    def _try_newton(self, newton: Newton, tolerance: float, stop: StopFlag, watch) -> Solution:
         """Find the equilibrium by Newton's method. Raises NoConvergence, Stopped. Collective."""
-        return self.corrected(newton, tolerance, stop, quick=self._has_tensions())
+        return self.find_by_newton(newton, tolerance, stop, quick=self._allows_interior_point())
 
-    def _by_tensions(self, newton: Newton, tolerance: float, stop: StopRequest, watch) -> Solution:
+    def _try_interior_point(self, newton: Newton, tolerance: float, stop: StopFlag, watch) -> Solution:
         """Find the equilibrium by the interior point method, then by Newton's method. Collective.
 
         Raises NoConvergence, Stopped, RunsAway, and any exception that watch() raises.
         """
-        if not self._has_tensions():
+        if not self._allows_interior_point():
             raise NoConvergence("there are bars, or cables slip")
-        mixed, x, solution = Mixed(newton, self.state, stop, watch=watch), self.state.x, None
-        for size in NARROWED:
-            start_point = mixed.narrow(size, tolerance)
+        mixed, x, solution = InteriorPoint(newton, self.state, stop, watch=watch), self.state.x, None
+        for size in STEP_SIZES:
+            start_point = mixed.iterate(size, tolerance)
             if max(mixed.missing) <= tolerance:
                 break
             positions = x.copy(order="K")
             try:
-                solution = self.corrected(newton, tolerance, stop, start_point)
+                solution = self.find_by_newton(newton, tolerance, stop, start_point)
                 break
             except NoConvergence:
                 x[:] = positions
-        solution = solution or self._narrowed(newton, mixed.gradients, mixed.missing)
+        solution = solution or self._interior_point_solution(newton, mixed.gradients, mixed.missing)
         if solution.unstable_at >= 0:
             raise NoConvergence("it is not stable: relaxation leads to one that is, if there is one")
         return solution
 
-    def _narrowed(self, newton: Newton, gradients: int, errors: tuple[float, float]) -> Solution:
+    def _interior_point_solution(
+        self, newton: Newton, gradients: int, errors: tuple[float, float]
+    ) -> Solution:
         """Return the present state of the interior point method as a `Solution`. Collective."""
         (residual,) = newton.largest(newton.residual())
         return Solution(gradients, residual, *errors, unstable_at=unstable_at(newton))
 
-    def corrected(
+    def find_by_newton(
         self,
         newton: Newton,
         tolerance: float,
-        stop: StopRequest,
+        stop: StopFlag,
         start_point: StartPoint | None = None,
         quick: bool = False,
     ) -> Solution:
@@ -160,7 +162,7 @@ class Finder:
         r[: self.state.n_owned] = self.newton(load).residual()
         return r
 
-    def foresees(self, load: np.ndarray) -> bool:
+    def converges_quickly(self, load: np.ndarray) -> bool:
         """Return whether Newton's method converges quickly under a load (n, 3) [N]. Collective.
 
         The positions are restored.
@@ -178,9 +180,9 @@ class Finder:
         self,
         load: np.ndarray,
         scaled_load: np.ndarray,
-        strained: Callable[[], Strained],
+        strained: Callable[[], LimitUtilisation],
         tolerances: tuple[float, float],
-        stop: StopRequest,
+        stop: StopFlag,
         report: Callable[[float, float], None],
     ) -> tuple[LimitLoad, Solution]:
         """Bring the state to the limit load factor of one of two loads. Collective.
@@ -192,7 +194,7 @@ class Finder:
         owned_load = scaled_load[: self.state.n_owned]
         limit = limit_load(self.newton(load), self.state, owned_load, strained, tolerances, stop, report)
         newton = self.newton(load + limit.factor * scaled_load)
-        return limit, self._narrowed(newton, limit.gradients, limit.missing)
+        return limit, self._interior_point_solution(newton, limit.gradients, limit.missing)
 
     def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
         """Return a function that computes the response to a change (m,) [m] of unstressed lengths.
@@ -210,12 +212,12 @@ class Finder:
         cycle = newton.cycle(K)
 
         def respond(change):
-            fixed = self.at_fixed_nodes(change)
+            fixed = self.fixed_node_response(change)
             newton.f[:] = 0.0
-            add_tensions(state.x, state.ends, fixed, state.elements_now().L, newton.f)
-            r = newton.not_held(newton.f[newton.owned])
-            s, _ = newton.solve(K, cycle, r, EXACT)
-            newton.spread_out(s)
+            add_axial_forces_now(state.x, state.ends, fixed, state.present_element_state().L, newton.f)
+            r = newton.without_held(newton.f[newton.owned])
+            s, _ = newton.solve(K, cycle, r, RESPONSE_RESIDUAL)
+            newton.set_displacement(s)
             axial = np.empty(len(change))
             axial_forces(newton.spread, state.ends, K.direction, K.axial, axial)
             if K.slip is not None:
@@ -224,26 +226,26 @@ class Finder:
 
         return respond
 
-    def at_fixed_nodes(self, change: np.ndarray) -> np.ndarray:
+    def fixed_node_response(self, change: np.ndarray) -> np.ndarray:
         """Compute the changes of axial forces (m,) [N] at fixed nodes.
 
         change : (m,) [m] of unstressed lengths
         """
         state, K = self.state, self._tangent()
         if K.slip is not None:
-            change = K.slip.of_strands(change)
-        return -K.axial * (state.elements_now().L / state.L0) * change
+            change = K.slip.length_changes(change)
+        return -K.axial * (state.present_element_state().L / state.L0) * change
 
     def newton(self, load: np.ndarray) -> Newton:
         """Set up Newton's method for the net under a load (n, 3) [N]."""
         net = net_of(self.state, load, self.slips)
         if self._structure is None:
-            self._structure = Structure(cache(self._lines))
+            self._structure = CycleStructure(cache(self._lines))
         return Newton(self.comm, self.halo, self.distribution, net, self._tangent, self._structure)
 
     def _lines(self) -> Lines:
         state = self.state  # initial positions, so that a resumed run has the same lines
-        return lines_of(self.distribution, state.ends, state.x_start, state.free)
+        return distribute_lines(self.distribution, state.ends, state.x_start, state.free)
 
     def _tangent(self) -> Tangent:
         # first: unstressed lengths follow the positions

@@ -3,7 +3,7 @@
 import numpy as np
 
 from netfall.parallel.mpi import MPI
-from netfall.statics.multigrid.tangent import scattered
+from netfall.statics.multigrid.tangent import pseudo_random
 from netfall.statics.newton import STABLE, UNKNOWN, Newton, NoConvergence, NotPositiveDefinite
 
 LEFT = 1e-4  # share of the residual that may remain [-]: small enough to meet unstable displacements
@@ -16,12 +16,12 @@ def unstable_shape(newton: Newton) -> np.ndarray | None:
     any. Only compression and moments cause them. Raises NoConvergence if the search does not decide.
     """
     K, newton.inertia = newton.tangent(), 0.0
-    if not newton.comm.allreduce(K.softened, MPI.LOR):
+    if not newton.comm.allreduce(K.is_softened, MPI.LOR):
         return None
     number = 3 * newton.distribution.subdomain.particle_gid[newton.owned, None] + np.arange(3)
     try:
         held = newton.moves & (K.nodal[newton.owned, None] > 0.0)  # without what has left the net
-        r = newton.not_held(np.where(held, scattered(number), 0.0))
+        r = newton.without_held(np.where(held, pseudo_random(number), 0.0))
         newton.solve(K, newton.cycle(K), r, LEFT)
     except NotPositiveDefinite as error:
         return error.shape

@@ -12,10 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.stop import StopRequest
+from netfall.core.stop import StopFlag
 from netfall.physics.state import State
-from netfall.statics.interior_point import MOST_STEPS, NARROWED, Mixed
-from netfall.statics.limit_load import NOTHING, OF_WORK, UNSTRAINED, Strained, Trial, search_limit
+from netfall.statics.interior_point import MOST_STEPS, STEP_SIZES, InteriorPoint
+from netfall.statics.limit_load import (
+    NO_UTILISATION,
+    UNLOADED,
+    WORK_POWER,
+    LimitUtilisation,
+    Trial,
+    search_limit,
+)
 from netfall.statics.multigrid.tangent import Tangent
 from netfall.statics.newton import Newton, NoConvergence
 
@@ -28,13 +35,13 @@ class Work:
     """
 
     def __init__(self, newton: Newton, load: np.ndarray):
-        self.newton, self.load = newton, newton.not_held(load)
+        self.newton, self.load = newton, newton.without_held(load)
         self.start = newton.net.x[newton.owned].copy()
         self.factor = self.target = 0.0
 
     def done(self) -> float:
         """Compute the work [J] of the load with factor 1 at the present positions. Collective."""
-        (work,) = self.newton.dots((self.load, self.newton.net.x[self.newton.owned] - self.start))
+        (work,) = self.newton.inner_products((self.load, self.newton.net.x[self.newton.owned] - self.start))
         return work
 
     def solve(self, K: Tangent, cycle, r: np.ndarray, residual_share: float) -> tuple[np.ndarray, float, int]:
@@ -46,8 +53,8 @@ class Work:
         which the load does no work (Gould, Hribar, Nocedal 2001). Raises as `Newton.solve`.
         """
         newton, load, factor_change = self.newton, self.load, 0.0
-        response = newton.not_held(cycle(load))
-        (compliance,) = newton.dots((load, response))
+        response = newton.without_held(cycle(load))
+        (compliance,) = newton.inner_products((load, response))
 
         def without_work(rows: np.ndarray) -> np.ndarray:
             """Apply the cycle and remove the work of the load from the result.
@@ -55,8 +62,8 @@ class Work:
             Subtracts the same multiple of the load from `rows`, in place.
             """
             nonlocal factor_change
-            z = newton.not_held(cycle(rows))
-            (work,) = newton.dots((load, z))
+            z = newton.without_held(cycle(rows))
+            (work,) = newton.inner_products((load, z))
             excess = work / compliance
             rows -= excess * load
             z -= excess * response
@@ -73,12 +80,12 @@ class LimitLoad(NamedTuple):
     """Limit load factor and the state at the limit.
 
     factor : limit load factor, 1: the whole load is carried
-    beyond : utilisation slightly above it, `UNSTRAINED` if the whole load is carried
+    beyond : utilisation slightly above it, `NO_UTILISATION` if the whole load is carried
     gradients : iterations; missing : estimated errors, shares of the largest displacement and tension
     """
 
     factor: float
-    beyond: Strained
+    beyond: LimitUtilisation
     gradients: int
     missing: tuple[float, float]
 
@@ -87,9 +94,9 @@ def limit_load(
     newton: Newton,
     state: State,
     load: np.ndarray,
-    strained: Callable[[], Strained],
+    strained: Callable[[], LimitUtilisation],
     tolerances: tuple[float, float],
-    stop: StopRequest,
+    stop: StopFlag,
     report: Callable[[float, float], None],
 ) -> LimitLoad:
     """Bring the net to the limit load factor of a load (n_owned, 3) [N], to within `SHARP`. Collective.
@@ -102,39 +109,39 @@ def limit_load(
     """
     newton.begin()
     work, best_positions = Work(newton, load), state.x.copy(order="K")
-    _begin(newton, state, work, strained)
+    _start_near_limit(newton, state, work, strained)
     first = work.done()
-    mixed = Mixed(newton, state, stop, work)
+    mixed = InteriorPoint(newton, state, stop, work)
 
     def trial(target: float) -> Trial:
         if target != first:
-            mixed.begin_again()
+            mixed.restart_near_equilibrium()
         work.target = target
-        mixed.narrow(NARROWED[0], tolerances[0])
+        mixed.iterate(STEP_SIZES[0], tolerances[0])
         result = Trial(target, work.factor, strained())
         if not result.there.reason:
             best_positions[:] = state.x
         return result
 
-    low, high = _ends(trial, first)
+    low, high = _bracket(trial, first)
     if high is not None:
-        low, high = search_limit(trial, low, high, OF_WORK, report)
-    beyond = UNSTRAINED if high is None or low.factor >= 1.0 else high.there
+        low, high = search_limit(trial, low, high, WORK_POWER, report)
+    beyond = NO_UTILISATION if high is None or low.factor >= 1.0 else high.there
     state.x[:], work.target, work.factor = best_positions, low.at, low.factor
-    if beyond is UNSTRAINED:
+    if beyond is NO_UTILISATION:
         return LimitLoad(low.factor, beyond, mixed.gradients, mixed.missing)
-    mixed.begin_again()
+    mixed.restart_near_equilibrium()
     try:
-        mixed.narrow(0.0, tolerances[1])
+        mixed.iterate(0.0, tolerances[1])
     except NoConvergence:  # the estimated errors decide
         if max(mixed.missing) > tolerances[0]:
             raise
     return LimitLoad(work.factor, beyond, mixed.gradients, mixed.missing)
 
 
-def _ends(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:
+def _bracket(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial | None]:
     """Find trials below and above the limit; None above if the whole load is carried. first : work [J]"""
-    low, work = NOTHING, first
+    low, work = UNLOADED, first
     for _ in range(MOST_STEPS):
         result = trial(work)
         if result.there.reason:
@@ -145,14 +152,16 @@ def _ends(trial: Callable[[float], Trial], first: float) -> tuple[Trial, Trial |
     raise NoConvergence("nothing gives way under any work")
 
 
-def _begin(newton: Newton, state: State, work: Work, strained: Callable[[], Strained]) -> None:
+def _start_near_limit(
+    newton: Newton, state: State, work: Work, strained: Callable[[], LimitUtilisation]
+) -> None:
     """Move the net along its linear response to the load, to within a factor of 2 of its limit.
 
     Raises NoConvergence if no displacement of that shape brackets the limit.
     """
     K, x = newton.tangent(), state.x.copy(order="K")
     shape, _ = newton.solve(K, newton.cycle(K), work.load)
-    newton.spread_out(shape)
+    newton.set_displacement(shape)
     (largest,) = newton.largest(newton.spread)
     if largest == 0.0:
         raise NoConvergence("the load moves nothing")

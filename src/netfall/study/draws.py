@@ -29,13 +29,13 @@ def draw(method: str, count: int, seed: int, distributions: list[dict]) -> np.nd
 
     method : one of METHODS; distributions : `distribution` and its two numbers, as in a study file
     """
-    probabilities = np.clip(_shares(method, count, seed, len(distributions)), LEAST, 1.0 - LEAST)
+    probabilities = np.clip(_probabilities(method, count, seed, len(distributions)), LEAST, 1.0 - LEAST)
     return np.column_stack(
-        [values_at(distribution, probabilities[:, k]) for k, distribution in enumerate(distributions)]
+        [quantiles(distribution, probabilities[:, k]) for k, distribution in enumerate(distributions)]
     )
 
 
-def _shares(method: str, count: int, seed: int, columns: int) -> np.ndarray:
+def _probabilities(method: str, count: int, seed: int, columns: int) -> np.ndarray:
     """Return probabilities (count, columns) from 0 to 1."""
     if method == "random":
         return np.random.default_rng(seed).random((count, columns))
@@ -47,7 +47,7 @@ def _shares(method: str, count: int, seed: int, columns: int) -> np.ndarray:
         return engine.random(count)
 
 
-def values_at(distribution: dict, share: np.ndarray) -> np.ndarray:
+def quantiles(distribution: dict, share: np.ndarray) -> np.ndarray:
     """Return the quantiles of a distribution at these probabilities.
 
     Mean and deviation are those of the values, also for the lognormal distribution.

@@ -12,15 +12,15 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.job.derived import has_statics
-from netfall.job.job import PATHS, Job
+from netfall.job.job import PATH_KEYS, Job
 from netfall.job.read import read_job, read_toml
 from netfall.job.toml_text import toml_value
-from netfall.job.validate import Validation
-from netfall.job.values import nearest, shown
-from netfall.results.outcomes import BY_NAME
+from netfall.job.validate import Validator
+from netfall.job.values import format_value, suggest
+from netfall.results.outcomes import OUTCOME_BY_NAME
 from netfall.study import sections
 from netfall.study.answers.hazard import Hazard
-from netfall.study.answers.measures import Failure
+from netfall.study.answers.measures import FailureCriterion
 from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
 
@@ -30,7 +30,7 @@ OWN = {"output.checkpoint": 0.0, "output.modes": 0}
 
 
 @dataclass(frozen=True)
-class Member:
+class Sample:
     """One sample of a study.
 
     number : from 0; values : keys of the job that it changes
@@ -71,7 +71,7 @@ class Plan:
     keep: str
     time_limit: float
     exposure: float
-    failures: tuple[Failure, ...]
+    failures: tuple[FailureCriterion, ...]
     hazard: Hazard | None
     files: list[Path]
     notes: list[str]
@@ -81,7 +81,7 @@ class Plan:
         count = 1 if self.draws is None else len(self.draws)
         return count * math.prod(len(axis.values) for axis in self.axes)
 
-    def member(self, number: int) -> Member:
+    def member(self, number: int) -> Sample:
         """Return one sample by its number."""
         quotient, row = divmod(number, 1 if self.draws is None else len(self.draws))
         chosen = {}
@@ -97,7 +97,7 @@ class Plan:
         if removed is not None:
             timing = {name: value for name, value in self.loss.items() if name in ("time", "duration")}
             remove = {sections.EACH[self.loss["each"]]: [removed], **timing}
-        return Member(number, values, "" if removed is None else str(removed), remove)
+        return Sample(number, values, "" if removed is None else str(removed), remove)
 
     @property
     def inputs(self) -> list[str]:
@@ -109,11 +109,11 @@ class Plan:
         """Depth [m] from which a node counts as sunk, for the outcome `sunk_area`; None: not requested."""
         return next((float(failure.by) for failure in self.failures if failure.by is not None), None)
 
-    def duration(self, member: Member) -> float:
+    def duration(self, member: Sample) -> float:
         """Return the duration of a sample's dynamic stage [s]."""
         return float(member.values.get("dynamics.duration", self.exposure))
 
-    def read(self, member: Member) -> Job:
+    def read(self, member: Sample) -> Job:
         """Read the job of a sample. Raises InputError."""
         return read_job(self.job, member.overrides, [member.remove] if member.remove else [])
 
@@ -131,7 +131,7 @@ class Sections(NamedTuple):
     """The checked sections of a study file. The removed elements or cables are not determined yet."""
 
     run: dict
-    failures: tuple[Failure, ...]
+    failures: tuple[FailureCriterion, ...]
     hazard: Hazard | None
     axes: list[sections.Axis]
     loss: dict | None
@@ -139,7 +139,7 @@ class Sections(NamedTuple):
     distributions: dict
 
 
-def read_plan(path: Path) -> Plan:
+def read_study_plan(path: Path) -> Plan:
     """Read a study file, and try every value of every key in the job.
 
     Raises InputError with a line for each error.
@@ -156,7 +156,7 @@ def read_plan(path: Path) -> Plan:
         raise InputError(f"{path}: asks for {count} runs; at most {sections.MOST} are possible")
     if loss:
         first = [f"{axis.name}={toml_value(axis.values[0])}" for axis in axes if axis.name != sections.LOST]
-        pieces = _pieces_of(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
+        pieces = _removable_parts(read_job(job, first), loss["each"], loss.get("group"), loss.get("ids"))
         axes = [sections.Axis(sections.LOST, pieces) if axis.name == sections.LOST else axis for axis in axes]
     draws, notes = _draws(content)
     job_itself = read_job(job)
@@ -177,29 +177,29 @@ def read_plan(path: Path) -> Plan:
         files=[job, *job_itself.files()],
         notes=notes,
     )
-    files, nets = _try(plan)
+    files, nets = _try_values(plan)
     return replace(plan, files=files, nets_differ=nets > 1)
 
 
 def _sections_of(path: Path, data: dict) -> Sections:
     """Check the sections of a study file. Raises InputError with a line for each error."""
-    check = Validation(str(path), [])
+    check = Validator(str(path), [])
     for name in data:
         if name == "rare":
             check.wrong("", "[rare]: removed in version 0.5; see jobs/studies/rare_openturns.py")
-        elif name not in sections.TOP:
-            check.wrong("", f"{name}: unknown; {nearest(name, sections.TOP)}")
+        elif name not in sections.TOP_KEYS:
+            check.wrong("", f"{name}: unknown; {suggest(name, sections.TOP_KEYS)}")
     if not isinstance(data.get("title", ""), str):
-        check.wrong("", f"title = {shown(data['title'])}: expected a text")
+        check.wrong("", f"title = {format_value(data['title'])}: expected a text")
     if not isinstance(data.get("job"), str):
         expected = "expected the path of a job file, relative to this one"
-        check.wrong("", f"job = {shown(data.get('job'))}: {expected}")
+        check.wrong("", f"job = {format_value(data.get('job'))}: {expected}")
     tables = {name: data.get(name, {}) for name in ("vary", "sample", "run", "hazard")}
     for name, table in tables.items():
         if not isinstance(table, dict):
-            check.wrong("", f"{name} = {shown(table)}: expected a section, [{name}]")
+            check.wrong("", f"{name} = {format_value(table)}: expected a section, [{name}]")
             tables[name] = {}
-    vary, sample = (_flat(tables[name], check) for name in ("vary", "sample"))
+    vary, sample = (_flatten(tables[name], check) for name in ("vary", "sample"))
     draw_settings = {key.name: sample.pop(key.name) for key in sections.KEYS["sample"] if key.name in sample}
     sections.check_distributions(sample, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
@@ -210,8 +210,8 @@ def _sections_of(path: Path, data: dict) -> Sections:
         vars(check.table("run", sections.KEYS["run"], tables["run"])),
         failures,
         sections.hazard_section(tables["hazard"], SPEED in varied, check),
-        [sections.axis_of(name, value, check) for name, value in vary.items()],
-        sections.loss_section(vary["remove"], check) if "remove" in vary else None,
+        [sections.read_axis(name, value, check) for name, value in vary.items()],
+        sections.removal_section(vary["remove"], check) if "remove" in vary else None,
         sections.sample_section(draw_settings, bool(sample), check),
         sample,
     )
@@ -233,7 +233,7 @@ def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
     return draw(method, count, content.sample["seed"], list(content.distributions.values())), notes
 
 
-def _pieces_of(job, each: str, group: str | list[str] | None, ids: list | None) -> list:
+def _removable_parts(job, each: str, group: str | list[str] | None, ids: list | None) -> list:
     """Return the ids of elements, or names of cables, that are removed one after another. Raises InputError.
 
     Elements that a stage of erection removes do not count.
@@ -257,7 +257,9 @@ def _pieces_of(job, each: str, group: str | list[str] | None, ids: list | None) 
     unknown = [name for name in ids or [] if name not in pieces]
     if unknown:
         listed = ", ".join(map(str, pieces[:FEW])) + ", ..." * (len(pieces) > FEW)
-        raise InputError(f"{job.path}: [vary] remove: ids: no {each} {shown(unknown[0])}; there are {listed}")
+        raise InputError(
+            f"{job.path}: [vary] remove: ids: no {each} {format_value(unknown[0])}; there are {listed}"
+        )
     return pieces if ids is None else ids
 
 
@@ -267,7 +269,7 @@ def _net_key(job) -> str:
     return hashlib.sha256(net.elements.tobytes() + net.element_id.tobytes()).hexdigest()
 
 
-def _flat(table: dict, check: Validation, prefix: str = "") -> dict:
+def _flatten(table: dict, check: Validator, prefix: str = "") -> dict:
     """Return keys of the job by their full names, whether written "wind.speed" or wind.speed."""
     values_by_name = {}
     for name, value in table.items():
@@ -275,7 +277,7 @@ def _flat(table: dict, check: Validation, prefix: str = "") -> dict:
         is_value = not isinstance(value, dict) or {"from", "distribution"} & set(value)
         is_value = is_value or full_name == "remove" or "." in name
         for key, key_value in (
-            {full_name: value} if is_value else _flat(value, check, f"{full_name}.")
+            {full_name: value} if is_value else _flatten(value, check, f"{full_name}.")
         ).items():
             if key in values_by_name:
                 check.wrong("", f"{key}: stands twice")
@@ -283,7 +285,7 @@ def _flat(table: dict, check: Validation, prefix: str = "") -> dict:
     return values_by_name
 
 
-def _try(plan: Plan) -> tuple[list[Path], int]:
+def _try_values(plan: Plan) -> tuple[list[Path], int]:
     """Try each value of each key in the job, and the extremes of each draw. Raises InputError.
 
     Returns the files read, and the number of different nets among the tried ones.
@@ -293,7 +295,10 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
     files, nets = dict.fromkeys(plan.files), set()
     first, errors, seen = plan.member(0).values, [], set()
     settings = [
-        (axis.name, value) for axis in plan.axes if axis.name != sections.LOST for value in _few(axis)
+        (axis.name, value)
+        for axis in plan.axes
+        if axis.name != sections.LOST
+        for value in _values_to_try(axis)
     ]
     for k, name in enumerate(plan.sampled):
         convert = int if name in plan.whole else float
@@ -306,13 +311,15 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
             continue
         section, _, key = name.rpartition(".")
         if not (section and key) or isinstance(value, dict):
-            errors.append(f"{plan.path}: {name} = {shown(value)}: expected a key of the job, SECTION.KEY")
+            errors.append(
+                f"{plan.path}: {name} = {format_value(value)}: expected a key of the job, SECTION.KEY"
+            )
             continue
         try:
             job = read_job(plan.job, [f"{n}={toml_value(v)}" for n, v in (first | {name: value}).items()])
         except InputError as error:
             new_lines = [line for line in error.lines if line not in seen]
-            errors += [f"{plan.path}: {name} = {shown(value)}: {line}" for line in new_lines]
+            errors += [f"{plan.path}: {name} = {format_value(value)}: {line}" for line in new_lines]
             seen.update(new_lines)
         else:
             files |= dict.fromkeys(job.files())
@@ -328,10 +335,11 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
                 nets.add(_net_key(job))
     if math.isnan(plan.exposure):
         errors += [
-            f"{plan.path}: [[failure]] {each.name}: of = {shown(each.of)}: of a dynamic stage, and nothing "
+            f"{plan.path}: [[failure]] {each.name}: of = {format_value(each.of)}: of a dynamic stage, "
+            "and nothing "
             f"breaks in equilibria; expected another outcome, or [dynamics] in {plan.job}"
             for each in plan.failures
-            if BY_NAME[each.of].of_motion
+            if OUTCOME_BY_NAME[each.of].needs_dynamics
         ]
     if len(nets) > 1 and plan.loss:
         errors.append(
@@ -345,7 +353,7 @@ def _try(plan: Plan) -> tuple[list[Path], int]:
     return list(files), len(nets)
 
 
-def _few(axis: sections.Axis) -> list:
+def _values_to_try(axis: sections.Axis) -> list:
     """Return the values to try: all of a short list or of files, otherwise the ends of the range."""
-    is_complete = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATHS
+    is_complete = len(axis.values) <= 100 or tuple(axis.name.split(".")) in PATH_KEYS
     return axis.values if is_complete else [*axis.values[:50], *axis.values[-50:]]

@@ -41,7 +41,7 @@ class Place:
         return [Place(self.folder, self.stem, part) for part in sorted({name[1] for name in names if name})]
 
 
-def place_of(path: Path, output: Path | None, shard: tuple[int, int] | None) -> Place:
+def study_files(path: Path, output: Path | None, shard: tuple[int, int] | None) -> Place:
     """Return the paths of the results of a study file."""
     output = output or Path(f"{path.stem}{SUFFIX}")
     stem = output.name.removesuffix(".h5").removesuffix(".study")

@@ -17,13 +17,13 @@ from netfall.results.locks import writing
 SYNC_EVERY = 64  # records between two flushes to the disk, which protect against a loss of power
 
 
-def line_of(record: dict) -> bytes:
+def encode_record(record: dict) -> bytes:
     """Return the line of the file for a record."""
     text = json.dumps(record, separators=(",", ":")).encode()
     return b"%08x %s\n" % (zlib.crc32(text), text)
 
 
-def record_in(line: bytes) -> dict | None:
+def decode_record(line: bytes) -> dict | None:
     """Return the record in a line, None if the line is damaged."""
     checksum, _, text = line.rstrip(b"\n").partition(b" ")
     if not line.endswith(b"\n") or checksum != b"%08x" % zlib.crc32(text):
@@ -39,7 +39,7 @@ def read_journal(path: Path) -> tuple[list[dict], int]:
     records, whole = [], 0
     with path.open("rb") as file:
         for number, line in enumerate(file, 1):
-            record = record_in(line)
+            record = decode_record(line)
             if record is None:
                 if file.read(1):
                     raise InputError(
@@ -67,7 +67,7 @@ class Journal:
 
     def add(self, record: dict) -> None:
         """Append a record. Raises OutputError."""
-        unwritten = memoryview(line_of(record))
+        unwritten = memoryview(encode_record(record))
         with writing(self.path):
             while unwritten:
                 unwritten = unwritten[os.write(self._file, unwritten) :]

@@ -27,17 +27,17 @@ from pathlib import Path
 from netfall.core.errors import InputError
 from netfall.core.launch import check_launcher, default_launcher
 
-LOOK = 0.2  # s between checks of the clock and of the stop flag
-END = 10.0  # s within which workers must end
-START = 900.0  # s within which a worker must start; in an allocation of a queue it may have to wait
+POLL_S = 0.2  # s between checks of the clock and of the stop flag
+END_TIMEOUT_S = 10.0  # s within which workers must end
+START_TIMEOUT_S = 900.0  # s within which a worker must start; in an allocation of a queue it may have to wait
 DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux
-DEATHS = 3  # number of workers that a task may end before it counts as failed
+MAX_WORKER_ENDS = 3  # number of workers that a task may end before it counts as failed
 STARTS = 3  # consecutive failed starts after which the study ends
 DESCRIPTORS, SPARE = 3, 64  # open files in this process: per worker, and for all other purposes
-TOLD = 200  # largest number of characters that a message quotes from the output of an ended worker
+MAX_QUOTED = 200  # largest number of characters that a message quotes from the output of an ended worker
 
 
-def make_room_for(workers: int) -> None:
+def raise_file_limit(workers: int) -> None:
     """Raise the limit of open files as needed for so many workers. Raises InputError if it cannot suffice."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = DESCRIPTORS * workers + SPARE
@@ -71,14 +71,14 @@ class Worker:
                 stderr=self.complaints,
                 bufsize=0,
                 start_new_session=True,  # a keyboard interrupt must reach only the study
-                preexec_fn=_end_with_the_study,
+                preexec_fn=_end_with_parent,
             )
         except OSError as error:
             raise InputError(
                 f"{command[0]}: {error.strerror}; give the command that starts MPI ranks here with --launcher"
             ) from None
 
-    def give(self, key, number: int, task: dict) -> None:
+    def send(self, key, number: int, task: dict) -> None:
         """Send a task, and record the number of the sample."""
         self.key, self.task, self.given = key, number, (key, number, task)
         if self.ready:
@@ -99,14 +99,14 @@ class Worker:
         self.heard = bytearray(incomplete)
         return [line for line in lines if line.startswith(b"{")] if received else None
 
-    def last_words(self) -> str:
+    def end_reason(self) -> str:
         """Return why the worker ended, from its exit code and its last message."""
         code = self.process.wait()
         self.complaints.seek(0)
         output = [line.strip() for line in self.complaints.read().splitlines() if line.strip()]
         message = next((line for line in output if line.startswith("netfall:")), output[-1] if output else "")
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        return f"its worker ended with {how}{': ' if message else ''}{message[:TOLD]}"
+        return f"its worker ended with {how}{': ' if message else ''}{message[:MAX_QUOTED]}"
 
     def let_go(self) -> None:
         """Ask the worker to end, also in the middle of a task."""
@@ -127,7 +127,7 @@ class Worker:
         self.complaints.close()
 
 
-def _end_with_the_study() -> None:
+def _end_with_parent() -> None:
     """Let the system end this process, a starting worker, whenever the study ends."""
     ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
 
@@ -146,7 +146,7 @@ def worker_command(launcher: str | None, ranks: int) -> list[str]:
     return [*shlex.split(launcher.format(ranks=ranks)), *worker]
 
 
-def task_for(
+def worker_task(
     job: Path,
     overrides: list[str],
     removes: list[dict] = (),
@@ -164,7 +164,7 @@ def task_for(
     return task | {"profile": profile, "net": net, "depth": depth}
 
 
-def check_started(answer: dict, ranks: int, program: str) -> None:
+def check_worker(answer: dict, ranks: int, program: str) -> None:
     """Check that a started worker has so many ranks of this program. Raises InputError."""
     if answer["ranks"] != ranks:
         raise InputError(
@@ -176,7 +176,7 @@ def check_started(answer: dict, ranks: int, program: str) -> None:
 
 
 @dataclass
-class Pool:
+class WorkerPool:
     """Up to `count` workers, started by a command as they are needed.
 
     take(key) : returns the next task, (key, number, task), preferably with the last key of a worker; None: no
@@ -195,43 +195,43 @@ class Pool:
     died: Callable
     started: Callable = lambda told: None
     workers: list[Worker] = field(default_factory=list)
-    deaths: Counter = field(default_factory=Counter)  # ended workers by number of the task
+    ended_workers: Counter = field(default_factory=Counter)  # ended workers by number of the task
     waiting: list[tuple] = field(default_factory=list)  # tasks to repeat
-    stillborn: int = 0  # consecutive workers that ended before they had started
+    failed_starts: int = 0  # consecutive workers that ended before they had started
 
     def run(self, stop) -> None:
         """Run tasks until there are no more, or `stop.wanted`. Raises InputError if no worker can start."""
-        make_room_for(self.count)
+        raise_file_limit(self.count)
         try:
             with selectors.DefaultSelector() as self.selector:
                 while not stop.wanted:
-                    self._hand_out()
+                    self._send_tasks()
                     busy = [worker for worker in self.workers if worker.task is not None]
                     if not busy:
                         return
-                    ready = {key.data for key, _ in self.selector.select(LOOK)}
+                    ready = {key.data for key, _ in self.selector.select(POLL_S)}
                     for worker in busy:
                         if worker in ready:
-                            self._hear(worker)
+                            self._receive(worker)
                         else:
-                            self._look_at_the_clock(worker)
+                            self._check_time(worker)
         finally:
             for worker in self.workers:
                 worker.let_go()
-            until = time.monotonic() + END
+            until = time.monotonic() + END_TIMEOUT_S
             for worker in self.workers:
                 worker.end(until)
 
-    def _look_at_the_clock(self, worker: Worker) -> None:
+    def _check_time(self, worker: Worker) -> None:
         """End a worker that exceeds the time limit of a task, or of its start."""
         elapsed = time.monotonic() - worker.since
         if worker.ready and elapsed > self.time_limit:
-            self._drop(worker)
+            self._remove_worker(worker)
             self.died(worker.task, f"took longer than time_limit = {self.time_limit:g} s", False)
-        elif not worker.ready and elapsed > START:
-            self._bury(worker, f"has not started in {START:g} s")
+        elif not worker.ready and elapsed > START_TIMEOUT_S:
+            self._remove_ended(worker, f"has not started in {START_TIMEOUT_S:g} s")
 
-    def _hand_out(self) -> None:
+    def _send_tasks(self) -> None:
         """Send a task to each idle worker, and start workers for remaining tasks."""
         idle = [worker for worker in self.workers if worker.task is None]
         while idle or len(self.workers) < self.count:
@@ -243,38 +243,38 @@ class Pool:
                 worker = Worker(self.command)
                 self.workers.append(worker)
                 self.selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
-            worker.give(*task)
+            worker.send(*task)
 
-    def _hear(self, worker: Worker) -> None:
+    def _receive(self, worker: Worker) -> None:
         """Process the answers of a worker, or its end."""
         lines = worker.lines()
         if lines is None:
-            self._bury(worker)
+            self._remove_ended(worker)
             return
         for line in lines:
             if worker.ready:
                 number, worker.task = worker.task, None
-                self.deaths.pop(number, None)
+                self.ended_workers.pop(number, None)
                 self.done(number, json.loads(line))
             else:
                 self.started(json.loads(line))
-                worker.ready, worker.since, self.stillborn = True, time.monotonic(), 0
+                worker.ready, worker.since, self.failed_starts = True, time.monotonic(), 0
 
-    def _bury(self, worker: Worker, why: str = "") -> None:
-        why = why or worker.last_words()
-        self._drop(worker)
-        self.stillborn = 0 if worker.ready else self.stillborn + 1
-        if self.stillborn == STARTS:
+    def _remove_ended(self, worker: Worker, why: str = "") -> None:
+        why = why or worker.end_reason()
+        self._remove_worker(worker)
+        self.failed_starts = 0 if worker.ready else self.failed_starts + 1
+        if self.failed_starts == STARTS:
             command = shlex.join(self.command)
             raise InputError(f"{command}: does not start: {why}; --launcher gives another way")
-        self.deaths[worker.task] += 1
-        again = self.deaths[worker.task] < DEATHS
+        self.ended_workers[worker.task] += 1
+        again = self.ended_workers[worker.task] < MAX_WORKER_ENDS
         if again:
             self.waiting.append(worker.given)
-        self.died(worker.task, why if again else f"{why}, {DEATHS} times", again)
+        self.died(worker.task, why if again else f"{why}, {MAX_WORKER_ENDS} times", again)
 
-    def _drop(self, worker: Worker) -> None:
+    def _remove_worker(self, worker: Worker) -> None:
         self.selector.unregister(worker.process.stdout)
         self.workers.remove(worker)
         worker.let_go()
-        worker.end(time.monotonic() + END)
+        worker.end(time.monotonic() + END_TIMEOUT_S)

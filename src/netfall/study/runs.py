@@ -13,21 +13,21 @@ from pathlib import Path
 import netfall
 from netfall.core.errors import Interrupted
 from netfall.core.progress import Progress
-from netfall.job.cache import BESIDE
+from netfall.job.cache import IGNORED_KEYS
 from netfall.job.read import read_job
 from netfall.results.locks import writing
 from netfall.results.outcomes import NOTHING
-from netfall.study.file import OWN, Member, Plan
+from netfall.study.file import OWN, Plan, Sample
 from netfall.study.files import Place, Watch
 from netfall.study.journal import Journal
-from netfall.study.pool import Pool, check_started, task_for, worker_command
+from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 from netfall.study.table import Table
 
-UNFINISHED = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
-NET = -1  # number of the task that returns the net, instead of a sample's number
+TEMPORARY_NAME = re.compile(r"\.+(\d{6,})-")  # start of the temporary name of a result file
+NET_TASK = -1  # number of the task that returns the net, instead of a sample's number
 
 
-class Runs:
+class StudyRuns:
     """Execution of the missing runs of a study."""
 
     def __init__(
@@ -43,7 +43,7 @@ class Runs:
 
     def run(self, missing: list[int], workers: int, launcher: str | None, stop) -> None:
         """Execute the runs, and write the study file. Raises Interrupted."""
-        self.queue, self.count = Queue(self.plan, missing), len(missing)
+        self.queue, self.count = SampleQueue(self.plan, missing), len(missing)
         count, ranks = max(1, min(workers, len(missing))), self.plan.ranks
         self.progress.say(
             f"netfall {netfall.__version__}: {self.plan.path.name}, {len(missing)} of {len(self.plan)} runs "
@@ -52,7 +52,7 @@ class Runs:
         self.progress.start()
         try:
             self._make_room(set(missing))
-            Pool(
+            WorkerPool(
                 command=worker_command(launcher, ranks),
                 count=count,
                 time_limit=self.plan.time_limit,
@@ -80,7 +80,7 @@ class Runs:
         with writing(self.place.members):
             self.place.members.mkdir(exist_ok=True)
             for old in self.place.members.glob(".*"):
-                name = UNFINISHED.match(old.name)
+                name = TEMPORARY_NAME.match(old.name)
                 if name and int(name[1]) in missing:
                     old.unlink(missing_ok=True)
 
@@ -88,7 +88,7 @@ class Runs:
 
     def started(self, answer: dict) -> None:
         """Check that a started worker belongs to this study. Raises InputError."""
-        check_started(answer, self.plan.ranks, self.header["program"])
+        check_worker(answer, self.plan.ranks, self.header["program"])
 
     def take(self, last: str | None) -> tuple | None:
         """Return the next task, None if there are no more.
@@ -97,19 +97,19 @@ class Runs:
         """
         if not self.net_asked:
             self.net_asked = True
-            return None, NET, task_of(self.plan, self.plan.member(0), net=True)
+            return None, NET_TASK, sample_task(self.plan, self.plan.member(0), net=True)
         next_sample = self.queue.take(last)
         if next_sample is None:
             return None
         key, number = next_sample
         self._note({"try": number})
         result = None if self.plan.keep == "none" else self._kept(number, self.token)
-        return key, number, task_of(self.plan, self.plan.member(number), result)
+        return key, number, sample_task(self.plan, self.plan.member(number), result)
 
     def finish(self, number: int, outcomes: dict) -> None:
         """Record a finished run. Raises InputError if an input file has changed."""
         self.watch.check()
-        if number == NET:
+        if number == NET_TASK:
             self._note({"net": outcomes["net"]})
             return
         self._keep(number, outcomes)  # before the record: a recorded run is not repeated
@@ -125,10 +125,12 @@ class Runs:
         """Record a run that ended its worker or took too long."""
         if not again:
             failed = NOTHING | {"state": "failed", "reason": why}
-            self.finish(number, {"net": {}} if number == NET else failed)
+            self.finish(number, {"net": {}} if number == NET_TASK else failed)
         else:
-            self.progress.say(f"note: {'the net' if number == NET else f'run {number}'} once more: {why}")
-            if number != NET:
+            self.progress.say(
+                f"note: {'the net' if number == NET_TASK else f'run {number}'} once more: {why}"
+            )
+            if number != NET_TASK:
                 self._note({"try": number})
 
     def _note(self, record: dict) -> None:
@@ -173,11 +175,11 @@ def write_study(plan: Plan, place: Place, table: Table, header: dict, workers: i
     progress.say(f"written: {place.result} ({counts})")
 
 
-def task_of(plan: Plan, member: Member, result: Path | None = None, net: bool = False) -> dict:
-    """Return the task of a worker for a sample; see `task_for`."""
+def sample_task(plan: Plan, member: Sample, result: Path | None = None, net: bool = False) -> dict:
+    """Return the task of a worker for a sample; see `worker_task`."""
     overrides = [*member.overrides, *(f"{name}={value}" for name, value in OWN.items())]
     removes = [member.remove] if member.remove else []
-    return task_for(plan.job, overrides, removes, result, net=net, depth=plan.depth)
+    return worker_task(plan.job, overrides, removes, result, net=net, depth=plan.depth)
 
 
 def part_of(plan: Plan, part: int, parts: int) -> list[int]:
@@ -195,10 +197,10 @@ def part_of(plan: Plan, part: int, parts: int) -> list[int]:
 def shared_key(plan: Plan, number: int) -> str:
     """Return a key that is equal for samples with the same form and equilibria."""
     values = plan.member(number).values
-    return json.dumps([value for name, value in values.items() if name not in BESIDE])
+    return json.dumps([value for name, value in values.items() if name not in IGNORED_KEYS])
 
 
-class Queue:
+class SampleQueue:
     """Samples to run. A worker gets those that share most with its last sample."""
 
     def __init__(self, plan: Plan, numbers: list[int]):

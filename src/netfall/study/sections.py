@@ -3,23 +3,23 @@
 import json
 from dataclasses import dataclass
 
-from netfall.job.entries import LISTS
-from netfall.job.keys import Key, is_whole, keys_of
-from netfall.job.validate import Validation
-from netfall.job.values import nearest, shown
-from netfall.results.outcomes import BY_NAME, OUTCOMES
+from netfall.job.entries import LIST_KEYS
+from netfall.job.keys import Key, is_whole, parse_keys
+from netfall.job.validate import Validator
+from netfall.job.values import format_value, suggest
+from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
 from netfall.study.answers.hazard import Hazard
-from netfall.study.answers.measures import Failure
+from netfall.study.answers.measures import FailureCriterion
 from netfall.study.draws import DISTRIBUTIONS
 
 MOST = 10_000_000  # largest number of samples
-TOP = ("job", "title", "vary", "sample", "run", "failure", "hazard")
+TOP_KEYS = ("job", "title", "vary", "sample", "run", "failure", "hazard")
 REMOVE = ("each", "group", "ids", "time", "duration")
 EACH = {"element": "elements", "cable": "cables"}  # kind of removed part: key of [[remove]] that names it
-SUNK = "sunk_area"  # outcome that needs a depth, `by`
+SUNK_OUTCOME = "sunk_area"  # outcome that needs a depth, `by`
 LOST = "[[remove]]"  # name of the axis of member removals; no key of a job can have this name
-MEASURED = [one.name for one in OUTCOMES if one.measured]
-KEYS = keys_of(f"""
+DAMAGE_OUTCOMES = [one.name for one in OUTCOMES if one.measured]
+KEYS = parse_keys(f"""
 [run]
 ranks | integer | >= 1 | 1 | of each run
 keep | choice none broken all | | none | whose result files are kept
@@ -30,7 +30,7 @@ method | choice sobol latin_hypercube random | | sobol | how they are drawn
 seed | integer | >= 0 | 1 | of the draws
 [failure]
 name | text | | required | how the measure is called
-of | choice {" ".join(MEASURED)} | | required | outcome of a run
+of | choice {" ".join(DAMAGE_OUTCOMES)} | | required | outcome of a run
 above | number | | required | more than it is a failure
 by [m] | number | > 0 | | depth from which a node has sunk
 [gumbel]
@@ -58,18 +58,18 @@ class Axis:
     values: list
 
 
-def loss_section(value, check: Validation) -> dict:
+def removal_section(value, check: Validator) -> dict:
     """Check [vary] remove, the settings of all member removals, and return it."""
-    place = f"[vary] remove = {shown(value)}:"
+    place = f"[vary] remove = {format_value(value)}:"
     if not isinstance(value, dict) or value.get("each") not in EACH:
         check.wrong(place, 'expected {each = "element", ...} or {each = "cable", ...}')
         return {}
     for name in set(value) - set(REMOVE):
-        check.wrong(place, f"{name}: unknown key; {nearest(name, REMOVE)}")
+        check.wrong(place, f"{name}: unknown key; {suggest(name, REMOVE)}")
     groups = value.get("group", [])
     if not isinstance(groups, str | list) or not all(isinstance(name, str) for name in groups):
         expected = "expected the name of a group of elements, or a list of them"
-        check.wrong(place, f"group = {shown(groups)}: {expected}")
+        check.wrong(place, f"group = {format_value(groups)}: {expected}")
     ids, id_type = value.get("ids", []), int if value["each"] == "element" else str
     if (
         not isinstance(ids, list)
@@ -77,17 +77,17 @@ def loss_section(value, check: Validation) -> dict:
         or value.get("ids") == []
     ):
         expected = "expected a list of ids of elements, or of names of cables"
-        check.wrong(place, f"ids = {shown(ids)}: {expected}")
+        check.wrong(place, f"ids = {format_value(ids)}: {expected}")
     elif len(set(ids)) < len(ids):
         check.wrong(place, "ids: one stands in it twice")
-    timing_keys = [key for key in LISTS["remove"] if key.name in ("time", "duration")]
+    timing_keys = [key for key in LIST_KEYS["remove"] if key.name in ("time", "duration")]
     check.table(place, timing_keys, {key.name: value[key.name] for key in timing_keys if key.name in value})
     return value
 
 
-def axis_of(name: str, value, check: Validation) -> Axis:
+def read_axis(name: str, value, check: Validator) -> Axis:
     """Return the axis of one key with its values."""
-    place = f"[vary] {name} = {shown(value)}:"
+    place = f"[vary] {name} = {format_value(value)}:"
     if name == "remove":
         return Axis(LOST, [])
     if isinstance(value, dict):
@@ -106,19 +106,19 @@ def axis_of(name: str, value, check: Validation) -> Axis:
     keys = [json.dumps(item, default=str) for item in value]
     repeated = next((item for k, item in enumerate(value) if keys[k] in keys[:k]), None)
     if repeated is not None:
-        check.wrong(place, f"{shown(repeated)} stands in it twice")
+        check.wrong(place, f"{format_value(repeated)} stands in it twice")
     return Axis(name, value)
 
 
-def sample_section(table: dict, drawn: bool, check: Validation) -> dict:
+def sample_section(table: dict, drawn: bool, check: Validator) -> dict:
     """Return the settings of random draws; {} if nothing is drawn."""
     return vars(check.table("sample", KEYS["sample"], table)) if table or drawn else {}
 
 
-def check_distributions(distributions: dict, vary: dict, check: Validation) -> None:
+def check_distributions(distributions: dict, vary: dict, check: Validator) -> None:
     """Check the keys of the job in [sample]; vary : those of [vary]."""
     for name, distribution in distributions.items():
-        place = f"[sample] {name} = {shown(distribution)}:"
+        place = f"[sample] {name} = {format_value(distribution)}:"
         if name in vary:
             check.wrong(place, "stands in [vary] too")
         kind = distribution.get("distribution") if isinstance(distribution, dict) else None
@@ -140,25 +140,25 @@ def check_distributions(distributions: dict, vary: dict, check: Validation) -> N
             check.wrong(place, "expected mean > 0")
 
 
-def failure_sections(entries, losses: bool, check: Validation) -> tuple[Failure, ...]:
+def failure_sections(entries, losses: bool, check: Validator) -> tuple[FailureCriterion, ...]:
     """Return the failure criteria of [[failure]] in their order. losses : whether members are removed"""
     criteria = check.entries("failure", KEYS["failure"], entries)
     for criterion in criteria:
         place = f"[[failure]] {criterion.name}:"
-        if criterion.of in BY_NAME and BY_NAME[criterion.of].of_losses and not losses:
-            check.wrong(place, f"of = {shown(criterion.of)}: of losses alone; expected [vary] remove")
-        if criterion.of == SUNK and criterion.by is None:
+        if criterion.of in OUTCOME_BY_NAME and OUTCOME_BY_NAME[criterion.of].needs_removal and not losses:
+            check.wrong(place, f"of = {format_value(criterion.of)}: of losses alone; expected [vary] remove")
+        if criterion.of == SUNK_OUTCOME and criterion.by is None:
             check.wrong(place, "by: missing; expected the depth from which a node has sunk, m > 0")
-        if criterion.of != SUNK and criterion.by is not None:
-            check.wrong(place, f"by: no effect but of {SUNK}; remove it")
+        if criterion.of != SUNK_OUTCOME and criterion.by is not None:
+            check.wrong(place, f"by: no effect but of {SUNK_OUTCOME}; remove it")
     depths = {criterion.by for criterion in criteria} - {None}
     if len(depths) > 1:
         several = ", ".join(f"{by:g}" for by in sorted(depths))
         check.wrong("[[failure]]", f"by: {several}: expected one depth in a study")
-    return tuple(Failure(**vars(criterion)) for criterion in criteria)
+    return tuple(FailureCriterion(**vars(criterion)) for criterion in criteria)
 
 
-def hazard_section(table: dict, varies: bool, check: Validation) -> Hazard | None:
+def hazard_section(table: dict, varies: bool, check: Validator) -> Hazard | None:
     """Return the distribution of the annual maxima of the wind speed; None without the section.
 
     varies : whether the wind speed does
@@ -170,7 +170,7 @@ def hazard_section(table: dict, varies: bool, check: Validation) -> Hazard | Non
         check.wrong("hazard", f"is of the mean wind speed, and that is one; {expected}")
     kind = table.get("distribution")
     if kind not in HAZARDS:
-        given = ": missing;" if kind is None else f" = {shown(kind)}:"
+        given = ": missing;" if kind is None else f" = {format_value(kind)}:"
         check.wrong("hazard", f"distribution{given} expected {', '.join(HAZARDS)}")
         return None
     given = {name: value for name, value in table.items() if name != "distribution"}

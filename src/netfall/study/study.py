@@ -8,17 +8,17 @@ command continues.
 import os
 from pathlib import Path
 
-from netfall.core.machine_memory import memory_line
+from netfall.core.machine_memory import memory_message
 from netfall.core.progress import Progress
-from netfall.core.sources import TELLING, program_digest
+from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
-from netfall.results.locks import check_place, claim, release
-from netfall.study.file import Plan, read_plan
-from netfall.study.files import Place, Watch, place_of
+from netfall.results.locks import check_output_path, lock_output, release
+from netfall.study.file import Plan, read_study_plan
+from netfall.study.files import Place, Watch, study_files
 from netfall.study.journal import read_journal
-from netfall.study.runs import Runs, part_of, write_study
-from netfall.study.table import Table, check_digests, digests_of, text_of
+from netfall.study.runs import StudyRuns, part_of, write_study
+from netfall.study.table import Table, check_digests, read_digests, text_of
 
 FORMAT = 2  # version of the layout of journals
 
@@ -40,28 +40,28 @@ def study(
 
     Raises InputError, OutputError, Interrupted if `stop` requests it.
     """
-    plan = read_plan(path)
+    plan = read_study_plan(path)
     job = plan.read(plan.member(0))
     net = build_net(job)  # reports errors of the net once, before any worker starts
     progress.say(*default_warnings(job, net), *plan.notes)
-    place = place_of(path, output, shard)
-    if not place.result.exists() or digests_of(place.result) is None:
-        check_place(place.result)
+    place = study_files(path, output, shard)
+    if not place.result.exists() or read_digests(place.result) is None:
+        check_output_path(place.result)
     watch = Watch(plan.files)
-    digests = {"study": plan.digest(), "job": watch.digest, "program": program_digest(TELLING)}
-    lock = claim(place.result)
+    digests = {"study": plan.digest(), "job": watch.digest, "program": program_digest(PRESENTATION_PACKAGES)}
+    lock = lock_output(place.result)
     try:
-        table = _what_there_is(plan, place, digests, shard, progress)
+        table = _finished_runs(plan, place, digests, shard, progress)
         if retry:
-            table.forget_failed()
+            table.reset_failed()
         numbers = range(len(plan)) if shard is None else part_of(plan, *shard)
         missing = [number for number in numbers if not table.there[number]]
         header = {"format": FORMAT, "members": len(plan), **digests}
         workers = workers or _cores(launcher) // plan.ranks or 1
         if missing and not launcher:
-            progress.say(memory_line(min(workers, len(missing)), plan.ranks, net.m))
+            progress.say(memory_message(min(workers, len(missing)), plan.ranks, net.m))
         if missing or not place.result.exists() or place.journal.exists():
-            Runs(plan, place, table, header, watch, progress).run(missing, workers, launcher, stop)
+            StudyRuns(plan, place, table, header, watch, progress).run(missing, workers, launcher, stop)
         elif text_of(place.result) != plan.text:  # other evaluations of the same runs
             write_study(plan, place, table, header, workers, progress)
         else:
@@ -81,15 +81,15 @@ def _cores(launcher: str | None) -> int:
     return min(local, int(allocated)) if allocated.isdigit() else local
 
 
-def _what_there_is(plan: Plan, place: Place, digests: dict, shard, progress: Progress) -> Table:
+def _finished_runs(plan: Plan, place: Place, digests: dict, shard, progress: Progress) -> Table:
     """Return the finished runs of this study, and of its shards if this is the whole study."""
     table = Table(len(plan), plan.nets_differ)
     for files in [place, *(place.parts() if shard is None else [])]:
         before = int(table.there.sum())
         if files is not place:
-            release(claim(files.result))  # raises if another process writes it
+            release(lock_output(files.result))  # raises if another process writes it
         if files.result.exists():
-            check_digests(files.result, digests_of(files.result) or {}, digests)
+            check_digests(files.result, read_digests(files.result) or {}, digests)
             table.add_file(files.result)
         if files.journal.exists():
             records, _ = read_journal(files.journal)

@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.results.locks import h5_whole, sync, writing
-from netfall.results.outcomes import BY_NAME, OF_RUN, OUTCOMES
+from netfall.results.locks import atomic_h5, sync, writing
+from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES, RUN_OUTCOMES
 from netfall.study.answers.fragility import curve_sections
 from netfall.study.answers.measures import failure_section
 
 FORMAT = 1  # version of the layout of a study file
-MARK = "netfall_study"  # attribute of the root that identifies a study file
+STUDY_ATTRIBUTE = "netfall_study"  # attribute of the root that identifies a study file
 DIGESTS = {"study": "the study file", "job": "the job or its tables", "program": "the program"}
 TEXT = h5py.string_dtype()
 
@@ -24,7 +24,7 @@ class Table:
 
     def __init__(self, count: int, nets_differ: bool = False):
         """nets_differ : samples have different nets, so that elements cannot be compared"""
-        self.columns = {column.name: np.full(count, column.empty, column.dtype) for column in OF_RUN}
+        self.columns = {column.name: np.full(count, column.empty, column.dtype) for column in RUN_OUTCOMES}
         self.there = np.zeros(count, bool)
         self.tries = np.zeros(count, np.int64)
         self.times: dict[int, np.ndarray] = {}  # times of fractures, by sample
@@ -75,7 +75,7 @@ class Table:
             if self.net is None:
                 self.net = read_columns(f["net"]) if "net" in f else {}
 
-    def forget_failed(self) -> None:
+    def reset_failed(self) -> None:
         """Treat failed runs as missing."""
         failed = self.there & (self.columns["state"] == "failed")
         self.there[failed] = False
@@ -90,12 +90,12 @@ class Table:
         """
         rows = np.flatnonzero(self.there)
         members = self._members(rows, plan)
-        with h5_whole(path) as f:
-            f.attrs[MARK], f.attrs["title"] = FORMAT, title
+        with atomic_h5(path) as f:
+            f.attrs[STUDY_ATTRIBUTE], f.attrs["title"] = FORMAT, title
             write_columns(f, "members", members)
-            for name in BY_NAME.keys() & members.keys():
-                if BY_NAME[name].unit:
-                    f[f"members/{name}"].attrs["unit"] = BY_NAME[name].unit
+            for name in OUTCOME_BY_NAME.keys() & members.keys():
+                if OUTCOME_BY_NAME[name].unit:
+                    f[f"members/{name}"].attrs["unit"] = OUTCOME_BY_NAME[name].unit
             self._write_events(f, rows)
             if self.net:
                 write_columns(f, "net", self.net)
@@ -113,14 +113,14 @@ class Table:
         """Return the columns of /members."""
         members = [plan.member(int(number)) for number in rows]
         inputs = {name: _column([member.values[name] for member in members]) for name in plan.inputs}
-        depth_columns = {column.name for column in OUTCOMES if column.of_depth}
+        depth_columns = {column.name for column in OUTCOMES if column.needs_depth}
         columns = {"member": rows} | inputs | {name: values[rows] for name, values in self.columns.items()}
         if plan.depth is None:
             columns = {name: v for name, v in columns.items() if name not in depth_columns}
         if plan.loss:
             columns["removed"] = np.array([member.removed for member in members], object)
         else:
-            removal_columns = {column.name for column in OUTCOMES if column.of_losses}
+            removal_columns = {column.name for column in OUTCOMES if column.needs_removal}
             columns = {name: values for name, values in columns.items() if name not in removal_columns}
         columns["duration"] = np.array([plan.duration(member) for member in members])
         return columns
@@ -159,11 +159,11 @@ def check_digests(path: Path, found: dict, wanted: dict) -> None:
         )
 
 
-def digests_of(path: Path) -> dict | None:
+def read_digests(path: Path) -> dict | None:
     """Return the digests in a study file; None if it is no study file."""
     try:
         with h5py.File(path) as f:
-            if MARK not in f.attrs:
+            if STUDY_ATTRIBUTE not in f.attrs:
                 return None
             return {name: f[f"provenance/{name}_digest"].asstr()[()] for name in DIGESTS}
     except (OSError, KeyError):

@@ -19,11 +19,11 @@ SHOWN = (
     "is_edge",
     "_is_edge",
 )  # attributes of an edge; false: the edge is no cable
-HIDDEN = ("hidden", "is_hidden")
+HIDDEN_KEYS = ("hidden", "is_hidden")
 FORCE_DENSITIES = ("force_density", "q")
 
 
-def read_json(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
+def read_compas(path: Path, supports: list[str], layers: list[str] | None) -> Drawing:
     """Read the edges of a COMPAS file, in its unit.
 
     supports, layers : as in `read_dxf`; layers are groups here
@@ -44,7 +44,7 @@ def read_json(path: Path, supports: list[str], layers: list[str] | None) -> Draw
     edges = [edge for edge in edges if not edge["hidden"]]
     edges = [edge for edge in edges if layers is None or is_among(edge["group"], (*layers, *supports))]
     names = sorted({edge["group"] for edge in edges})
-    held, in_part = (list(chain(*points)) for points in zip(*map(_held, objects)))
+    held, in_part = (list(chain(*points)) for points in zip(*map(_supported_points, objects)))
     q = np.array([edge["q"] for edge in edges], float)
     keys = [edge["keys"] for edge in edges]
     has_ids = len(objects) == 1 and all(isinstance(key, int) for pair in keys for key in pair)
@@ -56,14 +56,14 @@ def read_json(path: Path, supports: list[str], layers: list[str] | None) -> Draw
         in_part=np.array(in_part, float).reshape(-1, 3),
         keys=np.array(keys, np.int64) if has_ids else None,
         columns={"force_density": q} if any(edge["q"] is not None for edge in edges) else {},
-        unit=next((data["attributes"]["unit"] for data in objects if _says_unit(data)), None),
+        unit=next((data["attributes"]["unit"] for data in objects if _has_unit(data)), None),
         unit_from="its attributes",
         read=[f"{len(edges)} edges", *(f"groups {line}" for line in alike(names))],
         left_out=[f"{hidden} edges, which are hidden"] if hidden else [],
     )
 
 
-def _says_unit(data: dict) -> bool:
+def _has_unit(data: dict) -> bool:
     """Whether an object names its unit."""
     return isinstance(data.get("attributes"), dict) and isinstance(data["attributes"].get("unit"), str)
 
@@ -86,7 +86,7 @@ def _default(data: dict, entity: str) -> dict:
     return data.get(f"default_{entity}_attributes") or data.get(f"d{entity[0]}a") or {}
 
 
-def _places(data: dict) -> dict:
+def _coordinates(data: dict) -> dict:
     """Return the coordinates of the nodes or vertices by their keys."""
     entity = "node" if "node" in data else "vertex"
     default = _default(data, entity)
@@ -100,7 +100,7 @@ def _edges(data: dict) -> list[dict]:
     if "points" in data or "start" in data:
         points = data["points"] if "points" in data else [data["start"], data["end"]]
         return [_edge((a, b), (None, None), {}) for a, b in pairwise(points)]
-    positions = _places(data)
+    positions = _coordinates(data)
     if "edge" in data and "node" in data:
         pairs = {(a, b): values or {} for a, ends in data["edge"].items() for b, values in ends.items()}
     else:
@@ -117,7 +117,7 @@ def _edge(ends, keys, values: dict) -> dict:
     group = next((str(values[name]) for name in GROUPS if values.get(name)), "cables")
     force_densities = (values[name] for name in FORCE_DENSITIES if isinstance(values.get(name), (int, float)))
     hidden = any(values.get(name, True) in (False, 0) for name in SHOWN)
-    hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN)
+    hidden = hidden or any(values.get(name, False) in (True, 1) for name in HIDDEN_KEYS)
     return {"ends": ends, "keys": keys, "group": group, "q": next(force_densities, None), "hidden": hidden}
 
 
@@ -142,11 +142,11 @@ def _key(text: str):
         return text
 
 
-def _held(data: dict) -> tuple[list, list]:
+def _supported_points(data: dict) -> tuple[list, list]:
     """Return the coordinates of supported nodes, and of those supported along some axes alone."""
     held, in_part = [], []
     if "node" in data or "vertex" in data:
-        positions, entity = _places(data), "node" if "node" in data else "vertex"
+        positions, entity = _coordinates(data), "node" if "node" in data else "vertex"
         default = _default(data, entity)
         for key, values in data[entity].items():
             flags = [np.array({**default, **values}.get(name, False), bool) for name in SUPPORTS]

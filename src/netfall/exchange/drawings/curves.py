@@ -8,7 +8,7 @@ from netfall.exchange.drawings.drawing import Drawing, depth
 
 FLATNESS = 1 / 200  # largest distance of segments from their curve / its size
 SHARE = 1 / 12  # the same / its depth, for shallow curves; an arc gets 4 segments
-FINER = 0.1  # largest distance of sampled points from their curve / `reach`
+SAMPLING_SHARE = 0.1  # largest distance of sampled points from their curve / `reach`
 BESIDE = 1e-4  # share of a span between knots, at which the directions at a knot are measured
 CORNER = 0.02  # sine of the angle; a smaller one is no corner
 LEAST_CHORDS, MOST_CHORDS = 8, 2**14  # chords of a span between knots, when a curve is sampled
@@ -25,11 +25,13 @@ def cut_curves(drawing: Drawing, reach: float) -> None:
     if not drawing.curves:
         return
     pieces = [
-        (row, piece) for row, spline in drawing.curves for piece in _smooth_pieces(spline, FINER * reach)
+        (row, piece)
+        for row, spline in drawing.curves
+        for piece in _smooth_pieces(spline, SAMPLING_SHARE * reach)
     ]
     lines = [drawing.lines.reshape(-1, 3), *(piece[[0, -1]] for _, piece in pieces)]
     ends = np.unique(np.concatenate(lines), axis=0)
-    cut = [_corners(piece, ends, reach) for _, piece in pieces]
+    cut = [_segment_corners(piece, ends, reach) for _, piece in pieces]
     corners, joints = [points for points, _ in cut], sum(count for _, count in cut)
     segments = [np.stack([points[:-1], points[1:]], axis=1) for points in corners]
     drawing.lines = np.concatenate([drawing.lines, *segments])
@@ -83,15 +85,17 @@ def _has_corner(spline, before: float, knot: float, after: float) -> bool:
     )
 
 
-def _corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.ndarray, int]:
+def _segment_corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.ndarray, int]:
     """Return the corners (c, 3) of the segments of a curve, and the number of joints among them.
 
     points : (f, 3) of the curve; ends : (k, 3) ends of lines
     """
     size = float(np.ptp(points, axis=0).max())
-    tolerance = max(min(FLATNESS * size, SHARE * depth(points, points[0], points[-1])), FINER * reach)
+    tolerance = max(
+        min(FLATNESS * size, SHARE * depth(points, points[0], points[-1])), SAMPLING_SHARE * reach
+    )
     arc_length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    joint_positions, joints = _ends_on(points, arc_length, ends, reach)
+    joint_positions, joints = _find_joints(points, arc_length, ends, reach)
     positions = [0.0, *joint_positions, arc_length[-1]]
     corners = np.stack([points[0], *joints, points[-1]])
     parts = [corners[:1]]
@@ -103,7 +107,7 @@ def _corners(points: np.ndarray, ends: np.ndarray, reach: float) -> tuple[np.nda
     return np.concatenate(parts), len(joints)
 
 
-def _ends_on(points, arc_length, ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+def _find_joints(points, arc_length, ends: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
     """Find the ends of lines that lie on a curve but not at its own ends.
 
     points : (f, 3) of the curve; arc_length : (f,) length of the curve to each; ends : (k, 3)

@@ -41,7 +41,7 @@ class Drawing:
     keys: np.ndarray = None
     columns: dict[str, np.ndarray] = field(default_factory=dict)
     unit: str | None = None
-    said: str | None = None
+    file_unit: str | None = None
     unit_from: str = ""
     read: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
@@ -78,7 +78,7 @@ def depth(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
     return float(np.linalg.norm(start + share[:, None] * direction - points, axis=1).max(initial=0.0))
 
 
-def rows_called(name: str | None, names: list[str]) -> list[int]:
+def rows_with_name(name: str | None, names: list[str]) -> list[int]:
     """Return the rows of the names that equal a name, in upper or lower case."""
     return [] if name is None else [k for k, other in enumerate(names) if other.lower() == name.lower()]
 

@@ -58,7 +58,7 @@ class _Reader:
         self.frozen = {layer.dxf.name.lower() for layer in document.layers if layer.is_frozen()}
         self.dark = self.frozen | {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
 
-    def called(self, layer: str) -> str:
+    def layer_name(self, layer: str) -> str:
         """Return the one spelling of a layer's name: DXF does not distinguish upper and lower case."""
         self.spellings.add(layer)
         return self.spelled.setdefault(layer.lower(), layer)
@@ -67,7 +67,7 @@ class _Reader:
         """Whether a layer marks supports."""
         return layer.lower() in self.supports
 
-    def shows(self, layer: str) -> bool:
+    def is_read(self, layer: str) -> bool:
         """Whether a layer is read; if not, count the entity as left out."""
         if layer.lower() in self.dark:
             self.left[f'on layer "{layer}", which is off or frozen'] += 1
@@ -92,15 +92,15 @@ class _Reader:
     def _add(self, entity, layer: str | None, blocks: tuple[str, ...]) -> None:
         """Add an entity by its kind; raises errors of ezdxf."""
         kind, own_layer = entity.dxftype(), entity.dxf.layer
-        layer = self.called(own_layer if layer is None or own_layer != "0" else layer)
+        layer = self.layer_name(own_layer if layer is None or own_layer != "0" else layer)
         if entity.dxf.get("invisible", 0):
             self.left[f"{kind}, which is invisible"] += 1
         elif kind == "INSERT" and not self.holds(layer) and layer.lower() not in self.frozen:
             self._explode(entity, layer, blocks)
-        elif not self.shows(layer):
+        elif not self.is_read(layer):
             return
         elif kind == "POINT" or (self.holds(layer) and kind in ("CIRCLE", "INSERT")):
-            self.points += _checked([_middle(entity)])
+            self.points += _finite_points([_marked_point(entity)])
             self.point_layers.append(layer)
             self.kinds[kind] += 1
         elif kind == "MESH" and entity.dxf.subdivision_levels:
@@ -142,11 +142,11 @@ class _Reader:
         """Add polylines, given as lists of corners, and splines."""
         for part in parts:
             if isinstance(part, list):
-                corners = _checked(part)
+                corners = _finite_points(part)
                 self.lines += pairwise(corners)
                 self.line_layers += [layer] * (len(corners) - 1)
             else:
-                _checked(part.control_points)
+                _finite_points(part.control_points)
                 self.curves.append((layer, part))
 
     def drawing(self) -> Drawing:
@@ -198,7 +198,7 @@ def _parts(entity) -> tuple[list, Counter]:
         spline = entity.construction_tool()
         return [list(spline.control_points) if spline.degree == 1 else spline], undrawn
     if kind in POLYLINES:
-        entity, frame = _as_drawn(entity)
+        entity, frame = _without_spline_frame(entity)
         undrawn["vertex of the frame of a fitted polyline, which is not drawn"] = frame
         if kind == "LWPOLYLINE" or entity.is_2d_polyline or entity.is_3d_polyline:
             return [part for side in entity.virtual_entities() for part in _parts(side)[0]], +undrawn
@@ -207,7 +207,7 @@ def _parts(entity) -> tuple[list, Counter]:
     return [list(side) for side, visible in sides.items() if visible], +undrawn
 
 
-def _as_drawn(polyline):
+def _without_spline_frame(polyline):
     """Return a polyline or mesh without the frame of its spline, and the number of vertices in that frame.
 
     Bulges due to rounding become zero: the radius of such arcs would be unbounded.
@@ -264,7 +264,7 @@ def _faces(entity) -> Iterator[tuple[list, list[bool]]]:
         yield corners, visible[: len(corners)]
 
 
-def _checked(corners) -> list[tuple[float, float, float]]:
+def _finite_points(corners) -> list[tuple[float, float, float]]:
     """Return corners as numbers. Raises ValueError if one is not finite."""
     points = [tuple(corner) for corner in corners]
     if not all(isfinite(value) for point in points for value in point):
@@ -272,7 +272,7 @@ def _checked(corners) -> list[tuple[float, float, float]]:
     return points
 
 
-def _middle(entity):
+def _marked_point(entity):
     """Return the position that a point, a circle or a block reference marks."""
     if entity.dxftype() == "POINT":
         return entity.dxf.location

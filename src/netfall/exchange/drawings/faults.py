@@ -3,14 +3,14 @@
 import numpy as np
 import shapely
 
-from netfall.geometry.connected_parts import unjoined_pairs
+from netfall.geometry.connected_parts import unconnected_pairs
 
 NEAR_SHARE, NEAR_TIMES = 0.01, 10.0  # of the median length, of the tolerance; nearer was meant as joined
-AT_ONCE = 4096  # elements per search for neighbours, which limits its memory
+SEARCH_BLOCK = 4096  # elements per search for neighbours, which limits its memory
 PARALLEL = 1e-9  # squared sine of the angle, below which elements overlap instead of crossing
 
 
-def reach_of(x: np.ndarray, ends: np.ndarray, tolerance: float) -> float:
+def near_miss_distance(x: np.ndarray, ends: np.ndarray, tolerance: float) -> float:
     """Compute the largest distance [m] that counts as a near miss."""
     length = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     return max(NEAR_TIMES * tolerance, NEAR_SHARE * float(np.median(length)))
@@ -18,13 +18,13 @@ def reach_of(x: np.ndarray, ends: np.ndarray, tolerance: float) -> float:
 
 def near_nodes(x: np.ndarray, ends: np.ndarray, reach: float):
     """Find pairs of nodes (k, 2) within `reach` that no element joins, and their distances [m]."""
-    pairs = unjoined_pairs(x, ends, reach)
+    pairs = unconnected_pairs(x, ends, reach)
     distance = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
     order = np.argsort(distance, kind="stable")
     return pairs[order], distance[order]
 
 
-def touches(x: np.ndarray, ends: np.ndarray, reach: float):
+def find_touches(x: np.ndarray, ends: np.ndarray, reach: float):
     """Find nodes (k,) within `reach` of elements (k,), between the ends of these; and the distances [m]."""
     tree = shapely.STRtree(_in_plan(x, ends))
     node, element = tree.query(shapely.points(x[:, :2]), predicate="dwithin", distance=reach)
@@ -39,7 +39,7 @@ def touches(x: np.ndarray, ends: np.ndarray, reach: float):
     return node[is_touch], element[is_touch], distance[is_touch]
 
 
-def crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
+def find_crossings(x: np.ndarray, ends: np.ndarray, tolerance: float):
     """Find pairs of elements (k, 2) that cross within the tolerance [m] between their ends, and where (k, 3).
 
     Closest points of two segments: Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
@@ -70,8 +70,8 @@ def _near_pairs(x: np.ndarray, ends: np.ndarray, tolerance: float) -> np.ndarray
     low, high = x[ends].min(1) - tolerance, x[ends].max(1) + tolerance
     boxes = shapely.box(*low[:, :2].T, *high[:, :2].T)
     tree, blocks = shapely.STRtree(boxes), [np.zeros((0, 2), np.int64)]
-    for start in range(0, len(ends), AT_ONCE):
-        first, second = tree.query(boxes[start : start + AT_ONCE])
+    for start in range(0, len(ends), SEARCH_BLOCK):
+        first, second = tree.query(boxes[start : start + SEARCH_BLOCK])
         pairs = np.column_stack([start + first, second])[start + first < second]
         first_element, second_element = pairs.T
         disjoint = (ends[first_element][:, :, None] != ends[second_element][:, None, :]).all((1, 2))

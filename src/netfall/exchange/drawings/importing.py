@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.exchange.drawings.reading import Options, Reading, read_net
+from netfall.exchange.drawings.reading import ImportOptions, NetImport, read_net
 from netfall.job.csv_table import write_table
 from netfall.job.toml_text import toml_name, toml_value
-from netfall.results.locks import whole_folder
+from netfall.results.locks import atomic_folder
 
 UPRIGHT = 10.0  # degrees from the vertical
 LEVEL = 0.02  # sine of the angle to the horizontal, below which an element pulls neither up nor down
@@ -66,7 +66,7 @@ kind = "bar"                    # GUESSED: upright, and nothing but compression 
 """
 
 
-def import_file(path: Path, folder: Path, options: Options, say: Callable[[str], None]) -> None:
+def import_file(path: Path, folder: Path, options: ImportOptions, say: Callable[[str], None]) -> None:
     """Read a drawing, report its content and faults, and write tables, a picture and a first job.
 
     Raises InputError if the file cannot be read, has no unit, or holds no net.
@@ -78,16 +78,16 @@ def import_file(path: Path, folder: Path, options: Options, say: Callable[[str],
     reading = read_net(path, options)
     written = []
     try:
-        with whole_folder(folder) as temporary:
+        with atomic_folder(folder) as temporary:
             written = _write(reading, folder, temporary)
     finally:  # last, since a closed pipe can stop the output
         for line in [*reading.lines, *written]:
             say(line)
 
 
-def _write(reading: Reading, folder: Path, target: Path) -> list[str]:
+def _write(reading: NetImport, folder: Path, target: Path) -> list[str]:
     """Write tables, picture, job and report of a folder to `target`; return lines on what was written."""
-    from netfall.post.plots.net import as_read
+    from netfall.post.plots.net import draw_imported_net
 
     net, drawing = reading.net, reading.drawing
     node_id, group = _node_ids(reading), [drawing.layers[k] for k in drawing.layer[net.line].tolist()]
@@ -107,7 +107,7 @@ def _write(reading: Reading, folder: Path, target: Path) -> list[str]:
     is_new = not job.exists()
     if is_new:
         upright = upright_groups(group, x[net.ends[:, 1]] - x[net.ends[:, 0]])
-        props = {group[e] for e in np.flatnonzero(props_of(x, net.ends, reading.held)).tolist()}
+        props = {group[e] for e in np.flatnonzero(compressed_elements(x, net.ends, reading.held)).tolist()}
         posts = [name for name in upright if name in props]
         text = first_job(reading.path.stem, sorted(set(group)), posts)
         lines += [f'    group "{name}": upright, taken as kind = "bar" in {job.name}' for name in posts]
@@ -120,7 +120,7 @@ def _write(reading: Reading, folder: Path, target: Path) -> list[str]:
         (target / job.name).write_text(text, encoding="utf-8")
     fixed = np.repeat(reading.fixed[:, None], 3, axis=1)
     spring = np.zeros_like(fixed) if reading.spring is None else reading.spring > 0.0
-    as_read(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, target / "net.png")
+    draw_imported_net(x, net.ends, group, fixed, spring, reading.marks, reading.path.name, target / "net.png")
     (target / "report.txt").write_text("\n".join([*reading.lines, *lines, ""]), encoding="utf-8")
     note = "" if is_new else " (that was there, and stays as it is)"
     return [
@@ -140,7 +140,7 @@ def upright_groups(group: list[str], direction: np.ndarray) -> list[str]:
     return sorted(set(group) - others) if others else []
 
 
-def props_of(x: np.ndarray, ends: np.ndarray, held: np.ndarray) -> np.ndarray:
+def compressed_elements(x: np.ndarray, ends: np.ndarray, held: np.ndarray) -> np.ndarray:
     """Select the elements (m,) below a free node that no element pulls up and others pull down.
 
     Only compression in an element holds such a node up. x : (n, 3) [m]; ends : (m, 2); held : (n,) bool
@@ -154,7 +154,7 @@ def props_of(x: np.ndarray, ends: np.ndarray, held: np.ndarray) -> np.ndarray:
     return propped[np.where(rise > 0.0, ends[:, 1], ends[:, 0])]
 
 
-def _node_ids(reading: Reading) -> np.ndarray:
+def _node_ids(reading: NetImport) -> np.ndarray:
     """Return the ids of the nodes: those of the file if they are unique, otherwise 1, 2, 3, ..."""
     net, keys = reading.net, reading.drawing.keys
     count = len(net.x)

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.geometry.connected_parts import close_pairs, parts_of
+from netfall.geometry.connected_parts import close_pairs, connected_parts
 
 
 @dataclass
-class Joined:
+class JoinedNet:
     """Net of n nodes and m elements from a drawing of k lines.
 
     x : (n, 3) [m]; ends : (m, 2) rows of nodes; line : (m,) row of the line that each element comes from
@@ -24,9 +24,9 @@ class Joined:
     twice: np.ndarray
 
 
-def join(lines: np.ndarray, tolerance: float) -> Joined:
+def join(lines: np.ndarray, tolerance: float) -> JoinedNet:
     """Join lines (k, 2, 3) [m] to nodes and elements; a node lies at the first of its line ends."""
-    x, node = merge(lines.reshape(-1, 3), tolerance)
+    x, node = merge_points(lines.reshape(-1, 3), tolerance)
     ends = node.reshape(-1, 2)
     distance = np.linalg.norm(lines - x[ends], axis=2)
     short = ends[:, 0] == ends[:, 1]
@@ -37,17 +37,17 @@ def join(lines: np.ndarray, tolerance: float) -> Joined:
     repeats[first] = False
     twice = np.column_stack([line[repeats], line[first[group[repeats]]]])
     line = line[~repeats]
-    return _used(Joined(x, ends[line], line, distance, np.flatnonzero(short), twice))
+    return _drop_unused_nodes(JoinedNet(x, ends[line], line, distance, np.flatnonzero(short), twice))
 
 
-def merge(points: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+def merge_points(points: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Merge points (p, 3) within the tolerance: merged points (n, 3) and the row (p,) of each among them."""
-    lowest = parts_of(close_pairs(points, tolerance), len(points))
+    lowest = connected_parts(close_pairs(points, tolerance), len(points))
     first, row = np.unique(lowest, return_inverse=True)  # in the order of the drawing
     return points[first], row
 
 
-def _used(joined: Joined) -> Joined:
+def _drop_unused_nodes(joined: JoinedNet) -> JoinedNet:
     """Remove the nodes that no element uses."""
     used = np.zeros(len(joined.x), bool)
     used[joined.ends] = True
@@ -56,7 +56,7 @@ def _used(joined: Joined) -> Joined:
     return joined
 
 
-def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) -> Joined:
+def split(joined: JoinedNet, element: np.ndarray, x: np.ndarray, tolerance: float) -> JoinedNet:
     """Split elements (j,) by joints at points x (j, 3) [m]; points within the tolerance are one joint."""
     start, direction = joined.x[joined.ends[:, 0]], np.diff(joined.x[joined.ends], axis=1)[:, 0]
     share = np.einsum("ij,ij->i", x - start[element], direction[element])
@@ -75,7 +75,7 @@ def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) 
     existing = np.repeat(joined.x[:, None], 2, axis=1)
     net = join(np.concatenate([existing, *lines]), tolerance)
     rows = net.line - len(existing)
-    return Joined(
+    return JoinedNet(
         net.x,
         net.ends,
         np.concatenate(line)[rows],
@@ -87,7 +87,7 @@ def split(joined: Joined, element: np.ndarray, x: np.ndarray, tolerance: float) 
 
 def parts_by_size(ends: np.ndarray, count: int) -> np.ndarray:
     """Return the part of the net that each node belongs to; part 0 has the most elements."""
-    _, label = np.unique(parts_of(ends, count), return_inverse=True)
+    _, label = np.unique(connected_parts(ends, count), return_inverse=True)
     order = np.argsort(-np.bincount(label[ends[:, 0]], minlength=label.max() + 1), kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))

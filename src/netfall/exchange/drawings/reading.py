@@ -9,25 +9,25 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.exchange.drawings import faults
-from netfall.exchange.drawings.compas import read_json
+from netfall.exchange.drawings.compas import read_compas
 from netfall.exchange.drawings.curves import cut_curves
-from netfall.exchange.drawings.drawing import METRES, Drawing, rows_called
+from netfall.exchange.drawings.drawing import METRES, Drawing, rows_with_name
 from netfall.exchange.drawings.dxf import read_dxf
-from netfall.exchange.drawings.join import Joined, join, parts_by_size, split
+from netfall.exchange.drawings.join import JoinedNet, join, parts_by_size, split
 from netfall.exchange.vtu import read_vtu
-from netfall.job.values import nearest
+from netfall.job.values import suggest
 
-READERS = {".dxf": read_dxf, ".json": read_json, ".vtu": read_vtu}
+READERS = {".dxf": read_dxf, ".json": read_compas, ".vtu": read_vtu}
 AT_POINTS, OUTLINE = "points", "outline"  # values of --supports that are no layer
-MOST_PLACES = 5  # places listed for one kind of fault
-SOME_SIZE = 0.1  # share of the elements of the largest part; a part that large is another roof
-LEAST_OF_A_FACE = 3  # elements; a face of so few has all nodes on its outline
+MAX_LISTED_PLACES = 5  # places listed for one kind of fault
+ROOF_SHARE = 0.1  # share of the elements of the largest part; a part that large is another roof
+MAX_FACE_ELEMENTS = 3  # elements; a face of so few has all nodes on its outline
 ROUNDED = 1e-6  # m; smaller gaps are rounding of the drawing
 LONG, SHORT = 2e4, 0.5  # m; extents outside these bounds make the unit doubtful
 
 
 @dataclass
-class Options:
+class ImportOptions:
     """Options of the command line.
 
     unit : None: unit that the file names; tolerance : [m]
@@ -45,7 +45,7 @@ class Options:
 
 
 @dataclass
-class Reading:
+class NetImport:
     """Drawing that is being converted to a net, with the report on it.
 
     fixed : (n,) bool; lines : report; marks : places [m] of the faults that a picture shows
@@ -53,9 +53,9 @@ class Reading:
     """
 
     path: Path
-    options: Options
+    options: ImportOptions
     drawing: Drawing
-    net: Joined
+    net: JoinedNet
     fixed: np.ndarray
     lines: list[str]
     marks: list[np.ndarray]
@@ -84,9 +84,9 @@ class Reading:
         if not len(marks):
             return
         texts = (f"at {self.place(mark)}" for mark in marks) if places is None else places
-        remainder = [f"and {len(marks) - MOST_PLACES} more"] if len(marks) > MOST_PLACES else []
+        remainder = [f"and {len(marks) - MAX_LISTED_PLACES} more"] if len(marks) > MAX_LISTED_PLACES else []
         self.lines.append(f"{kind}: {len(marks)} {meaning}")
-        self.lines += [f"    {text}" for text in (*islice(texts, MOST_PLACES), *remainder)]
+        self.lines += [f"    {text}" for text in (*islice(texts, MAX_LISTED_PLACES), *remainder)]
         self.marks += list(marks)
 
     def layer_of(self, line: int) -> str:
@@ -94,27 +94,27 @@ class Reading:
         return f'layer "{self.drawing.layers[self.drawing.layer[line]]}"'
 
 
-def read_net(path: Path, options: Options) -> Reading:
+def read_net(path: Path, options: ImportOptions) -> NetImport:
     """Read the net of a drawing, and report on it."""
     drawing = _read(path, options)
     lines = [f"{path}: {'; '.join(drawing.read)}"]
-    lines += [_unit_line(drawing, options), *_doubts(drawing)]
+    lines += [_unit_line(drawing, options), *_extent_remarks(drawing)]
     lines += [f"left out: {omission}" for omission in drawing.left_out]
     net = join(drawing.lines, options.tolerance)
     if not len(net.ends):
         raise InputError(f"{path}: no line is longer than the tolerance of {options.tolerance:g} m")
-    reading = Reading(path, options, drawing, net, np.zeros(len(net.x), bool), lines, [])
-    _tell_joining(reading)
-    _split_where_asked(reading)
+    reading = NetImport(path, options, drawing, net, np.zeros(len(net.x), bool), lines, [])
+    _report_joining(reading)
+    _split_elements(reading)
     reading.fixed = _supports(reading)
     _set_springs(reading)
-    _tell_near_misses(reading)
-    _drop_loose_parts(reading)
-    _tell_loose_ends(reading)
+    _report_near_misses(reading)
+    _remove_unsupported_parts(reading)
+    _report_loose_ends(reading)
     return reading
 
 
-def _read(path: Path, options: Options) -> Drawing:
+def _read(path: Path, options: ImportOptions) -> Drawing:
     """Read a drawing in metres. Raises InputError."""
     read = READERS.get(path.suffix.lower())
     if read is None:
@@ -129,18 +129,18 @@ def _read(path: Path, options: Options) -> Drawing:
         omissions = f" ({'; '.join(drawing.left_out)})" if drawing.left_out else ""
         raise InputError(f"{path}: no lines of a net in it{omissions}")
     for name in [*(options.layers or []), *marking]:
-        if not rows_called(name, drawing.layers):
+        if not rows_with_name(name, drawing.layers):
             alternatives = f"{AT_POINTS}, {OUTLINE}, or " if name == support_layer else ""
             option = "--supports" if name == support_layer else "--springs" if name in marking else "--layers"
             raise InputError(
-                f"{option} {name}: expected {alternatives}a layer with lines; {nearest(name, drawing.layers)}"
+                f"{option} {name}: expected {alternatives}a layer with lines; {suggest(name, drawing.layers)}"
             )
     if drawing.unit is None and options.unit is None and path.suffix.lower() == ".dxf":
         raise InputError(
             f"{path}: the drawing has no unit that is known ({drawing.unit_from}); say which with --unit, "
             f"one of {', '.join(METRES)}; its extent is {_extent(drawing.lines)}"
         )
-    drawing.said = drawing.unit
+    drawing.file_unit = drawing.unit
     drawing.unit = options.unit or drawing.unit or "m"
     drawing.scaled(drawing.unit)
     return drawing
@@ -151,20 +151,22 @@ def _extent(lines: np.ndarray) -> str:
     return " x ".join(f"{size:.4g}" for size in np.ptp(lines.reshape(-1, 3), axis=0))
 
 
-def _unit_line(drawing: Drawing, options: Options) -> str:
+def _unit_line(drawing: Drawing, options: ImportOptions) -> str:
     """Return the line on the unit and its source."""
     source = (
         f"from {drawing.unit_from}"
-        if drawing.said
+        if drawing.file_unit
         else "the file names none: metres taken, --unit says another"
     )
     if options.unit:
-        conflict = f"; the file says {drawing.said}" if drawing.said not in (None, options.unit) else ""
+        conflict = (
+            f"; the file says {drawing.file_unit}" if drawing.file_unit not in (None, options.unit) else ""
+        )
         source = f"from --unit{conflict}"
     return f"unit: {drawing.unit} ({source}); extent {_extent(drawing.lines)} m"
 
 
-def _doubts(drawing: Drawing) -> list[str]:
+def _extent_remarks(drawing: Drawing) -> list[str]:
     """Return lines on an unusual extent, on a drawing far from the origin and on a flat drawing."""
     x = drawing.lines.reshape(-1, 3)
     size, lines = np.ptp(x, axis=0), []
@@ -179,7 +181,7 @@ def _doubts(drawing: Drawing) -> list[str]:
     return lines
 
 
-def _tell_joining(reading: Reading) -> None:
+def _report_joining(reading: NetImport) -> None:
     """Report joined gaps, lines without length and duplicates."""
     net, lines = reading.net, reading.drawing.lines
     layer = reading.layer_of
@@ -201,15 +203,15 @@ def _tell_joining(reading: Reading) -> None:
     reading.tell("duplicate", meaning, lines[net.twice[:, 0]].mean(1), places)
 
 
-def _split_where_asked(reading: Reading) -> None:
+def _split_elements(reading: NetImport) -> None:
     """Split elements at joints: on lines of the layer of supports, and with --split everywhere.
 
     Touches and crossings that are not split are reported.
     """
     net, options = reading.net, reading.options
     on_edge = _on_support_layer(reading)
-    node, element, _ = faults.touches(net.x, net.ends, options.tolerance)
-    pairs, crossing = faults.crossings(net.x, net.ends, options.tolerance)
+    node, element, _ = faults.find_touches(net.x, net.ends, options.tolerance)
+    pairs, crossing = faults.find_crossings(net.x, net.ends, options.tolerance)
 
     def layer(element: int) -> str:
         return reading.layer_of(net.line[element])
@@ -231,7 +233,7 @@ def _split_where_asked(reading: Reading) -> None:
         reading.lines.append(f"split: joints at {int(cut.sum())} touches and {len(pairs)} crossings")
 
 
-def _on_support_layer(reading: Reading, layer: str | None = None) -> np.ndarray:
+def _on_support_layer(reading: NetImport, layer: str | None = None) -> np.ndarray:
     """Select the elements (m,) that are drawn on a layer or repeat a line on it.
 
     layer : None: the layers of supports and springs
@@ -239,12 +241,12 @@ def _on_support_layer(reading: Reading, layer: str | None = None) -> np.ndarray:
     drawing, net = reading.drawing, reading.net
     options = reading.options
     names = [options.supports, options.springs and options.springs[0]] if layer is None else [layer]
-    on = np.isin(drawing.layer, [row for name in names for row in rows_called(name, drawing.layers)])
+    on = np.isin(drawing.layer, [row for name in names for row in rows_with_name(name, drawing.layers)])
     replacing = net.twice[on[net.twice[:, 0]], 1]  # these elements replace left-out lines of the layer
     return on[net.line] | np.isin(net.line, replacing)
 
 
-def _supports(reading: Reading) -> np.ndarray:
+def _supports(reading: NetImport) -> np.ndarray:
     """Select the supported nodes (n,), and report their source."""
     drawing, net, option = reading.drawing, reading.net, reading.options.supports
     fixed = np.zeros(len(net.x), bool)
@@ -256,20 +258,20 @@ def _supports(reading: Reading) -> np.ndarray:
     else:
         marks = drawing.held if option is None else drawing.points
         if option not in (None, AT_POINTS):
-            marks = marks[np.isin(drawing.point_layer, rows_called(option, drawing.layers))]
+            marks = marks[np.isin(drawing.point_layer, rows_with_name(option, drawing.layers))]
             fixed[net.ends[_on_support_layer(reading, option)]] = True
         source, advice = (
             {None: "as the file says", AT_POINTS: "at points"}.get(option, f'layer "{option}"'),
             "",
         )
-        _mark(reading, marks, fixed)
+        _mark_supports(reading, marks, fixed)
     reading.lines.append(f"supports: {int(fixed.sum())} of {len(fixed)} nodes are held ({source}){advice}")
     meaning = "nodes are held along some axes alone, which is not taken over; columns fixed_x, ... can say it"
     reading.tell("held in part", meaning, drawing.in_part)
     return fixed
 
 
-def _mark(reading: Reading, marks: np.ndarray, held: np.ndarray) -> None:
+def _mark_supports(reading: NetImport, marks: np.ndarray, held: np.ndarray) -> None:
     """Set held (n,) bool at nodes that marks (k, 3) [m] of supports hit; report the other marks."""
     if not len(marks):
         return
@@ -285,21 +287,23 @@ def _mark(reading: Reading, marks: np.ndarray, held: np.ndarray) -> None:
     reading.tell("support", "points of supports are not at a node", missed, places)
 
 
-def _set_springs(reading: Reading) -> None:
+def _set_springs(reading: NetImport) -> None:
     """Set elastic supports at the points and lines of their layer; these nodes have no other support."""
     if reading.options.springs is None:
         return
     drawing, net, (layer, stiffness) = reading.drawing, reading.net, reading.options.springs
     sprung = np.zeros(len(net.x), bool)
     sprung[net.ends[_on_support_layer(reading, layer)]] = True
-    _mark(reading, drawing.points[np.isin(drawing.point_layer, rows_called(layer, drawing.layers))], sprung)
+    _mark_supports(
+        reading, drawing.points[np.isin(drawing.point_layer, rows_with_name(layer, drawing.layers))], sprung
+    )
     reading.spring = np.where(sprung[:, None], np.array(stiffness), 0.0)
     reading.fixed &= ~sprung
     text = " x ".join(f"{k:g}" for k in stiffness)
     reading.lines.append(f'springs: {int(sprung.sum())} nodes of layer "{layer}" stand on {text} N/m')
 
 
-def _outline(net: Joined) -> tuple[np.ndarray, int]:
+def _outline(net: JoinedNet) -> tuple[np.ndarray, int]:
     """Select the nodes (n,) on the outline of each part of the net that is a roof; count these parts.
 
     The largest part is a roof. Another part is one if its outline contains free nodes, and it has closed
@@ -310,8 +314,8 @@ def _outline(net: Joined) -> tuple[np.ndarray, int]:
     parts = np.split(net.ends[order], np.cumsum(np.bincount(of_element))[:-1])
     fixed, roofs = np.zeros(len(net.x), bool), 0
     for ends in parts:
-        large = len(ends) >= SOME_SIZE * len(parts[0])
-        if not large and len(ends) <= LEAST_OF_A_FACE:
+        large = len(ends) >= ROOF_SHARE * len(parts[0])
+        if not large and len(ends) <= MAX_FACE_ELEMENTS:
             continue
         held, faces = faults.outline(net.x, ends)
         if ends is parts[0] or (~held[ends].all() and (faces or large)):
@@ -320,10 +324,10 @@ def _outline(net: Joined) -> tuple[np.ndarray, int]:
     return fixed, roofs
 
 
-def _tell_near_misses(reading: Reading) -> None:
+def _report_near_misses(reading: NetImport) -> None:
     """Report nodes that nearly meet other nodes or elements."""
     net, tolerance = reading.net, reading.options.tolerance
-    reach = faults.reach_of(net.x, net.ends, tolerance)
+    reach = faults.near_miss_distance(net.x, net.ends, tolerance)
     pairs, distance = faults.near_nodes(net.x, net.ends, reach)
 
     def places(nodes: np.ndarray, gaps: np.ndarray) -> list[str]:
@@ -333,13 +337,13 @@ def _tell_near_misses(reading: Reading) -> None:
         f"pairs of nodes lie closer than {1e3 * reach:.3g} mm, unjoined; a larger --tolerance joins them"
     )
     reading.tell("near miss", meaning, net.x[pairs[:, 0]], places(pairs[:, 0], distance))
-    node, _, distance = faults.touches(net.x, net.ends, reach)
+    node, _, distance = faults.find_touches(net.x, net.ends, reach)
     node, distance = node[distance > tolerance], distance[distance > tolerance]
     meaning = f"nodes end closer than {1e3 * reach:.3g} mm beside an element"
     reading.tell("near miss", meaning, net.x[node], places(node, distance))
 
 
-def _drop_loose_parts(reading: Reading) -> None:
+def _remove_unsupported_parts(reading: NetImport) -> None:
     """Report the parts of the net that have no support, and remove them, since they are mechanisms."""
     net, drawing = reading.net, reading.drawing
     part = parts_by_size(net.ends, len(net.x))
@@ -374,7 +378,7 @@ def _drop_loose_parts(reading: Reading) -> None:
     supported = has_support[of_element]
     nodes = has_support[part]
     row = np.cumsum(nodes) - 1
-    reading.net = Joined(
+    reading.net = JoinedNet(
         net.x[nodes], row[net.ends[supported]], net.line[supported], net.moved, net.short, net.twice
     )
     reading.fixed = reading.fixed[nodes]
@@ -382,14 +386,14 @@ def _drop_loose_parts(reading: Reading) -> None:
         reading.spring = reading.spring[nodes]
 
 
-def _where(reading: Reading, elements: np.ndarray) -> str:
+def _where(reading: NetImport, elements: np.ndarray) -> str:
     """Describe the place and the layers of elements; elements : (m,) bool."""
     net, drawing = reading.net, reading.drawing
     layers = sorted({drawing.layers[k] for k in drawing.layer[net.line[elements]].tolist()})
     return f"at {reading.place(net.x[net.ends[elements][0, 0]])}, layer {', '.join(layers)}"
 
 
-def _tell_loose_ends(reading: Reading) -> None:
+def _report_loose_ends(reading: NetImport) -> None:
     """Report nodes with one element and no support."""
     net = reading.net
     single = np.bincount(net.ends.ravel(), minlength=len(net.x)) == 1

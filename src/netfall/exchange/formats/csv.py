@@ -6,40 +6,42 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.rotation import to_own
-from netfall.exchange.job_again import job_again
-from netfall.exchange.state import AXES, MARK, RECORD, State
-from netfall.job.csv_table import SEVERAL, write_table
-from netfall.results.locks import whole_folder
+from netfall.core.rotation import to_rotated_axes
+from netfall.exchange.job_again import write_rerun_job
+from netfall.exchange.state import AXES, MARK, NET_RECORD, ExportState
+from netfall.job.csv_table import ZONE_SEPARATOR, write_table
+from netfall.results.locks import atomic_folder
 from netfall.results.reader import Result
 from netfall.results.states import support_angles
 
 HOLDS = None
 FOLDER, AT_REST, UNITS = True, False, False
-ABOUT = "README.txt"
-OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", ABOUT)
+README_NAME = "README.txt"
+OWN = ("nodes.csv", "elements.csv", "faces.csv", "job.toml", "history.csv", "events.csv", README_NAME)
 DIGITS = 16  # hexadecimal digits of the digest
 
 
-def write(result: Result, state: State, folder: Path, unit: str) -> list[str]:
+def write(result: Result, state: ExportState, folder: Path, unit: str) -> list[str]:
     """Write nodes.csv, elements.csv and faces.csv, the job.toml that reads them, history and events.
 
     For a state in motion only the tables are written: positions of the points and forces of the elements.
     """
     is_export = _check_folder(folder)
-    with whole_folder(folder) as temporary:
-        lines = [line.replace(str(temporary), str(folder)) for line in _written(result, state, temporary)]
+    with atomic_folder(folder) as temporary:
+        lines = [
+            line.replace(str(temporary), str(folder)) for line in _write_tables(result, state, temporary)
+        ]
         _check_copies(folder, temporary, is_export)
-        (temporary / ABOUT).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
+        (temporary / README_NAME).write_text("\n".join([MARK, *lines]) + "\n", encoding="utf-8")
         for name in OWN:  # remove files of an earlier export that this one lacks
             if not (temporary / name).exists():
                 (folder / name).unlink(missing_ok=True)
     return lines
 
 
-def _written(result: Result, state: State, folder: Path) -> list[str]:
+def _write_tables(result: Result, state: ExportState, folder: Path) -> list[str]:
     """Write the files; return lines on what was written."""
-    tables = _of_the_net(result, state) if state.is_form else _in_motion(state)
+    tables = _net_tables(result, state) if state.is_form else _in_motion(state)
     lines = [f"{folder}: {state.name}; coordinates in m, forces in N"]
     if hasattr(result, "history"):
         tables |= {"history": _history(result), "events": dict(result.events)}
@@ -47,8 +49,8 @@ def _written(result: Result, state: State, folder: Path) -> list[str]:
         write_table(folder / f"{name}.csv", columns)
         lines.append(f"{folder / name}.csv: {len(next(iter(columns.values())))} rows")
     if state.is_form:
-        lines += state.told_out("rows")
-        lines += job_again(result, state, folder, "faces" in tables, OWN)
+        lines += state.removed_element_lines("rows")
+        lines += write_rerun_job(result, state, folder, "faces" in tables, OWN)
         lines.append(f"digest of the net: {digest(folder)}, of the three tables; the same net has the same")
     else:
         lines.append(
@@ -68,7 +70,7 @@ def digest(folder: Path) -> str:
 
 def _check_folder(folder: Path) -> bool:
     """Whether netfall exported the content of the folder. Raises InputError for tables of the user."""
-    about = folder / ABOUT
+    about = folder / README_NAME
     is_export = about.is_file() and about.read_text(encoding="utf-8", errors="replace").startswith(MARK)
     existing = [name for name in OWN if (folder / name).exists()]
     if existing and not is_export:
@@ -86,14 +88,14 @@ def _check_copies(folder: Path, temporary: Path, is_export: bool) -> None:
             raise InputError(f"-o {folder}: has another {copy.name} already; give another name")
 
 
-def _in_motion(state: State) -> dict[str, dict]:
+def _in_motion(state: ExportState) -> dict[str, dict]:
     """Return the tables of a state in motion."""
     elements = _ends(state) | {"group": state.group, "unstressed_length": state.unstressed_length}
     elements |= {"tension": state.tension, "broken": state.broken.astype(int)}
     return {"nodes": _places(state), "elements": elements}
 
 
-def _of_the_net(result: Result, state: State) -> dict[str, dict]:
+def _net_tables(result: Result, state: ExportState) -> dict[str, dict]:
     """Return the tables of the net in its form."""
     present, elements = ~state.out(), _ends(state) | _element_columns(result, state)
     tables = {
@@ -104,13 +106,13 @@ def _of_the_net(result: Result, state: State) -> dict[str, dict]:
     return tables | ({"faces": faces} if len(faces["face"]) else {})
 
 
-def _places(state: State) -> dict[str, np.ndarray]:
+def _places(state: ExportState) -> dict[str, np.ndarray]:
     """Return the columns of node ids, coordinates and supports."""
     columns = {"id": state.node_id, **{k: state.position[:, i] for i, k in enumerate(AXES)}}
     return columns | {f"fixed_{k}": state.fixed[:, i].astype(int) for i, k in enumerate(AXES)}
 
 
-def _ends(state: State) -> dict[str, np.ndarray]:
+def _ends(state: ExportState) -> dict[str, np.ndarray]:
     """Return the columns of element ids and end nodes."""
     start, end = state.node_id[state.ends].T
     return {"id": state.element_id, "start": start, "end": end}
@@ -118,7 +120,7 @@ def _ends(state: State) -> dict[str, np.ndarray]:
 
 def _recorded(result: Result, name: str, rows: int) -> np.ndarray:
     """Return a column (rows, ...) of the net as it was built."""
-    values = result.file[f"{RECORD}/{name}"][:]
+    values = result.file[f"{NET_RECORD}/{name}"][:]
     return np.broadcast_to(values, (rows, *values.shape[1:])) if len(values) == 1 else values
 
 
@@ -139,7 +141,7 @@ def _node_columns(result: Result) -> dict[str, np.ndarray]:
     if np.isfinite(recorded("area")).any():
         columns["area"] = recorded("area")
     if "spring" in net:
-        spring_rest = to_own(recorded("spring_rest"), angle)
+        spring_rest = to_rotated_axes(recorded("spring_rest"), angle)
         for name, values in (("spring", net["spring"][:]), ("spring_rest", spring_rest)):
             columns |= {f"{name}_{k}": values[:, i] for i, k in enumerate(AXES)}
     if angle is not None:
@@ -158,12 +160,12 @@ def _zone_columns(result: Result) -> dict[str, np.ndarray]:
     share_text = np.full(len(zone), "", object)
     for row in np.flatnonzero(((share > 0) & (share < 1)).any(1)):
         is_in = share[row] > 0
-        zone[row] = SEVERAL.join(names[is_in])
-        share_text[row] = SEVERAL.join(map(repr, share[row, is_in].tolist()))
+        zone[row] = ZONE_SEPARATOR.join(names[is_in])
+        share_text[row] = ZONE_SEPARATOR.join(map(repr, share[row, is_in].tolist()))
     return {"zone": zone, "zone_share": share_text}
 
 
-def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
+def _element_columns(result: Result, state: ExportState) -> dict[str, np.ndarray]:
     """Return kinds, lengths, cables, sections and strengths of the elements.
 
     Strengths are those before the random draw.
@@ -190,7 +192,7 @@ def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
         ("fracture_strain", fracture_strain),
     ):
         if np.isfinite(values).any():
-            undrawn = before_drawing(values, factor)
+            undrawn = strength_before_draw(values, factor)
             columns[name] = np.where(np.isfinite(undrawn), undrawn, np.nan)
     if "type" in net:
         names = np.append(net["type_names"].asstr()[:], "").astype(str)
@@ -198,7 +200,7 @@ def _element_columns(result: Result, state: State) -> dict[str, np.ndarray]:
     return columns
 
 
-def before_drawing(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
+def strength_before_draw(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """Find the smallest numbers (m,) whose product with the factor (m,) reaches the value (m,) exactly."""
     with np.errstate(over="ignore"):
         quotient = value / factor
@@ -210,10 +212,11 @@ def before_drawing(value: np.ndarray, factor: np.ndarray) -> np.ndarray:
     return quotient
 
 
-def _faces(result: Result, state: State) -> dict[str, np.ndarray]:
+def _faces(result: Result, state: ExportState) -> dict[str, np.ndarray]:
     """Return the faces, one row for each corner of each ring; corners that are no nodes have coordinates."""
     start, corner, face, extra = (
-        result.file[f"{RECORD}/{name}"][:] for name in ("ring_start", "ring_corner", "ring_face", "corners")
+        result.file[f"{NET_RECORD}/{name}"][:]
+        for name in ("ring_start", "ring_corner", "ring_face", "corners")
     )
     n, ring = len(result.nodes["id"]), np.repeat(np.arange(len(face)), np.diff(start))
     hole = np.arange(len(face)) - np.searchsorted(face, face)

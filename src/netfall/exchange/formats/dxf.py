@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.state import MARK, State
+from netfall.exchange.state import MARK, ExportState
 from netfall.results.locks import whole
 from netfall.results.reader import Result
-from netfall.results.states import springs_of
+from netfall.results.states import read_springs
 
 HOLDS = ("groups",)
 FOLDER, AT_REST, UNITS = False, False, True
@@ -17,7 +17,7 @@ SUPPORTS, IN_PART, SPRINGS, BROKEN = MARKS = ("supports", "held in part", "sprin
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
 
 
-def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
+def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the drawing."""
     import ezdxf
 
@@ -31,7 +31,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     present = ~state.out()
     partly_held, fully_held = state.fixed.any(1), state.fixed.all(1)
     marks = {SUPPORTS: np.flatnonzero(fully_held), IN_PART: np.flatnonzero(partly_held & ~fully_held)}
-    marks[SPRINGS] = springs_of(result.file).nodes
+    marks[SPRINGS] = read_springs(result.file).nodes
     counts = {layer: len(nodes) for layer, nodes in marks.items()} | {
         BROKEN: int(state.broken[present].sum())
     }
@@ -56,7 +56,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     points = f"{counts[SUPPORTS]} points on layer {SUPPORTS}"
     points += "".join(f", {counts[k]} on layer {k}" for k in (IN_PART, SPRINGS) if counts[k])
     lines = [f"{path}: {state.name}, {present.sum()} lines in {unit} on layers {names}{broken}; {points}"]
-    return lines + state.told_out("lines")
+    return lines + state.removed_element_lines("lines")
 
 
 def _layers(groups: list[str]) -> dict[str, str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.state import AXES, MARK, State, lengths
+from netfall.exchange.state import AXES, MARK, ExportState, lengths
 from netfall.results.locks import whole
 from netfall.results.reader import Result
 
@@ -13,7 +13,7 @@ HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
 FOLDER, AT_REST, UNITS = False, False, False
 
 
-def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
+def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the Graph."""
     length, present = lengths(state.position, state.ends), ~state.out()
     force_density = np.divide(state.tension, length, out=np.zeros_like(length), where=length > 0)
@@ -48,7 +48,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
             json.dumps({"dtype": "compas.datastructures/Graph", "data": data}), encoding="utf-8"
         )
     lines = [f"{path}: {state.name}, {len(node)} nodes, {present.sum()} edges; m, N, N/m"]
-    lines += state.told_out("edges")
+    lines += state.removed_element_lines("edges")
     if doubled:
         lines.append(f"note: {doubled} elements join nodes that another one joins: a Graph holds one of them")
     return lines

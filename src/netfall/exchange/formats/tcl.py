@@ -8,13 +8,13 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.core.progress import one_line
 from netfall.core.rotation import directions
-from netfall.exchange.state import State, form_of, lengths
+from netfall.exchange.state import ExportState, form_of, lengths
 from netfall.job.values import counted
 from netfall.physics.law.measures import elastic_forces, unstressed_length
-from netfall.post.checks.reactions import pull_at
+from netfall.post.checks.reactions import sum_end_forces
 from netfall.results.locks import whole
 from netfall.results.reader import Result
-from netfall.results.states import Springs, springs_of, support_angles
+from netfall.results.states import Springs, read_springs, support_angles
 
 HOLDS = (
     *("ids", "tensions", "unstressed lengths", "axes of supports", "stiffness", "bars"),
@@ -58,11 +58,11 @@ close $out
 """
 
 
-def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
+def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the model, which starts from the form. Raises InputError for supports that OpenSees lacks."""
     _check_guides(result, state, path)
     name, x, tension, free = _equilibrium(result, state)
-    present, removal_lines = ~state.out(), state.told_out("trusses")
+    present, removal_lines = ~state.out(), state.removed_element_lines("trusses")
     tension, free = tension[present], free[present]
     EA, bar = result.elements["axial_stiffness"][present], result.elements["bar"].astype(bool)[present]
     ends, ids = state.ends[present], state.element_id[present]
@@ -72,11 +72,11 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     linear_tension = elastic_forces(length, free, EA, bar, strain="engineering")
     nonlinear = np.abs(linear_tension - tension) > SAME * np.abs(tension).max()
     free = np.where(nonlinear, unstressed_length(length, tension, EA, strain="engineering"), free)
-    springs = springs_of(result.file)
-    load = np.where(state.fixed, 0.0, -pull_at(x, state.ends, tension) - springs.forces(x))
+    springs = read_springs(result.file)
+    load = np.where(state.fixed, 0.0, -sum_end_forces(x, state.ends, tension) - springs.forces(x))
     load[np.abs(load) <= SAME * np.abs(tension).max()] = 0.0
     fields = dict(name=path.name, stem=path.stem, steps=LOAD_STEPS, step=repr(1.0 / LOAD_STEPS))
-    fields["foot"] = first_foot(state)
+    fields["foot"] = first_free_tag(state)
     head = HEAD.format(title=one_line(result.title), what=one_line(name), source=result.path.name, **fields)
     parts = [head, _nodes(state, settlement), _elements(state, free, EA, bar), _springs(state, springs)]
     parts.append(_loads(state, load, settlement))
@@ -97,7 +97,7 @@ def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
     return lines
 
 
-def _check_guides(result: Result, state: State, path: Path) -> None:
+def _check_guides(result: Result, state: ExportState, path: Path) -> None:
     """Refuse nodes guided along lines that are neither x nor y. Raises InputError."""
     angle = support_angles(result.file)
     if angle is None:
@@ -111,7 +111,7 @@ def _check_guides(result: Result, state: State, path: Path) -> None:
         )
 
 
-def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
+def _equilibrium(result: Result, state: ExportState) -> tuple[str, np.ndarray, np.ndarray, np.ndarray]:
     """Return the equilibrium of the case, or else the last one of the run.
 
     Returns its name, position (n, 3) [m], tension (m,) [N] and unstressed lengths (m,) [m].
@@ -131,7 +131,7 @@ def _equilibrium(result: Result, state: State) -> tuple[str, np.ndarray, np.ndar
     return "form", x, tension, result.elements["unstressed_length"]
 
 
-def _nodes(state: State, settlement: np.ndarray) -> str:
+def _nodes(state: ExportState, settlement: np.ndarray) -> str:
     """Return the nodes and their fixed axes; settlement : (n, 3) [m] of supports.
 
     Axes that settle are left free here, since the loads prescribe their displacement.
@@ -144,7 +144,7 @@ def _nodes(state: State, settlement: np.ndarray) -> str:
     return "".join(lines)
 
 
-def _elements(state: State, free: np.ndarray, EA: np.ndarray, bar: np.ndarray) -> str:
+def _elements(state: ExportState, free: np.ndarray, EA: np.ndarray, bar: np.ndarray) -> str:
     """Return two materials and a truss of area 1 m2 for each element: its stiffness and initial strain.
 
     Strains refer to the lengths in the form.
@@ -163,11 +163,11 @@ def _elements(state: State, free: np.ndarray, EA: np.ndarray, bar: np.ndarray) -
     return "".join(lines)
 
 
-def _springs(state: State, springs: Springs) -> str:
+def _springs(state: ExportState, springs: Springs) -> str:
     """Return a foot and a zeroLength for each node on springs, with the initial strain of the spring."""
     lines, material = [], 2 * len(state.element_id)
     columns = (springs.nodes, springs.stiffness, springs.rest)
-    for tag, (p, k, offset) in enumerate(zip(*(c.tolist() for c in columns)), first_foot(state)):
+    for tag, (p, k, offset) in enumerate(zip(*(c.tolist() for c in columns)), first_free_tag(state)):
         x, materials, axes = state.position[p].tolist(), [], []
         lines.append(f"node {tag} {x[0]!r} {x[1]!r} {x[2]!r}\nfix {tag} 1 1 1\n")
         for axis in [axis for axis in range(3) if k[axis] > 0.0]:
@@ -180,19 +180,19 @@ def _springs(state: State, springs: Springs) -> str:
         ends = f"{tag} {int(state.node_id[p])}"
         orient = ""
         if springs.angle is not None:
-            c, s = directions(springs.angle[tag - first_foot(state)][None])[0].tolist()
+            c, s = directions(springs.angle[tag - first_free_tag(state)][None])[0].tolist()
             orient = f" -orient {c!r} {s!r} 0 {-s!r} {c!r} 0"
         materials_text, axes_text = " ".join(materials), " ".join(axes)
         lines.append(f"element zeroLength {tag} {ends} -mat {materials_text} -dir {axes_text}{orient}\n")
     return "".join(lines)
 
 
-def first_foot(state: State) -> int:
+def first_free_tag(state: ExportState) -> int:
     """Return the first number above all nodes and elements, for the feet of springs and their elements."""
     return 1 + int(max(state.node_id.max(), state.element_id.max()))
 
 
-def _loads(state: State, load: np.ndarray, settlement: np.ndarray) -> str:
+def _loads(state: ExportState, load: np.ndarray, settlement: np.ndarray) -> str:
     """Return the pattern of nodal loads and of prescribed displacements; settlement : (n, 3) [m]."""
     loaded = np.flatnonzero(load.any(1))
     lines = [

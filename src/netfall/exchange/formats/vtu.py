@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.exchange.state import MARK, State
+from netfall.exchange.state import MARK, ExportState
 from netfall.exchange.vtu import write_vtu
 from netfall.results.locks import whole
 from netfall.results.reader import Result
@@ -13,7 +13,7 @@ HOLDS = ("groups", "ids", "tensions", "unstressed lengths", "axes of supports")
 FOLDER, AT_REST, UNITS = False, False, False
 
 
-def write(result: Result, state: State, path: Path, unit: str) -> list[str]:
+def write(result: Result, state: ExportState, path: Path, unit: str) -> list[str]:
     """Write the grid."""
     names = sorted(set(state.group.tolist()))
     points = {

@@ -63,7 +63,7 @@ def _both_ways(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
 
 def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
     """Return radii, heights (h + 2,) [m] of levels; q, d, c (h + 1,) and upper ring [N/m]; P (h + 1,) [N]."""
-    r, z = levels(diameter, opening, dome_height, hoops)
+    r, z = ridge_levels(diameter, opening, dome_height, hoops)
     cosine = cos(np.pi / spokes)
     fall, out, inwards = -np.diff(z), r[1:] * cosine - r[:-1], r[1:] - r[:-1] * cosine
     share = fall / (strut - fall)  # d / q
@@ -73,15 +73,15 @@ def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
     return r, z, q, d, d * out / bend, q[0] * out[0] / bend[0], 2.0 * q * fall
 
 
-def levels(diameter, opening, dome_height, hoops):
+def ridge_levels(diameter, opening, dome_height, hoops):
     """Return radii and heights (h + 2,) [m] of ridge nodes on a paraboloid, from the ring to the supports."""
     r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
     return r, dome_height * (r[-1] ** 2 - r**2) / (r[-1] ** 2 - r[0] ** 2)
 
 
-def wrong_dome(net) -> str:
+def dome_error(net) -> str:
     """Describe the error in the dimensions of a dome: no cable may be in compression; "": none."""
-    r, z = levels(net.diameter, net.opening, net.dome_height, net.hoops)
+    r, z = ridge_levels(net.diameter, net.opening, net.dome_height, net.hoops)
     if not (r[1:] * cos(np.pi / net.spokes) > r[:-1]).all():
         return (
             f"hoops = {net.hoops}: the rings are too close for {net.spokes} spokes; expected each "

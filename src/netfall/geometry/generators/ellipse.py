@@ -2,7 +2,7 @@
 
 import numpy as np
 
-SNAP = 1e-3  # share of the spacing: a grid point this close to the ellipse is a support on it
+SNAP_DISTANCE = 1e-3  # share of the spacing: a grid point this close to the ellipse is a support on it
 
 
 def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True):
@@ -17,7 +17,7 @@ def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True):
     X, Y = np.meshgrid(across, away if whole else away[away > 0.0], indexing="ij")
     to_edge_y, to_edge_x = _chord(X / a) * b, _chord(Y / b) * a
     gap = np.minimum(to_edge_x - np.abs(X), to_edge_y - np.abs(Y))
-    inside, on_edge = gap > SNAP * spacing, np.abs(gap) <= SNAP * spacing
+    inside, on_edge = gap > SNAP_DISTANCE * spacing, np.abs(gap) <= SNAP_DISTANCE * spacing
     number = np.where(inside, np.cumsum(inside).reshape(inside.shape) - 1, -1)
     first, last, of_y = _ends(X, Y, to_edge_y, inside, on_edge)
     if not whole:
@@ -67,7 +67,7 @@ def _chains(number: np.ndarray, cables: np.ndarray, ends) -> np.ndarray:
     return np.concatenate([np.column_stack([ends[0], first]), inner, np.column_stack([last, ends[1]])])
 
 
-def in_order(along_x, along_y):
+def sort_elements(along_x, along_y):
     """Return the elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
     elements = np.concatenate([along_x, along_y])
     group = np.repeat([0, 1], [len(along_x), len(along_y)])
@@ -75,6 +75,6 @@ def in_order(along_x, along_y):
     return elements[order], group[order]
 
 
-def around(edge: np.ndarray, xy: np.ndarray, a: float, b: float) -> np.ndarray:
+def sort_around_ellipse(edge: np.ndarray, xy: np.ndarray, a: float, b: float) -> np.ndarray:
     """Sort the nodes `edge` on an ellipse at xy (n, 2) [m] around it, by the angle from -x on."""
     return edge[np.argsort(np.arctan2(xy[edge, 1] / b, xy[edge, 0] / a))]

@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from netfall.geometry.generators.dome import dome, wrong_dome
-from netfall.geometry.generators.ellipse import SNAP, around, cables_in_ellipse, in_order
+from netfall.geometry.generators.dome import dome, dome_error
+from netfall.geometry.generators.ellipse import (
+    SNAP_DISTANCE,
+    cables_in_ellipse,
+    sort_around_ellipse,
+    sort_elements,
+)
 from netfall.geometry.generators.wheel import largest_brace_force, wheel
 from netfall.geometry.net import Net, pair_key
 from netfall.job.schema import GENERATOR_KEYS
@@ -30,7 +35,7 @@ def saddle(side: float, rise: float, cells: int) -> Net:
     inner = slice(1, -1)
     along_x = np.stack([number[inner, :-1], number[inner, 1:]], -1).reshape(-1, 2)
     along_y = np.stack([number[:-1, inner], number[1:, inner]], -1).reshape(-1, 2)
-    elements, group = in_order(along_x, along_y)
+    elements, group = sort_elements(along_x, along_y)
     fixed = np.repeat(on_edge[~corner][:, None], 3, 1)
     return Net(
         points[~corner],
@@ -46,10 +51,10 @@ def saddle(side: float, rise: float, cells: int) -> Net:
 def stadium(length: float, width: float, arch_rise: float, spacing: float, halves: int = 1) -> Net:
     """Generate a stadium roof: one half as in the paper, or both halves, which share the arch."""
     half = half_stadium(length, width, arch_rise, spacing)
-    return half if halves == 1 else mirrored(half)
+    return half if halves == 1 else mirror_net(half)
 
 
-def mirrored(half: Net) -> Net:
+def mirror_net(half: Net) -> Net:
     """Join a net on one side of its supports on y = 0 with its mirror image on the other side."""
     away = np.flatnonzero(half.x[:, 1] > 0)
     away = away[np.lexsort((half.x[away, 0], -half.x[away, 1]))]
@@ -58,7 +63,7 @@ def mirrored(half: Net) -> Net:
     image = own.copy()
     image[away] = np.arange(k)
     along_x, along_y = (half.elements[half.group == group] for group in (0, 1))
-    elements, group = in_order(
+    elements, group = sort_elements(
         np.concatenate([image[along_x], own[along_x]]),
         np.concatenate([image[along_y][:, ::-1], own[along_y]]),
     )
@@ -88,11 +93,13 @@ def half_stadium(length: float, width: float, arch_rise: float, spacing: float) 
     xy, support, along_x, along_y = cables_in_ellipse(a, b, spacing, whole=False)
     height = arch_rise * (1 - (xy[:, 0] / a) ** 2)
     to_edge = b * np.sqrt(np.maximum(0.0, 1 - (xy[:, 0] / a) ** 2))
-    z = np.where(support & (xy[:, 1] > 0), 0.0, height * (1 - xy[:, 1] / np.maximum(to_edge, SNAP * spacing)))
-    elements, group = in_order(along_x, along_y)
+    z = np.where(
+        support & (xy[:, 1] > 0), 0.0, height * (1 - xy[:, 1] / np.maximum(to_edge, SNAP_DISTANCE * spacing))
+    )
+    elements, group = sort_elements(along_x, along_y)
     n = len(xy)
     arch = np.flatnonzero(support & (xy[:, 1] == 0))
-    edge = around(np.flatnonzero(support & (xy[:, 1] > 0)), xy, a, b)
+    edge = sort_around_ellipse(np.flatnonzero(support & (xy[:, 1] > 0)), xy, a, b)
     ring = np.concatenate([[n], arch, [n + 1], edge])  # from (-a, 0) to (a, 0), then back along the ellipse
     return Net(
         np.column_stack([xy, z]),
@@ -114,9 +121,9 @@ def ring(length: float, width: float, rise: float, spacing: float) -> Net:
     """
     a, b = 0.5 * length, 0.5 * width
     plan, held, along_x, along_y = cables_in_ellipse(a, b, spacing)
-    elements, group = in_order(along_x, along_y)
+    elements, group = sort_elements(along_x, along_y)
     x = np.column_stack([plan, rise * ((plan[:, 0] / a) ** 2 - (plan[:, 1] / b) ** 2)])
-    edge = around(np.flatnonzero(held), plan, a, b)
+    edge = sort_around_ellipse(np.flatnonzero(held), plan, a, b)
     fixed = np.repeat(held[:, None], 3, 1)
     outline = np.column_stack([edge, np.roll(edge, -1)])
     return Net(x, fixed, elements, group, ["x", "y"], outline=outline)
@@ -129,7 +136,7 @@ def generate(net) -> Net:
     return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
 
 
-def wrong_dimensions(net, most: int) -> str:
+def dimension_error(net, most: int) -> str:
     """Describe the error in the dimensions of a section [net]: too many elements, or no roof; "": none."""
 
     def half_roof():
@@ -161,4 +168,4 @@ def wrong_dimensions(net, most: int) -> str:
                 f"brace_force = {net.brace_force:g}: expected less than {most:.4g} N, with which the "
                 "diagonals alone would hold the radials and leave the tension rings slack"
             )
-    return wrong_dome(net) if net.generator == "dome" else ""
+    return dome_error(net) if net.generator == "dome" else ""

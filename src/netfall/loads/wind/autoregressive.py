@@ -23,26 +23,26 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.core.functions import cos, geometric, integral, log, sin
 from netfall.core.kernels import kernel
-from netfall.core.linear import eliminate, factorised, product, solve_columns
+from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns, solve_complex
 from netfall.loads.wind.coherence import davenport_coherence
-from netfall.loads.wind.means import Means
+from netfall.loads.wind.means import SurfaceMeans
 from netfall.loads.wind.noise import standard_normal
 from netfall.physics.wind_spectra import Gust
 
 PER_OCTAVE = 24  # nodes of the integral over frequencies
-LOWEST = 1e-3  # share of U0 / memory: frequency below which the spectrum is linear
-SOME_POINTS = 6  # control points at which variance and spectrum of the model are judged
+LINEAR_BELOW = 1e-3  # share of U0 / memory: frequency below which the spectrum is linear
+JUDGED_POINTS = 6  # control points at which variance and spectrum of the model are judged
 NUGGET = 1e-9  # share of the variance added to the diagonal: close control points make R nearly singular
-BELOW_BANDS = 0.03  # share of the variance below the half octaves that judge the spectrum
-FAINTEST = 1e-12  # share of the largest spectrum: lower bound of the target that gusts are judged by
+SHARE_BELOW_BANDS = 0.03  # share of the variance below the half octaves that judge the spectrum
+MIN_TARGET_SHARE = 1e-12  # share of the largest spectrum: lower bound of the target that gusts are judged by
 BURN_IN = 2.0  # memories of the gust after which less than 1e-3 of the zero start remains
-BLOCK = 64  # steps per draw of noise
+NOISE_BLOCK = 64  # steps per draw of noise
 
 
 def frequency_nodes(gust: Gust, dt: float) -> np.ndarray:
     """Return frequencies [Hz] in geometric progression from 0 to half of 1 / dt."""
     high = 0.5 / dt
-    low = min(LOWEST * gust.speed / gust.memory, 0.01 * high)
+    low = min(LINEAR_BELOW * gust.speed / gust.memory, 0.01 * high)
     octaves = float(log(high / low) / log(2.0))
     return np.append(0.0, geometric(low, high, max(2, int(np.ceil(PER_OCTAVE * octaves)))))
 
@@ -65,7 +65,7 @@ def cosine_weights(n: np.ndarray, lags: np.ndarray, dt: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class AtPoints:
+class PointGusts:
     """Gusts at points (c, 3) [m], axes of the wind. mean : (c,) [m/s] there; decay : (Cx, Cy, Cz)"""
 
     points: np.ndarray
@@ -99,41 +99,41 @@ def yule_walker(R: np.ndarray, known: np.ndarray, lags: np.ndarray) -> tuple[np.
     matrix = R[between].transpose(0, 2, 1, 3).reshape(p * c, p * c)
     right = R[np.searchsorted(known, lags)].reshape(p * c, c)
     stacked, predicted = right.copy(), np.empty((c, c))  # (p c, c): Psi_j^T stacked
-    factorise(matrix)
-    solve_columns(matrix, stacked)
+    factorise_covariance(matrix)
+    solve_cholesky_columns(matrix, stacked)
     product(np.ascontiguousarray(right.T), stacked, predicted)
     sigma = R[0] - predicted
     return stacked.reshape(p, c, c).transpose(0, 2, 1), 0.5 * (sigma + sigma.T)
 
 
-def factorise(matrix: np.ndarray) -> None:
-    """Compute the Cholesky factor in place, as `linear.factorised`.
+def factorise_covariance(matrix: np.ndarray) -> None:
+    """Compute the Cholesky factor in place, as `linear.factorise_cholesky`.
 
     Raises InputError for a singular matrix.
     """
-    if factorised(matrix):
+    if factorise_cholesky(matrix):
         raise InputError(
             "[wind] the equations of the gusts are singular to rounding; expected fewer control_points, "
             "a lower ar_order or a longer time_step"
         )
 
 
-def root_of(sigma: np.ndarray) -> np.ndarray:
+def cholesky_root(sigma: np.ndarray) -> np.ndarray:
     """Compute the lower Cholesky factor (c, c) of a covariance."""
     upper = sigma.copy()
-    factorise(upper)
+    factorise_covariance(upper)
     return np.triu(upper).T
 
 
 def model_spectrum(n: np.ndarray, lags, psi, sigma, dt: float) -> np.ndarray:
     """Compute one-sided spectra (f,) [m2/s2/Hz] of an AR model at n (f,) [Hz], mean over its points."""
-    root, total = root_of(sigma).astype(complex), np.empty(len(n))
+    root, total = cholesky_root(sigma).astype(complex), np.empty(len(n))
     phase = 2.0 * np.pi * dt * np.multiply.outer(n, lags)
     waves = cos(phase) - 1j * sin(phase)
     for k, wave in enumerate(waves):
         system = np.eye(len(sigma)) - np.add.reduce(wave[:, None, None] * psi, axis=0)
         response = root.copy()
-        eliminate(system, response)
+        solve_complex(system, response)
         total[k] = np.add.reduce((response.real**2 + response.imag**2).ravel())
     return 2.0 * dt * total / len(sigma)
 
@@ -157,7 +157,7 @@ class Losses:
     misfit_low: float
     slow_below: float
     slow: float
-    slow_asked: float
+    slow_target: float
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class GustModel:
     losses: Losses
 
 
-def covariances(gusts: AtPoints | Means, gust: Gust, dt, lags) -> np.ndarray:
+def covariances(gusts: PointGusts | SurfaceMeans, gust: Gust, dt, lags) -> np.ndarray:
     """Compute the covariances R(lag dt) (lags, c, c) of the gusts. lags : ascending from 0 [steps]"""
     n = frequency_nodes(gust, dt)
     R = gusts.covariances(n, cosine_weights(n, lags, dt) * gust.spectrum(n))
@@ -185,7 +185,7 @@ def covariances(gusts: AtPoints | Means, gust: Gust, dt, lags) -> np.ndarray:
     return R
 
 
-def fit_gust_model(gusts: AtPoints | Means, gust: Gust, dt: float, order: int) -> GustModel:
+def fit_gust_model(gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float, order: int) -> GustModel:
     """Fit the AR model to a spectrum and Davenport's coherence by the Yule-Walker equations.
 
     dt : [s] time step of the histories; order : number of lags
@@ -195,25 +195,27 @@ def fit_gust_model(gusts: AtPoints | Means, gust: Gust, dt: float, order: int) -
     known = np.unique(np.abs(np.append([0, *lags], lags[:, None] - lags)))
     R = covariances(gusts, gust, dt, known)
     psi, sigma = yule_walker(R, known, lags)
-    gain, losses = _judge(R, known, lags, gusts, gust, dt)
-    root = root_of(gain * sigma).T.copy()  # unique and smooth, so neighbouring speeds have the same gusts
+    gain, losses = _gain_and_deficits(R, known, lags, gusts, gust, dt)
+    root = cholesky_root(
+        gain * sigma
+    ).T.copy()  # unique and smooth, so neighbouring speeds have the same gusts
     burn_in = int(np.ceil(BURN_IN * gust.memory / (gust.speed * dt)))
     return GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
 
 
-def _judge(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]:
+def _gain_and_deficits(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]:
     """Return the factor on Sigma that gives the variance R(0), and the deficits, judged at a few points."""
-    points = np.unique(np.linspace(0, R.shape[1] - 1, SOME_POINTS).astype(int))
+    points = np.unique(np.linspace(0, R.shape[1] - 1, JUDGED_POINTS).astype(int))
     R = R[:, points[:, None], points]
     psi, sigma = yule_walker(R, known, lags)
     n = frequency_nodes(gust, dt)[1:]
     model = model_spectrum(n, lags, psi, sigma, dt)
     variance = integral(model, n) + model[0] * n[0]
-    variance_given = _own(R[0])
+    variance_given = _mean_diagonal(R[0])
     gain = variance_given / variance
-    between = (variance_given - _own(R[1])) / (3.0 * variance_given)
+    between = (variance_given - _mean_diagonal(R[1])) / (3.0 * variance_given)
     kept_share, octaves = gusts.kept(n, points), _half_octaves(n, gust)
-    target = np.maximum(gust.spectrum(n) * kept_share, FAINTEST * gust.spectrum(n).max())
+    target = np.maximum(gust.spectrum(n) * kept_share, MIN_TARGET_SHARE * gust.spectrum(n).max())
     error = (gain * model / target)[octaves].mean(1) - 1.0
     worst, first = int(np.argmax(np.abs(error))), int(octaves[0, 0])
     slow = (integral(model[: first + 1], n[: first + 1]) + model[0] * n[0]) / variance
@@ -225,7 +227,7 @@ def _judge(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]
     return gain, Losses(beyond, between, misfit, low, start, float(slow), slow_target)
 
 
-def _own(R: np.ndarray) -> float:
+def _mean_diagonal(R: np.ndarray) -> float:
     """Compute the mean of the diagonal of R (c, c), exactly R[0, 0] if all of it is equal."""
     return R[0, 0] * float(np.mean(np.diagonal(R) / R[0, 0]))
 
@@ -233,7 +235,7 @@ def _own(R: np.ndarray) -> float:
 def _half_octaves(n, gust: Gust) -> np.ndarray:
     """Return rows (bands, nodes) of n: the half octaves, without the slowest, that judge the spectrum."""
     power = n * gust.spectrum(n)
-    first = int(np.searchsorted(np.cumsum(power), BELOW_BANDS * power.sum()))  # nodes are geometric
+    first = int(np.searchsorted(np.cumsum(power), SHARE_BELOW_BANDS * power.sum()))  # nodes are geometric
     per = PER_OCTAVE // 2
     bands = max(1, (len(n) - first) // per)
     return np.arange(len(n))[-bands * per :].reshape(bands, -1)
@@ -279,7 +281,7 @@ class GustRecursion:
         self._block, self._noise, self._terms = None, None, np.empty((2, self.past.shape[1]))
         self.step = -model.burn_in
         while self.step < 0:
-            self._take(self.noise(self.step)[: -self.step])
+            self.apply_noise(self.noise(self.step)[: -self.step])
 
     def record(self) -> tuple[dict, dict]:
         """Return the state for `restore`: numbers and arrays."""
@@ -291,10 +293,10 @@ class GustRecursion:
 
     def noise(self, step: int) -> np.ndarray:
         """Return standard normal numbers (s, c) of a step and the later steps of its block."""
-        block, row = divmod(step, BLOCK)
+        block, row = divmod(step, NOISE_BLOCK)
         if block != self._block:
             c = self.past.shape[1]
-            self._block, self._noise = block, self._drawn(block, BLOCK * c).reshape(BLOCK, c)
+            self._block, self._noise = block, self._drawn(block, NOISE_BLOCK * c).reshape(NOISE_BLOCK, c)
         return self._noise[row:]
 
     def _drawn(self, block: int, count: int) -> np.ndarray:
@@ -304,7 +306,7 @@ class GustRecursion:
         self._bits.state = self._start
         return standard_normal(self._bits, count)
 
-    def _take(self, noise: np.ndarray) -> None:
+    def apply_noise(self, noise: np.ndarray) -> None:
         """Advance by as many steps as there are rows of noise."""
         model = self.model
         step_gusts(noise, model.noise_root, model.lags, model.psi, self.step, self.past, self._terms)
@@ -312,5 +314,5 @@ class GustRecursion:
 
     def advance(self) -> np.ndarray:
         """Return the gust speeds (c,) [m/s] of the next step."""
-        self._take(self.noise(self.step)[:1])
+        self.apply_noise(self.noise(self.step)[:1])
         return self.past[(self.step - 1) % len(self.past)].copy()

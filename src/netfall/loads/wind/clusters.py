@@ -10,11 +10,11 @@ distances. In a row of points this is linear interpolation.
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.loads.wind.measured import nearest_places
-from netfall.loads.wind.surface import Surface, by_area, stretch
+from netfall.loads.wind.measured import nearest_points
+from netfall.loads.wind.surface import Surface, mean_by_area, stretch
 
-CLOSEST = 5.0  # smallest distance of control points: m times the root of decay
-ROUNDS = 50  # largest number of k-means iterations
+MIN_CLUSTER_DISTANCE = 5.0  # smallest distance of control points: m times the root of decay
+MAX_KMEANS_ITERATIONS = 50  # largest number of k-means iterations
 BLOCK = 1 << 16  # nodes per block of weights: bounds the memory
 
 
@@ -24,7 +24,7 @@ def cluster_points(surface: Surface, decay, limit: int) -> np.ndarray:
     area = surface.over_patches(surface.area)
     centre = y[_farthest(y, area, limit)]
     label = np.full(len(y), -1)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_KMEANS_ITERATIONS):
         before, label = label, np.argmin(lengths(y[:, None] - centre), axis=1)
         if (label == before).all():
             break
@@ -38,7 +38,7 @@ def _farthest(y: np.ndarray, area: np.ndarray, limit: int) -> list[int]:
     distance = lengths(y - _centres(y, area, np.zeros(len(y), int)))
     rows = [int(np.argmax(distance))]
     distance = lengths(y - y[rows[0]])
-    while len(rows) < limit and distance.max() >= CLOSEST:
+    while len(rows) < limit and distance.max() >= MIN_CLUSTER_DISTANCE:
         rows.append(int(np.argmax(distance)))
         distance = np.minimum(distance, lengths(y - y[rows[-1]]))
     return rows
@@ -47,7 +47,7 @@ def _farthest(y: np.ndarray, area: np.ndarray, limit: int) -> list[int]:
 def _centres(y: np.ndarray, area: np.ndarray, label: np.ndarray) -> np.ndarray:
     """Compute the area-weighted centres (c, 3) of the clusters that have members."""
     label = np.unique(label, return_inverse=True)[1].reshape(-1)
-    return by_area(label, area, y)
+    return mean_by_area(label, area, y)
 
 
 def cluster_weights(y: np.ndarray, points: np.ndarray, decay) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +60,7 @@ def cluster_weights(y: np.ndarray, points: np.ndarray, decay) -> tuple[np.ndarra
 def _weights(y: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return nearest control points and weights of one block of nodes; arguments as in `cluster_weights`."""
     count = min(4, len(points))
-    order, distance = (table[:, :count] for table in nearest_places(y, points))
+    order, distance = (table[:, :count] for table in nearest_points(y, points))
     corner, weight = np.zeros((len(y), 4), np.int64), np.zeros((len(y), 4))
     corner[:, :count] = order
     nearest = points[order]
@@ -68,12 +68,12 @@ def _weights(y: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     # covariances of differences from the nearest point, twice those of a field of variogram = distance
     between = separation[:, 1:, :1] + separation[:, :1, 1:] - separation[:, 1:, 1:]
     to_node = separation[:, 1:, 0] + distance[:, :1] - distance[:, 1:]
-    weight[:, 1:count] = _solved(between, to_node)
+    weight[:, 1:count] = _solve_systems(between, to_node)
     weight[:, 0] = 1.0 - weight[:, 1:].sum(1)
     return corner, weight
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _solve_systems(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve systems (n, k, k) x = (n, k), positive definite, by elimination in one order."""
     matrix, x = matrix.copy(), right.copy()
     k = x.shape[1]

@@ -4,15 +4,15 @@ import numpy as np
 
 from netfall.core.functions import exp, lengths, total
 from netfall.core.linear import product
-from netfall.loads.wind.autoregressive import AtPoints, cosine_weights, frequency_nodes
+from netfall.loads.wind.autoregressive import PointGusts, cosine_weights, frequency_nodes
 from netfall.loads.wind.coherence import along_wind
 from netfall.loads.wind.field import WindField
-from netfall.loads.wind.means import Means
-from netfall.loads.wind.surface import surface_of
+from netfall.loads.wind.means import SurfaceMeans
+from netfall.loads.wind.surface import make_surface
 from netfall.physics.wind_spectra import Gust
 
-MOST_NODES = 200  # largest number of nodes whose pairs are compared
-DELAYS = 400  # rows of the table of Davenport's correlation
+MAX_COMPARED_NODES = 200  # largest number of nodes whose pairs are compared
+CORRELATION_ROWS = 400  # rows of the table of Davenport's correlation
 
 
 def load_power(x: np.ndarray, vector, field: WindField, settings, n, weight) -> np.ndarray:
@@ -25,11 +25,11 @@ def load_power(x: np.ndarray, vector, field: WindField, settings, n, weight) -> 
     y, up, points = (along_wind(place, settings.direction) for place in (x, vector, field.control_point))
     node_load = np.sqrt(np.sum(field.force**2, axis=1)) * field.mean
     load = np.bincount(field.corner.ravel(), (node_load[:, None] * field.weight).ravel(), len(points))
-    at_points = AtPoints(points, field.control_mean, decay).covariances(n, weight)
-    surface = surface_of(y, up, field.mean, decay, len(points))
+    at_points = PointGusts(points, field.control_mean, decay).covariances(n, weight)
+    surface = make_surface(y, up, field.mean, decay, len(points))
     share = surface.over_patches(node_load[surface.node])
     delay, pairs = surface.pairs(share[:, None], decay)
-    target = Means(delay, pairs).covariances(n, weight)
+    target = SurfaceMeans(delay, pairs).covariances(n, weight)
     return load @ at_points @ load / target[:, 0, 0]
 
 
@@ -42,7 +42,7 @@ def coherence_errors(x: np.ndarray, field: WindField, settings, gust: Gust) -> n
     """
     loaded = np.flatnonzero(field.force.any(1) if field.force.any() else np.ones(len(x), bool))
     loaded = loaded[np.lexsort(x[loaded].T)]
-    node = loaded[np.unique(np.linspace(0, len(loaded) - 1, MOST_NODES).astype(int))]
+    node = loaded[np.unique(np.linspace(0, len(loaded) - 1, MAX_COMPARED_NODES).astype(int))]
     p, q = (node[rows] for rows in np.triu_indices(len(node), 1))
     y = along_wind(x, settings.direction)
     separation = np.abs(y[p] - y[q]) * settings.coherence_decay
@@ -66,7 +66,7 @@ def _correlation(delay: np.ndarray, gust: Gust, dt: float) -> np.ndarray:
     """Compute Davenport's correlation (k,) of gusts sampled at dt [s], with coherence exp(-n delay)."""
     n = frequency_nodes(gust, dt)
     weight = cosine_weights(n, [0], dt) * gust.spectrum(n)
-    table = np.linspace(0.0, 1.0, DELAYS) ** 2 * delay.max(initial=0.0)
-    correlation = np.empty((1, DELAYS))
+    table = np.linspace(0.0, 1.0, CORRELATION_ROWS) ** 2 * delay.max(initial=0.0)
+    correlation = np.empty((1, CORRELATION_ROWS))
     product(weight / weight.sum(), exp(-np.multiply.outer(n, table)), correlation)
     return np.interp(delay, table, correlation[0])

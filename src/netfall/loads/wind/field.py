@@ -14,14 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from netfall.core.kernels import kernel
-from netfall.loads.wind.autoregressive import AtPoints, GustModel, GustRecursion, fit_gust_model
+from netfall.loads.wind.autoregressive import GustModel, GustRecursion, PointGusts, fit_gust_model
 from netfall.loads.wind.clusters import cluster_points, cluster_weights
 from netfall.loads.wind.coherence import along_wind, mean_speed
 from netfall.loads.wind.grid import is_resolved, plan_points
-from netfall.loads.wind.means import means_over
-from netfall.loads.wind.measured import TableHistory, place_weights, read_measured, read_taps
-from netfall.loads.wind.surface import surface_of
-from netfall.physics.wind_spectra import gust_of
+from netfall.loads.wind.means import make_surface_means
+from netfall.loads.wind.measured import TableHistory, point_weights, read_measured, read_taps
+from netfall.loads.wind.surface import make_surface
+from netfall.physics.wind_spectra import make_gust
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def force_factor(settings) -> np.ndarray | float:
     return -np.asarray(settings.shape_coefficient) * 0.5 * settings.air_density
 
 
-def still_force(x: np.ndarray, vector: np.ndarray, settings) -> np.ndarray:
+def mean_wind_force(x: np.ndarray, vector: np.ndarray, settings) -> np.ndarray:
     """Compute the force (n, 3) [N] of the mean wind from its speed at 10 m; as in `make_wind_field`."""
     mean = mean_speed(x[:, 2] + settings.base_height, settings.speed, settings.profile_exponent)
     return np.reshape(force_factor(settings), (-1, 1)) * vector * (mean * mean)[:, None]
@@ -86,7 +86,7 @@ def make_wind_field(
     """
     force = np.reshape(force_factor(settings), (-1, 1)) * vector
     if settings.pressures:
-        corner, weight = place_weights(x, places)
+        corner, weight = point_weights(x, places)
         zero_speed, zero_mean = np.zeros(len(places)), np.zeros(len(x))
         return WindField(places, zero_speed, None, zero_mean, corner, weight, force, tapped=True)
     if settings.file:
@@ -96,18 +96,18 @@ def make_wind_field(
     def profile(z):
         return mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
 
-    mean, gust, model = profile(x[:, 2]), gust_of(settings), None
+    mean, gust, model = profile(x[:, 2]), make_gust(settings), None
     if gust is None:
         points, corner, weight = plan_points(y, up.any(1), settings.control_points)[:3]
     elif settings.gusts == "points":
         points, corner, weight = _points(y, up, mean, settings)
-        gusts = AtPoints(points, profile(points[:, 2]), settings.coherence_decay)
+        gusts = PointGusts(points, profile(points[:, 2]), settings.coherence_decay)
         model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
         correlation = model.covariance / model.covariance[0, 0]
         weight = weight / interpolated_deviation(corner, weight, correlation)[:, None]
     else:
         surface, points, corner, weight = _clusters(y, up, mean, settings)
-        gusts = means_over(surface, corner, weight, len(points), settings.coherence_decay)
+        gusts = make_surface_means(surface, corner, weight, len(points), settings.coherence_decay)
         model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)
     points = along_wind(points, -settings.direction)  # back to the axes of the net
     return WindField(points, profile(points[:, 2]), model, mean, corner, weight, force)
@@ -125,7 +125,7 @@ def _points(y, vector, mean, settings) -> tuple:
 def _clusters(y, vector, mean, settings) -> tuple:
     """Return the loaded surface, control points in its space, those near each node, and their weights."""
     decay, limit = np.array(settings.coherence_decay), settings.control_points
-    surface = surface_of(y, vector, mean, decay, limit)
+    surface = make_surface(y, vector, mean, decay, limit)
     points = cluster_points(surface, decay, limit)
     corner, weight = cluster_weights(y, points, decay)
     return surface, points, corner, weight
@@ -146,7 +146,7 @@ def _measured_field(x, force, settings, points) -> WindField:
         points = np.array([[*x[:, :2].mean(0), 10.0 - settings.base_height]])
         weight[:, 0] = profile(x[:, 2])
     else:
-        corner, weight = place_weights(x, points)
+        corner, weight = point_weights(x, points)
         weight *= profile(x[:, 2])[:, None] / profile(points[:, 2])[corner]
     return WindField(points, np.zeros(len(points)), None, np.zeros(rows), corner, weight, force)
 

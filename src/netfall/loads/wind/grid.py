@@ -5,7 +5,7 @@ import numpy as np
 from netfall.core.functions import lengths
 
 CLOSEST = 2.0  # m: smallest distance of control points
-AS_NEAR = 1e-5  # share of the plan size up to which distances from a control point count as equal
+NEAREST_TOLERANCE = 1e-5  # share of the plan size up to which distances from a control point count as equal
 
 
 def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple:
@@ -54,7 +54,7 @@ def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
     It is the height of the nearest node; of several nearest nodes, the middle between highest and lowest. The
     result does not depend on the order of the nodes, and a mirrored roof has mirrored points.
     """
-    slack = AS_NEAR * np.ptp(x[:, :2], axis=0).max()
+    slack = NEAREST_TOLERANCE * np.ptp(x[:, :2], axis=0).max()
 
     def height(point):
         distance = np.sqrt(np.sum((x[:, :2] - point) ** 2, axis=1))

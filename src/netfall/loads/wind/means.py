@@ -18,12 +18,12 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import exp
-from netfall.core.linear import factorised, product, solve_columns
+from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns
 from netfall.loads.wind.surface import Surface
 
 
 @dataclass(frozen=True)
-class Means:
+class SurfaceMeans:
     """Means of gusts over a surface. delay : (a,) [s]; pairs : (a, c, c), of `Surface.pairs`"""
 
     delay: np.ndarray
@@ -48,7 +48,9 @@ class Means:
         return exp(-np.multiply.outer(n, self.delay))
 
 
-def means_over(surface: Surface, corner: np.ndarray, weight: np.ndarray, count: int, decay) -> Means:
+def make_surface_means(
+    surface: Surface, corner: np.ndarray, weight: np.ndarray, count: int, decay
+) -> SurfaceMeans:
     """Build the means around control points from the interpolation weights (n, 4) of the nodes."""
     corner, weight = corner[surface.node], weight[surface.node]
     index = surface.patch[:, None] * count + corner
@@ -60,10 +62,10 @@ def means_over(surface: Surface, corner: np.ndarray, weight: np.ndarray, count: 
         np.bincount(index.ravel(), overlap.ravel(), count * count).reshape(count, count),
         np.eye(count),
     )
-    if factorised(M):
+    if factorise_cholesky(M):
         raise InputError("[wind] two control points are one to rounding; expected fewer control_points")
-    solve_columns(M, inverse)
-    return Means(delay, np.array([_between(inverse, matrix) for matrix in pairs]))
+    solve_cholesky_columns(M, inverse)
+    return SurfaceMeans(delay, np.array([_between(inverse, matrix) for matrix in pairs]))
 
 
 def _between(inverse: np.ndarray, matrix: np.ndarray) -> np.ndarray:

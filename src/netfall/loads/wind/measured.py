@@ -9,7 +9,7 @@ Pressures of a wind tunnel are values in time at taps, pressures [N/m2] or coeff
 them; positive presses on the roof. The taps are in a table name, x, y, in the axes of the net. The values are
 in a table with a column time and a column per tap, or in an HDF5 file with `time` (t,) and `value` (t, c),
 columns in the order of the taps, of which 64 rows are in memory at a time. Times are full-scale times of the
-roof, in s. A node uses the four nearest taps in plan, weighted by distance (`place_weights`). Between times
+roof, in s. A node uses the four nearest taps in plan, weighted by distance (`point_weights`). Between times
 values are linear.
 """
 
@@ -24,13 +24,13 @@ from netfall.core.functions import integral, lengths
 from netfall.job.csv_table import LARGEST, Table
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
 
-ROWS = 64  # rows of a long file that are read at once
-LEVEL = 1e-3  # relative difference up to which distances count as equal
-MOST_PAIRS = 1 << 21  # largest number of distances in memory at once
+BLOCK_ROWS = 64  # rows of a long file that are read at once
+DISTANCE_TOLERANCE = 1e-3  # relative difference up to which distances count as equal
+MAX_DISTANCES = 1 << 21  # largest number of distances in memory at once
 TOGETHER = 1e-3  # m: distance in plan below which points coincide
 
 
-def place_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.ndarray, np.ndarray]:
+def point_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest points (n, 4) of each particle x (n, 3), and weights (n, 4) whose sum is 1.
 
     axes : 2: in plan, 3: in space
@@ -41,7 +41,7 @@ def place_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
     its
     value. With fewer than five points the weights are 1 / d^2.
     """
-    order, distance = nearest_places(x[:, :axes], places[:, :axes])
+    order, distance = nearest_points(x[:, :axes], places[:, :axes])
     d = np.maximum(distance, TOGETHER)
     used = min(4, len(places))
     weight = 1.0 / d[:, :used]
@@ -54,18 +54,20 @@ def place_weights(x: np.ndarray, places: np.ndarray, axes: int = 2) -> tuple[np.
     return corner, weights
 
 
-def between_places(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.ndarray:
-    """Return rows of particles with five or more equally near points; arguments as in `place_weights`.
+def ambiguous_particles(x: np.ndarray, places: np.ndarray, axes: int = 2) -> np.ndarray:
+    """Return rows of particles with five or more equally near points; arguments as in `point_weights`.
 
     For these the order of the points, or rounding, decides which four count.
     """
-    distance = nearest_places(x[:, :axes], places[:, :axes])[1]
-    return np.flatnonzero(distance[:, -1] <= (1.0 + LEVEL) * distance[:, 0] if len(places) > 4 else [])
+    distance = nearest_points(x[:, :axes], places[:, :axes])[1]
+    return np.flatnonzero(
+        distance[:, -1] <= (1.0 + DISTANCE_TOLERANCE) * distance[:, 0] if len(places) > 4 else []
+    )
 
 
-def nearest_places(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def nearest_points(x: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest points, at most five, of points x (n, a), and their distances [m]."""
-    size, blocks = max(1, MOST_PAIRS // len(places)), []
+    size, blocks = max(1, MAX_DISTANCES // len(places)), []
     for first in range(0, len(x), size):
         distance = lengths(x[first : first + size, None] - places)
         order = np.argsort(distance, axis=1, kind="stable")[:, :5]
@@ -90,9 +92,9 @@ class TableHistory:
     def sample(self, k: int) -> tuple[float, np.ndarray]:
         """Return time [s] and values (c,) of row k; the last row holds for all later ones."""
         k = min(k, len(self.time) - 1)
-        begin = k // ROWS * ROWS
+        begin = k // BLOCK_ROWS * BLOCK_ROWS
         if begin != self._begin:
-            end = min(begin + ROWS, len(self.time))
+            end = min(begin + BLOCK_ROWS, len(self.time))
             self._begin, self._block = begin, self._rows(self.first + begin, self.first + end)
         return float(self.time[k]), self._block[k - begin]
 
@@ -120,7 +122,7 @@ def read_measured(job) -> TableHistory:
             "one height at each place, the profile does the rest",
             job.path.parent / job.wind.points,
         )
-        names, places, notes = read_places(path, "xyz", need)
+        names, places, notes = read_points(path, "xyz", need)
         height = places[:, 2] + job.wind.base_height
         if (height < LOWEST_HEIGHT).any():
             raise InputError(
@@ -129,14 +131,14 @@ def read_measured(job) -> TableHistory:
                 for name, z in zip(names, height)
                 if z < LOWEST_HEIGHT
             )
-    table, time, speed = read_rows(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
+    table, time, speed = read_time_table(job.path.parent / job.wind.file, names, duration, 0.0, "m/s")
     times = np.unique(np.clip(time, 0.0, duration))
     course = (np.interp(times, time, column) for column in speed.T)
     mean = np.array([integral(values, times) / duration for values in course])
     return TableHistory(time, lambda first, end: speed[first:end], mean, places, notes + table.notes)
 
 
-def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGEST, unit: str = ""):
+def read_time_table(path: Path, names: list[str], duration: float, low: float = -LARGEST, unit: str = ""):
     """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers from `low` on.
 
     Raises InputError unless times ascend from 0 or before to a duration [s], and each cell has a number.
@@ -146,14 +148,14 @@ def read_rows(path: Path, names: list[str], duration: float, low: float = -LARGE
     values = table.stacked(names, low=low, unit=unit)
     table.finish()
     table.ascending("time", time)
-    table.no_gaps(time, values)
+    table.check_no_gaps(time, values)
     if time[0] > 0 or time[-1] < duration:
         table.wrong(f"covers {time[0]:g} to {time[-1]:g} s; expected 0 to duration = {duration:g} s")
     table.finish()
     return table, time, values
 
 
-def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.ndarray, list[str]]:
+def read_points(path: Path, axes: str, expected: str) -> tuple[list[str], np.ndarray, list[str]]:
     """Read names, lower-case as in headers, positions (c, 2 or 3) [m] and notes of a table of points.
 
     axes : required columns; expected : remedy for two points above one another
@@ -170,19 +172,19 @@ def read_places(path: Path, axes: str, expected: str) -> tuple[list[str], np.nda
         close = lengths(places[:row, :2] - places[row, :2]) < TOGETHER  # a particle would take the mean
         if close.any():
             table.wrong(f"{label}: at the same x, y as {names[int(close.argmax())]!r}; expected {expected}")
-    table.no_gaps(places)
+    table.check_no_gaps(places)
     return names, places, table.notes
 
 
 def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
     """Read the history of two files, over at least a duration [s]. Raises InputError."""
     remedy = "one tap at each place, with what presses and what lifts there added"
-    names, places, notes = read_places(taps, "xy", remedy)
+    names, places, notes = read_points(taps, "xy", remedy)
     if values.suffix in (".h5", ".hdf5"):
         time, rows = _long_file(values, len(names))
         _check_times(values, time, duration)
     else:
-        table, time, value = read_rows(values, names, duration)
+        table, time, value = read_time_table(values, names, duration)
         notes = notes + table.notes
 
         def rows(first, end):
@@ -198,8 +200,10 @@ def _mean(time: np.ndarray, rows, duration: float) -> np.ndarray:
     share = np.zeros(len(time))
     share[:-1] += end - begin - second
     share[1:] += second
-    share, blocks = share / duration, range(0, len(time), ROWS)
-    return sum(np.add.reduce(share[i : i + ROWS, None] * rows(i, i + ROWS), axis=0) for i in blocks)
+    share, blocks = share / duration, range(0, len(time), BLOCK_ROWS)
+    return sum(
+        np.add.reduce(share[i : i + BLOCK_ROWS, None] * rows(i, i + BLOCK_ROWS), axis=0) for i in blocks
+    )
 
 
 def _long_file(path: Path, count: int):
@@ -219,8 +223,8 @@ def _long_file(path: Path, count: int):
     def rows(first, end):
         return value[first:end].astype(float)
 
-    for first in range(0, len(time), ROWS):
-        invalid = ~(np.abs(rows(first, first + ROWS)) <= LARGEST).all(1)
+    for first in range(0, len(time), BLOCK_ROWS):
+        invalid = ~(np.abs(rows(first, first + BLOCK_ROWS)) <= LARGEST).all(1)
         if invalid.any():
             k = first + int(invalid.argmax())
             raise InputError(

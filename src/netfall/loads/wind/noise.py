@@ -16,7 +16,7 @@ LAYERS = 256
 TAIL = 3.6541528853610088  # start of the tail
 AREA = 0.0049286732339746548702  # area of a layer
 PLACES = 2.0**52  # positions in a layer
-MOST_FOR_ONE = 64  # random words reserved for a number in the tail; with fewer left, more are drawn
+TAIL_WORDS = 64  # random words reserved for a number in the tail; with fewer left, more are drawn
 
 
 def _layers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -45,7 +45,7 @@ def _share(bits):
 @kernel
 def fill_normal(raw, width, inside, height, numbers):
     """Fill numbers (n,) from random bits raw (r,) by the layers; return how many the bits sufficed for."""
-    enough, used = raw.shape[0] - MOST_FOR_ONE, 0
+    enough, used = raw.shape[0] - TAIL_WORDS, 0
     for i in range(numbers.shape[0]):
         while used < enough:
             bits = raw[used]
@@ -77,7 +77,7 @@ def fill_normal(raw, width, inside, height, numbers):
 
 def standard_normal(bits: np.random.BitGenerator, count: int) -> np.ndarray:
     """Draw independent standard normal numbers (count,)."""
-    raw, numbers = bits.random_raw(count + count // 8 + 8 * MOST_FOR_ONE), np.empty(count)
+    raw, numbers = bits.random_raw(count + count // 8 + 8 * TAIL_WORDS), np.empty(count)
     while fill_normal(raw, WIDTH, INSIDE, HEIGHT, numbers) < count:
         raw = np.concatenate([raw, bits.random_raw(count)])
     return numbers

@@ -6,10 +6,10 @@ import numpy as np
 
 from netfall.core.functions import cos
 
-FINEST = 16  # smallest number of samples of the ramp: the linear interpolation error is 0.3 %
+MIN_RAMP_SAMPLES = 16  # smallest number of samples of the ramp: the linear interpolation error is 0.3 %
 
 
-def growth(time: float, ramp: float) -> float:
+def gust_growth(time: float, ramp: float) -> float:
     """Return the share of the gusts at a time [s]: (1 - cos(pi t / ramp)) / 2 over the ramp [s], then 1."""
     if time >= ramp:
         return 1.0
@@ -35,7 +35,7 @@ class GrowingGusts:
         time, gust = sample
         parts = 1
         if self.count and start < self.ramp:
-            parts = max(1, math.ceil((min(time, self.ramp) - start) * FINEST / self.ramp))
+            parts = max(1, math.ceil((min(time, self.ramp) - start) * MIN_RAMP_SAMPLES / self.ramp))
         shares = [k / parts for k in range(1, parts)] if time > start else []
         end = min(time, self.ramp)
         times = [start + share * (end - start) for share in shares]
@@ -46,11 +46,11 @@ class GrowingGusts:
         return [(t, self._grown(t, g)) for t, g in samples]
 
     def _grown(self, time: float, gust: np.ndarray) -> np.ndarray:
-        """Scale the gusts at a time [s] by `growth`."""
+        """Scale the gusts at a time [s] by `gust_growth`."""
         if time >= self.ramp:
             return gust
         mean = self.history.mean_gust
-        return mean + growth(time, self.ramp) * (gust - mean)
+        return mean + gust_growth(time, self.ramp) * (gust - mean)
 
     def record(self) -> tuple[dict, dict]:
         """Return the state for `restore`: numbers and arrays."""

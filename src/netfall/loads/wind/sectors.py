@@ -11,17 +11,17 @@ from netfall.core.errors import InputError
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
 
-ROOF = "shape_coefficient"  # column of nodes in no zone, or in a zone without a column
+ROOF_COLUMN = "shape_coefficient"  # column of nodes in no zone, or in a zone without a column
 
 
-def origin(direction: float) -> str:
+def describe_origin(direction: float) -> str:
     """Describe the origin of a wind that blows to a direction [degrees], from x towards y."""
     return f"from {(direction + 180.0) % 360.0:g} degrees"
 
 
-def bearing(direction: float) -> str:
+def describe_direction(direction: float) -> str:
     """Describe the direction that a wind blows to, and its origin."""
-    return f"to {direction:g} degrees ({origin(direction)})"
+    return f"to {direction:g} degrees ({describe_origin(direction)})"
 
 
 @dataclass(frozen=True)
@@ -51,18 +51,18 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
     columns = {name.lower(): name for name in zones}  # as headers are read
     if len(columns) < len(zones):
         raise InputError(f"{path}: zones whose names differ in capital letters alone have the same column")
-    table = Table(path, ("direction", ROOF, *columns), ("direction", ROOF))
+    table = Table(path, ("direction", ROOF_COLUMN, *columns), ("direction", ROOF_COLUMN))
     direction = table.numbers("direction", unit="degrees")
     for row in np.flatnonzero(~((direction >= 0) & (direction < 360)))[:3]:
         cell = table.words("direction")[row][:40]
         table.wrong(f"{table.at(row)}: direction = {cell!r}: expected a number of degrees >= 0 and < 360")
     table.ascending("direction", direction)
-    coefficients = {name: table.numbers(name) for name in (ROOF, *columns) if name in table}
+    coefficients = {name: table.numbers(name) for name in (ROOF_COLUMN, *columns) if name in table}
     for name in coefficients:
         table.full(name, 3)
-        if ROOF in job.wind.zone.get(columns.get(name, ""), {}):
-            conflict = f"[wind.zone.{columns[name]}] {ROOF} exclude each other; keep one of the two"
+        if ROOF_COLUMN in job.wind.zone.get(columns.get(name, ""), {}):
+            conflict = f"[wind.zone.{columns[name]}] {ROOF_COLUMN} exclude each other; keep one of the two"
             table.wrong(f"column {name} and {conflict}")
     table.finish()
-    of_roof = coefficients.pop(ROOF)
+    of_roof = coefficients.pop(ROOF_COLUMN)
     return Sectors(direction, of_roof, {columns[name]: v for name, v in coefficients.items()}, table.notes)

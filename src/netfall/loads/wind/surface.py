@@ -11,15 +11,19 @@ import numpy as np
 
 from netfall.core.functions import geometric, lengths, log
 
-MOST_PATCHES = 400  # largest number of patches, unless PER_POINT asks for more
-PER_POINT = 4  # allowed patches per control point
-GROWTH = 1.2  # factor on the side of the cubes until there are few enough patches
-PER_E_FOLD = 8  # delays of the table per factor e; the error of a cubic of exp(-n d) is then 1e-5
+MAX_PATCHES = 400  # largest number of patches, unless PER_POINT asks for more
+PATCHES_PER_POINT = 4  # allowed patches per control point
+CUBE_GROWTH = 1.2  # factor on the side of the cubes until there are few enough patches
+DELAYS_PER_E_FOLD = 8  # delays of the table per factor e; the error of a cubic of exp(-n d) is then 1e-5
 SHORTEST = 1e-5  # share of the longest delay; shorter delays count as this
 NEAR = 2.0  # sizes of two patches, in delays; closer patches are not treated as points
 BLOCK = 4096  # pairs per block: bounds the memory
 PLACES = 128  # point pairs per pair of patches: the mean error of exp(-n d) is 3 %
-STEPS = (0.8191725133961645, 0.6710436067037893, 0.5497004779019703)  # of a uniform sequence in a cube
+SEQUENCE_STEPS = (
+    0.8191725133961645,
+    0.6710436067037893,
+    0.5497004779019703,
+)  # of a uniform sequence in a cube
 
 
 @dataclass(frozen=True)
@@ -95,10 +99,10 @@ class Surface:
         extent = np.ptp(self.place, axis=0) + 2.0 * np.sqrt(3.0 * self.spread.max(0))
         high = lengths((extent * decay)[None])[0] / self.speed.min()
         high = high if high > 0.0 else 1.0
-        return geometric(SHORTEST * high, high, 1 + int(PER_E_FOLD * float(log(1.0 / SHORTEST))))
+        return geometric(SHORTEST * high, high, 1 + int(DELAYS_PER_E_FOLD * float(log(1.0 / SHORTEST))))
 
 
-def surface_of(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, points: int) -> Surface:
+def make_surface(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, points: int) -> Surface:
     """Build the loaded surface of nodes y (n, 3) with vector areas (n, 3), in axes of the wind.
 
     speed : (n,) [m/s], mean at the nodes; points : largest number of control points
@@ -110,11 +114,11 @@ def surface_of(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, poin
     node = node[np.lexsort(np.column_stack([vector, y])[node].T)]
     y, vector, speed = y[node], vector[node], speed[node]
     area = lengths(vector)
-    patch = _cubes(y * stretch(decay), max(MOST_PATCHES, PER_POINT * points))
-    centre = by_area(patch, area, y)
+    patch = _cubes(y * stretch(decay), max(MAX_PATCHES, PATCHES_PER_POINT * points))
+    centre = mean_by_area(patch, area, y)
     own_spread = area[:, None] * (1.0 - (vector / area[:, None]) ** 2) / 12.0  # of a square along the surface
-    spread = by_area(patch, area, (y - centre[patch]) ** 2 + own_spread)
-    return Surface(node, patch, area, centre, spread, by_area(patch, area, speed[:, None])[:, 0])
+    spread = mean_by_area(patch, area, (y - centre[patch]) ** 2 + own_spread)
+    return Surface(node, patch, area, centre, spread, mean_by_area(patch, area, speed[:, None])[:, 0])
 
 
 def stretch(decay) -> np.ndarray:
@@ -127,7 +131,7 @@ def stretch(decay) -> np.ndarray:
     return np.sqrt(np.asarray(decay))
 
 
-def by_area(patch: np.ndarray, area: np.ndarray, values: np.ndarray) -> np.ndarray:
+def mean_by_area(patch: np.ndarray, area: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Compute area-weighted means (q, k) over each patch of values (n, k)."""
     sums = [np.bincount(patch, area * column) for column in values.T]
     return np.column_stack(sums) / np.bincount(patch, area)[:, None]
@@ -145,7 +149,7 @@ def _cubes(y: np.ndarray, most: int) -> np.ndarray:
         cubes, number = np.unique((i * (j.max() + 1) + j) * (k.max() + 1) + k, return_inverse=True)
         if len(cubes) <= most:
             return number
-        side *= GROWTH
+        side *= CUBE_GROWTH
 
 
 def _differences() -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +158,7 @@ def _differences() -> tuple[np.ndarray, np.ndarray]:
     Their density along each axis is 1 - |t|. They concentrate at 0, where coherence peaks: t = u |u|, with u
     uniformly spread (a sequence of Roberts 2018).
     """
-    u = 2.0 * ((0.5 + np.arange(1, PLACES + 1)[:, None] * np.array(STEPS)) % 1.0) - 1.0
+    u = 2.0 * ((0.5 + np.arange(1, PLACES + 1)[:, None] * np.array(SEQUENCE_STEPS)) % 1.0) - 1.0
     weight = np.abs(u) * (1.0 - u * u)
     weight = weight[:, 0] * weight[:, 1] * weight[:, 2]
     return u * np.abs(u), weight / weight.sum()

@@ -13,11 +13,13 @@ with the length h of the velocity update at n, the mean of both dt.
 
 import numpy as np
 
-from netfall.core.arithmetic import exponential, exponential_less_one
+from netfall.core.arithmetic import exponential, exponential_minus_one
 from netfall.core.kernels import inner_kernel
-from netfall.core.records import has
+from netfall.core.records import is_present
 
-NARROW = 1.14  # largest over smallest damping ratio in the band up to which two branches suffice
+MAX_TWO_BRANCH_RATIO = (
+    1.14  # largest over smallest damping ratio in the band up to which two branches suffice
+)
 
 
 def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
@@ -37,7 +39,7 @@ def band_branches(ratio: float, low: float, high: float) -> tuple[float, ...]:
         [low, high],
         ratio * 2.0 / (1.0 + largest),
     )
-    if largest > NARROW:
+    if largest > MAX_TWO_BRANCH_RATIO:
         centre, fit_at, target = [low, middle, high], [low, middle, high], ratio
     e = np.full(len(centre), 0.5 * ratio)
     for _ in range(100):
@@ -56,7 +58,7 @@ def _ratio(alpha: np.ndarray, tau: np.ndarray, frequency: np.ndarray) -> np.ndar
     return 0.5 * (share * phase).sum(1) / (1.0 + (share * phase * phase).sum(1))
 
 
-def stiffening(branches: tuple[float, ...]) -> float:
+def branch_stiffening(branches: tuple[float, ...]) -> float:
     """Return the largest factor by which branches stiffen an element: 1 + sum alpha."""
     return 1.0 + sum(branches[: len(branches) // 2])
 
@@ -73,7 +75,7 @@ def set_branches(before_dt, dt, law):
     for k in range(b.shape[1]):
         alpha, rate = b[0, k], 1.0 / b[1, k]
         b[2, k] = exponential(-dt * rate)
-        b[3, k] = -alpha * exponential(-0.5 * dt * rate) * exponential_less_one(-kick_dt * rate)
+        b[3, k] = -alpha * exponential(-0.5 * dt * rate) * exponential_minus_one(-kick_dt * rate)
         b[4, 0] += alpha * exponential(-0.5 * before_dt * rate)
 
 
@@ -85,7 +87,7 @@ def add_branches(x, elements, now, law, f_int, f_band):
         if elements.EA[e] == 0.0:
             continue
         state_sum = elements.branch_a[e] + elements.branch_b[e]
-        if has(elements.branch_c):
+        if is_present(elements.branch_c):
             state_sum += elements.branch_c[e]
         total = law.branches[4, 0] * now.N[e] - state_sum
         q = ((total if elements.bar[e] or total > 0.0 else 0.0) - now.N[e]) / now.L[e]
@@ -98,7 +100,7 @@ def add_branches(x, elements, now, law, f_int, f_band):
             f_int[end, k] -= pull
 
 
-def with_branches(state, N: np.ndarray) -> np.ndarray:
+def add_branch_forces(state, N: np.ndarray) -> np.ndarray:
     """Return axial forces (m,) [N] including the branches, from N without them; valid for short steps."""
     if state.branches is None:
         return N

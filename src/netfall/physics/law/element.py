@@ -1,8 +1,8 @@
 """Law of one element of `Elements`: strain, axial force, stiffness, energies. See `law.py`."""
 
-from netfall.core.arithmetic import exponential, exponential_less_one, logarithm
+from netfall.core.arithmetic import exponential, exponential_minus_one, logarithm
 from netfall.core.kernels import inner_kernel, part_of_kernel
-from netfall.core.records import has
+from netfall.core.records import is_present
 
 
 @inner_kernel
@@ -25,9 +25,9 @@ def length_at(L, eps, law):
 def axial_force(elements, e, eps, eps_p):
     """Return axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
-    if has(elements.euler) and N < -elements.euler[e]:
+    if is_present(elements.euler) and N < -elements.euler[e]:
         return -elements.euler[e], eps_p
-    if has(elements.yield_force):
+    if is_present(elements.yield_force):
         if N > elements.yield_force[e]:
             return elements.yield_force[e], eps_p + (N - elements.yield_force[e]) / elements.EA[e]
         if N < -elements.yield_force[e] and elements.bar[e]:
@@ -44,13 +44,13 @@ def tangent_stiffness(elements, e, N, eps, L, law):
     N : [N] at that strain, equal to the limit on the yield plateau
     """
     eps_p = 0.0
-    if has(elements.eps_p):
+    if is_present(elements.eps_p):
         eps_p = elements.eps_p[e]
     if not (elements.EA[e] * (eps - eps_p) >= 0.0 or elements.bar[e]):
         return 0.0
-    if has(elements.yield_force) and not abs(N) < elements.yield_force[e]:
+    if is_present(elements.yield_force) and not abs(N) < elements.yield_force[e]:
         return 0.0
-    if has(elements.euler) and not N > -elements.euler[e]:
+    if is_present(elements.euler) and not N > -elements.euler[e]:
         return 0.0
     if law.logarithmic:
         return elements.EA[e] / L
@@ -64,11 +64,13 @@ def stored_energy(elements, e, N, L, eps_p, law):
     if EA == 0.0:
         return 0.0
     u, buckling_work = N / EA, 0.0
-    if has(elements.euler) and N <= -elements.euler[e]:  # work after the buckling length, at constant force
+    if (
+        is_present(elements.euler) and N <= -elements.euler[e]
+    ):  # work after the buckling length, at constant force
         stretch = exponential(eps_p + u) if law.logarithmic else 1.0 + (eps_p + u)
         buckling_work = N * (L - L0 * stretch)
     if law.logarithmic:
-        return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_less_one(u)) + buckling_work
+        return EA * L0 * exponential(eps_p) * (exponential(u) * u - exponential_minus_one(u)) + buckling_work
     return 0.5 * N * u * L0 + buckling_work
 
 
@@ -81,7 +83,7 @@ def yield_energy(elements, e, eps_p, eps_p_new, law):
     if law.logarithmic:
         change = abs(exponential(eps_p_new) - exponential(eps_p))
         tension = eps_p_new > eps_p
-        return EA * abs(exponential_less_one(limit / EA if tension else -limit / EA)) * L0 * change
+        return EA * abs(exponential_minus_one(limit / EA if tension else -limit / EA)) * L0 * change
     return limit * L0 * abs(eps_p_new - eps_p)
 
 
@@ -90,6 +92,6 @@ def energies_at(elements, e, L, eps_p, law):
     """Return plastic strain, heat of yielding [J] and stored energy [J] of element e at length L [m]."""
     N, new_eps_p = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
     heat = 0.0
-    if has(elements.yield_force) and new_eps_p != eps_p:
+    if is_present(elements.yield_force) and new_eps_p != eps_p:
         heat = yield_energy(elements, e, eps_p, new_eps_p, law)
     return new_eps_p, heat, stored_energy(elements, e, N, L, new_eps_p, law)

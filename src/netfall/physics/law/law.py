@@ -18,11 +18,11 @@ step (`physics.element_step`, `explicit.forces`).
 import numpy as np
 
 from netfall.core.records import Record, empty, f8_2, real, whole
-from netfall.physics.law.limits import NEARLY
+from netfall.physics.law.limits import CHECK_SHARE
 from netfall.physics.law.measures import MEASURES, strains
 
 
-class Law(Record):
+class LawParameters(Record):
     """Parameters of the law that all elements of a rank share.
 
     logarithmic : 1 for the logarithmic strain, 0 for the engineering strain
@@ -38,12 +38,12 @@ class Law(Record):
     EA: real
     yield_force: real
     yield_strain: real
-    reach: real
+    check_stretch: real
     near: real
     branches: f8_2
 
 
-def law_of(
+def build_law(
     measure: str,
     plastic: bool,
     EA: float | None,
@@ -51,15 +51,15 @@ def law_of(
     min_eps_u: float | None,
     check_force: float,
     branches: np.ndarray | None,
-) -> Law:
+) -> LawParameters:
     """Build the law of a rank.
 
     measure : a key of MEASURES; min_eps_u : the least fracture strain, None: nothing breaks
-    check_force : the least of `forces_near_limits`
+    check_force : the least of `check_forces`
     """
-    reach = np.inf if min_eps_u is None else float(reaches(min_eps_u, measure))
+    reach = np.inf if min_eps_u is None else float(check_stretches(min_eps_u, measure))
     yield_strain = np.inf if not EA or yield_force is None else yield_force / EA
-    return Law(
+    return LawParameters(
         measure == "logarithmic",
         plastic,
         EA or 0.0,
@@ -71,23 +71,23 @@ def law_of(
     )
 
 
-def forces_near_limits(EA, yield_force, eps_u, euler, measure: str) -> np.ndarray:
+def check_forces(EA, yield_force, eps_u, euler, measure: str) -> np.ndarray:
     """Return elastic axial forces (m,) [N], by size, from which elements are checked for limits; inf: never.
 
     yield_force, euler : (m,) [N], eps_u : (m,); None: nothing yields, buckles, breaks
     """
     check_force = np.full(len(EA), np.inf)
     if eps_u is not None:
-        breaks, reach = np.isfinite(eps_u), reaches(eps_u, measure)
+        breaks, reach = np.isfinite(eps_u), check_stretches(eps_u, measure)
         if euler is not None:  # bars break in compression too, at smaller forces
             reach = 2.0 - 1.0 / reach
         check_force[breaks] = (EA * strains(np.where(breaks, reach, 1.0), 1.0, measure))[breaks]
     for limit in (yield_force, euler):
         if limit is not None:
-            check_force = np.minimum(check_force, NEARLY * limit)
+            check_force = np.minimum(check_force, CHECK_SHARE * limit)
     return check_force
 
 
-def reaches(eps_u: np.ndarray, measure: str) -> np.ndarray:
+def check_stretches(eps_u: np.ndarray, measure: str) -> np.ndarray:
     """Return L / L0 (m,) from which elements of fracture strains (m,) are checked; inf: never."""
-    return np.where(np.isinf(eps_u), np.inf, MEASURES[measure].stretch(eps_u) * NEARLY)
+    return np.where(np.isinf(eps_u), np.inf, MEASURES[measure].stretch(eps_u) * CHECK_SHARE)

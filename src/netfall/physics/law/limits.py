@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 # Shares of a limit: from NEARLY on it is checked exactly, from REACHED on it counts as reached.
-NEARLY, REACHED = 1.0 - 1e-9, 1.0 - 1e-12
+CHECK_SHARE, REACHED_SHARE = 1.0 - 1e-9, 1.0 - 1e-12
 
 
-class Caps(NamedTuple):
+class ForceLimits(NamedTuple):
     """Limit forces (m,) [N] of elements; inf: none.
 
     yielding : yield force
@@ -21,7 +21,7 @@ class Caps(NamedTuple):
     straight: np.ndarray
 
 
-def caps_of(yield_force, euler_load, buckling, bending) -> Caps:
+def caps_of(yield_force, euler_load, buckling, bending) -> ForceLimits:
     """Return limit forces of elements with yield forces (m,) [N] and Euler loads (m,) [N].
 
     Euler loads are nan without a second moment of area.
@@ -31,13 +31,13 @@ def caps_of(yield_force, euler_load, buckling, bending) -> Caps:
     buckles, bends = (none if flags is None else flags for flags in (buckling, bending))
     buckles_first = buckles & (euler_load < yield_force)
     stays_straight = np.isfinite(euler_load) & ~buckles & ~bends
-    return Caps(
+    return ForceLimits(
         yielding=yield_force,
         buckling=np.where(buckles_first, euler_load, np.inf),
         straight=np.where(stays_straight, euler_load, np.inf),
     )
 
 
-def strength_of(EA, fracture_strain, yield_force) -> np.ndarray:
+def axial_strengths(EA, fracture_strain, yield_force) -> np.ndarray:
     """Return the axial force (m,) [N] that an element never exceeds before it breaks; inf: none."""
     return np.minimum(EA * fracture_strain, yield_force)

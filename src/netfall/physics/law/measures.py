@@ -60,7 +60,7 @@ def exceeds_stiffness(N: np.ndarray, EA: np.ndarray, strain: str) -> np.ndarray:
     return (1.0 + N / EA <= 0) | (np.abs(N) > MEASURES[strain].largest * EA)
 
 
-def warm_length(L0: np.ndarray, expansion: np.ndarray, temperature: float) -> np.ndarray:
+def heated_length(L0: np.ndarray, expansion: np.ndarray, temperature: float) -> np.ndarray:
     """Return the unstressed length (m,) [m] at a temperature [K] above that of L0 (m,) [m]."""
     return L0 * (1.0 + expansion * temperature)
 

@@ -25,7 +25,7 @@ HALVINGS = 40  # bisections of the interval that contains the largest step
 DOUBLINGS = 60  # of a step without added inertia; beyond that slips set no limit
 
 
-class Movers(NamedTuple):
+class SlipFollowers(NamedTuple):
     """Nodes that slips follow, in the order of the chains of slip points.
 
     own, stiffness : (k,) of `slip_inertia`; slip_node : (k,) node of each slip point
@@ -56,7 +56,7 @@ def slip_inertia(own: np.ndarray, stiffness: np.ndarray, dt: float) -> np.ndarra
     return np.maximum(own, INERTIA * dt * dt * stiffness)
 
 
-def movers_of(slides, elements, x, fixed, mass, own, stiffness) -> Movers:
+def slip_followers(slides, elements, x, fixed, mass, own, stiffness) -> SlipFollowers:
     """Return the nodes that slips follow at positions x (n, 3).
 
     slides : `geometry.slip_points.Slides`; elements : (m, 2); fixed : (n, 3) bool; mass : (n,) [kg]
@@ -68,12 +68,12 @@ def movers_of(slides, elements, x, fixed, mass, own, stiffness) -> Movers:
     station = 2 * np.arange(len(before)) + chain + 1  # a chain has one segment more than slip points
     of_segment = np.zeros(int(slides.segment.max()) + 1, np.int64)
     of_segment[before], of_segment[after] = station - 1, station + 1
-    key, vector = _stretch(slides, elements, x, len(mass))
+    key, vector = _segment_gradients(slides, elements, x, len(mass))
     segment, node = key // len(mass), key % len(mass)
     vector *= ~fixed[node] / np.sqrt(mass[node])[:, None]
     adjacent = np.searchsorted(key, np.stack([before, after]) * len(mass) + slides.node)
     inner = np.setdiff1d(np.arange(len(key)), adjacent)
-    return Movers(
+    return SlipFollowers(
         own=own,
         stiffness=stiffness,
         station=station,
@@ -88,7 +88,7 @@ def movers_of(slides, elements, x, fixed, mass, own, stiffness) -> Movers:
     )
 
 
-def _stretch(slides, elements, x, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _segment_gradients(slides, elements, x, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return vectors (u, 3) by which a node's velocity lengthens a segment; keys (u,): segment n + node."""
     inside = np.flatnonzero(slides.segment >= 0)
     ends = elements[inside]
@@ -102,7 +102,7 @@ def _stretch(slides, elements, x, n: int) -> tuple[np.ndarray, np.ndarray]:
     return key, vector
 
 
-def added_share(movers: Movers, dt: float) -> float:
+def added_share(movers: SlipFollowers, dt: float) -> float:
     """Return lambda, an upper bound of the relative added inertia, for steps of dt [s]."""
     root = np.sqrt(slip_inertia(movers.own, movers.stiffness, dt) - movers.own)
     if not root.any():
@@ -112,7 +112,7 @@ def added_share(movers: Movers, dt: float) -> float:
     rows = np.stack([np.where(movers.closed, np.inf, side) for side in sides] + [own])
     choice = rows.argmin(0)
     column = np.zeros(int(movers.node.max()) + 1)
-    np.add.at(column, movers.node, movers.size * _beyond(movers, root, choice))
+    np.add.at(column, movers.node, movers.size * _following_roots(movers, root, choice))
     follows_nodes = choice < 2
     own_entry = np.where(follows_nodes, movers.near[np.minimum(choice, 1), np.arange(len(root))], 0.0)
     np.add.at(column, movers.slip_node, own_entry * root)
@@ -121,7 +121,7 @@ def added_share(movers: Movers, dt: float) -> float:
     return float((root * total).max())
 
 
-def _sides(movers: Movers, size: np.ndarray, own_entry: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sides(movers: SlipFollowers, size: np.ndarray, own_entry: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return sums (k,) over the nodes on either side of each slip point."""
     up_to = _running(movers, movers.at, size)
     return (
@@ -130,7 +130,7 @@ def _sides(movers: Movers, size: np.ndarray, own_entry: np.ndarray) -> tuple[np.
     )
 
 
-def _beyond(movers: Movers, root: np.ndarray, choice: np.ndarray) -> np.ndarray:
+def _following_roots(movers: SlipFollowers, root: np.ndarray, choice: np.ndarray) -> np.ndarray:
     """Return, for each node entry (j,), the sum of the roots of the slips that follow the node."""
     forward = _running(movers, movers.station, np.where(choice == 0, root, 0.0))
     backward = _running(movers, movers.station, np.where(choice == 1, root, 0.0))
@@ -140,12 +140,12 @@ def _beyond(movers: Movers, root: np.ndarray, choice: np.ndarray) -> np.ndarray:
     return forward[end + 1] - forward[movers.at + 1] + backward[movers.at] - backward[begin]
 
 
-def _running(movers: Movers, stations: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _running(movers: SlipFollowers, stations: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return running sums: the sum of all values at stations before each station."""
     return np.append(0.0, np.cumsum(np.bincount(stations, values, int(movers.end.max()) + 1)))
 
 
-def step_of_slips(movers: Movers) -> float:
+def slip_step_limit(movers: SlipFollowers) -> float:
     """Return the longest step [s] that adds at most MOST_ADDED; inf if slips set no limit."""
     good = float(np.sqrt(movers.own / (INERTIA * movers.stiffness)).min())
     for _ in range(DOUBLINGS):

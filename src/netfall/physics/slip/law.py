@@ -25,7 +25,7 @@ from netfall.core.arithmetic import exponential
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.physics.state import State
 
-LEAST = 0.2  # of the initial unstressed length; a shorter segment is locked
+MIN_SEGMENT_SHARE = 0.2  # of the initial unstressed length; a shorter segment is locked
 
 
 @inner_kernel
@@ -71,22 +71,22 @@ def angle_between(ax, ay, az, bx, by, bz):
     return 16.0 * t * arc
 
 
-def set_strands(state: State, L0: np.ndarray) -> None:
+def set_slipless_lengths(state: State, L0: np.ndarray) -> None:
     """Set the unstressed lengths (m,) [m] of the elements without slip; slips stay as they are."""
     state.L0[:] = L0
     if state.features.slip:
         state.strand[:] = L0
-        slipped_lengths(state.particles.slip, state.elements)
+        update_slipped_lengths(state.particles.slip, state.elements)
 
 
 @inner_kernel
 def slipped_length(e, slip, elements):
     """Return the unstressed length [m] of element e including slip; slip : (3, n) [m]."""
-    return elements.strand[e] + elements.slip_share[e] * passed_into(e, slip, elements)
+    return elements.strand[e] + elements.slip_share[e] * passed_length(e, slip, elements)
 
 
 @inner_kernel
-def passed_into(e, slip, elements):
+def passed_length(e, slip, elements):
     """Return the length [m] passed into the segment of element e, from slips (3, n) or slip velocities."""
     i, j, passed = elements.slip_place[e, 0], elements.slip_place[e, 1], 0.0
     if i >= 0:
@@ -97,7 +97,7 @@ def passed_into(e, slip, elements):
 
 
 @kernel
-def slipped_lengths(slip, elements):
+def update_slipped_lengths(slip, elements):
     """Update the unstressed lengths to the slips (3, n) [m]."""
     for e in range(elements.ends.shape[0]):
         moves = elements.slip_place[e, 0] >= 0 or elements.slip_place[e, 1] >= 0

@@ -27,15 +27,15 @@ import numpy as np
 
 from netfall.core.arithmetic import exponential
 from netfall.core.kernels import inner_kernel
-from netfall.core.records import Record, has, i8
+from netfall.core.records import Record, i8, is_present
 from netfall.physics.element_step import TINY
 from netfall.physics.law.element import axial_force, strain
-from netfall.physics.slip.law import LEAST, angle_between, slip_force, slip_limit
+from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_force, slip_limit
 
-STEP = 0.75**0.5  # of the limit without slip; leaves three quarters of (omega dt)^2 to the net
+SLIP_STEP_SHARE = 0.75**0.5  # of the limit without slip; leaves three quarters of (omega dt)^2 to the net
 
 
-class Places(Record):
+class SlipPoints(Record):
     """Slip points at the particles of a rank, and the free segments whose lengths they change.
 
     node, column : (k,) slip points at owned particles, ascending, and the number of the cable at the node
@@ -56,7 +56,7 @@ class Places(Record):
     start: i8
 
 
-class Strand(NamedTuple):
+class SegmentEnd(NamedTuple):
     """One side of a slip point: tension, remaining tension of a removed element [N], and cable direction.
 
     whole : whether the segment is intact, and so changes its length; there : whether it pulls
@@ -70,7 +70,7 @@ class Strand(NamedTuple):
     along: tuple
 
 
-def places_of(state, segment: np.ndarray) -> Places:
+def slip_points_of(state, segment: np.ndarray) -> SlipPoints:
     """Return the slip points of a rank; it holds all elements of their segments.
 
     state : `state.State`, owned particles before those of the halo; segment : (m,) of
@@ -93,7 +93,7 @@ def places_of(state, segment: np.ndarray) -> Places:
     after, before = (rows[np.lexsort((rows[:, 1], rows[:, 0]))] for rows in points)
     moving = np.unique(np.concatenate([after, before])[:, :2], axis=0)
     after, before = (rows[rows[:, 0] < state.n_owned] for rows in (after, before))  # it has both if owned
-    return Places(
+    return SlipPoints(
         node=np.ascontiguousarray(after[:, 0]),
         column=np.ascontiguousarray(after[:, 1]),
         before=np.ascontiguousarray(before[:, 2]),
@@ -107,7 +107,7 @@ def places_of(state, segment: np.ndarray) -> Places:
     )
 
 
-def beside(places: Places, values: np.ndarray) -> np.ndarray:
+def beside(places: SlipPoints, values: np.ndarray) -> np.ndarray:
     """Return sums (k,) of values (m,) over both segments adjacent to each slip point."""
     if not len(places.element):
         return np.zeros(0)
@@ -116,16 +116,16 @@ def beside(places: Places, values: np.ndarray) -> np.ndarray:
 
 
 @inner_kernel
-def _strand(e, intact, share, particles, elements, law):
-    """Return the `Strand` of element e, adjacent to a slip point, at the present positions.
+def _segment_end(e, intact, share, particles, elements, law):
+    """Return the `SegmentEnd` of element e, adjacent to a slip point, at the present positions.
 
     intact : whether its segment is; share : position between two samples of a fading tension
     """
     hold = 0.0
-    if has(elements.hold_before):
+    if is_present(elements.hold_before):
         hold = elements.hold_before[e] + share * (elements.hold_after[e] - elements.hold_before[e])
     if not intact and not hold > 0.0:
-        return Strand(0.0, 0.0, False, False, (0.0, 0.0, 0.0))
+        return SegmentEnd(0.0, 0.0, False, False, (0.0, 0.0, 0.0))
     a, b, x = elements.ends[e, 0], elements.ends[e, 1], particles.x
     dx, dy, dz = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
     L = max(math.sqrt(dx * dx + dy * dy + dz * dz), TINY)
@@ -133,7 +133,7 @@ def _strand(e, intact, share, particles, elements, law):
     T = 0.0
     if intact:
         T, _ = axial_force(elements, e, strain(L, elements.L0[e], law), 0.0)
-    return Strand(T, hold, intact, True, (direction * dx, direction * dy, direction * dz))
+    return SegmentEnd(T, hold, intact, True, (direction * dx, direction * dy, direction * dz))
 
 
 @inner_kernel
@@ -146,7 +146,7 @@ def is_whole(g, places, elements):
 
 
 @inner_kernel
-def _drive(g, places, particles, elements, law):
+def _segment_force(g, places, particles, elements, law):
     """Return the sum [N] of q(T) times the share over the elements of segment g, which is intact."""
     x, total = particles.x, 0.0
     for j in range(places.start[g], places.start[g + 1]):
@@ -163,15 +163,15 @@ def _drive(g, places, particles, elements, law):
 def _is_short(g, e, intact, passed, places, elements):
     """Return whether too little of segment g remains, from which `passed` [m] left next to element e."""
     if intact:
-        return elements.L0[e] <= LEAST * elements.strand[e]
+        return elements.L0[e] <= MIN_SEGMENT_SHARE * elements.strand[e]
     length = 0.0
     for j in range(places.start[g], places.start[g + 1]):
         length += elements.strand[places.element[j]]
-    return passed >= (1.0 - LEAST) * length
+    return passed >= (1.0 - MIN_SEGMENT_SHARE) * length
 
 
 @inner_kernel
-def kicked_slip(i, kick_dt, share, places, particles, elements, law):
+def updated_slip_velocity(i, kick_dt, share, places, particles, elements, law):
     """Return the velocity [m/s] of slip i half a step later, also without friction, and the forces on it.
 
     The result is: velocity, velocity without friction, Q of the strands [N], other forces [N], and whether a
@@ -180,17 +180,17 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
     p, c, b, a = places.node[i], places.column[i], places.before[i], places.after[i]
     segment_b, segment_a = places.segment_before[i], places.segment_after[i]
     old, inertia = particles.slip_v[c, p], particles.slip_mass[c, p]
-    before = _strand(b, is_whole(segment_b, places, elements), share, particles, elements, law)
-    after = _strand(a, is_whole(segment_a, places, elements), share, particles, elements, law)
+    before = _segment_end(b, is_whole(segment_b, places, elements), share, particles, elements, law)
+    after = _segment_end(a, is_whole(segment_a, places, elements), share, particles, elements, law)
     if not before.whole and not after.whole:
         return 0.0, old, 0.0, 0.0, False
     EA_b = elements.EA[b] if before.whole else elements.EA[a]
     EA_a = elements.EA[a] if after.whole else elements.EA[b]
     Q = 0.0
     if after.whole:
-        Q += _drive(segment_a, places, particles, elements, law)
+        Q += _segment_force(segment_a, places, particles, elements, law)
     if before.whole:
-        Q -= _drive(segment_b, places, particles, elements, law)
+        Q -= _segment_force(segment_b, places, particles, elements, law)
     other_force = slip_force(after.hold, EA_a, law) - slip_force(before.hold, EA_b, law)
     other_force += particles.slip_load[c, p]
     mu, turn = particles.friction[c, p], 1.0
@@ -212,16 +212,19 @@ def kicked_slip(i, kick_dt, share, places, particles, elements, law):
 
 
 @inner_kernel
-def kick_slips(time, kick_dt, share, places, particles, elements, law):
-    """Update all slip velocities of a rank at a time [s] to n + 1/2, with work and heat. places : `Places`"""
+def update_slip_velocities(time, kick_dt, share, places, particles, elements, law):
+    """Update all slip velocities of a rank at a time [s] to n + 1/2, with work and heat. places :
+    `SlipPoints`"""
     for i in range(places.node.shape[0]):
         p, c = places.node[i], places.column[i]
         old = particles.slip_v[c, p]
-        new, free, Q, other_force, locked = kicked_slip(i, kick_dt, share, places, particles, elements, law)
+        new, free, Q, other_force, locked = updated_slip_velocity(
+            i, kick_dt, share, places, particles, elements, law
+        )
         particles.slip_v[c, p] = new
         if locked and particles.slip_locked[c, p] == 0.0:
             particles.slip_locked[c, p] = max(time, TINY)
-        if has(particles.slip_work):
+        if is_present(particles.slip_work):
             work = particles.slip_work
             mean = 0.5 * (old + new)
             work[0, p] += kick_dt * mean * other_force
@@ -230,7 +233,7 @@ def kick_slips(time, kick_dt, share, places, particles, elements, law):
 
 
 @inner_kernel
-def drift_slips(dt, places, particles):
+def update_slips(dt, places, particles):
     """Update the slips of a rank, halo included, to n + 1."""
     for j in range(places.moving.shape[0]):
         p, c = places.moving[j], places.of[j]
@@ -245,7 +248,7 @@ def slip_energies(i, part, kick_dt, share, places, particles, elements, law):
     """
     p, c = places.node[i], places.column[i]
     old, inertia = particles.slip_v[c, p], particles.slip_mass[c, p]
-    new, free, Q, other_force, _ = kicked_slip(i, kick_dt, share, places, particles, elements, law)
+    new, free, Q, other_force, _ = updated_slip_velocity(i, kick_dt, share, places, particles, elements, law)
     now, duration = old + part * (new - old), part * kick_dt
     mean = 0.5 * (old + now)
     heat = part * inertia * (free - new) * mean

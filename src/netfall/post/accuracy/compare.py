@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from netfall.post.accuracy import tables
-from netfall.post.accuracy.outcome import Outcome
-from netfall.results.locks import h5_whole
+from netfall.post.accuracy.outcome import AccuracyOutcome
+from netfall.results.locks import atomic_h5
 from netfall.study.table import write_columns
 
 ERRORS = ("displacement", "tension", "first_fracture", "broken")
@@ -19,20 +19,20 @@ NEAR = 0.08  # decades; closer points of the plot share a label
 
 
 @dataclass
-class Row:
+class SettingErrors:
     """A setting with its relative errors, and the overlap (Jaccard index of the broken sets)."""
 
     setting: str
-    outcome: Outcome
+    outcome: AccuracyOutcome
     errors: dict[str, float]
     error: float  # the largest relative error
     best: bool = False  # on the Pareto front: no setting is both faster and more accurate
 
 
-def compare(setting: str, outcome: Outcome, exact: Outcome) -> Row:
+def compare_outcome(setting: str, outcome: AccuracyOutcome, exact: AccuracyOutcome) -> SettingErrors:
     """Compute the errors of an outcome against the reference."""
     if outcome.state != "finished":
-        return Row(setting, outcome, dict.fromkeys((*ERRORS, "overlap"), np.nan), np.inf)
+        return SettingErrors(setting, outcome, dict.fromkeys((*ERRORS, "overlap"), np.nan), np.inf)
     errors = {
         "displacement": _relative(outcome.largest_displacement, exact.largest_displacement),
         "tension": _relative(outcome.largest_tension, exact.largest_tension),
@@ -43,7 +43,7 @@ def compare(setting: str, outcome: Outcome, exact: Outcome) -> Row:
     overlap = (
         len(broken & broken_exact) / max(1, len(broken | broken_exact)) if broken or broken_exact else 1.0
     )
-    return Row(setting, outcome, errors | {"overlap": overlap}, max(errors.values()))
+    return SettingErrors(setting, outcome, errors | {"overlap": overlap}, max(errors.values()))
 
 
 def _relative(value: float, exact: float) -> float:
@@ -55,7 +55,7 @@ def _relative(value: float, exact: float) -> float:
     return np.inf
 
 
-def mark_best(rows: list[Row]) -> None:
+def mark_pareto_front(rows: list[SettingErrors]) -> None:
     """Mark the Pareto front of run time and error."""
     for row in rows:
         row.best = row.outcome.state == "finished" and not any(
@@ -67,13 +67,13 @@ def mark_best(rows: list[Row]) -> None:
         )
 
 
-def cheapest(rows: list[Row], tolerance: float) -> Row | None:
+def fastest_within(rows: list[SettingErrors], tolerance: float) -> SettingErrors | None:
     """Return the fastest setting within the tolerance."""
     within = [row for row in rows if row.error <= tolerance]
     return min(within, key=lambda row: row.outcome.seconds, default=None)
 
 
-def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
+def comparison_text(rows: list[SettingErrors], exact: AccuracyOutcome, tolerance: float) -> list[str]:
     """Return the table as text, with * on the Pareto front, and the fastest setting within the tolerance."""
     ranked = sorted(rows, key=lambda row: row.outcome.seconds)
     lines = [
@@ -82,12 +82,12 @@ def as_text(rows: list[Row], exact: Outcome, tolerance: float) -> list[str]:
     ]
     return [
         *tables.as_text(HEAD, [_cells("**reference**", exact, 1.0, 0.0), *lines]),
-        f"cheapest within an error of {tolerance:g}: {_advice(cheapest(rows, tolerance), exact)}"
+        f"cheapest within an error of {tolerance:g}: {_advice(fastest_within(rows, tolerance), exact)}"
         "; * nothing else is both faster and closer",
     ]
 
 
-def _cells(name: str, o: Outcome, overlap: float, error: float) -> list[str]:
+def _cells(name: str, o: AccuracyOutcome, overlap: float, error: float) -> list[str]:
     if o.state != "finished":
         return [name, "", "", o.state, *[""] * (len(HEAD) - 4)]
     return [
@@ -104,7 +104,7 @@ def _cells(name: str, o: Outcome, overlap: float, error: float) -> list[str]:
     ]
 
 
-def _advice(row: Row | None, exact: Outcome) -> str:
+def _advice(row: SettingErrors | None, exact: AccuracyOutcome) -> str:
     if row is None:
         return "none of these"
     seconds = row.outcome.seconds
@@ -112,7 +112,7 @@ def _advice(row: Row | None, exact: Outcome) -> str:
     return f"{row.setting} ({seconds:.3g} s, {faster})"
 
 
-def write_table(path: Path, rows: list[Row], **attributes) -> None:
+def write_table(path: Path, rows: list[SettingErrors], **attributes) -> None:
     """Write the table as datasets of one length, /table; attributes : what it was measured against"""
     columns = {
         "setting": [row.setting for row in rows],
@@ -121,13 +121,15 @@ def write_table(path: Path, rows: list[Row], **attributes) -> None:
         "overlap": [row.errors["overlap"] for row in rows],
     }
     columns |= {f"{name}_error": [row.errors[name] for row in rows] for name in ERRORS}
-    columns |= {name: [getattr(row.outcome, name) for row in rows] for name in Outcome._fields}
-    with h5_whole(path) as file:
+    columns |= {name: [getattr(row.outcome, name) for row in rows] for name in AccuracyOutcome._fields}
+    with atomic_h5(path) as file:
         write_columns(file, "table", columns)
         file["table"].attrs.update(attributes)
 
 
-def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Path) -> Path:
+def plot_comparison(
+    title: str, rows: list[SettingErrors], exact: AccuracyOutcome, tolerance: float, path: Path
+) -> Path:
     """Plot run time against error."""
     finished = sorted(
         (row for row in rows if row.outcome.state == "finished" and np.isfinite(row.error)),
@@ -148,7 +150,7 @@ def draw(title: str, rows: list[Row], exact: Outcome, tolerance: float, path: Pa
     return path
 
 
-def _points(axes, finished: list[Row]) -> None:
+def _points(axes, finished: list[SettingErrors]) -> None:
     """Plot the settings as points with their numbers, and the Pareto front as a line."""
     floor = min([row.error for row in finished if row.error > 0], default=1e-6) / 3
     places = [(row.outcome.seconds, max(row.error, floor)) for row in finished]
@@ -156,12 +158,12 @@ def _points(axes, finished: list[Row]) -> None:
     axes.plot(*front.T, color="C0", lw=1, zorder=1, label="nothing is both faster and closer")
     for place, row in zip(places, finished):
         axes.plot(*place, "o", color="C0" if row.best else "0.6")
-    for numbers in _together(places):
+    for numbers in _label_groups(places):
         text = ", ".join(str(k + 1) for k in numbers)
         axes.annotate(text, places[numbers[0]], xytext=(5, 5), textcoords="offset points", fontsize=8)
 
 
-def _together(places: list[tuple[float, float]]) -> list[list[int]]:
+def _label_groups(places: list[tuple[float, float]]) -> list[list[int]]:
     """Group points whose labels would overlap."""
     groups: list[list[int]] = []
     decades = np.log10(places).reshape(-1, 2)

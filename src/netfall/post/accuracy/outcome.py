@@ -10,10 +10,14 @@ from netfall.results.frames import Frames
 from netfall.study.journal import Journal, read_journal
 
 NAN = float("nan")
-STATES = {0: "finished", 2: "refused", 3: "diverged"}  # by exit code: states that a repeated run reproduces
+REPRODUCIBLE_STATES = {
+    0: "finished",
+    2: "refused",
+    3: "diverged",
+}  # by exit code: states that a repeated run reproduces
 
 
-class Outcome(NamedTuple):
+class AccuracyOutcome(NamedTuple):
     """Outcome of one run in SI units; nan if a quantity does not exist."""
 
     state: str  # finished | refused | diverged | failed
@@ -29,13 +33,13 @@ class Outcome(NamedTuple):
     broken_elements: str = ""  # ids, for the overlap
 
 
-def outcome_of(answer: dict, file: h5py.File | None, until: float | None) -> Outcome:
+def read_outcome(answer: dict, file: h5py.File | None, until: float | None) -> AccuracyOutcome:
     """Return the outcome of a run from its worker's answer and its result file, None without a file.
 
     until : time [s] up to which displacement and tension count, None: the run's own first fracture
     """
     if file is None:
-        return Outcome(STATES.get(answer["exit_code"], "failed"), answer["reason"])
+        return AccuracyOutcome(REPRODUCIBLE_STATES.get(answer["exit_code"], "failed"), answer["reason"])
     frames, events, ids = Frames(file), file["events"], file["net/element_id"][:]
     first = float(events["time"][0]) if len(events["time"]) else NAN
     if until is None:
@@ -46,7 +50,7 @@ def outcome_of(answer: dict, file: h5py.File | None, until: float | None) -> Out
         displacement = max(displacement, displacements.max(initial=0.0))
         tension = max(tension, frames.cell("tension", step).max(initial=0.0))
     broken = np.unique(events["element"][:])
-    return Outcome(
+    return AccuracyOutcome(
         "finished",
         "",
         float(file["provenance/timings"].attrs["dynamics"][2]),
@@ -66,7 +70,7 @@ def end_of_comparison(first_fracture: float) -> float:
     return first_fracture if np.isfinite(first_fracture) else np.inf
 
 
-class Outcomes:
+class OutcomeJournal:
     """Outcomes so far by run key, in a journal, so that an interrupted accuracy study can continue."""
 
     def __init__(self, path: Path, header: dict):
@@ -74,18 +78,18 @@ class Outcomes:
         records = read_journal(path)[0] if path.exists() else []
         if records[:1] != [header]:
             path.unlink(missing_ok=True)
-        self.there: dict[str, list[Outcome]] = {}
+        self.there: dict[str, list[AccuracyOutcome]] = {}
         for record in records[1:] if path.exists() else []:
-            self.there.setdefault(record["run"], []).append(Outcome(**record["outcome"]))
+            self.there.setdefault(record["run"], []).append(AccuracyOutcome(**record["outcome"]))
         self.journal = Journal(path, header)
 
-    def add(self, key: str, outcome: Outcome) -> None:
+    def add(self, key: str, outcome: AccuracyOutcome) -> None:
         """Include an outcome. One that a repeated run may improve is not written to the journal."""
         self.there.setdefault(key, []).append(outcome)
-        if outcome.state in STATES.values():
+        if outcome.state in REPRODUCIBLE_STATES.values():
             self.journal.add({"run": key, "outcome": outcome._asdict()})
 
-    def best(self, key: str, repeats: int) -> Outcome | None:
+    def best(self, key: str, repeats: int) -> AccuracyOutcome | None:
         """Return the fastest of so many runs; None if more are needed.
 
         A key with an unfinished run needs no more.

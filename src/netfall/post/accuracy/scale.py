@@ -18,10 +18,10 @@ from netfall.core.launch import check_launcher
 from netfall.job.job import Job
 from netfall.job.schema import GENERATOR_KEYS
 from netfall.post.accuracy import tables
-from netfall.post.accuracy.series import Series, dynamic_job, place_of_series
+from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 
 # Keys of a generator that stay constant; the others grow with the square root of the area.
-FIXED = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force", "hoop_force", "brace_force")
+CONSTANT_KEYS = ("spacing", "halves", "ring_height", "ring_depth", "spoke_force", "hoop_force", "brace_force")
 WHOLE = {"cells": 1, "hoops": 1, "spokes": 4}  # integer keys: they are multiples of these
 RATE = "element_steps_per_s"
 PHASES = {
@@ -31,7 +31,7 @@ PHASES = {
     "rows": "dynamics: rows",
     "output": "dynamics: output",
 }
-OF_RANKS = ("min", "mean", "max")  # statistics over the ranks for the time of each phase
+RANK_STATISTICS = ("min", "mean", "max")  # statistics over the ranks for the time of each phase
 
 
 def scale(
@@ -47,10 +47,10 @@ def scale(
 
     Returns the paths of the table and its picture, in `folder`.
     """
-    job = dynamic_job(path, overrides)
+    job = read_dynamic_job(path, overrides)
     check_launcher(launcher)
     cases = [("strong", count, []) for count in ranks]
-    cases += [("weak", count, grown(job, count / ranks[0])) for count in ranks]
+    cases += [("weak", count, enlarge_overrides(job, count / ranks[0])) for count in ranks]
     cases = [case for case in cases if case[2] is not None]
     if len(cases) < 2 * len(ranks):
         say(
@@ -58,14 +58,14 @@ def scale(
             "a table's elements can be divided only into whole numbers of parts"
         )
     csv = folder / f"{job.name}_scale.csv"
-    with place_of_series(csv) as place:
+    with series_folder(csv) as place:
         best: dict[tuple, dict] = {}
         for repeat in range(repeats):
             for kind, count, larger in cases:
                 if kind == "weak" and not larger:  # the job itself
                     best[kind, count] = best["strong", count] | {"kind": kind}
                     continue
-                runs = Series(path, count, launcher, place, profile=True)
+                runs = RunSeries(path, count, launcher, place, profile=True)
                 row = measure(kind, runs, [*overrides, *larger])
                 say(
                     f"{kind}, {count} rank{'s' * (count > 1)}, run {repeat + 1} of {repeats}: "
@@ -79,13 +79,13 @@ def scale(
         return [tables.write_csv(rows, csv), draw(job, rows, csv.with_suffix(".png"))]
 
 
-def grown(job: Job, factor: float) -> list[str] | None:
+def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
     """Return overrides that make the job's net `factor` times as large; None if that is impossible."""
     if factor == 1.0:
         return []
     if job.net.generator is None:
         return [f"net.subdivide={round(job.net.subdivide * factor)}"] if factor == round(factor) else None
-    keys = [key for key in GENERATOR_KEYS[job.net.generator] if key not in FIXED]
+    keys = [key for key in GENERATOR_KEYS[job.net.generator] if key not in CONSTANT_KEYS]
     longer = {key: getattr(job.net, key) * math.sqrt(factor) for key in keys}
     return [f"net.{key}={_rounded(key, value)!r}" for key, value in longer.items()]
 
@@ -95,7 +95,7 @@ def _rounded(key: str, value: float) -> float | int:
     return WHOLE[key] * round(value / WHOLE[key]) if key in WHOLE else value
 
 
-def measure(kind: str, runs: Series, overrides: list[str]) -> dict:
+def measure(kind: str, runs: RunSeries, overrides: list[str]) -> dict:
     """Measure one run, and return its row. Raises InputError if it does not finish."""
     rows = []
 
@@ -103,13 +103,13 @@ def measure(kind: str, runs: Series, overrides: list[str]) -> dict:
         if file is None:
             rank_text = f"{runs.ranks} rank{'s' * (runs.ranks > 1)}"
             raise InputError(f"{runs.job}: a run on {rank_text} {answer['state']}: {answer['reason']}")
-        rows.append({"kind": kind, "ranks": runs.ranks} | timing(file))
+        rows.append({"kind": kind, "ranks": runs.ranks} | read_timing(file))
 
     runs.run([overrides], done)
     return rows[0]
 
 
-def timing(file: h5py.File) -> dict:
+def read_timing(file: h5py.File) -> dict:
     """Return the speed of a run, and the seconds [s] of the dynamic stage's phases."""
     seconds = file["provenance/timings"].attrs
     elements, steps = len(file["net/elements"]), int(file["provenance"].attrs["steps"])
@@ -117,7 +117,9 @@ def timing(file: h5py.File) -> dict:
     row = {"elements": elements, "steps": steps, "dynamics_s": dynamics, RATE: elements * steps / dynamics}
     row |= {"speed_up": math.nan, "efficiency": math.nan}
     for name, phase in PHASES.items():
-        row |= {f"{name}_{statistic}_s": float(value) for statistic, value in zip(OF_RANKS, seconds[phase])}
+        row |= {
+            f"{name}_{statistic}_s": float(value) for statistic, value in zip(RANK_STATISTICS, seconds[phase])
+        }
     return row
 
 
@@ -131,7 +133,7 @@ def compare(rows: list[dict]) -> None:
 
 def shares(row: dict, phase: str) -> list[float]:
     """Return the share of a phase in the dynamic stage [%]: least, mean and largest over the ranks."""
-    return [100 * row[f"{phase}_{statistic}_s"] / row["dynamics_s"] for statistic in OF_RANKS]
+    return [100 * row[f"{phase}_{statistic}_s"] / row["dynamics_s"] for statistic in RANK_STATISTICS]
 
 
 def as_text(rows: list[dict]) -> list[str]:

@@ -10,16 +10,16 @@ from pathlib import Path
 import h5py
 
 from netfall.core.errors import InputError
-from netfall.core.sources import TELLING, program_digest
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
-from netfall.results.locks import claim, release
-from netfall.study.pool import Pool, check_started, task_for, worker_command
+from netfall.results.locks import lock_output, release
+from netfall.study.pool import WorkerPool, check_worker, worker_command, worker_task
 
 
 @dataclass(frozen=True)
-class Series:
+class RunSeries:
     """Runs of a job on so many ranks. place : folder of their results; profile : time the parts of a step"""
 
     job: Path
@@ -28,7 +28,7 @@ class Series:
     place: Path
     profile: bool = False
 
-    def run(self, settings: Iterable[list[str]], done: Callable, stop: StopRequest = NEVER) -> None:
+    def run(self, settings: Iterable[list[str]], done: Callable, stop: StopFlag = NEVER_STOP) -> None:
         """Run the job with each of the settings, lists of overrides, one after another.
 
         done(outcomes, file) : receives the outcomes of a run (`run.sample`) and its open result file,
@@ -44,7 +44,7 @@ class Series:
             if overrides is None:
                 return None
             self.place.mkdir()
-            return "", 0, task_for(self.job, overrides, result=result, profile=self.profile)
+            return "", 0, worker_task(self.job, overrides, result=result, profile=self.profile)
 
         def answered(_, outcomes):
             if outcomes["state"] != "finished":
@@ -58,20 +58,20 @@ class Series:
                 done({"state": "failed", "exit_code": 1, "reason": why}, None)
 
         def started(answer):
-            check_started(answer, self.ranks, program_digest(TELLING))
+            check_worker(answer, self.ranks, program_digest(PRESENTATION_PACKAGES))
 
         command = worker_command(self.launcher, self.ranks)
-        Pool(command, 1, math.inf, take, answered, died, started).run(stop)
+        WorkerPool(command, 1, math.inf, take, answered, died, started).run(stop)
 
 
 @contextmanager
-def place_of_series(table: Path):
+def series_folder(table: Path):
     """Yield a folder for the results of runs, and lock the name of their table meanwhile.
 
     Raises InputError if another process measures for this table.
     """
     table.parent.mkdir(parents=True, exist_ok=True)
-    lock, place = claim(table), table.with_name(f".{table.stem}.runs")
+    lock, place = lock_output(table), table.with_name(f".{table.stem}.runs")
     try:
         yield place
     finally:
@@ -79,7 +79,7 @@ def place_of_series(table: Path):
         release(lock)
 
 
-def dynamic_job(path: Path, overrides: list[str]) -> Job:
+def read_dynamic_job(path: Path, overrides: list[str]) -> Job:
     """Read a job whose dynamic stage is measured. Raises InputError if it has none."""
     job = read_job(path, overrides)
     if job.dynamics is None:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from netfall.job.csv_table import guarded
+from netfall.job.csv_table import escape_formula
 from netfall.results.locks import whole
 
 
@@ -29,17 +29,17 @@ def write_csv(rows: list[dict], path: Path) -> Path:
 
 def _cells(values: Iterable) -> list:
     """Return values as CSV cells; a spreadsheet must not take a text for a formula."""
-    return [guarded(value) if isinstance(value, str) else value for value in values]
+    return [escape_formula(value) if isinstance(value, str) else value for value in values]
 
 
 @contextmanager
 def two_panels(path: Path, width: float, height: float, **more) -> Iterator[tuple]:
     """Yield a figure and its two axes side by side, and write it at the end of the block.
 
-    width, height : inches; more : as of `charts`
+    width, height : inches; more : as of `open_charts`
     """
-    from netfall.post.plots.canvas import charts, save  # a slow import, only needed here
+    from netfall.post.plots.canvas import open_charts, save  # a slow import, only needed here
 
-    figure, ((left, right),) = charts(1, 2, width, height, **more)
+    figure, ((left, right),) = open_charts(1, 2, width, height, **more)
     yield figure, left, right
     save(figure, path)

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.core.stop import NEVER
+from netfall.core.stop import NEVER_STOP
 from netfall.post.accuracy import tables
-from netfall.study.file import Plan, read_plan
-from netfall.study.pool import Pool, worker_command
-from netfall.study.runs import Queue, task_of
+from netfall.study.file import Plan, read_study_plan
+from netfall.study.pool import WorkerPool, worker_command
+from netfall.study.runs import SampleQueue, sample_task
 
-RUNS = 16  # measured runs per worker, without the first one
+RUNS_PER_WORKER = 16  # measured runs per worker, without the first one
 
 
 def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) -> tuple[float, float]:
@@ -31,7 +31,7 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
 
     def take(last):
         number = next(remaining, None)
-        return None if number is None else ("", number, task_of(plan, plan.member(number)))
+        return None if number is None else ("", number, sample_task(plan, plan.member(number)))
 
     def done(number, told):
         if told["state"] != "finished":
@@ -44,13 +44,13 @@ def measure(plan: Plan, numbers: list[int], workers: int, launcher: str | None) 
             raise InputError(f"{plan.path}: run {number}: {why}")
 
     command = worker_command(launcher, plan.ranks)
-    Pool(command, workers, plan.time_limit, take, done, died).run(NEVER)
+    WorkerPool(command, workers, plan.time_limit, take, done, died).run(NEVER_STOP)
     counted = answered[workers - 1 :]
     per_minute = 60.0 * (len(counted) - 1) / (counted[-1] - counted[0])
     return per_minute, float(np.median(ratios[workers:]))
 
 
-def throughput(
+def run_throughput(
     path: Path,
     workers: list[int],
     launcher: str | None,
@@ -62,14 +62,14 @@ def throughput(
 
     Raises InputError.
     """
-    plan = read_plan(path)
-    shared = next(iter(Queue(plan, range(len(plan))).groups.values()))
-    run_count = (RUNS + 1) * max(workers)
+    plan = read_study_plan(path)
+    shared = next(iter(SampleQueue(plan, range(len(plan))).groups.values()))
+    run_count = (RUNS_PER_WORKER + 1) * max(workers)
     numbers = list(itertools.islice(itertools.cycle(shared), run_count))
     measured: dict[int, list] = {count: [] for count in workers}  # (runs per minute, ratio) of each repeat
     for _ in range(repeats):
         for count in workers:
-            measured[count].append(measure(plan, numbers[: (RUNS + 1) * count], count, launcher))
+            measured[count].append(measure(plan, numbers[: (RUNS_PER_WORKER + 1) * count], count, launcher))
     rows = [_row(count, plan.ranks, measured[count], measured[workers[0]]) for count in workers]
     head = ["workers", "runs a minute", "times the first", "a run over its dynamic stage"]
     formats = {

@@ -15,14 +15,21 @@ from pathlib import Path
 
 from netfall.core.errors import InputError, Interrupted
 from netfall.core.launch import check_launcher
-from netfall.core.sources import TELLING, program_digest
-from netfall.core.stop import StopRequest
+from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+from netfall.core.stop import StopFlag
 from netfall.job.job import Job
 from netfall.job.read import read_job
-from netfall.job.schema import may_break, row_of
-from netfall.post.accuracy.compare import Row, as_text, compare, draw, mark_best, write_table
-from netfall.post.accuracy.outcome import Outcome, Outcomes, end_of_comparison, outcome_of
-from netfall.post.accuracy.series import Series, dynamic_job, place_of_series
+from netfall.job.schema import find_key, may_break
+from netfall.post.accuracy.compare import (
+    SettingErrors,
+    compare_outcome,
+    comparison_text,
+    mark_pareto_front,
+    plot_comparison,
+    write_table,
+)
+from netfall.post.accuracy.outcome import AccuracyOutcome, OutcomeJournal, end_of_comparison, read_outcome
+from netfall.post.accuracy.series import RunSeries, read_dynamic_job, series_folder
 from netfall.study.files import Watch
 
 FINER = 10.0  # automatic time step over that of the reference
@@ -34,25 +41,25 @@ NO_EFFECT = (
 
 
 @dataclass(frozen=True)
-class Trade:
+class AccuracyStudy:
     """A job, its runs and their outcomes. watch : of the input files; stop : requests an early end"""
 
-    runs: Series
+    runs: RunSeries
     overrides: list[str]
-    outcomes: Outcomes
+    outcomes: OutcomeJournal
     watch: Watch
-    stop: StopRequest
+    stop: StopFlag
 
     def measure(
         self,
         settings: list[list[str]],
         repeats: int,
         until: float | None = None,
-        report: Callable[[int, Outcome], None] = lambda row, outcome: None,
-    ) -> list[Outcome]:
+        report: Callable[[int, AccuracyOutcome], None] = lambda row, outcome: None,
+    ) -> list[AccuracyOutcome]:
         """Return the outcome of each setting, the fastest of its runs. Missing runs are made.
 
-        until : as of `outcome_of`; report : takes the number of a setting, from 0, and its outcome
+        until : as of `read_outcome`; report : takes the number of a setting, from 0, and its outcome
 
         Raises Interrupted if `stop` requests it, InputError if no run can start or a file has changed.
         """
@@ -61,7 +68,7 @@ class Trade:
             f"{read_job(self.runs.job, setting_overrides).digest()} until {until!r}"
             for setting_overrides in overrides
         ]
-        outcomes: list[Outcome] = []
+        outcomes: list[AccuracyOutcome] = []
 
         def missing():
             for row, key in enumerate(keys):
@@ -72,7 +79,7 @@ class Trade:
 
         def done(answer, file):
             self.watch.check()
-            self.outcomes.add(keys[len(outcomes)], outcome_of(answer, file, until))
+            self.outcomes.add(keys[len(outcomes)], read_outcome(answer, file, until))
 
         self.runs.run(missing(), done, self.stop)
         remaining = len(settings) - len(outcomes)
@@ -94,7 +101,7 @@ def trade(
     tolerance: float,
     folder: Path,
     say: Callable[[str], None],
-    stop: StopRequest,
+    stop: StopFlag,
 ) -> list[Path]:
     """Run the settings, print the table, and write it and its plot into `folder`; return their paths.
 
@@ -106,37 +113,40 @@ def trade(
 
     Raises InputError, Interrupted if `stop` requests it.
     """
-    job = dynamic_job(path, overrides)
+    job = read_dynamic_job(path, overrides)
     check_launcher(launcher)
-    settings = combinations(vary) if vary else usual_settings(job)
+    settings = combinations(vary) if vary else default_settings(job)
     *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
     safety = any(item.partition("=")[0].strip() == "dynamics.safety" for item in vary)
     if safety and varied[-1].dynamics.time_step != "auto":
         say(NO_EFFECT)
     files = dict.fromkeys(file for used_job in (*varied, reference_job) for file in used_job.files())
-    header = {"format": FORMAT, "program": program_digest(TELLING), "ranks": ranks}
+    header = {"format": FORMAT, "program": program_digest(PRESENTATION_PACKAGES), "ranks": ranks}
     table = folder / f"{job.name}_trade.h5"
     with (
-        place_of_series(table) as place,
-        closing(Outcomes(table.with_suffix(".journal"), header)) as outcomes,
+        series_folder(table) as place,
+        closing(OutcomeJournal(table.with_suffix(".journal"), header)) as outcomes,
     ):
-        runs = Series(path, ranks, launcher, place)
-        study = Trade(runs, overrides, outcomes, Watch([path, *files]), stop)
-        reference = reference or shorter_step(study, job)
-        say(f"reference: {text_of(reference)}")
+        runs = RunSeries(path, ranks, launcher, place)
+        study = AccuracyStudy(runs, overrides, outcomes, Watch([path, *files]), stop)
+        reference = reference or default_reference(study, job)
+        say(f"reference: {setting_text(reference)}")
         (exact,) = study.measure([reference], repeats)
         if exact.state != "finished":
             raise InputError(f"{path}: the reference was {exact.state}: {exact.reason}")
         rows = measure_rows(study, settings, repeats, exact, say)
-        mark_best(rows)
-        for line in as_text(rows, exact, tolerance):
+        mark_pareto_front(rows)
+        for line in comparison_text(rows, exact, tolerance):
             say(line)
-        against = {"reference": text_of(reference), "reference_seconds": exact.seconds}
+        against = {"reference": setting_text(reference), "reference_seconds": exact.seconds}
         write_table(table, rows, **against, tolerance=tolerance, ranks=ranks)
-        return [table, draw(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png"))]
+        return [
+            table,
+            plot_comparison(job.title or job.name, rows, exact, tolerance, table.with_suffix(".png")),
+        ]
 
 
-def shorter_step(study: Trade, job: Job) -> list[str]:
+def default_reference(study: AccuracyStudy, job: Job) -> list[str]:
     """Return the default reference: a tenth of the automatic step, or of the job's own if that is shorter."""
     coarse = automatic_step(study, job)
     if job.dynamics.time_step != "auto":
@@ -144,7 +154,7 @@ def shorter_step(study: Trade, job: Job) -> list[str]:
     return [f"dynamics.time_step={coarse / FINER:.6g}"]
 
 
-def automatic_step(study: Trade, job: Job) -> float:
+def automatic_step(study: AccuracyStudy, job: Job) -> float:
     """Return the shortest step [s] that "auto" takes, from a run of a single history row."""
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
     setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
@@ -157,13 +167,17 @@ def automatic_step(study: Trade, job: Job) -> float:
 
 
 def measure_rows(
-    study: Trade, settings: list[list[str]], repeats: int, exact: Outcome, say: Callable[[str], None]
-) -> list[Row]:
+    study: AccuracyStudy,
+    settings: list[list[str]],
+    repeats: int,
+    exact: AccuracyOutcome,
+    say: Callable[[str], None],
+) -> list[SettingErrors]:
     """Return the row of each setting, and print it as it is measured."""
     rows = []
 
-    def report(row: int, outcome: Outcome) -> None:
-        rows.append(compare(text_of(settings[row]), outcome, exact))
+    def report(row: int, outcome: AccuracyOutcome) -> None:
+        rows.append(compare_outcome(setting_text(settings[row]), outcome, exact))
         finished = f"{outcome.seconds:.3g} s, error {rows[-1].error:.2g}"
         summary = finished if outcome.state == "finished" else f"{outcome.state}: {outcome.reason}"
         say(f"{row + 1} of {len(settings)}: {rows[-1].setting}: {summary}")
@@ -172,7 +186,7 @@ def measure_rows(
     return rows
 
 
-def text_of(setting: list[str]) -> str:
+def setting_text(setting: list[str]) -> str:
     """Return a setting as a user would type it."""
     return ", ".join(setting) or "as it is"
 
@@ -190,7 +204,7 @@ def combinations(vary: list[str]) -> list[list[str]]:
     return [list(choice) for choice in itertools.product(*axes)]
 
 
-def usual_settings(job: Job) -> list[list[str]]:
+def default_settings(job: Job) -> list[list[str]]:
     """Return the default settings: the job unchanged, and with one key at a time changed."""
     automatic = ["dynamics.time_step=auto"]
     settings = [[]] + [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
@@ -209,6 +223,6 @@ def usual_settings(job: Job) -> list[list[str]]:
         ]
     )
     settings.append(["output.energy=false"])
-    measures = row_of("cable", "strain").choices
+    measures = find_key("cable", "strain").choices
     settings += [[f"cable.strain={other}"] for other in measures if other != job.cable.strain]
     return [*settings, [f"net.subdivide={2 * job.net.subdivide}"]]

@@ -7,8 +7,8 @@ chi = 1 / (phi + sqrt(phi^2 - lambda^2)), at most 1
 
 import numpy as np
 
-from netfall.results.file import job_of
-from netfall.results.states import MOTION, equilibria
+from netfall.results.file import read_job_tables
+from netfall.results.states import DYNAMIC_STAGE, equilibria
 
 IMPERFECTION = {"a0": 0.13, "a": 0.21, "b": 0.34, "c": 0.49, "d": 0.76}  # alpha [-]; EN 1993-1-1, table 6.1
 
@@ -18,7 +18,7 @@ def slenderness(yield_force: np.ndarray, euler_load: np.ndarray) -> np.ndarray:
     return np.sqrt(yield_force / euler_load)
 
 
-def reduction(slender: np.ndarray, imperfection: np.ndarray) -> np.ndarray:
+def buckling_reduction(slender: np.ndarray, imperfection: np.ndarray) -> np.ndarray:
     """Compute the reduction factor chi (m,) of bars from their relative slenderness (m,).
 
     imperfection : (m,) imperfection factors alpha of the buckling curves
@@ -43,7 +43,7 @@ def bar_columns(f) -> dict[str, np.ndarray]:
         "buckling_length": np.where(np.isnan(N_cr), np.nan, f["net/buckling_length"][:]),
         "euler_load": N_cr,
         "slenderness": slender,
-        "chi": reduction(slender, alpha),
+        "chi": buckling_reduction(slender, alpha),
     }
 
 
@@ -54,7 +54,7 @@ def moment_columns(f) -> dict[str, np.ndarray]:
     """
     pairs = [(state.name, state.moment().max(axis=1)) for state in equilibria(f) if state.moment]
     if "envelope/bending_moment_max" in f:
-        pairs.append((MOTION, f["envelope/bending_moment_max"][:]))
+        pairs.append((DYNAMIC_STAGE, f["envelope/bending_moment_max"][:]))
     if not pairs:
         return {}
     names, moments = np.array([name for name, _ in pairs], object), np.array([moment for _, moment in pairs])
@@ -63,7 +63,7 @@ def moment_columns(f) -> dict[str, np.ndarray]:
     return {"bending_moment_max": largest, "case_moment": np.where(np.isnan(largest), "", names[states])}
 
 
-def strengths_of_bars(f) -> dict[str, np.ndarray]:
+def bar_strengths(f) -> dict[str, np.ndarray]:
     """Return the compressive strengths (m,) [N] of bars, inf: none, as `Check.resistance` takes them.
 
     Elements of a bending chain have none unless the job gives a buckling_length. The chain buckles as a
@@ -72,7 +72,7 @@ def strengths_of_bars(f) -> dict[str, np.ndarray]:
     bars, none = bar_columns(f), np.full(len(f["net/elements"]), np.inf)
     if not bars:
         return {"buckling": none, "euler_load": none}
-    unknown_length = parts_of_chains(f)
+    unknown_length = chain_bars_without_length(f)
 
     def or_none(strength: np.ndarray) -> np.ndarray:
         return np.where(np.isnan(strength) | unknown_length, np.inf, strength)
@@ -81,11 +81,11 @@ def strengths_of_bars(f) -> dict[str, np.ndarray]:
     return {"buckling": or_none(bars["chi"] * yields), "euler_load": or_none(bars["euler_load"])}
 
 
-def parts_of_chains(f) -> np.ndarray:
+def chain_bars_without_length(f) -> np.ndarray:
     """Select the bars (m,) of bending chains whose job gives no buckling_length."""
     if "bending" not in f["net"]:
         return np.zeros(len(f["net/elements"]), bool)
-    cable, names = job_of(f).get("cable", {}), f["net/group_names"].asstr()[:]
+    cable, names = read_job_tables(f).get("cable", {}), f["net/group_names"].asstr()[:]
     lengths = [{**cable, **cable.get(name, {})}.get("buckling_length") for name in names]
     has_length = np.array([length is not None for length in lengths])
     return (f["net/bending"][:] == 1) & ~has_length[f["net/group"][:]]

@@ -5,16 +5,16 @@ from itertools import compress
 
 import numpy as np
 
-from netfall.physics.law.limits import REACHED
-from netfall.physics.law.measures import stretched_length, warm_length
-from netfall.post.checks.buckling import bar_columns, moment_columns, strengths_of_bars
+from netfall.physics.law.limits import REACHED_SHARE
+from netfall.physics.law.measures import heated_length, stretched_length
+from netfall.post.checks.buckling import bar_columns, bar_strengths, moment_columns
 from netfall.post.checks.codes import IN_TENSION, Check
-from netfall.post.checks.counted import counted, places_of, stage_kinds, unborne_of
+from netfall.post.checks.counted import counted, places_of, reason_not_verified, stage_kinds
 from netfall.results import states
-from netfall.results.losses import broken_at, largest_after, lost_at
+from netfall.results.losses import broken_at, largest_after_removals, lost_at
 
 PASSES = "passes"
-ABOVE = 1.0 + 1e-6  # utilisation [-] that ranks a failed element above all that pass
+FAILED_UTILISATION = 1.0 + 1e-6  # utilisation [-] that ranks a failed element above all that pass
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Cutting:
 
 
 @dataclass(frozen=True)
-class Checked:
+class ElementChecks:
     """Checks of all elements.
 
     Each dictionary has the names of the checks as keys and arrays (m,) as values, unless stated otherwise.
@@ -49,49 +49,51 @@ class Checked:
     force: dict[str, np.ndarray]
     of: dict[str, np.ndarray]
     fails: dict[str, np.ndarray]
-    unborne: dict[str, str]
+    failure_reason: dict[str, str]
     bends: np.ndarray
 
-    def decisive(self, check: str) -> np.ndarray:
+    def ranking_key(self, check: str) -> np.ndarray:
         """Return the key (m,) that ranks the elements in a check: the utilisation, or the force without one.
 
         An element with a utilisation ranks before all without. One that fails ranks before all that do not.
         """
-        values = np.where(self.fails[check], np.fmax(self.utilisation[check], ABOVE), self.utilisation[check])
-        return _by(values, self.force[check])
+        values = np.where(
+            self.fails[check], np.fmax(self.utilisation[check], FAILED_UTILISATION), self.utilisation[check]
+        )
+        return _ranking(values, self.force[check])
 
-    def why_empty(self, check: Check) -> str:
+    def explain_no_utilisation(self, check: Check) -> str:
         """Explain why no element has a utilisation in a check."""
         if np.isfinite(self.resistance[check.name]).any():
             return f"no element that has a strength for it is in {check.of}"
         return "no element has a strength for it"
 
 
-def groups_of(f) -> np.ndarray:
+def element_groups(f) -> np.ndarray:
     """Return the group names (m,) of the elements."""
     return f["net/group_names"].asstr()[:].astype(object)[f["net/group"][:]]
 
 
-def types_of(f) -> np.ndarray:
+def element_types(f) -> np.ndarray:
     """Return the catalogue types (m,) of the elements, "": none."""
     if "type" not in f["net"]:
         return np.full(len(f["net/elements"]), "", object)
     return np.array([*f["net/type_names"].asstr()[:], ""], object)[f["net/type"][:]]
 
 
-def strengths_of(f) -> dict[str, np.ndarray]:
+def tensile_strengths(f) -> dict[str, np.ndarray]:
     """Return the tensile strengths (m,) [N] by name, as given; inf: none."""
     none = np.full(len(f["net/elements"]), np.inf)
     return {name: f["net"][name][:] if name in f["net"] else none for name in IN_TENSION}
 
 
-def resistances_of(f, checks: list[Check]) -> dict[str, np.ndarray]:
+def element_resistances(f, checks: list[Check]) -> dict[str, np.ndarray]:
     """Compute the resistances (m,) [N] by the names of the checks."""
-    strengths, groups = strengths_of(f) | strengths_of_bars(f), groups_of(f)
+    strengths, groups = tensile_strengths(f) | bar_strengths(f), element_groups(f)
     return {check.name: check.resistance(strengths, groups) for check in checks}
 
 
-def applicable(checks: list[Check], resistance: dict) -> tuple[list[Check], dict]:
+def applicable_checks(checks: list[Check], resistance: dict) -> tuple[list[Check], dict]:
     """Drop the checks of compression, and their resistances, for which no bar has a strength.
 
     All checks stay if none would be left.
@@ -100,7 +102,7 @@ def applicable(checks: list[Check], resistance: dict) -> tuple[list[Check], dict
     return useful or checks, {check.name: resistance[check.name] for check in useful or checks}
 
 
-def check_elements(f, checks: list[Check], resistance: dict, envelope: states.Envelope) -> Checked:
+def check_elements(f, checks: list[Check], resistance: dict, envelope: states.Envelope) -> ElementChecks:
     """Compare the largest force that counts for each check with the resistance.
 
     An element that is only compressed has no utilisation in tension, one that is never compressed none in
@@ -111,44 +113,46 @@ def check_elements(f, checks: list[Check], resistance: dict, envelope: states.En
     largest = {False: envelope.largest, True: envelope.largest_compression}
     largest_forces = {check.name: largest[check.compression](stages[check.name]) for check in checks}
     force, of = ({name: pair[k] for name, pair in largest_forces.items()} for k in (0, 1))
-    unused = {False: only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
+    unused = {False: is_only_compressed(f, envelope), True: ~(envelope.least < 0.0)}
     utilisation = {
         check.name: np.where(unused[check.compression], np.nan, force[check.name] / resistance[check.name])
         for check in checks
     }
-    caps = states.caps_of(f)
+    caps = states.force_caps(f)
     limits = {False: caps.yielding, True: np.minimum(caps.yielding, caps.buckling)}
-    is_motion = np.array([name == states.MOTION for name in envelope.names])
-    failed = ~np.isnan(broken_at(f)) | states.yielded_in(f)  # the history rows alone can miss it
+    is_motion = np.array([name == states.DYNAMIC_STAGE for name in envelope.names])
+    failed = ~np.isnan(broken_at(f)) | states.yielded_elements(f)  # the history rows alone can miss it
     fails = {}
     for check in checks:
-        at_limit = force[check.name] >= REACHED * limits[check.compression]
+        at_limit = force[check.name] >= REACHED_SHARE * limits[check.compression]
         beyond = (
             (utilisation[check.name] > 1.0) | at_limit | (failed & (stages[check.name] & is_motion).any())
         )
         fails[check.name] = np.isfinite(utilisation[check.name]) & beyond
     moment = moment_columns(f).get("bending_moment_max", np.full(len(caps.yielding), np.nan))
-    unborne = {name: unborne_of(f, places_of(envelope, counting)) for name, counting in stages.items()}
-    return Checked(checks, resistance, utilisation, force, of, fails, unborne, np.isfinite(moment))
+    unborne = {
+        name: reason_not_verified(f, places_of(envelope, counting)) for name, counting in stages.items()
+    }
+    return ElementChecks(checks, resistance, utilisation, force, of, fails, unborne, np.isfinite(moment))
 
 
-def results_of(checked: Checked, check: str) -> np.ndarray:
+def check_results(checked: ElementChecks, check: str) -> np.ndarray:
     """Return the result of each element (m,) in a check: passes, passes without bending, or FAILS.
 
     The result is empty for an element without utilisation. It is one of UNBORNE if the element would pass,
     but a stage that counts for the check is no stable equilibrium.
     """
-    passes = checked.unborne[check] or PASSES
+    passes = checked.failure_reason[check] or PASSES
     results = np.isnan(checked.utilisation[check]), checked.fails[check], checked.bends & (passes == PASSES)
     return np.select(results, ["", "FAILS", f"{PASSES} without bending"], passes).astype(object)
 
 
-def only_compressed(f, envelope: states.Envelope) -> np.ndarray:
+def is_only_compressed(f, envelope: states.Envelope) -> np.ndarray:
     """Select the bars (m,) that are in tension in no stage."""
     return f["net/bar"][:].astype(bool) & (envelope.most <= 0.0)
 
 
-def names_of_elements(f) -> dict[str, np.ndarray]:
+def element_name_columns(f) -> dict[str, np.ndarray]:
     """Return the columns (m,) that identify an element: its id, its nodes' ids, its cable and its group."""
     ends = f["net/node_id"][:][f["net/elements"][:]]
     return {
@@ -156,74 +160,76 @@ def names_of_elements(f) -> dict[str, np.ndarray]:
         "start": ends[:, 0],
         "end": ends[:, 1],
         "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:]],
-        "group": groups_of(f),
+        "group": element_groups(f),
     }
 
 
-def element_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, np.ndarray]:
+def element_columns(f, envelope: states.Envelope, checked: ElementChecks) -> dict[str, np.ndarray]:
     """Return the table of the elements, one row each."""
     names = np.array(envelope.names, object)
-    columns = names_of_elements(f) | {
+    columns = element_name_columns(f) | {
         "unstressed_length": f["net/unstressed_length"][:],
         "tension_max": envelope.most,
         "case_max": names[envelope.of_most],
-        "time_max": envelope.time_most,
+        "time_max": envelope.time_of_max,
         "tension_min": envelope.least,
         "case_min": names[envelope.of_least],
-        "slack_in": _slack_words(envelope.names, envelope.slack),
+        "slack_in": _slack_stages(envelope.names, envelope.slack),
         "lost_at": lost_at(f),
         "broken_at": broken_at(f),
     }
     if envelope.slack_time is not None:
         columns["slack_time"] = envelope.slack_time
     if "removal" in f:
-        columns |= largest_after(f)
+        columns |= largest_after_removals(f)
     columns |= bar_columns(f) | moment_columns(f)
     for check in checked.checks:
         columns[f"resistance_{check.name}"] = checked.resistance[check.name]
         columns[f"utilisation_{check.name}"] = checked.utilisation[check.name]
-        columns[f"result_{check.name}"] = results_of(checked, check.name)
+        columns[f"result_{check.name}"] = check_results(checked, check.name)
         columns[f"{check.of}_{check.name}"] = checked.force[check.name]
         columns[f"case_{check.name}"] = names[checked.of[check.name]]
     return columns
 
 
-def cable_columns(f, envelope: states.Envelope, checked: Checked) -> dict[str, np.ndarray]:
+def cable_columns(f, envelope: states.Envelope, checked: ElementChecks) -> dict[str, np.ndarray]:
     """Return the table of the cables, one row each.
 
     The element with the largest utilisation, or the largest tension without one, governs its cable.
     """
     cable, count = f["net/cable"][:], len(f["net/cable_names"])
-    ranking = _by(checked.utilisation[checked.checks[0].name], envelope.most)
-    governing = _first_by(ranking, cable)  # the element that governs each cable
-    least_tensioned = _first_by(-envelope.least, cable)
+    ranking = _ranking(checked.utilisation[checked.checks[0].name], envelope.most)
+    governing = _first_by_cable(ranking, cable)  # the element that governs each cable
+    least_tensioned = _first_by_cable(-envelope.least, cable)
     elements = element_columns(f, envelope, checked)
-    strengths = {name: np.where(np.isinf(N), np.nan, N)[governing] for name, N in strengths_of(f).items()}
-    slack = _of_cables(np.logical_or, envelope.slack, cable)
-    slack &= ~_of_cables(np.logical_or, envelope.gone, cable)
+    strengths = {
+        name: np.where(np.isinf(N), np.nan, N)[governing] for name, N in tensile_strengths(f).items()
+    }
+    slack = _reduce_by_cable(np.logical_or, envelope.slack, cable)
+    slack &= ~_reduce_by_cable(np.logical_or, envelope.gone, cable)
     columns = {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
         "group": elements["group"][governing],
-        "type": types_of(f)[governing],
+        "type": element_types(f)[governing],
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": np.bincount(cable, elements["unstressed_length"], count),
         "breaking_load": strengths["breaking_load"],
         "yield_force": strengths["yield_force"],
         "tension_max": envelope.most[governing],
         "case_max": elements["case_max"][governing],
-        "time_max": envelope.time_most[governing],
+        "time_max": envelope.time_of_max[governing],
         "element_max": elements["element"][governing],
         "tension_min": envelope.least[least_tensioned],
         "case_min": elements["case_min"][least_tensioned],
-        "slack_in": _slack_words(envelope.names, slack),
-        "lost_at": _of_cables(np.fmin, elements["lost_at"], cable),
-        "broken_at": _of_cables(np.fmin, elements["broken_at"], cable),
+        "slack_in": _slack_stages(envelope.names, slack),
+        "lost_at": _reduce_by_cable(np.fmin, elements["lost_at"], cable),
+        "broken_at": _reduce_by_cable(np.fmin, elements["broken_at"], cable),
     }
     for name in ("tension_ratio", "dynamic_factor"):
         if name in elements:
-            columns[name] = _of_cables(np.fmax, elements[name], cable)
+            columns[name] = _reduce_by_cable(np.fmax, elements[name], cable)
     for check in checked.checks:
-        decisive = _first_by(checked.decisive(check.name), cable)
+        decisive = _first_by_cable(checked.ranking_key(check.name), cable)
         for quantity in ("resistance", "utilisation", "result", check.of, "case"):
             columns[f"{quantity}_{check.name}"] = elements[f"{quantity}_{check.name}"][decisive]
     return columns
@@ -248,8 +254,8 @@ def cutting_columns(f, cutting: Cutting) -> dict[str, np.ndarray]:
     load, warm, stretched = measured_lengths(f, cutting)
     return {
         "cable": f["net/cable_names"].asstr()[:].astype(object),
-        "group": _words_of(groups_of(f), cable),
-        "type": _words_of(types_of(f), cable),
+        "group": _joined_words(element_groups(f), cable),
+        "type": _joined_words(element_types(f), cable),
         "elements": np.bincount(cable, minlength=count),
         "unstressed_length": total(L0),
         "length_in_form": total(L),
@@ -273,22 +279,22 @@ def measured_lengths(f, cutting: Cutting) -> tuple[np.ndarray, np.ndarray, np.nd
     else:
         first = np.unique(cable, return_index=True)[1]
         load = np.where(f["net/bar"][:][first], 0.0, cutting.load)
-    warm = warm_length(L0, f["net/expansion"][:], cutting.temperature)
+    warm = heated_length(L0, f["net/expansion"][:], cutting.temperature)
     return load, warm, stretched_length(warm, load[cable], EA, states.strain_measure(f))
 
 
-def _by(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:
+def _ranking(utilisation: np.ndarray, N: np.ndarray) -> np.ndarray:
     """Rank elements by utilisation; those without one follow in the order of their forces."""
     return np.where(np.isnan(utilisation), N / (1.0 + np.abs(N).max()) - 2.0, utilisation)
 
 
-def _first_by(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
+def _first_by_cable(key: np.ndarray, cable: np.ndarray) -> np.ndarray:
     """Return for each cable the row of its element with the largest key (m,), the first among equals."""
     order = np.lexsort((np.arange(len(key)), -key, cable))
     return order[np.unique(cable[order], return_index=True)[1]]
 
 
-def _words_of(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
+def _joined_words(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
     """Join the different words (m,) that the elements of each cable have."""
     cable_words: dict[int, dict[str, None]] = {}
     for number, word in zip(cable.tolist(), words.tolist()):
@@ -299,13 +305,13 @@ def _words_of(words: np.ndarray, cable: np.ndarray) -> np.ndarray:
     )
 
 
-def _of_cables(reduce: np.ufunc, values: np.ndarray, cable: np.ndarray) -> np.ndarray:
+def _reduce_by_cable(reduce: np.ufunc, values: np.ndarray, cable: np.ndarray) -> np.ndarray:
     """Reduce values (..., m) of the elements to those (..., cables) of their cables."""
     order = np.argsort(cable, kind="stable")
     starts = np.unique(cable[order], return_index=True)[1]
     return reduce.reduceat(values[..., order], starts, axis=-1)
 
 
-def _slack_words(names: list[str], slack: np.ndarray) -> np.ndarray:
+def _slack_stages(names: list[str], slack: np.ndarray) -> np.ndarray:
     """Join the names of the stages in which each column is slack; slack : (stages, k) bool."""
     return np.array(["; ".join(compress(names, is_slack)) for is_slack in slack.T], object)

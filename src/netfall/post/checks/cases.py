@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from netfall.post.checks.cables import groups_of, names_of_elements
+from netfall.post.checks.cables import element_groups, element_name_columns
 from netfall.results.cases import Case
-from netfall.results.states import ShownState, absent, equilibria, start_position
+from netfall.results.states import StateView, absent, equilibria, start_position
 
 NAN = np.nan
 
@@ -14,7 +14,7 @@ def case_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
 
     slack : elements of cables without tension. A case without equilibrium has its reason and no numbers.
     """
-    group, rows = groups_of(f), []
+    group, rows = element_groups(f), []
     groups = {name: np.flatnonzero(group == name) for name in dict.fromkeys(group.tolist())}
     for case in cases:
         numbers = _extremes(f, case, groups) if case.carries else {name: [NAN] * 7 for name in groups}
@@ -52,7 +52,7 @@ def largest_displacements(f, cases: list[Case]) -> list[tuple[float, int]]:
     return largest
 
 
-def slack_cables(f, cases: list[Case]) -> list[int]:
+def count_slack_cables(f, cases: list[Case]) -> list[int]:
     """Count the cables of each case that have an element without tension."""
     can_slacken, cable = ~f["net/bar"][:].astype(bool) & ~absent(f), f["net/cable"][:]
     return [len(np.unique(cable[(case.shown.tension() <= 0.0) & can_slacken])) for case in cases]
@@ -63,9 +63,9 @@ def force_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
 
     The columns are the form, the cases by their names, and other stages.
     """
-    columns = names_of_elements(f)
+    columns = element_name_columns(f)
     for stage in equilibria(f):
-        columns[name_in(columns, cases, stage)] = stage.tension() * factor(cases, stage)
+        columns[column_name(columns, cases, stage)] = stage.tension() * factor(cases, stage)
     return columns
 
 
@@ -77,19 +77,19 @@ def displacement_columns(f, cases: list[Case]) -> dict[str, np.ndarray]:
     x = start_position(f)
     columns = {"node": f["net/node_id"][:], **{axis: x[:, k] for k, axis in enumerate("xyz")}}
     for stage in list(equilibria(f))[1:]:
-        name, displacement = name_in(columns, cases, stage), (stage.position() - x) * factor(cases, stage)
+        name, displacement = column_name(columns, cases, stage), (stage.position() - x) * factor(cases, stage)
         columns[name] = np.linalg.norm(displacement, axis=1)
         columns |= {f"{name} {axis}": displacement[:, k] for k, axis in enumerate("xyz")}
     return columns
 
 
-def name_in(columns: dict, cases: list[Case], stage: ShownState) -> str:
+def column_name(columns: dict, cases: list[Case], stage: StateView) -> str:
     """Return the name of a stage's column: the name of its case, unless a column has it already."""
     own_names = [case.name for case in cases if case.shown.place == stage.place and stage.place]
     return own_names[0] if own_names and own_names[0] not in columns else stage.name
 
 
-def factor(cases: list[Case], stage: ShownState) -> float:
+def factor(cases: list[Case], stage: StateView) -> float:
     """Return nan for a state of a case without equilibrium, 1 otherwise.
 
     The state of such a case belongs to a smaller load, so its numbers must not appear as those of the case.

@@ -7,21 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.job.keys import keys_of
-from netfall.job.validate import Validation
-from netfall.job.values import nearest
-from netfall.results.cases import KINDS
+from netfall.job.keys import parse_keys
+from netfall.job.validate import Validator
+from netfall.job.values import suggest
+from netfall.results.cases import COMBINATION_KINDS
 
 SHIPPED = Path(__file__).with_name("codes.toml")
 IN_TENSION, IN_COMPRESSION = ("breaking_load", "yield_force"), ("buckling", "euler_load")
 STRENGTHS = IN_TENSION + IN_COMPRESSION
-KEYS = keys_of(f"""
+KEYS = parse_keys(f"""
 [file]
 check | tables | | required | the checks
 [check]
 name | text | | required | of the check
 title | text | | required | what it is, in reports
-kind | choice {" ".join(KINDS)} | | "" | of the combinations that it is of; absent: of every state
+kind | choice {" ".join(COMBINATION_KINDS)} | | "" | of the combinations that it is of; absent: of every state
 resistance | tables | | required | the least one counts
 [check.resistance]
 of | choice {" ".join(STRENGTHS)} | | required | strength that it begins with
@@ -100,11 +100,11 @@ def read_codes(path: Path | None = None) -> list[Check]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise InputError(f"{path}: {reason}; expected a file in the form of {SHIPPED}") from None
-    validation, tables = Validation(str(path), []), data.get("check")
+    validation, tables = Validator(str(path), []), data.get("check")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise InputError(f"{path}: no [[check]]; expected a file in the form of {SHIPPED}")
     validation.table("", KEYS["file"], data)
-    checks = [_check(table, f"[[check]] {k}:", validation) for k, table in enumerate(tables, 1)]
+    checks = [_read_check(table, f"[[check]] {k}:", validation) for k, table in enumerate(tables, 1)]
     if len({check.name for check in checks}) < len(checks):
         validation.wrong("", "two checks have one name; names are unique")
     if validation.errors:
@@ -124,18 +124,18 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
                 errors.append(
                     f"{path or SHIPPED}: [[check]] {k}: factor {factor.name}: groups: {group} = "
                     f"{factor.groups[group]:g}: no such group of elements in the result; "
-                    f"{nearest(group, groups) if groups else 'its net has no groups'}"
+                    f"{suggest(group, groups) if groups else 'its net has no groups'}"
                 )
     if errors:
         raise InputError(errors)
 
 
-def _factor(table: dict, place: str, validation: Validation) -> Factor:
+def _read_factor(table: dict, place: str, validation: Validator) -> Factor:
     """Read a factor, and collect its errors."""
     return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))
 
 
-def _check(table: dict, place: str, validation: Validation) -> Check:
+def _read_check(table: dict, place: str, validation: Validator) -> Check:
     """Read a check, and collect its errors; place : prefix of the messages."""
     check = validation.table(place, KEYS["check"], table)
     given = [validation.table(place, KEYS["check.resistance"], item) for item in check.resistance or []]
@@ -144,6 +144,6 @@ def _check(table: dict, place: str, validation: Validation) -> Check:
         remedy = "a check is of tension or of compression; make two of it"
         validation.wrong(place, f"of = {names}: {remedy}")
     resistances = [
-        (item.of, [_factor(factor, place, validation) for factor in item.factor]) for item in given
+        (item.of, [_read_factor(factor, place, validation) for factor in item.factor]) for item in given
     ]
     return Check(check.name, check.title, check.kind, resistances)

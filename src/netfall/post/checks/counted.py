@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from netfall.results.cases import KINDS, cases_of
-from netfall.results.states import Envelope, is_undecided, no_equilibrium, not_stable
+from netfall.results.cases import COMBINATION_KINDS, read_cases
+from netfall.results.states import Envelope, is_undecided, is_unstable, no_equilibrium
 
-UNBORNE = "no equilibrium", "undecided", "not stable"
+NOT_VERIFIED = "no equilibrium", "undecided", "not stable"
 
 
 def stage_kinds(f, envelope: Envelope) -> np.ndarray:
     """Return the kind of case (`results.cases.Case`) of each stage in an envelope, "": none."""
-    kinds = {case.shown.place: case.kind for case in cases_of(f)}
+    kinds = {case.shown.place: case.kind for case in read_cases(f)}
     return np.array([kinds.get(path, "") for path in envelope.places], object)
 
 
@@ -23,8 +23,8 @@ def counted(kinds: np.ndarray, kind: str) -> np.ndarray:
     """
     counts = kinds == kind
     if not kind or not counts.any():
-        return ~np.isin(kinds, KINDS) if kind else np.ones(len(kinds), bool)
-    counts |= (kinds == "") & (kind == KINDS[0])
+        return ~np.isin(kinds, COMBINATION_KINDS) if kind else np.ones(len(kinds), bool)
+    counts |= (kinds == "") & (kind == COMBINATION_KINDS[0])
     counts[0] = True
     return counts
 
@@ -34,25 +34,25 @@ def places_of(envelope: Envelope, selected: np.ndarray) -> list[str]:
     return list(dict.fromkeys(path for path, counts in zip(envelope.places, selected) if counts and path))
 
 
-def without_equilibrium(f, paths: list[str]) -> list[str]:
+def groups_without_equilibrium(f, paths: list[str]) -> list[str]:
     """Return those groups of the result file that have no equilibrium."""
     return [path for path in paths if no_equilibrium(f[path])]
 
 
-def without_stability(f, paths: list[str]) -> list[str]:
+def unstable_groups(f, paths: list[str]) -> list[str]:
     """Return those groups of the result file whose equilibrium is not stable.
 
     Stages of erection are left out: their struts are held until the cables are taut.
     """
-    return [path for path in paths if not path.startswith("stages/") and not_stable(f[path])]
+    return [path for path in paths if not path.startswith("stages/") and is_unstable(f[path])]
 
 
-def unborne_of(f, paths: list[str]) -> str:
+def reason_not_verified(f, paths: list[str]) -> str:
     """Return why a check cannot pass, given the groups that count for it: one of UNBORNE, or "" if it can.
 
     paths : groups of the result file
     """
-    without = without_equilibrium(f, paths)
+    without = groups_without_equilibrium(f, paths)
     undecided = [path for path in without if is_undecided(f[path])]
-    reasons = len(without) > len(undecided), undecided, without_stability(f, paths)
-    return next((word for word, applies in zip(UNBORNE, reasons) if applies), "")
+    reasons = len(without) > len(undecided), undecided, unstable_groups(f, paths)
+    return next((word for word, applies in zip(NOT_VERIFIED, reasons) if applies), "")

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.post.checks import cables
-from netfall.results.cases import EQUILIBRIUM, KINDS, Case
+from netfall.results.cases import COMBINATION_KINDS, EQUILIBRIUM, Case
 from netfall.results.states import Envelope
 
 ALIKE = 1e-3  # relative difference of forces below which elements of a group and type share a row (symmetry)
 
 
-class Limit(NamedTuple):
+class ServiceLimit(NamedTuple):
     """Service limit of [limits] in a combination.
 
     value : reached; allowed : given in the job; at : place, in words
@@ -26,17 +26,17 @@ class Limit(NamedTuple):
     holds: bool
 
 
-def group_columns(f, envelope: Envelope, checked: cables.Checked) -> dict[str, np.ndarray]:
+def group_columns(f, envelope: Envelope, checked: cables.ElementChecks) -> dict[str, np.ndarray]:
     """Return the element with the largest utilisation, one row for each check and group.
 
     The rows of a check begin with the worst group.
     alike : number of elements of the group and type with the same force, this one included
-    result : see `results_of`
+    result : see `check_results`
     """
     rows = [
         (check, e, count)
         for check in checked.checks
-        for e, count in _firsts(cables.groups_of(f), members(f, checked, check.name))
+        for e, count in _first_of_groups(cables.element_groups(f), members(f, checked, check.name))
     ]
     elements = np.array([e for _, e, _ in rows])
 
@@ -47,8 +47,8 @@ def group_columns(f, envelope: Envelope, checked: cables.Checked) -> dict[str, n
     return {
         "check": np.array([check.name for check, *_ in rows], object),
         "kind": np.array([check.kind for check, *_ in rows], object),
-        "group": cables.groups_of(f)[elements],
-        "type": cables.types_of(f)[elements],
+        "group": cables.element_groups(f)[elements],
+        "type": cables.element_types(f)[elements],
         "cable": f["net/cable_names"].asstr()[:].astype(object)[f["net/cable"][:][elements]],
         "element": f["net/element_id"][:][elements],
         "alike": np.array([count for *_, count in rows]),
@@ -56,17 +56,19 @@ def group_columns(f, envelope: Envelope, checked: cables.Checked) -> dict[str, n
         "N_Ed": of_rows(checked.force),
         "N_Rd": of_rows(checked.resistance),
         "utilisation": utilisation,
-        "result": of_rows({check.name: cables.results_of(checked, check.name) for check in checked.checks}),
+        "result": of_rows(
+            {check.name: cables.check_results(checked, check.name) for check in checked.checks}
+        ),
     }
 
 
-def members(f, checked: cables.Checked, check: str) -> list[tuple[int, int]]:
+def members(f, checked: cables.ElementChecks, check: str) -> list[tuple[int, int]]:
     """Rank the elements by their utilisation in a check, and count how many each stands for.
 
     Elements of one group, type and resistance whose forces are alike share one row, led by the first of them.
     """
-    N, R, key = checked.force[check], checked.resistance[check], checked.decisive(check)
-    kinds = list(zip(cables.groups_of(f), cables.types_of(f), np.nan_to_num(R, nan=-1.0).tolist()))
+    N, R, key = checked.force[check], checked.resistance[check], checked.ranking_key(check)
+    kinds = list(zip(cables.element_groups(f), cables.element_types(f), np.nan_to_num(R, nan=-1.0).tolist()))
     order = np.lexsort((np.arange(len(N)), -np.round(key, 9)))
     rows: list[list[int]] = []
     last_row: dict[tuple, int] = {}  # current row of each kind
@@ -79,7 +81,7 @@ def members(f, checked: cables.Checked, check: str) -> list[tuple[int, int]]:
     return [(e, count) for e, count in rows]
 
 
-def _firsts(group: np.ndarray, rows: list[tuple[int, int]]) -> list[tuple[int, int]]:
+def _first_of_groups(group: np.ndarray, rows: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Return the first row of each group."""
     first_rows: dict[str, tuple[int, int]] = {}
     for e, count in rows:
@@ -89,7 +91,7 @@ def _firsts(group: np.ndarray, rows: list[tuple[int, int]]) -> list[tuple[int, i
 
 def limits_of(
     job: dict, cases: list[Case], largest: list[tuple[float, int]], slack: list[int]
-) -> list[Limit]:
+) -> list[ServiceLimit]:
     """Compare the combinations of service with the limits of [limits].
 
     largest : largest displacement [m] of each case, nan: none, and its node's id
@@ -97,17 +99,19 @@ def limits_of(
     """
     allowed, limits = job.get("limits", {}), []
     for case, (reached, node), slack_count in zip(cases, largest, slack):
-        if case.kind != KINDS[1]:
+        if case.kind != COMBINATION_KINDS[1]:
             continue
         valid = case.state == EQUILIBRIUM
         if "displacement" in allowed:
             limit = float(allowed["displacement"])
             at = f"node {node}" if reached == reached else case.state
             limits.append(
-                Limit(case.name, "displacement", "m", reached, limit, at, valid and reached <= limit)
+                ServiceLimit(case.name, "displacement", "m", reached, limit, at, valid and reached <= limit)
             )
         if "slack" in allowed:
             limit = float(allowed["slack"])
             at, value = ("", float(slack_count)) if case.carries else (case.state, np.nan)
-            limits.append(Limit(case.name, "slack", "cables", value, limit, at, valid and value <= limit))
+            limits.append(
+                ServiceLimit(case.name, "slack", "cables", value, limit, at, valid and value <= limit)
+            )
     return limits

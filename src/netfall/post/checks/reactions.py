@@ -7,8 +7,8 @@ The foundation forces of a stage therefore add up to all its loads.
 
 import numpy as np
 
-from netfall.core.rotation import from_own, to_own
-from netfall.results.states import ShownState, equilibria, final, springs_of, support_angles
+from netfall.core.rotation import from_rotated_axes, to_rotated_axes
+from netfall.results.states import StateView, equilibria, final, read_springs, support_angles
 
 
 def held_axes(f, place: str = "") -> np.ndarray:
@@ -21,7 +21,7 @@ def held_axes(f, place: str = "") -> np.ndarray:
     return held | (f["net/spring"][:] > 0) if "spring" in f["net"] else held
 
 
-def pull_at(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
+def sum_end_forces(x: np.ndarray, ends: np.ndarray, N: np.ndarray) -> np.ndarray:
     """Sum the forces (points, 3) [N] with which elements pull at their ends.
 
     x : (points, 3) [m]; ends : (m, 2) rows of these; N : (m,) [N] tension positive
@@ -43,20 +43,20 @@ def reaction_columns(f) -> dict[str, np.ndarray]:
     for stage in stages:
         held = held_axes(f, stage.place)
         nodes = np.flatnonzero(held.any(1))
-        blocks.append(_of_stage(f, stage, held[nodes], nodes, elements))
+        blocks.append(_stage_reactions(f, stage, held[nodes], nodes, elements))
     return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def _of_stage(f, stage: ShownState, held, nodes, elements) -> dict[str, np.ndarray]:
+def _stage_reactions(f, stage: StateView, held, nodes, elements) -> dict[str, np.ndarray]:
     """Return the rows of one stage; held : (k, 3) bool, own axes of the supports at nodes (k,)."""
     x, angle = stage.position(), support_angles(f)
-    pull = pull_at(x, elements if stage.ends is None else stage.ends, stage.tension())
+    pull = sum_end_forces(x, elements if stage.ends is None else stage.ends, stage.tension())
     angle = None if angle is None else angle[nodes]
-    force = np.where(held, to_own(pull[nodes], angle), 0.0)
+    force = np.where(held, to_rotated_axes(pull[nodes], angle), 0.0)
     if "spring" in f["net"]:
-        carried = stage.reaction() if stage.reaction else 0.0 - springs_of(f).forces(x)  # feet may settle
-        force = np.where(f["net/spring"][:][nodes] > 0.0, to_own(carried[nodes], angle), force)
-    force = from_own(force, angle)
+        carried = stage.reaction() if stage.reaction else 0.0 - read_springs(f).forces(x)  # feet may settle
+        force = np.where(f["net/spring"][:][nodes] > 0.0, to_rotated_axes(carried[nodes], angle), force)
+    force = from_rotated_axes(force, angle)
     foundation = force if stage.unloaded else np.full_like(force, np.nan)  # snapshots store no nodal loads
     if stage.reaction:
         foundation = stage.reaction()[nodes]

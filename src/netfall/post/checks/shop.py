@@ -14,8 +14,8 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.job.csv_table import Table
-from netfall.job.values import nearest
-from netfall.post.checks.cables import Cutting, groups_of, measured_lengths, types_of
+from netfall.job.values import suggest
+from netfall.post.checks.cables import Cutting, element_groups, element_types, measured_lengths
 from netfall.results.states import absent, start_position
 
 MM = 1e3
@@ -36,7 +36,7 @@ class Deduction:
     socket: float
 
 
-class Chain(NamedTuple):
+class CableOrder(NamedTuple):
     """Elements of a cable in order from one end to the other; closed : a ring.
 
     in_order : False if the elements are no chain; they then stand in the order of the table
@@ -56,7 +56,7 @@ class Piece(NamedTuple):
     cable: int
     group: str
     type: str
-    chain: Chain
+    chain: CableOrder
     system: float
     pins: float
     cut: float
@@ -86,7 +86,7 @@ def read_deductions(path: Path | None, groups: list[str], types: list[str]) -> l
     for name, names in (("group", groups), ("type", types)):
         for row, word in enumerate(words[name]):
             if word and word not in names:
-                hint = nearest(word, names) if names else "the net has none"
+                hint = suggest(word, names) if names else "the net has none"
                 table.wrong(f"{table.at(row)}: {name} = {word[:40]!r}: no such {name} in the result; {hint}")
     table.finish()
     return [Deduction(*row) for row in zip(words["group"], words["type"], pin.tolist(), socket.tolist())]
@@ -98,7 +98,7 @@ def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, 
     Raises InputError for a cable that is no longer than its deductions.
     """
     names, count_of_group, rows = f["net/cable_names"].asstr()[:], {}, []
-    for equal in equal_pieces(pieces_of(f, cutting, deductions)):
+    for equal in group_equal_cables(shop_cables(f, cutting, deductions)):
         first = equal[0]
         number = count_of_group[first.group] = count_of_group.get(first.group, 0) + 1
         rows.append(
@@ -123,21 +123,27 @@ def shop_columns(f, cutting: Cutting, deductions: list[Deduction]) -> dict[str, 
     return {name: np.array([row[name] for row in rows], object) for name in rows[0]}
 
 
-def pieces_of(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
+def shop_cables(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
     """Return every cable as it is made. Raises InputError if deductions leave nothing of a cable."""
     cable, ends, x = f["net/cable"][:], f["net/elements"][:], start_position(f)
     distance = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
     L = np.where(absent(f), f["net/unstressed_length"][:], distance)  # its nodes are elsewhere
     load, _, measured = measured_lengths(f, cutting)
-    mass, group, kind = f["net/unstressed_length"][:] * f["net/mass_per_length"][:], groups_of(f), types_of(f)
+    mass, group, kind = (
+        f["net/unstressed_length"][:] * f["net/mass_per_length"][:],
+        element_groups(f),
+        element_types(f),
+    )
     order = np.argsort(cable, kind="stable")
     pieces, errors = [], []
     for k, elements in enumerate(np.split(order, np.cumsum(np.bincount(cable))[:-1])):
-        chain = chain_of(ends, elements)
+        chain = order_elements(ends, elements)
         e = chain.elements
-        rigid = _deducted(deductions, group[e[0]], kind[e[0]], chain)
+        rigid = _end_deductions(deductions, group[e[0]], kind[e[0]], chain)
         if rigid[1] >= min(L[e[0]], L[e[-1]]) / (1 + (len(e) == 1)):
-            errors.append(_too_much(f["net/cable_names"].asstr()[k], group[e[0]], rigid[1], L[e].sum()))
+            errors.append(
+                _deduction_error(f["net/cable_names"].asstr()[k], group[e[0]], rigid[1], L[e].sum())
+            )
         end_count = np.bincount([0, len(e) - 1], minlength=len(e))  # cable ends at each element
         rope = 1.0 - rigid[1] / L[e] * end_count  # share of each element that is rope
         shortened = np.outer(rigid, measured[e[[0, -1]]] / L[e[[0, -1]]])
@@ -163,7 +169,7 @@ def pieces_of(f, cutting: Cutting, deductions: list[Deduction]) -> list[Piece]:
     return pieces
 
 
-def _too_much(name: str, group: str, rigid: float, length: float) -> str:
+def _deduction_error(name: str, group: str, rigid: float, length: float) -> str:
     """Return the message on a cable whose deductions exceed its end segments."""
     return (
         f"--deductions: cable {name} ({group}) of {MM * length:.5g} mm: {MM * rigid:g} mm at each end are "
@@ -171,7 +177,7 @@ def _too_much(name: str, group: str, rigid: float, length: float) -> str:
     )
 
 
-def _deducted(deductions: list[Deduction], group: str, kind: str, chain: Chain) -> np.ndarray:
+def _end_deductions(deductions: list[Deduction], group: str, kind: str, chain: CableOrder) -> np.ndarray:
     """Return the deductions at each end of a cable [m]: up to the pin, and up to the rope; a ring has none.
 
     The first row of the table that fits the cable counts.
@@ -182,7 +188,7 @@ def _deducted(deductions: list[Deduction], group: str, kind: str, chain: Chain) 
     return np.array([first.pin, first.pin + first.socket])
 
 
-def chain_of(ends: np.ndarray, elements: np.ndarray) -> Chain:
+def order_elements(ends: np.ndarray, elements: np.ndarray) -> CableOrder:
     """Order the elements of a cable from one end to the other; ends : (m, 2) nodes of all elements.
 
     elements : (k,) elements of the cable. An open cable begins at the end that comes first in the table, a
@@ -193,7 +199,7 @@ def chain_of(ends: np.ndarray, elements: np.ndarray) -> Chain:
         for node in ends[e].tolist():
             elements_at.setdefault(node, []).append(e)
     if any(len(incident) > 2 for incident in elements_at.values()):
-        return Chain(elements, False, False)
+        return CableOrder(elements, False, False)
     free_ends = [node for node, incident in elements_at.items() if len(incident) == 1]
     node, e = free_ends[0] if free_ends else int(ends[elements[0], 0]), int(elements[0])
     if free_ends:
@@ -204,10 +210,10 @@ def chain_of(ends: np.ndarray, elements: np.ndarray) -> Chain:
         node = int(ends[e].sum()) - node
         e = next((other for other in elements_at[node] if other != e), None)
     complete = len(order) == len(elements)
-    return Chain(np.array(order) if complete else elements, complete and not free_ends, complete)
+    return CableOrder(np.array(order) if complete else elements, complete and not free_ends, complete)
 
 
-def equal_pieces(pieces: list[Piece]) -> list[list[Piece]]:
+def group_equal_cables(pieces: list[Piece]) -> list[list[Piece]]:
     """Group the cables that are equal, in the order of their groups, the longest first."""
     sorts: dict[tuple, list[list[Piece]]] = {(p.group, p.type, p.chain.closed): [] for p in pieces}
     for piece in sorted(pieces, key=lambda piece: (-round(piece.cut, 6), piece.cable)):

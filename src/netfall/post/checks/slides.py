@@ -7,50 +7,50 @@ The partial factor applies to friction alone (EN 1993-1-11, 6.3); the resistance
 
 import numpy as np
 
-from netfall.results.states import MOTION, ShownState, equilibria, final
+from netfall.results.states import DYNAMIC_STAGE, StateView, equilibria, final
 
-SAFETY = 1.65  # gamma_M,fr [-], partial factor on friction; EN 1993-1-11, 6.3
+FRICTION_SAFETY = 1.65  # gamma_M,fr [-], partial factor on friction; EN 1993-1-11, 6.3
 
 
-def slide_columns(f) -> dict[str, np.ndarray]:
+def slip_point_columns(f) -> dict[str, np.ndarray]:
     """Return one row for each slip point of /slide and state; in motion the largest difference.
 
     difference : [N], tension after less before; slip : [m] of cable that has passed; utilisation : in motion
         of clamps alone
     """
     final_state = final(f)
-    blocks = [_of_state(f, state, state.slip and state.slip()) for state in equilibria(f)]
-    blocks += [_of_state(f, final_state, f["slide/slip"][-1])] if final_state else []
+    blocks = [_state_rows(f, state, state.slip and state.slip()) for state in equilibria(f)]
+    blocks += [_state_rows(f, final_state, f["slide/slip"][-1])] if final_state else []
     if "difference" in f["slide"]:
-        blocks.append(_in_motion(f["slide"]))
+        blocks.append(_motion_rows(f["slide"]))
     points = {"node": f["slide/node"][:], "cable": f["slide/cable"].asstr()[:].astype(object)}
     columns = {name: np.tile(values, len(blocks)) for name, values in points.items()}
     return columns | {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
-def _of_state(f, state: ShownState, slip: np.ndarray | None) -> dict[str, np.ndarray]:
+def _state_rows(f, state: StateView, slip: np.ndarray | None) -> dict[str, np.ndarray]:
     """Return the rows of a state; slip : (k,) [m], None: unknown."""
     g, N = f["slide"], state.tension()
     before, after = N[g["before"][:]], N[g["after"][:]]
     clamps_open = state.place and f[state.place].attrs.get("clamps") == "open"
     smaller = np.maximum(np.minimum(before, after), 0.0)
-    holds = smaller * np.expm1(g["friction"][:] * _turn(f, state) / SAFETY)
+    holds = smaller * np.expm1(g["friction"][:] * _turning_angle(f, state) / FRICTION_SAFETY)
     holds = holds + (0.0 if clamps_open else g["resistance"][:])
     slip = np.full(len(holds), np.nan) if slip is None else slip
-    return _block(state.name, before, after, after - before, holds, slip)
+    return _slip_rows(state.name, before, after, after - before, holds, slip)
 
 
-def _in_motion(g) -> dict[str, np.ndarray]:
+def _motion_rows(g) -> dict[str, np.ndarray]:
     """Return the largest differences over the history rows."""
     difference, nan = g["difference"][:], np.full(len(g["node"]), np.nan)
     largest = np.take_along_axis(difference, np.abs(difference).argmax(0)[None], 0)[0]
     slip = g["slip"][:]
     largest_slip = np.take_along_axis(slip, np.abs(slip).argmax(0)[None], 0)[0]
     holds = np.where(g["friction"][:] > 0.0, nan, g["resistance"][:])
-    return _block(MOTION, nan, nan, largest, holds, largest_slip)
+    return _slip_rows(DYNAMIC_STAGE, nan, nan, largest, holds, largest_slip)
 
 
-def _block(name: str, before, after, difference, holds, slip) -> dict[str, np.ndarray]:
+def _slip_rows(name: str, before, after, difference, holds, slip) -> dict[str, np.ndarray]:
     """Return the rows of all slip points in one state; all arrays (k,)."""
     utilisation = np.divide(np.abs(difference), holds, out=np.full(len(holds), np.nan), where=holds > 0.0)
     return {
@@ -64,7 +64,7 @@ def _block(name: str, before, after, difference, holds, slip) -> dict[str, np.nd
     }
 
 
-def _turn(f, state: ShownState) -> np.ndarray:
+def _turning_angle(f, state: StateView) -> np.ndarray:
     """Compute the angle (k,) [rad] by which the cable turns at each slip point; 0 if a side has split off."""
     g, x = f["slide"], state.position()
     ends = f["net/elements"][:] if state.ends is None else state.ends

@@ -9,7 +9,7 @@ LARGEST = 32_767  # largest value of a two-byte integer
 NONE = -32_768  # code of a missing value
 
 
-class Numbers:
+class ArrayBlock:
     """Collector of the arrays of a page; `add` returns the dictionary that refers to an array."""
 
     def __init__(self):
@@ -25,7 +25,7 @@ class Numbers:
         self.size += len(self.parts[-1])
         return reference
 
-    def add_in_time(self, values: np.ndarray, largest: float, nonzero: bool = False) -> dict:
+    def add_series(self, values: np.ndarray, largest: float, nonzero: bool = False) -> dict:
         """Add values (k, ...) of k states as shares of the largest; nan and larger values become missing.
 
         A state holds the differences from the state before, which are small; they wrap around.

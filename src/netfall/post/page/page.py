@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.post.page.describe import Page, page_of
-from netfall.results.file import reading
+from netfall.post.page.describe import Page, build_page
+from netfall.results.file import open_checked
 from netfall.results.locks import whole
 
-HERE = Path(__file__).parent
+VIEW_FOLDER = Path(__file__).parent
 
 
 def write_page(result: Path, path: Path) -> str:
     """Write the page of a result, and return its description. Raises InputError for a wrong file."""
-    with reading(result) as f:
-        page = page_of(f)
+    with open_checked(result) as f:
+        page = build_page(f)
     return put(path, page)
 
 
@@ -50,8 +50,8 @@ def put(path: Path, page: Page) -> str:
     text = plot.get_snapshot(additional_js_code="begin(netfallPage(K3DInstance));")
     data_text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
     parts = {"title": html.escape(data["title"]), "data": data_text, "numbers": page.numbers.text()}
-    parts["code"] = (HERE / "page.js").read_text(encoding="utf-8")
-    body = (HERE / "page.html").read_text(encoding="utf-8")
+    parts["code"] = (VIEW_FOLDER / "page.js").read_text(encoding="utf-8")
+    body = (VIEW_FOLDER / "page.html").read_text(encoding="utf-8")
     body = re.sub(r"\[\[(\w+)\]\]", lambda name: parts[name[1]], body)
     text = re.sub(r"<title>.*?</title>", lambda _: f"<title>{parts['title']}</title>", text, count=1)
     text = text.replace("<body>", f"<body>\n{body}", 1)

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.colors import to_hex
 
-from netfall.post.checks.cables import resistances_of
+from netfall.post.checks.cables import element_resistances
 from netfall.post.checks.codes import read_codes
-from netfall.post.page.states import Drawn, States
-from netfall.post.plots.canvas import BROKEN, GUIDED, NOTHING, SUPPORT, unit_of
+from netfall.post.page.states import DrawnPart, StateSeries
+from netfall.post.plots.canvas import BROKEN, GUIDED, NOTHING, SUPPORT_COLOUR, unit_of
 from netfall.post.plots.force import COMPRESSION, SLACK, TENSION, TRACE, limits
 
 SHADES = 64  # colours of a scale
-MOST_LOOKED_AT = 2_000_000  # values from which the ends of a scale are computed
+MAX_SAMPLES = 2_000_000  # values from which the ends of a scale are computed
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Quantity:
 
 def palette() -> dict:
     """Return the colours of pictures in the form that a page needs."""
-    single = {"slack": SLACK, "broken": BROKEN, "none": NOTHING, "support": SUPPORT, "guided": GUIDED}
+    single = {"slack": SLACK, "broken": BROKEN, "none": NOTHING, "support": SUPPORT_COLOUR, "guided": GUIDED}
     return {"tension": _shades(TENSION), "compression": _shades(COMPRESSION)} | single
 
 
@@ -45,11 +45,11 @@ def _shades(colormap) -> list[str]:
     return [to_hex(colour) for colour in colormap(np.linspace(0.0, 1.0, SHADES))]
 
 
-def quantities(f, drawn: Drawn, shown: list[States]) -> list[Quantity]:
+def quantities(f, drawn: DrawnPart, shown: list[StateSeries]) -> list[Quantity]:
     """Return the quantities to choose from: force, utilisation if strengths are given, strain."""
-    forces = [without_traces(f, drawn, states.tension) for states in shown]
+    forces = [without_negligible(f, drawn, states.tension) for states in shown]
     check = read_codes()[0]
-    resistance = resistances_of(f, [check])[check.name][drawn.rows]
+    resistance = element_resistances(f, [check])[check.name][drawn.rows]
     EA = f["net/axial_stiffness"][:][drawn.rows]
     strains = [
         N / EA if states.strain is None else np.where(np.isnan(N), N, states.strain)
@@ -67,7 +67,7 @@ def quantities(f, drawn: Drawn, shown: list[States]) -> list[Quantity]:
     return choices
 
 
-def without_traces(f, drawn: Drawn, N: np.ndarray) -> np.ndarray:
+def without_negligible(f, drawn: DrawnPart, N: np.ndarray) -> np.ndarray:
     """Return forces (k, m) [N] with 0 in bars whose force is negligible."""
     bar = f["net/bar"][:].astype(bool)[drawn.rows]
     largest = np.nanmax(np.abs(N), initial=0.0)
@@ -77,5 +77,5 @@ def without_traces(f, drawn: Drawn, N: np.ndarray) -> np.ndarray:
 def _ends(values: list[np.ndarray]) -> tuple[tuple[float, float] | None, tuple[float, float] | None]:
     """Return the ends of the scales of positive and of negative values, over all states alike."""
     size = sum(array.size for array in values)
-    sample = np.concatenate([array.ravel()[:: 1 + size // MOST_LOOKED_AT] for array in values])
+    sample = np.concatenate([array.ravel()[:: 1 + size // MAX_SAMPLES] for array in values])
     return limits(sample[sample > 0.0]), limits(-sample[sample < 0.0])

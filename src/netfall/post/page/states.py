@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.post.plots.net import whole_cables
+from netfall.post.plots.net import select_cables
 from netfall.results.frames import Frames
-from netfall.results.states import ShownState, absent, equilibria, shown_name, start_position
+from netfall.results.states import StateView, absent, equilibria, start_position, state_title
 
 MOST_VALUES = 3_500_000  # elements x states of a page
 MOST_ELEMENTS = 100_000  # elements of a page; of larger nets, some of the cables are shown
@@ -16,7 +16,7 @@ FEWEST = 12  # static states that are always shown
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnPart:
     """Drawn part of a net: m of its elements, with p points.
 
     rows : (m,) of /net; every : one cable in `every` is drawn
@@ -34,7 +34,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class States:
+class StateSeries:
     """States of a net: one static state, or the k snapshots of its motion.
 
     time : (k,) [s], empty if static; displacement : (k, p, 3) [m] from the form
@@ -53,10 +53,10 @@ class States:
     away: np.ndarray
 
 
-def drawn_part(f) -> Drawn:
+def select_drawn(f) -> DrawnPart:
     """Select the part of the net of a result file that is drawn."""
     x, elements = start_position(f), f["net/elements"][:]
-    rows, stride = whole_cables(x, elements, f["net/cable"][:], f["net/group"][:], MOST_ELEMENTS)
+    rows, stride = select_cables(x, elements, f["net/cable"][:], f["net/group"][:], MOST_ELEMENTS)
     nodes, ends = np.unique(elements[rows], return_inverse=True)
     ends, loose = ends.reshape(-1, 2), np.zeros((0, 2), int)
     if moves(f):
@@ -64,7 +64,7 @@ def drawn_part(f) -> Drawn:
         loose = np.argwhere(frames.ends(len(frames.times) - 1)[rows] >= len(x))
         ends[tuple(loose.T)] = len(nodes) + np.arange(len(loose))
     origin = np.concatenate([nodes, elements[rows][tuple(loose.T)]])
-    return Drawn(rows, stride, x[origin], origin, ends, loose)
+    return DrawnPart(rows, stride, x[origin], origin, ends, loose)
 
 
 def moves(f) -> bool:
@@ -72,13 +72,13 @@ def moves(f) -> bool:
     return "history" in f and len(f["VTKHDF/Steps/Values"]) > 1
 
 
-def states_shown(f, drawn: Drawn) -> tuple[list[States], list[str]]:
+def shown_series(f, drawn: DrawnPart) -> tuple[list[StateSeries], list[str]]:
     """Return the states that a page shows, the motion first, and its omissions in words."""
     static_states, omissions = list(equilibria(f)), []
     capacity = max(FEWEST, int(MOST_VALUES * (AT_REST if moves(f) else 1.0)) // len(drawn.rows))
     if len(static_states) > capacity:
         omissions.append(f"the first {capacity} of {len(static_states)} states at rest")
-    shown = [_at_rest(f, drawn, state) for state in static_states[:capacity]]
+    shown = [_static_series(f, drawn, state) for state in static_states[:capacity]]
     if moves(f):
         capacity = max(2, (MOST_VALUES // len(drawn.rows)) - len(shown))
         stride = -(-len(f["VTKHDF/Steps/Values"]) // capacity)
@@ -90,17 +90,17 @@ def states_shown(f, drawn: Drawn) -> tuple[list[States], list[str]]:
     return shown, omissions
 
 
-def _at_rest(f, drawn: Drawn, state: ShownState) -> States:
+def _static_series(f, drawn: DrawnPart, state: StateView) -> StateSeries:
     """Return an equilibrium for the page."""
     N, bar, missing = state.tension(), f["net/bar"][:].astype(bool), absent(f, state.place)
     displacement = state.position()[drawn.origin] - drawn.start
     slack = np.array([((N == 0.0) & ~bar & ~missing).sum()])
     none = np.zeros(1, int)
-    name, N, missing = shown_name(f, state), N[drawn.rows], missing[drawn.rows]
-    return States(name, np.zeros(0), displacement[None], N[None], None, slack, none, missing)
+    name, N, missing = state_title(f, state), N[drawn.rows], missing[drawn.rows]
+    return StateSeries(name, np.zeros(0), displacement[None], N[None], None, slack, none, missing)
 
 
-def _motion(f, drawn: Drawn, stride: int) -> States:
+def _motion(f, drawn: DrawnPart, stride: int) -> StateSeries:
     """Return every `stride`-th snapshot of the dynamic stage for the page."""
     frames, bar = Frames(f), f["net/bar"][:].astype(bool)
     steps = np.arange(0, len(frames.times), stride)
@@ -112,10 +112,10 @@ def _motion(f, drawn: Drawn, stride: int) -> States:
         slack[k], broken[k] = ((N == 0.0) & ~bar & ~failed & frames.there).sum(), failed.sum()
         tension[k], strain[k] = np.where(failed, np.nan, N)[drawn.rows], eps[drawn.rows]
     missing = ~frames.there[drawn.rows]
-    return States("motion", frames.times[steps], displacement, tension, strain, slack, broken, missing)
+    return StateSeries("motion", frames.times[steps], displacement, tension, strain, slack, broken, missing)
 
 
-def _read(frames: Frames, drawn: Drawn, steps: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+def _read(frames: Frames, drawn: DrawnPart, steps: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
     """Yield positions (p, 3) [m], tensions [N], strains and broken elements (m,) of each snapshot."""
     nodes = drawn.origin[: len(drawn.origin) - len(drawn.loose)]
     for step in steps:

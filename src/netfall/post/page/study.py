@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.post.page.describe import Page, choice, net_data, page_of, states_data, to_ticks
-from netfall.post.page.numbers import Numbers
+from netfall.post.page.describe import Page, build_page, choice, net_data, round_box, states_data
+from netfall.post.page.numbers import ArrayBlock
 from netfall.post.page.page import put
 from netfall.post.page.quantities import Quantity
-from netfall.post.page.states import MOST_ELEMENTS, Drawn, States
-from netfall.post.plots.net import whole_cables
-from netfall.results.file import reading
-from netfall.study.answers.losses import elements_lost, losses_of
+from netfall.post.page.states import MOST_ELEMENTS, DrawnPart, StateSeries
+from netfall.post.plots.net import select_cables
+from netfall.results.file import open_checked
+from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study
-from netfall.study.files import place_of
+from netfall.study.files import study_files
 
 
 def write_study_page(path: Path, page: Path, member: int | None) -> str:
@@ -30,22 +30,23 @@ def write_study_page(path: Path, page: Path, member: int | None) -> str:
         raise InputError(
             f"{path}: no net that is that of all members; view the result file of one that was kept"
         )
-    folder = place_of(path, path, None).members
-    number = chosen(study, folder, member)
-    return put(page, net_page(study) if number is None else member_page(study, folder, number))
+    folder = study_files(path, path, None).members
+    number = choose_sample(study, folder, member)
+    return put(page, net_page(study) if number is None else sample_page(study, folder, number))
 
 
-def _file(folder: Path, member: int) -> Path:
+def _sample_path(folder: Path, member: int) -> Path:
     """Return the path of a sample's result file; folder : of the result files."""
     return folder / f"{member:06d}.vtkhdf"
 
 
-def chosen(study: Study, folder: Path, member: int | None) -> int | None:
+def choose_sample(study: Study, folder: Path, member: int | None) -> int | None:
     """Return the sample to show, None: no sample has a result file."""
     if member is not None:
-        if not _file(folder, member).exists():
+        if not _sample_path(folder, member).exists():
             raise InputError(
-                f'--member {member}: {_file(folder, member)} is not there; [run] keep = "broken" or "all" in '
+                f"--member {member}: {_sample_path(folder, member)} is not there; [run] keep = "
+                '"broken" or "all" in '
                 "the study file keeps the result files of its members"
             )
         return member
@@ -54,12 +55,12 @@ def chosen(study: Study, folder: Path, member: int | None) -> int | None:
     return max(sorted(saved), key=lambda k: (lost[k], study.members["broken"][k]), default=None)
 
 
-def member_page(study: Study, folder: Path, member: int) -> Page:
+def sample_page(study: Study, folder: Path, member: int) -> Page:
     """Assemble the page of a sample's result, with the study's results on its elements."""
-    with reading(_file(folder, member)) as f:
+    with open_checked(_sample_path(folder, member)) as f:
         if not np.array_equal(f["net/element_id"][:], study.net["element_id"]):
             raise InputError(f"{f.filename}: another net than that of the study; view it without the study")
-        page = page_of(f)
+        page = build_page(f)
     page.data["title"] = f"{study.title}, member {member}"
     page.data["quantities"] = _choices(study, page) + page.data["quantities"]
     return replace(page, words=f"member {member}: {page.words}")
@@ -69,13 +70,13 @@ def net_page(study: Study) -> Page:
     """Assemble the page of a study without result files of samples: its static net."""
     x, elements = study.net["particles"], study.net["elements"]
     group = np.zeros(len(elements), int)
-    rows, stride = whole_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
+    rows, stride = select_cables(x, elements, np.arange(len(elements)), group, MOST_ELEMENTS)
     nodes, ends = np.unique(elements[rows], return_inverse=True)
-    drawn = Drawn(rows, stride, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
-    numbers, zero = Numbers(), np.zeros(1, int)
+    drawn = DrawnPart(rows, stride, x[nodes], nodes, ends.reshape(-1, 2), np.zeros((0, 2), int))
+    numbers, zero = ArrayBlock(), np.zeros(1, int)
     taut = np.ones((1, len(rows)))
     displacement, missing = np.zeros((1, *drawn.start.shape)), np.zeros(len(rows), bool)
-    initial = States("as each member begins", np.zeros(0), displacement, taut, None, zero, zero, missing)
+    initial = StateSeries("as each member begins", np.zeros(0), displacement, taut, None, zero, zero, missing)
     data = net_data(
         numbers, drawn, study.title, study.net["element_id"], x, study.net["fixed"], np.zeros(len(x), bool)
     )
@@ -83,7 +84,7 @@ def net_page(study: Study) -> Page:
         "net": f"{len(x)} nodes, {len(elements)} elements; no member was kept",
         "from": "the net as each member begins",
         "left_out": [f"one in {stride} of the elements"] * (stride > 1),
-        "window": to_ticks(np.array([x.min(0), x.max(0)])).tolist(),
+        "window": round_box(np.array([x.min(0), x.max(0)])).tolist(),
         "group": numbers.add(group.astype(np.int16)[rows]),
         "groups": [""],
         "strokes": [],
@@ -108,7 +109,7 @@ def _choices(study: Study, page: Page) -> list[dict]:
     ]
     losses = losses_of(study)
     if losses is not None:
-        row = elements_lost(study, losses)
+        row = removal_of_element(study, losses)
         tension_ratio, dynamic_factor, roof_lost = (
             np.where(row >= 0, values[row], np.nan)
             for values in (losses.tension_ratio, losses.dynamic_factor, losses.roof_lost)

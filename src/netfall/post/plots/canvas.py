@@ -36,22 +36,25 @@ STYLE = {
 plt.rcParams.update(STYLE)
 NOTHING = "#b8b8b8"  # elements without a value
 BROKEN = "#d62728"  # broken, removed or faulty elements; no group has this red
-SUPPORT = "#111111"
+SUPPORT_COLOUR = "#111111"
 GUIDED = "#7a4b00"  # supports that are held along some axes
-SPRING = "#6a0dad"  # supports on springs
+SPRING_COLOUR = "#6a0dad"  # supports on springs
 LONGEST_TITLE = 90  # characters of a title
 CHARACTERS = 12.0  # characters per inch of a title
-MOST_MARKED = 2_000  # supports of a kind; of more, every k-th is marked
-MOST_DRAWN = 60_000  # elements in a picture; of more, every k-th is drawn
+MAX_MARKED = 2_000  # supports of a kind; of more, every k-th is marked
+MAX_DRAWN = 60_000  # elements in a picture; of more, every k-th is drawn
 ALONE, PANEL, NARROW = (9.0, 5.0), (5.5, 3.4), (4.2, 3.0)  # inches, of one, two or more panels in a row
-IN_TWOS, IN_THREES = 6, 12  # panels in space, up to which a row has two or three; above, four
+MAX_IN_TWO_COLUMNS, MAX_IN_THREE_COLUMNS = (
+    6,
+    12,
+)  # panels in space, up to which a row has two or three; above, four
 PLAN = 6.0  # inches; largest width and height of a panel in plan
 HEAD = 1.4  # inches for the title, scales and legends
 VIEWS = {"space": (28.0, -60.0), "plan": (90.0, -90.0), "front": (0.0, -90.0), "side": (0.0, 0.0)}  # degrees
-ROUND = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # round numbers for scales
+ROUND_NUMBERS = np.outer(10.0 ** np.arange(-3, 7), (1.0, 2.0, 5.0)).ravel()  # round numbers for scales
 ZOOM = 1.15  # factor on nets in space, whose box has empty corners
-OVER = {"clip_on": False, "in_layout": False}  # artists in space, whose x layouts take for pixels
-THIN = 0.04  # share of the largest extent, below which an axis has no room for ticks
+SPACE_STYLE = {"clip_on": False, "in_layout": False}  # artists in space, whose x layouts take for pixels
+THIN_EXTENT = 0.04  # share of the largest extent, below which an axis has no room for ticks
 
 
 def save(figure, path: Path) -> Path:
@@ -62,21 +65,21 @@ def save(figure, path: Path) -> Path:
                 axis.set_major_formatter(LogFormatter())
             if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
                 axis.set_minor_formatter(LogFormatter(labelOnlyBase=False))
-    write_out_controls(figure)
+    replace_control_characters(figure)
     with whole(path) as temporary:
         figure.savefig(temporary, bbox_inches="tight", pad_inches=0.2)
     plt.close(figure)
     return path
 
 
-def write_out_controls(figure) -> None:
+def replace_control_characters(figure) -> None:
     """Replace the control characters of texts in a figure by readable ones, since fonts lack them."""
     for text in figure.findobj(Text):
         if plain(text.get_text()) != text.get_text():
             text.set_text(plain(text.get_text()))
 
 
-def heading(figure, title: str, subtitle: str) -> None:
+def set_figure_title(figure, title: str, subtitle: str) -> None:
     """Set the title of a figure: the job's title, shortened, then a subtitle, wrapped to the width."""
     title = one_line(title)
     title = title if len(title) <= LONGEST_TITLE else title[: LONGEST_TITLE - 3] + "..."
@@ -92,7 +95,7 @@ def unit_of(largest: float, unit: str) -> tuple[float, str]:
     return 1.0, unit
 
 
-def charts(rows: int, columns: int, width: float, height: float, **more):
+def open_charts(rows: int, columns: int, width: float, height: float, **more):
     """Open a figure of charts (rows, columns) with grids; width, height : [inch]; more : of subplots."""
     figure, axes = plt.subplots(
         rows, columns, figsize=(width, height), layout="constrained", squeeze=False, **more
@@ -103,7 +106,7 @@ def charts(rows: int, columns: int, width: float, height: float, **more):
     return figure, axes
 
 
-def legend_below(figure, *axes, ncols: int = 4) -> None:
+def add_legend_below(figure, *axes, ncols: int = 4) -> None:
     """Add a legend of the lines of some charts, below all charts."""
     handles = [handle for chart in axes for handle in chart.get_legend_handles_labels()[0]]
     figure.legend(handles=handles, loc="outside lower center", ncols=ncols)
@@ -128,7 +131,7 @@ def line_width(elements: int, largest: float = 1.4) -> float:
     return float(np.clip(60.0 / np.sqrt(max(elements, 1)), 0.4, largest))
 
 
-def in_space(figure, position, points, zoom: float = 1.0):
+def add_space_axes(figure, position, points, zoom: float = 1.0):
     """Add axes in space with equal scales around points (n, 3), labelled in metres.
 
     zoom : factor on the size that fits. A net in an upright plane along x is seen from the front.
@@ -140,21 +143,21 @@ def in_space(figure, position, points, zoom: float = 1.0):
     limits = zip(middle - 0.5 * extent, middle + 0.5 * extent)
     axes.set(**{f"{name}lim": limit for name, limit in zip("xyz", limits)})
     axes.set_box_aspect(extent, zoom=ZOOM * zoom)
-    axes.view_init(*VIEWS["front" if share[1] <= THIN < share[2] else "space"])
+    axes.view_init(*VIEWS["front" if share[1] <= THIN_EXTENT < share[2] else "space"])
     for k, axis in enumerate((axes.xaxis, axes.yaxis, axes.zaxis)):
         ticks = plt.MaxNLocator(max(1, round(5 * share[k])))
-        axis.set_major_locator(ticks if share[k] > THIN else NullLocator())
-        axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN else "")
+        axis.set_major_locator(ticks if share[k] > THIN_EXTENT else NullLocator())
+        axis.set_label_text(f"{'xyz'[k]} [m]" if share[k] > THIN_EXTENT else "")
     axes.tick_params(labelsize=7, pad=1)
     return axes
 
 
-def space_panels(points, count: int):
+def open_space_panels(points, count: int):
     """Open a figure with panels in space around the same points (n, 3) [m], at most four in a row."""
-    columns = min(2, count) if count <= IN_TWOS else 3 if count <= IN_THREES else 4
+    columns = min(2, count) if count <= MAX_IN_TWO_COLUMNS else 3 if count <= MAX_IN_THREE_COLUMNS else 4
     rows, (width, height) = -(-count // columns), {1: ALONE, 2: PANEL}.get(columns, NARROW)
     figure = plt.figure(figsize=(columns * width, rows * height + HEAD), layout="constrained")
-    return figure, [in_space(figure, (rows, columns, k + 1), points) for k in range(count)]
+    return figure, [add_space_axes(figure, (rows, columns, k + 1), points) for k in range(count)]
 
 
 def set_plan(axes, points: np.ndarray, margin: float = 0.0) -> None:
@@ -167,7 +170,7 @@ def set_plan(axes, points: np.ndarray, margin: float = 0.0) -> None:
     axes.set_ylabel("y [m]")
 
 
-def plan_panels(x: np.ndarray, held: np.ndarray, count: int, margin: float = 0.0):
+def open_plan_panels(x: np.ndarray, held: np.ndarray, count: int, margin: float = 0.0):
     """Open a figure with panels in plan, two in a row.
 
     x : (n, 2) [m] nodes; held : (n,) bool, supports, drawn as dots; margin : see `set_plan`
@@ -177,7 +180,7 @@ def plan_panels(x: np.ndarray, held: np.ndarray, count: int, margin: float = 0.0
     panels = [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
     for axes in panels:
         set_plan(axes, x, margin)
-        dot_supports(axes, x, held)
+        add_support_dots(axes, x, held)
     return figure, panels
 
 
@@ -188,16 +191,16 @@ def mark_supports(axes, x: np.ndarray, fixed: np.ndarray, spring: np.ndarray) ->
     """
     fully_fixed = fixed.all(1)
     for selected, kind, marker, colour, word in (
-        (fully_fixed, None, "s", SUPPORT, "supports"),
+        (fully_fixed, None, "s", SUPPORT_COLOUR, "supports"),
         (fixed.any(1) & ~fully_fixed, fixed, "^", GUIDED, "held in part"),
-        (spring.any(1), spring, "D", SPRING, "springs"),
+        (spring.any(1), spring, "D", SPRING_COLOUR, "springs"),
     ):
         rows = np.flatnonzero(selected)
         if len(rows):
             label = f"{word}, {len(rows)}" + (f" ({_axis_counts(kind[rows])})" if kind is not None else "")
-            style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **OVER}
+            style = {"ls": "", "marker": marker, "color": colour, "mew": 0, "zorder": 3, **SPACE_STYLE}
             size = float(np.clip(30.0 / np.sqrt(len(rows)), 1.2, 4.0))
-            axes.plot(*x[rows[:: max(1, len(rows) // MOST_MARKED)]].T, ms=size, label=label, **style)
+            axes.plot(*x[rows[:: max(1, len(rows) // MAX_MARKED)]].T, ms=size, label=label, **style)
 
 
 def _axis_counts(held: np.ndarray) -> str:
@@ -205,7 +208,7 @@ def _axis_counts(held: np.ndarray) -> str:
     return ", ".join(f"{axis}: {held[:, k].sum()}" for k, axis in enumerate("xyz") if held[:, k].any())
 
 
-def dot_supports(axes, x: np.ndarray, held: np.ndarray) -> None:
+def add_support_dots(axes, x: np.ndarray, held: np.ndarray) -> None:
     """Draw dots at the supports in plan; x : (n, 2) [m]; held : (n,) bool."""
     axes.plot(*x[held].T, ".", color="k", ms=min(4.0, 40 / len(x) ** 0.4), zorder=3)
 
@@ -215,7 +218,7 @@ def add_lines(axes, lines: np.ndarray, **style):
     in_plan = lines.shape[-1] == 2
     kind = LineCollection if in_plan else Line3DCollection
     add = axes.add_collection if in_plan else axes.add_collection3d
-    return add(kind(lines, **OVER | style)) if len(lines) else None
+    return add(kind(lines, **SPACE_STYLE | style)) if len(lines) else None
 
 
 def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, width: float) -> np.ndarray:
@@ -224,7 +227,7 @@ def add_coloured(axes, lines: np.ndarray, values: np.ndarray, norm, palette, wid
     Returns the drawn rows that have a value. Of many lines every k-th is drawn, the largest among them.
     """
     order = np.argsort(np.where(np.isfinite(values), values, -np.inf), kind="stable")
-    order = order[::-1][:: max(1, len(order) // MOST_DRAWN)][::-1]
+    order = order[::-1][:: max(1, len(order) // MAX_DRAWN)][::-1]
     has_value = np.isfinite(values[order])
     pale, rows = order[~has_value], order[has_value]
     add_lines(axes, lines[pale], colors=NOTHING, linewidths=0.5 * width)

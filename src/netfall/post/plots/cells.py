@@ -7,12 +7,12 @@ holds for faces with more than four corners, although their loads go to the near
 import numpy as np
 from matplotlib.collections import PolyCollection
 
-from netfall.geometry.faces import Faces, faces_of_rings, quarters
+from netfall.geometry.faces import Faces, corner_quadrilaterals, faces_of_rings
 
 MOST_CELLS = 400_000  # node areas in faces; in larger nets each node is a dot
 
 
-def node_cells(f, **style) -> tuple[PolyCollection, np.ndarray]:
+def roof_polygons(f, **style) -> tuple[PolyCollection, np.ndarray]:
     """Return the roof areas of a result file and the node (c,) of each; areas without faces are squares."""
     x, area = f["net/particles"][:, :2], f["net/plan_area"][:]
     points = np.vstack([x, f["provenance/net/corners"][:, :2]])
@@ -21,7 +21,7 @@ def node_cells(f, **style) -> tuple[PolyCollection, np.ndarray]:
     cells, node = np.zeros((0, 4, 2)), np.zeros(0, int)
     if has_faces(f):
         is_node = faces.corner < len(x)
-        cells, node = quarters(points, faces)[is_node], faces.corner[is_node]
+        cells, node = corner_quadrilaterals(points, faces)[is_node], faces.corner[is_node]
     alone = np.setdiff1d(np.flatnonzero((area > 0) & (f["net/tributary_area"][:] > 0)), node)
     corner = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
     squares = x[alone][:, None] + np.sqrt(area[alone])[:, None, None] * corner

@@ -3,15 +3,15 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.post.plots.canvas import BROKEN, MOST_DRAWN, add_lines, heading, space_panels
+from netfall.post.plots.canvas import BROKEN, MAX_DRAWN, add_lines, open_space_panels, set_figure_title
 from netfall.post.plots.force import TRACE, add_supports
-from netfall.results.file import title_of
+from netfall.results.file import result_title
 from netfall.results.frames import Frames
 from netfall.results.losses import lost_at
 
 STAGES = 6  # panels
-OF_FRACTURES = (0.0, 0.1, 0.35, 0.7, 1.0)  # shares of all fractures, at which a panel is drawn
-IN_VIEW = 2.0, 98.0  # percentiles of element positions that the view contains
+FRACTURE_SHARES = (0.0, 0.1, 0.35, 0.7, 1.0)  # shares of all fractures, at which a panel is drawn
+VIEW_PERCENTILES = 2.0, 98.0  # percentiles of element positions that the view contains
 FARTHEST = 0.35  # share of the net's largest extent, by which the view exceeds the net at most
 STYLES = (
     ("taut", "#30507a", 0.8),
@@ -24,9 +24,9 @@ STYLES = (
 def collapse(f):
     """Draw stages of the motion: taut, compressed, slack and broken elements by colour; and supports."""
     frames = Frames(f)
-    steps = stage_steps(frames.times, *_happenings(f))
+    steps = select_snapshots(frames.times, *_notable_times(f))
     window = view(frames, steps)
-    figure, panels = space_panels(window, len(steps))
+    figure, panels = open_space_panels(window, len(steps))
     start, elements = frames.positions(0)[: len(f["net/fixed"])], f["net/elements"][:]
     lost = lost_at(f)
     trace = TRACE * float(np.abs(f["envelope/tension_max"][:]).max())
@@ -39,7 +39,9 @@ def collapse(f):
     handles += axes.get_legend_handles_labels()[0]
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     event = "collapse" if len(f["events/time"]) else "motion"
-    heading(figure, title_of(f), f": {'loss of members, ' * bool(np.isfinite(lost).any())}{event}")
+    set_figure_title(
+        figure, result_title(f), f": {'loss of members, ' * bool(np.isfinite(lost).any())}{event}"
+    )
     return figure
 
 
@@ -48,7 +50,7 @@ def view(frames: Frames, steps: list[int]) -> np.ndarray:
     start = frames.lines(0).reshape(-1, 3)
     low, high = start.min(0), start.max(0)
     reach = FARTHEST * (high - low).max()
-    ranges = [np.percentile(frames.lines(step).reshape(-1, 3), IN_VIEW, axis=0) for step in steps]
+    ranges = [np.percentile(frames.lines(step).reshape(-1, 3), VIEW_PERCENTILES, axis=0) for step in steps]
     lowest, highest = np.min(ranges, axis=0)[0], np.max(ranges, axis=0)[1]
     return np.array([np.clip(lowest, low - reach, low), np.clip(highest, high, high + reach)])
 
@@ -61,7 +63,7 @@ def within(window: np.ndarray, lines: np.ndarray) -> np.ndarray:
 
 def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: float) -> None:
     """Draw the elements at a step in the window (2, 3); smaller compressions than `trace` [N] are ignored."""
-    stride = max(1, frames.cells // MOST_DRAWN)
+    stride = max(1, frames.cells // MAX_DRAWN)
     present = frames.present(step)[::stride]
     lines, N = frames.lines(step)[::stride][present], frames.tension(step)[::stride][present]
     broken = frames.broken(step)[::stride][present]
@@ -76,7 +78,7 @@ def _draw_stage(axes, frames: Frames, step: int, window: np.ndarray, trace: floa
     axes.set_title(f"t = {frames.times[step]:.4g} s: {failed} broken or lost, {slack} slack{out_of_view}")
 
 
-def _happenings(f) -> tuple[np.ndarray, np.ndarray, list[float]]:
+def _notable_times(f) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """Return the times [s] of fractures, of removals, and of other events, the most notable first."""
     h, losses = f["history"], np.unique(lost_at(f))
     largest_displacement = f["envelope/displacement_max"][:]
@@ -88,7 +90,7 @@ def _happenings(f) -> tuple[np.ndarray, np.ndarray, list[float]]:
     return f["events/time"][:], losses[~np.isnan(losses)], moments
 
 
-def stage_steps(times: np.ndarray, fractures, losses, moments: list[float]) -> list[int]:
+def select_snapshots(times: np.ndarray, fractures, losses, moments: list[float]) -> list[int]:
     """Select the snapshots to show, at most STAGES, in this order of priority.
 
     The initial state, the snapshots around the first event, further fractures, and removals come first. Then
@@ -107,7 +109,7 @@ def stage_steps(times: np.ndarray, fractures, losses, moments: list[float]) -> l
     if len(events):
         steps += [before(events.min()), after(events.min())]
     if len(fractures):
-        steps += [after(t) for t in np.quantile(fractures, OF_FRACTURES, method="higher")]
+        steps += [after(t) for t in np.quantile(fractures, FRACTURE_SHARES, method="higher")]
     steps += [after(t) for t in losses] + [after(t) for t in moments] + [last]
     steps += np.linspace(0, last, STAGES).astype(int).tolist()
     return sorted(list(dict.fromkeys(steps))[:STAGES])

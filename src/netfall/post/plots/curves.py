@@ -3,28 +3,28 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.post.plots.canvas import SMALL, charts, heading, legend_below, unit_of
-from netfall.results.file import element_name, title_of
+from netfall.post.plots.canvas import SMALL, add_legend_below, open_charts, set_figure_title, unit_of
+from netfall.results.file import element_name, result_title
 from netfall.results.frames import Frames
 from netfall.results.losses import broken_at, lost_at
 from netfall.results.states import start_tension
 
-CARRIES = 1e-9  # share of the net's extent or of the largest force; smaller changes are solver tolerance
+MIN_CHANGE = 1e-9  # share of the net's extent or of the largest force; smaller changes are solver tolerance
 ROUNDING = 1e-12  # share of the sum of force x length; smaller energies are rounding
 MOST_CURVES = 6
-DWARFS = 5.0  # peak / median of the peaks of all curves; larger ones get a panel of their own
+DOMINANT_RATIO = 5.0  # peak / median of the peaks of all curves; larger ones get a panel of their own
 MOST_NAMED = 10  # curves of elements that the job names
 LEAST_ROWS = 10  # history rows before the first fracture that justify a panel
-BULK = 0.5, 99.5  # percentiles of the values that a scale shows
-MUCH_MORE = 1.0  # distance / range of the bulk; values further out are outside the scale
+BULK_PERCENTILES = 0.5, 99.5  # percentiles of the values that a scale shows
+OUTLIER_RANGE = 1.0  # distance / range of the bulk; values further out are outside the scale
 FLOOR = 1e-17  # smallest error that is drawn
 LEAST_SPAN = 1e-6  # smallest range of an axis / largest displacement of the picture
-AUDITS = (
+ENERGY_ERRORS = (
     ("balance_error", "balance", "C4"),
     ("balance_error_attached", "balance, of what attached parts stored", "C3"),
     ("identity_error", "work identity", "C7"),
 )
-ROOM = 0.14  # share of the width that separates two labelled times
+LABEL_DISTANCE = 0.14  # share of the width that separates two labelled times
 
 
 def has_load_path(f) -> bool:
@@ -32,8 +32,8 @@ def has_load_path(f) -> bool:
     if "statics" not in f or len(f["statics/load_factor"]) < 2:
         return False
     u, N = f["statics/displacement"], f["statics/tension"][:]
-    is_moved = np.abs(u[-1] - u[0]).max() > CARRIES * np.ptp(f["net/particles"][:], axis=0).max()
-    return bool(is_moved or np.abs(N[-1] - N[0]).max() > CARRIES * np.abs(N).max())
+    is_moved = np.abs(u[-1] - u[0]).max() > MIN_CHANGE * np.ptp(f["net/particles"][:], axis=0).max()
+    return bool(is_moved or np.abs(N[-1] - N[0]).max() > MIN_CHANGE * np.abs(N).max())
 
 
 def has_energies(f) -> bool:
@@ -51,7 +51,7 @@ def load_displacement(f):
     p = int(np.linalg.norm(last - g["displacement"][0], axis=1).argmax())
     k = int(np.abs(last[p] - g["displacement"][0, p]).argmax())
     groups, names = f["net/group"][:], f["net/group_names"].asstr()[:]
-    figure, ((left, right),) = charts(1, 2, 10, 4.2)
+    figure, ((left, right),) = open_charts(1, 2, 10, 4.2)
     left.plot(g["displacement"][:, p, k], load_factor, "o-", color="C0")
     left.set_xlabel(f"displacement along {'xyz'[k]} of node {f['net/node_id'][p]} [m]")
     left.xaxis.set_major_locator(plt.MaxNLocator(5))
@@ -64,8 +64,8 @@ def load_displacement(f):
     right.set_xlabel("load factor [-]")
     right.set_ylabel(f"tension, least to largest [{unit}]")
     right.set_ylim(bottom=min(0.0, right.get_ylim()[0]))
-    legend_below(figure, right)
-    heading(figure, title_of(f), ": static load")
+    add_legend_below(figure, right)
+    set_figure_title(figure, result_title(f), ": static load")
     return figure
 
 
@@ -88,12 +88,14 @@ def energies(f):
     if "support_work" in h:
         names += (("support_work", "work of supports", "C9", "-"),)
         total = total - h["support_work"][:]
-    first = early_end(f)
-    figure, panels = charts(2, 2 if first else 1, 11 if first else 9, 7, height_ratios=(3, 1), sharex="col")
+    first = early_panel_end(f)
+    figure, panels = open_charts(
+        2, 2 if first else 1, 11 if first else 9, 7, height_ratios=(3, 1), sharex="col"
+    )
     for (k, column), panel in np.ndenumerate(panels):
-        rows = _shown(t, first, column)
+        rows = _rows_of_column(t, first, column)
         if k:
-            for name, label, colour in AUDITS:
+            for name, label, colour in ENERGY_ERRORS:
                 error = np.maximum(np.abs(h[name][:][rows]), FLOOR)
                 panel.semilogy(t[rows], error, color=colour, lw=1, label=label)
             panel.set_xlabel("time [s]")
@@ -104,14 +106,14 @@ def energies(f):
         style_of_sum = dict(color="0.6", ls="--", lw=2.2, zorder=0, label="sum of these")
         panel.plot(t[rows], scale * total[rows], **style_of_sum)
         panel.set_ylabel(f"energy [{energy_unit}]")
-    legend_below(figure, *panels[:, 0], ncols=6)
-    _tell_events(f, panels[0], first)
+    add_legend_below(figure, *panels[:, 0], ncols=6)
+    _mark_events(f, panels[0], first)
     panels[1, 0].set_ylabel("share of the energy [-]")
-    heading(figure, title_of(f), ": energy")
+    set_figure_title(figure, result_title(f), ": energy")
     return figure
 
 
-def _shown(t: np.ndarray, first: float, column: int) -> np.ndarray:
+def _rows_of_column(t: np.ndarray, first: float, column: int) -> np.ndarray:
     """Select the history rows (t,) that a column of charts shows.
 
     If there is a first fracture, column 0 shows the time before it and column 1 all rows.
@@ -119,7 +121,7 @@ def _shown(t: np.ndarray, first: float, column: int) -> np.ndarray:
     return t <= first if first and column == 0 else np.full(len(t), True)
 
 
-def _tell_events(f, panels, first: float) -> None:
+def _mark_events(f, panels, first: float) -> None:
     """Mark events in the last of the upper panels; title the first if it ends at the first fracture."""
     mark_events(panels[-1], f)
     if first:
@@ -135,7 +137,7 @@ def mark_events(axes, f) -> None:
     labelled: list[float] = []
     for t, text, style in marks:
         axes.axvline(t, color="0.5", lw=0.8, ls=style)
-        if all(abs(t - other) > ROOM * (high - low) for other in labelled):
+        if all(abs(t - other) > LABEL_DISTANCE * (high - low) for other in labelled):
             labelled.append(t)
             above = axes.get_xaxis_transform()
             text_style = {"xytext": (3, 3), "textcoords": "offset points", "fontsize": SMALL, "color": "0.4"}
@@ -149,23 +151,23 @@ def tensions(f):
     others have a panel of their own.
     """
     curves = _tension_curves(f)
-    parts = _by_size(curves)
+    parts = _separate_dominant(curves)
     height = 4.8 if len(parts) == 1 else 7.0
-    figure, panels = charts(len(parts), 1, 9, height, sharex="col")
+    figure, panels = open_charts(len(parts), 1, 9, height, sharex="col")
     colour = {e: f"C{k % 10}" for k, (_, _, e) in enumerate(curves)}
     for axes, part in zip(panels[:, 0], parts):
         _draw_tensions(f, axes, part, colour)
     panels[-1, 0].set_xlabel("time [s]")
     mark_events(panels[0, 0], f)
-    legend_below(figure, *panels[:, 0], ncols=3)
-    heading(figure, title_of(f), ": tensions")
+    add_legend_below(figure, *panels[:, 0], ncols=3)
+    set_figure_title(figure, result_title(f), ": tensions")
     return figure
 
 
-def _by_size(curves: list) -> list[list]:
+def _separate_dominant(curves: list) -> list[list]:
     """Separate the curves that dwarf the others; one list of all if none does."""
     peak = np.array([np.abs(N).max() for _, N, _ in curves])
-    large = peak > DWARFS * np.median(peak[peak > 0.0]) if peak.any() else np.zeros(len(peak), bool)
+    large = peak > DOMINANT_RATIO * np.median(peak[peak > 0.0]) if peak.any() else np.zeros(len(peak), bool)
     parts = [[curve for curve, is_large in zip(curves, large) if is_large == size] for size in (True, False)]
     return [part for part in parts if part]
 
@@ -180,15 +182,17 @@ def _draw_tensions(f, axes, curves: list, colour: dict) -> None:
         intact, label = ~(t > end), f"element {element_name(f, e)}{note}"
         axes.plot(t[intact], factor * N[intact], lw=1, color=colour[e], label=label)
         axes.plot(t[~intact], factor * N[~intact], lw=0.5, color=colour[e], alpha=0.35)
-    _set_readable(axes, factor * np.concatenate([N for _, N, _ in curves]))
+    _limit_scale(axes, factor * np.concatenate([N for _, N, _ in curves]))
     axes.set_ylabel(f"axial force, positive in tension [{unit}]")
 
 
-def _set_readable(axes, values: np.ndarray) -> None:
+def _limit_scale(axes, values: np.ndarray) -> None:
     """Limit the scale to nearly all values if single values are far from them."""
-    low, high = np.percentile(values, BULK)
+    low, high = np.percentile(values, BULK_PERCENTILES)
     margin = 0.08 * max(high - low, 1e-9 * abs(high))
-    if values.max() > high + MUCH_MORE * (high - low) or values.min() < low - MUCH_MORE * (high - low):
+    if values.max() > high + OUTLIER_RANGE * (high - low) or values.min() < low - OUTLIER_RANGE * (
+        high - low
+    ):
         axes.set_ylim(low - margin, high + 3 * margin)
 
 
@@ -222,16 +226,16 @@ def _tension_curves(f) -> list[tuple[np.ndarray, np.ndarray, int]]:
 
 def displacements(f):
     """Draw displacement histories of the probes (paper Fig. 14), also those before the first fracture."""
-    h, first = f["history"], early_end(f)
+    h, first = f["history"], early_panel_end(f)
     t, d, particles = h["time"][:], h["probe_displacement"][:], h["probe_particle"][:]
     x = f["net/particles"][:]
-    figure, axes = charts(3, 2 if first else 1, 11 if first else 9, 7, sharex="col")
+    figure, axes = open_charts(3, 2 if first else 1, 11 if first else 9, 7, sharex="col")
 
     def name(p: int) -> str:
         return f"node {f['net/node_id'][p]} at ({', '.join(f'{value:.1f}' for value in x[p])}) m"
 
     for (k, column), axis in np.ndenumerate(axes):
-        rows = _shown(t, first, column)
+        rows = _rows_of_column(t, first, column)
         for j, p in enumerate(particles[:MOST_CURVES]):
             axis.plot(t[rows], d[rows, j, k], lw=1, label=name(p))
         if column == 0:
@@ -241,13 +245,13 @@ def displacements(f):
             axis.set_ylim(0.5 * (low + high - least), 0.5 * (low + high + least))
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
-    _tell_events(f, axes[0], first)
-    legend_below(figure, axes[0, 0], ncols=3)
-    heading(figure, title_of(f), ": displacements")
+    _mark_events(f, axes[0], first)
+    add_legend_below(figure, axes[0, 0], ncols=3)
+    set_figure_title(figure, result_title(f), ": displacements")
     return figure
 
 
-def early_end(f) -> float:
+def early_panel_end(f) -> float:
     """Return the time [s] of the first fracture if a panel for the time before it is useful, or 0.
 
     After the fracture, flying fragments determine the scales.
@@ -263,7 +267,7 @@ def wind(f):
     tapped = "pressure" in g
     t, values = g["time"][:], g["pressure" if tapped else "speed"][:]
     points = g["tap" if tapped else "control_point"][:]
-    figure, ((axes,),) = charts(1, 1, 9, 4.2)
+    figure, ((axes,),) = open_charts(1, 1, 9, 4.2)
     for k in np.unique(np.linspace(0, values.shape[1] - 1, 3).astype(int)):
         position = ", ".join(f"{coordinate:.0f}" for coordinate in points[k])
         axes.plot(t, values[:, k], lw=0.9, label=f"at ({position}) m")
@@ -271,6 +275,6 @@ def wind(f):
         axes.axhline(g["mean_speed"][:].mean(), color="0.5", lw=0.8, ls="--", label="mean")
     axes.set_xlabel("time [s]")
     axes.set_ylabel("pressure, positive presses [N/m2]" if tapped else "wind speed [m/s]")
-    legend_below(figure, axes)
-    heading(figure, title_of(f), ": wind")
+    add_legend_below(figure, axes)
+    set_figure_title(figure, result_title(f), ": wind")
     return figure

@@ -14,33 +14,33 @@ from imageio_ffmpeg import get_ffmpeg_exe
 from matplotlib.animation import FFMpegWriter
 
 from netfall.core.errors import InputError
-from netfall.post.plots.canvas import BROKEN, VIEWS, add_lines, heading, in_space, line_width
+from netfall.post.plots.canvas import BROKEN, VIEWS, add_lines, add_space_axes, line_width, set_figure_title
 from netfall.post.plots.collapse import view, within
 from netfall.post.plots.force import (
     SLACK,
     ForceScale,
     add_by_force,
+    add_force_scales,
     add_supports,
-    force_bars,
     moving_elements,
 )
 from netfall.post.plots.states import force_words
-from netfall.results.file import reading, title_of
+from netfall.results.file import open_checked, result_title
 from netfall.results.frames import Frames, StageFrames
 from netfall.results.locks import whole
 from netfall.results.losses import lost_at
 
 DPI = 100  # pixels per inch
-MOST_FRAMES = 600  # frames in a film; of more, every k-th is shown
+MAX_FRAMES = 600  # frames in a film; of more, every k-th is shown
 MOST_LINES = 20_000  # elements in a frame; of more, every k-th is drawn
-MOST_LOOKS = 25  # frames from which the view is computed
+FILM_VIEW_SAMPLES = 25  # frames from which the view is computed
 FASTEST = 50  # frames per second that viewers show of a GIF
 QUALITY = ["-crf", "24"]  # ffmpeg's constant rate factor of MP4, from 0 (lossless) to 51
-ALONG = 0.98  # cosine between an axis and the view, above which the axis is seen as a point
+MIN_VIEW_COSINE = 0.98  # cosine between an axis and the view, above which the axis is seen as a point
 
 
 @dataclass(frozen=True)
-class Shot:
+class FilmView:
     """View and size of a film.
 
     view : elevation and azimuth of the eye [degrees]; size : (width, height) [pixels], even, as MP4 needs
@@ -53,7 +53,7 @@ class Shot:
     until: float = np.inf
 
 
-class Motion(Frames):
+class MotionFilm(Frames):
     """Film of the dynamic stage. Raises InputError if it ends before the second frame."""
 
     name, fps, bar = "collapse", 15, "time [s]; red: fractures and losses"
@@ -65,7 +65,7 @@ class Motion(Frames):
         count = int(np.searchsorted(self.times, until, side="right"))
         if count < 2:
             raise InputError(f"--until {until:g}: the second frame is at {self.times[1]:.4g} s")
-        self.steps, self.begin = np.arange(0, count, -(-count // MOST_FRAMES)), self.times[0]
+        self.steps, self.begin = np.arange(0, count, -(-count // MAX_FRAMES)), self.times[0]
         self.strokes = np.unique(np.concatenate([f["events/time"][:], self.lost]))
 
     def add_supports(self, axes, step: int) -> None:
@@ -86,7 +86,7 @@ class Motion(Frames):
         return f"{self.times[step] - self.times[0]:.4g} s of the roof"
 
 
-class Erection(StageFrames):
+class ErectionFilm(StageFrames):
     """Film of the stages of erection, each of which is shown for a while."""
 
     name, fps, bar, begin, strokes = "erection", 1, "stage of erection", 0.0, ()
@@ -109,7 +109,7 @@ class Erection(StageFrames):
 
 
 def animate(
-    result: Path, folder: Path, form: str | None, fps: int | None = None, shot: Shot | None = None
+    result: Path, folder: Path, form: str | None, fps: int | None = None, shot: FilmView | None = None
 ) -> list[tuple[Path, str]]:
     """Write RESULT_erection and RESULT_collapse; return their paths and lines that describe them.
 
@@ -117,20 +117,20 @@ def animate(
 
     Raises InputError for a wrong file, and for one without snapshots.
     """
-    form, shot, written = form or "mp4", shot or Shot(), []
+    form, shot, written = form or "mp4", shot or FilmView(), []
     if form == "gif" and (fps or 0) > FASTEST:
         raise InputError(f"--fps {fps}: a GIF shows at most {FASTEST} frames a second; lower it, or take MP4")
-    with reading(result) as f, plt.rc_context({"animation.ffmpeg_path": get_ffmpeg_exe()}):
-        for reel in _reels(f, result, shot.until):
+    with open_checked(result) as f, plt.rc_context({"animation.ffmpeg_path": get_ffmpeg_exe()}):
+        for reel in _films(f, result, shot.until):
             folder.mkdir(parents=True, exist_ok=True)
             path = folder / f"{result.stem}_{reel.name}.{form}"
             with whole(path) as temporary:
                 _write(f, reel, shot, temporary, fps or reel.fps)
-            written.append((path, f"{_told(reel, fps or reel.fps)}, {path.stat().st_size / 1e6:.2g} MB"))
+            written.append((path, f"{_film_line(reel, fps or reel.fps)}, {path.stat().st_size / 1e6:.2g} MB"))
     return written
 
 
-def _write(f: h5py.File, reel: Motion | Erection, shot: Shot, path: Path, fps: int) -> None:
+def _write(f: h5py.File, reel: MotionFilm | ErectionFilm, shot: FilmView, path: Path, fps: int) -> None:
     """Write a film."""
     writer = FFMpegWriter(fps, codec="h264", extra_args=QUALITY if path.suffix == ".mp4" else None)
     film = _Film(f, reel, shot)
@@ -141,18 +141,18 @@ def _write(f: h5py.File, reel: Motion | Erection, shot: Shot, path: Path, fps: i
     plt.close(film.figure)
 
 
-def _told(reel: Motion | Erection, fps: int) -> str:
+def _film_line(reel: MotionFilm | ErectionFilm, fps: int) -> str:
     """Return the line that describes a film."""
-    count, stride = len(reel.steps), int(np.diff(reel.steps).min(initial=MOST_FRAMES))
-    thinning = f" (every {stride}-th of the file)" * (1 < stride < MOST_FRAMES)
+    count, stride = len(reel.steps), int(np.diff(reel.steps).min(initial=MAX_FRAMES))
+    thinning = f" (every {stride}-th of the file)" * (1 < stride < MAX_FRAMES)
     return f"{count} frames{thinning} at {fps} a second: {count / fps:.3g} s for {reel.span(reel.steps[-1])}"
 
 
-def _reels(f: h5py.File, result: Path, until: float) -> list[Motion | Erection]:
+def _films(f: h5py.File, result: Path, until: float) -> list[MotionFilm | ErectionFilm]:
     """Return the films that a file has data for, at least one. Raises InputError if there is none."""
-    reels = [Erection(f)] if "stages" in f else []
+    reels = [ErectionFilm(f)] if "stages" in f else []
     if "VTKHDF/Steps/Values" in f and "history" in f and len(f["VTKHDF/Steps/Values"]) > 1:
-        reels.append(Motion(f, until))
+        reels.append(MotionFilm(f, until))
     if reels:
         return reels
     raise InputError(
@@ -165,10 +165,10 @@ def _reels(f: h5py.File, result: Path, until: float) -> list[Motion | Erection]:
 class _Film:
     """Figure with the net, scales, legend and time bar, which is drawn again for each frame."""
 
-    def __init__(self, f: h5py.File, reel: Motion | Erection, shot: Shot):
-        self.reel, self.title = reel, title_of(f)
+    def __init__(self, f: h5py.File, reel: MotionFilm | ErectionFilm, shot: FilmView):
+        self.reel, self.title = reel, result_title(f)
         self.every = max(1, reel.cells // MOST_LINES)
-        samples = np.unique(np.linspace(0, len(reel.steps) - 1, MOST_LOOKS).astype(int))
+        samples = np.unique(np.linspace(0, len(reel.steps) - 1, FILM_VIEW_SAMPLES).astype(int))
         self.window = view(reel, reel.steps[samples].tolist())
         N = [np.where(reel.broken(step), 0.0, reel.tension(step))[:: self.every] for step in reel.steps]
         N, moving = np.concatenate(N), moving_elements(f)[:: self.every]
@@ -176,11 +176,11 @@ class _Film:
         size = (shot.size[0] / DPI, shot.size[1] / DPI)
         self.figure = plt.figure(figsize=size, dpi=DPI, layout="constrained")
         grid = self.figure.add_gridspec(2, 1, height_ratios=(30, 1))
-        self.axes = _axes(self.figure, grid[0], self.window, shot)
-        force_bars(self.axes, self.scale, N)
-        self.done = _bar(self.figure.add_subplot(grid[1]), reel)
+        self.axes = _add_axes(self.figure, grid[0], self.window, shot)
+        add_force_scales(self.axes, self.scale, N)
+        self.done = _add_time_bar(self.figure.add_subplot(grid[1]), reel)
         self.show(reel.steps[0])
-        kinds = [(SLACK, "slack"), (BROKEN, "broken")][: 1 + isinstance(reel, Motion)]
+        kinds = [(SLACK, "slack"), (BROKEN, "broken")][: 1 + isinstance(reel, MotionFilm)]
         lines = [plt.Line2D([], [], color=colour, lw=2, label=name) for colour, name in kinds]
         handles = [*self.axes.get_legend_handles_labels()[0], *lines]
         self.axes.legend(handles=handles, loc="upper left")
@@ -202,18 +202,18 @@ class _Film:
         add_by_force(self.axes, lines[intact_shown], N[intact_shown], self.scale, width)
         add_lines(self.axes, lines[broken_shown], colors=BROKEN, linewidths=1.4 * width)
         outside_count = int((~inside).sum()) * self.every
-        heading(self.figure, self.title, f"\n{reel.words(step, outside_count)}")
+        set_figure_title(self.figure, self.title, f"\n{reel.words(step, outside_count)}")
         self.done.set_width(reel.times[step] - reel.begin)
 
 
-def _axes(figure, position, window: np.ndarray, shot: Shot):
+def _add_axes(figure, position, window: np.ndarray, shot: FilmView):
     """Add axes in space around a window (2, 3) [m] with the view of a shot."""
-    axes = in_space(figure, (position,), window, shot.zoom)
+    axes = add_space_axes(figure, (position,), window, shot.zoom)
     axes.view_init(*shot.view)
     elevation, azimuth = np.radians(shot.view)
     eye = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
     for axis, component in zip((axes.xaxis, axes.yaxis, axes.zaxis), eye):
-        if abs(component) > ALONG:  # seen as a point, its ticks would overlap
+        if abs(component) > MIN_VIEW_COSINE:  # seen as a point, its ticks would overlap
             axis.set_ticks([])
             axis.set_label_text("")
     if shot.zoom > 1.0:  # axes of an enlarged net would be hidden by the scales
@@ -222,7 +222,7 @@ def _axes(figure, position, window: np.ndarray, shot: Shot):
     return axes
 
 
-def _bar(axes, reel: Motion | Erection):
+def _add_time_bar(axes, reel: MotionFilm | ErectionFilm):
     """Draw a bar of time or stages, with strokes; return the part that grows."""
     axes.set_xlim(reel.begin, reel.times[reel.steps[-1]])
     axes.set_yticks([])

@@ -13,9 +13,9 @@ from matplotlib.path import Path
 
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots.canvas import (
-    MOST_DRAWN,
-    OVER,
-    SUPPORT,
+    MAX_DRAWN,
+    SPACE_STYLE,
+    SUPPORT_COLOUR,
     add_coloured,
     add_lines,
     add_scale,
@@ -24,19 +24,19 @@ from netfall.post.plots.canvas import (
 )
 
 PERCENTILES = 1.0, 99.0  # percentiles of the forces, at which the colour scale ends
-NEARLY_ALIKE = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
+MIN_FORCE_RATIO = 0.5  # smallest / largest force, above which a scale begins at the smallest, not at 0
 LONGEST_GAP = 4.0  # largest / median distance of neighbouring supports on an edge
 MOST_TURNS = 1.6  # full turns, left and right, along an edge: an L has 1.5; mast feet and anchors zigzag
 TRACE = 1e-6  # share of the largest force; smaller compressions count as none
 SLACK = "#c9c9c9"
 
 
-def part_of(name: str, low: float, high: float):
+def part_of_palette(name: str, low: float, high: float):
     """Return a part of a matplotlib palette."""
     return LinearSegmentedColormap.from_list(name, plt.get_cmap(name)(np.linspace(low, high, 64)))
 
 
-TENSION, COMPRESSION = part_of("viridis_r", 0.12, 1.0), part_of("YlOrRd", 0.45, 1.0)
+TENSION, COMPRESSION = part_of_palette("viridis_r", 0.12, 1.0), part_of_palette("YlOrRd", 0.45, 1.0)
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,12 @@ def limits(sizes: np.ndarray) -> tuple[float, float] | None:
     low, high = np.percentile(sizes, PERCENTILES)
     if high - low <= 1e-6 * high:
         return 0.99 * low, 1.01 * high
-    return (low, high) if low >= NEARLY_ALIKE * high else (0.0, high)
+    return (low, high) if low >= MIN_FORCE_RATIO * high else (0.0, high)
 
 
 def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, width: float) -> None:
     """Add elements (m, 2, 3) [m] coloured by axial forces N (m,) [N]; the largest forces are on top."""
-    stride = max(1, len(lines) // MOST_DRAWN)
+    stride = max(1, len(lines) // MAX_DRAWN)
     lines, N = lines[::stride], N[::stride]
     N = np.where((N < 0.0) & (N >= -scale.trace), 0.0, N)
     add_lines(axes, lines[N == 0.0], colors=SLACK, linewidths=0.7 * width)
@@ -93,7 +93,7 @@ def add_by_force(axes, lines: np.ndarray, N: np.ndarray, scale: ForceScale, widt
             add_coloured(axes, lines[rows], sign * N[rows], plt.Normalize(*ends), palette, width)
 
 
-def force_bars(axes, scale: ForceScale, N: np.ndarray) -> None:
+def add_force_scales(axes, scale: ForceScale, N: np.ndarray) -> None:
     """Add the scales below one or several axes, with the extremes of their forces N (k,) [N]."""
     for word, sign, ends, palette in (
         ("tension", 1, scale.tension, TENSION),
@@ -105,11 +105,11 @@ def force_bars(axes, scale: ForceScale, N: np.ndarray) -> None:
         values = factor * sign * N[sign * N > (0.0 if sign > 0 else scale.trace)]
         low, high = factor * ends[0], factor * ends[1]
         label = f"{word} [{unit}], {values.min():.4g} to {values.max():.4g}"
-        extend, ticks = beyond(values, low, high), plt.MaxNLocator(4)
+        extend, ticks = extended_ends(values, low, high), plt.MaxNLocator(4)
         add_scale(axes, plt.Normalize(low, high), palette, label, extend=extend, ticks=ticks)
 
 
-def beyond(values: np.ndarray, low: float, high: float) -> str:
+def extended_ends(values: np.ndarray, low: float, high: float) -> str:
     """Return the ends at which values (k,) leave a scale, as matplotlib's `extend`."""
     ends = bool(values.min() < low * (1.0 - 1e-9)), bool(values.max() > high * (1.0 + 1e-9))
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get(ends, "neither")
@@ -119,20 +119,20 @@ def add_supports(f, axes, x: np.ndarray, place: str = "") -> None:
     """Mark the supports at x (n, 3) [m], and the edge that they form, if any; place : group of the state."""
     held = held_axes(f, place)
     rows = np.flatnonzero(held.any(1))
-    edge = edge_of(x, rows) if not place.startswith("stages/") else ()  # temporary supports form no edge
+    edge = support_edge(x, rows) if not place.startswith("stages/") else ()  # temporary supports form no edge
     if len(edge):
-        dashed = {"color": SUPPORT, "lw": 0.8, "ls": (0, (3, 2)), **OVER}
+        dashed = {"color": SUPPORT_COLOUR, "lw": 0.8, "ls": (0, (3, 2)), **SPACE_STYLE}
         axes.plot(*x[edge].T, label="edge through the supports", **dashed)
     spring = f["net/spring"][:] > 0 if "spring" in f["net"] else np.zeros_like(held)
     mark_supports(axes, x, held & ~spring, spring)
 
 
-def springs_at(f) -> np.ndarray:
+def has_spring(f) -> np.ndarray:
     """Select the nodes (n,) with springs along any axis."""
     return (f["net/spring"][:] > 0).any(1) if "spring" in f["net"] else np.zeros(len(f["net/fixed"]), bool)
 
 
-def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
+def support_edge(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
     """Return the supports in order around the net, closed, if they enclose it in plan; otherwise none.
 
     x : (n, 3) [m]; supports : rows (k,)
@@ -146,10 +146,10 @@ def edge_of(x: np.ndarray, supports: np.ndarray) -> np.ndarray:
     inside = Path(x[closed, :2]).contains_points(x[:, :2], radius=1e-3 * np.ptp(x[:, :2]))
     inside |= Path(x[closed, :2]).contains_points(x[:, :2], radius=-1e-3 * np.ptp(x[:, :2]))
     encloses = inside.all() and gaps.max() <= LONGEST_GAP * max(np.median(gaps), 1e-9)
-    return closed if encloses and turns(x[order, :2]) <= MOST_TURNS else np.zeros(0, int)
+    return closed if encloses and count_turns(x[order, :2]) <= MOST_TURNS else np.zeros(0, int)
 
 
-def turns(plan: np.ndarray) -> float:
+def count_turns(plan: np.ndarray) -> float:
     """Count the full turns, left and right, once around the polygon with corners (k, 2) [m]."""
     sides = np.roll(plan, -1, axis=0) - plan
     heading = np.arctan2(sides[:, 1], sides[:, 0])

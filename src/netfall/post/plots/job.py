@@ -13,22 +13,22 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
 
 from netfall.geometry.areas import areas_are_given
-from netfall.geometry.faces import Faces, quarters
+from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net
 from netfall.post.plots.canvas import (
     BROKEN,
-    MOST_MARKED,
-    OVER,
+    MAX_MARKED,
+    SPACE_STYLE,
     add_lines,
-    heading,
-    in_space,
+    add_space_axes,
     line_width,
     mark_supports,
     save,
+    set_figure_title,
     set_plan,
 )
 from netfall.post.plots.cells import MOST_CELLS
-from netfall.post.plots.net import add_groups, whole_cables
+from netfall.post.plots.net import add_groups, select_cables
 
 MOST_DRAWN = 30_000  # elements that stay apart; of larger nets, every k-th cable is drawn
 MOST_NORMALS = 150
@@ -66,10 +66,10 @@ class JobNet:
 def draw_job(job: JobNet, path: Path) -> None:
     """Write the picture: in space by groups, in plan by zones."""
     net = job.net
-    rows, stride = whole_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
+    rows, stride = select_cables(net.x, net.elements, net.cable, net.group, MOST_DRAWN)
     figure = plt.figure(figsize=(13, 7.2), layout="constrained")
     left, right = figure.subfigures(1, 2, wspace=0.14)  # labels of axes in space extend beyond the panel
-    space = in_space(left, (1, 1, 1), net.x)
+    space = add_space_axes(left, (1, 1, 1), net.x)
     space.computed_zorder = False
     lines = net.x[net.elements[rows]]
     add_groups(space, lines, net.group[rows], net.group_names, line_width(len(rows)), net.bar[rows])
@@ -80,7 +80,7 @@ def draw_job(job: JobNet, path: Path) -> None:
     _draw_plan(plan, job, rows)
     for half, axes in ((left, space), (right, plan)):
         _add_legend(half, axes)
-    heading(figure, job.title, _words(net, stride))
+    set_figure_title(figure, job.title, _words(net, stride))
     save(figure, path)
 
 
@@ -109,15 +109,15 @@ def _draw_members(axes, job: JobNet, x: np.ndarray) -> None:
         lines = x[job.net.elements[rows]] if len(rows) else x[:0]
         label = f"{word}, {len(rows)}"
         add_lines(axes, lines, colors=colour, linewidths=2.0, linestyles=style, label=label, zorder=4)
-        if style == "-" and 0 < len(rows) <= MOST_MARKED:  # makes short members visible
-            axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5, **OVER)
+        if style == "-" and 0 < len(rows) <= MAX_MARKED:  # makes short members visible
+            axes.plot(*lines.mean(1).T, ls="", marker="x", ms=4, color=colour, zorder=5, **SPACE_STYLE)
 
 
 def _draw_nodes(axes, job: JobNet, x: np.ndarray) -> None:
     """Draw the supports of each kind and the probes, with their counts; nodes at x (n, 2 or 3) [m]."""
     mark_supports(axes, x, job.net.fixed, job.net.spring > 0)
     if len(job.probes):
-        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, **OVER}
+        star = {"ls": "", "marker": "*", "ms": 10, "mfc": "#ffd400", "mec": "k", "mew": 0.6, **SPACE_STYLE}
         axes.plot(*x[job.probes].T, label=f"probes, {len(job.probes)}", zorder=6, **star)
 
 
@@ -158,7 +158,7 @@ def _draw_zones(axes, job: JobNet) -> None:
     elif len(faces):
         points, colours = np.concatenate([job.net.x, job.net.corners])[:, :2], tints[zone[faces.corner]]
         style = {"facecolors": colours, "edgecolors": colours, "lw": 0.2, "zorder": 1}
-        axes.add_collection(PolyCollection(quarters(points, faces), **style))
+        axes.add_collection(PolyCollection(corner_quadrilaterals(points, faces), **style))
     if not names:
         axes.add_patch(
             plt.Rectangle((0, 0), 0, 0, color=ROOF if len(faces) else "none", label=_roof_label(job))

@@ -5,7 +5,7 @@ from adjustText import adjust_text
 from matplotlib.axes import Axes
 from mpl_toolkits.mplot3d import proj3d
 
-from netfall.post.plots.canvas import SMALL, write_out_controls
+from netfall.post.plots.canvas import SMALL, replace_control_characters
 
 BOX = {"boxstyle": "round,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.8}
 LEADER = {"arrowstyle": "-", "lw": 0.5, "color": "0.4", "shrinkA": 0, "shrinkB": 0}
@@ -18,7 +18,7 @@ def add_labels(axes, points: np.ndarray, texts: list[str]) -> None:
         points = np.stack(proj3d.proj_transform(*points.T, axes.get_proj())[:2], 1)
     style = {"fontsize": SMALL, "zorder": 1000, "bbox": BOX, "in_layout": False}
     added = [Axes.text(axes, *point, text, **style) for point, text in zip(points, texts)]
-    write_out_controls(axes.figure)
+    replace_control_characters(axes.figure)
     axes.figure.draw_without_rendering()  # computes the positions on the page
     adjust_text(added, ax=axes, iter_lim=ITERATIONS)
     for point, text in zip(points, added):  # axes in space cannot draw adjustText's arrows

@@ -5,14 +5,14 @@ import numpy as np
 
 from netfall.post.checks.reactions import held_axes
 from netfall.post.plots import canvas
-from netfall.results.file import title_of
+from netfall.results.file import result_title
 
 DRAWN, COLUMNS = 6, 3  # modes drawn, and modes in a row
-SWING = 0.06  # largest displacement drawn / extent of the net
+DRAWN_DISPLACEMENT = 0.06  # largest displacement drawn / extent of the net
 STILL = 0.05  # share of the largest displacement; elements with less are not drawn displaced in space
 WIDTH = 4.6  # inches; largest width and height of a panel
 COLOURS = "RdBu_r"
-RESTS = ("rest/position", "form_finding/position", "net/particles")
+EQUILIBRIUM_PATHS = ("rest/position", "form_finding/position", "net/particles")
 
 
 def modes(f):
@@ -20,12 +20,12 @@ def modes(f):
 
     The colour is the displacement along the axis on which the mode moves most.
     """
-    x, elements = f[next(name for name in RESTS if name in f)][:], f["net/elements"][:]
+    x, elements = f[next(name for name in EQUILIBRIUM_PATHS if name in f)][:], f["net/elements"][:]
     if "statics" in f and "rest" not in f:  # without wind, modes refer to the end of the static steps
         x = x + f["statics/displacement"][-1]
-    lines = elements[:: max(1, len(elements) // canvas.MOST_DRAWN)]
+    lines = elements[:: max(1, len(elements) // canvas.MAX_DRAWN)]
     shape, held = f["modes/shape"][:DRAWN], held_axes(f).any(1)
-    swing = SWING * float(np.ptp(x, axis=0).max())
+    swing = DRAWN_DISPLACEMENT * float(np.ptp(x, axis=0).max())
     figure, panels = _panels(x, swing, len(shape))
     norm, width = plt.Normalize(-1.0, 1.0), canvas.line_width(len(lines))
     for k, ((space, plan), u) in enumerate(zip(panels, shape)):
@@ -37,11 +37,13 @@ def modes(f):
         canvas.add_lines(plan, x[lines][..., :2], colors=canvas.NOTHING, linewidths=0.5)
         canvas.add_coloured(plan, displaced[..., :2], component, norm, COLOURS, 1.4 * width)
         plan.set_facecolor("0.93")  # contrasts with unmoved elements, which are white
-        canvas.dot_supports(plan, x[:, :2], held)
+        canvas.add_support_dots(plan, x[:, :2], held)
         space.set_title(_words(f, k, "xyz"[axis]))
     label = "displacement along the axis that a title names, of the largest of a node [-]"
     canvas.add_scale([panel for pair in panels for panel in pair], norm, COLOURS, label)
-    canvas.heading(figure, title_of(f), f": lowest modes, largest displacement drawn as {swing:.3g} m")
+    canvas.set_figure_title(
+        figure, result_title(f), f": lowest modes, largest displacement drawn as {swing:.3g} m"
+    )
     return figure
 
 
@@ -54,7 +56,7 @@ def _panels(x: np.ndarray, swing: float, count: int):
     panels = []
     for k in range(count):
         row, column = 2 * (k // columns), k % columns
-        space = canvas.in_space(figure, (grid[row, column],), window)
+        space = canvas.add_space_axes(figure, (grid[row, column],), window)
         plan = figure.add_subplot(grid[row + 1, column])
         canvas.set_plan(plan, x[:, :2], 1.1 * swing)
         panels.append((space, plan))

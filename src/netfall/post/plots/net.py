@@ -6,12 +6,12 @@ import numpy as np
 from netfall.post.plots.canvas import (
     BROKEN,
     CYCLE,
-    OVER,
+    SPACE_STYLE,
     add_lines,
-    heading,
     mark_supports,
+    open_space_panels,
     save,
-    space_panels,
+    set_figure_title,
 )
 
 MOST_READ = 20_000  # elements in the picture of an imported net
@@ -26,7 +26,7 @@ def group_colours(count: int) -> list:
     return [usable[k % len(usable)] for k in range(count)]
 
 
-def named_groups(names: list[str], count) -> list[str | None]:
+def group_legend(names: list[str], count) -> list[str | None]:
     """Return the legend text of each group with its number of elements; of many, the last counts the rest."""
     labels: list[str | None] = [f"{name or '(no group)'}, {k}" for name, k in zip(names, count)]
     if len(names) > MOST_NAMED:
@@ -36,7 +36,7 @@ def named_groups(names: list[str], count) -> list[str | None]:
     return labels
 
 
-def whole_cables(x, elements, cable, group, limit: int) -> tuple[np.ndarray, int]:
+def select_cables(x, elements, cable, group, limit: int) -> tuple[np.ndarray, int]:
     """Select the elements that are drawn, as complete cables evenly over each group; and their stride.
 
     x : (n, 3) [m]; elements : (m, 2); cable, group : (m,) numbers; limit : elements that are drawn
@@ -50,11 +50,11 @@ def whole_cables(x, elements, cable, group, limit: int) -> tuple[np.ndarray, int
     selected, group = np.zeros(len(name), bool), group[first]
     for g in np.unique(group):
         rows = np.flatnonzero(group == g)
-        selected[rows[in_turn(centre[rows])][::stride]] = True
+        selected[rows[morton_order(centre[rows])][::stride]] = True
     return np.flatnonzero(selected[row]), stride
 
 
-def in_turn(points: np.ndarray) -> np.ndarray:
+def morton_order(points: np.ndarray) -> np.ndarray:
     """Sort points (k, 2) so that neighbours follow one another, by Morton's curve."""
     box = points - points.min(0)
     cell = (1023 * box / max(box.max(), 1e-9)).astype(np.int64)
@@ -67,7 +67,7 @@ def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], wid
 
     lines : (m, 2, 3) [m]; group : (m,) rows of names; bar : (m,) bool, None: all are cables
     """
-    labels = named_groups(names, np.bincount(group, minlength=len(names)))
+    labels = group_legend(names, np.bincount(group, minlength=len(names)))
     for g, colour in enumerate(group_colours(len(names))):
         in_group = group == g
         is_bars = bar is not None and in_group.any() and bool(bar[in_group].all())
@@ -75,19 +75,19 @@ def add_groups(axes, lines: np.ndarray, group: np.ndarray, names: list[str], wid
         add_lines(axes, lines[in_group], colors=[colour], linewidths=thickness * width, label=label, zorder=2)
 
 
-def as_read(x, ends, group: list[str], fixed, spring, marks, title: str, path) -> None:
+def draw_imported_net(x, ends, group: list[str], fixed, spring, marks, title: str, path) -> None:
     """Write the picture of an imported net: elements by group, supports, marks at faults.
 
     x : (n, 3) [m]; ends : (m, 2); group : (m,) names; fixed, spring : (n, 3) bool, axes; marks : (k, 3) [m]
     """
     names, rows = np.unique(group, return_inverse=True)
-    figure, (axes,) = space_panels(x, 1)
+    figure, (axes,) = open_space_panels(x, 1)
     stride = max(1, len(ends) // MOST_READ)
     add_groups(axes, x[ends][::stride], rows[::stride], names.tolist(), 0.9)
     mark_supports(axes, x, fixed, spring)
     if len(marks):
-        style = {"ls": "", "marker": "x", "ms": 4, "color": BROKEN, **OVER}
+        style = {"ls": "", "marker": "x", "ms": 4, "color": BROKEN, **SPACE_STYLE}
         axes.plot(*np.array(marks)[:MOST_READ].T, label=f"faults, {len(marks)}", **style)
     figure.legend(loc="outside lower center", ncols=4)
-    heading(figure, title, ", as it was read")
+    set_figure_title(figure, title, ", as it was read")
     save(figure, path)

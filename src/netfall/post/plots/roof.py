@@ -5,9 +5,9 @@ import numpy as np
 from matplotlib.colors import ListedColormap, to_rgba
 
 from netfall.post.checks.reactions import held_axes
-from netfall.post.plots.canvas import CYCLE, MOST_DRAWN, add_lines, heading, plan_panels, unit_of
-from netfall.post.plots.cells import has_faces, node_cells
-from netfall.results.file import title_of
+from netfall.post.plots.canvas import CYCLE, MAX_DRAWN, add_lines, open_plan_panels, set_figure_title, unit_of
+from netfall.post.plots.cells import has_faces, roof_polygons
+from netfall.results.file import result_title
 
 OUTSIDE = "0.88"  # nodes in no zone, or with a pressure along axes
 # Dataset, description, unit, colours, signed (the middle of the colours is then 0).
@@ -30,9 +30,9 @@ def roof(f):
     zoned = len(f["net/zone_names"]) > 0
     x, elements = f["net/particles"][:, :2], f["net/elements"][:]
     margin = 0.0 if has_faces(f) else 0.55 * np.sqrt(f["net/plan_area"][:].max())  # half a square
-    figure, panels = plan_panels(x, held_axes(f).any(1), len(available) + zoned, margin)
+    figure, panels = open_plan_panels(x, held_axes(f).any(1), len(available) + zoned, margin)
     for axes in panels:
-        lines = x[elements[:: max(1, len(elements) // MOST_DRAWN)]]
+        lines = x[elements[:: max(1, len(elements) // MAX_DRAWN)]]
         add_lines(axes, lines, colors="0.25", linewidths=0.35, zorder=2)
     if zoned:
         _draw_zones(f, panels[0])
@@ -41,7 +41,7 @@ def roof(f):
     explanation = "each node its part of the faces" if has_faces(f) else "each node a square of its area"
     legend = f"({explanation}; dots: supports; a positive pressure presses)"
     geometry = " as given, with the areas of the form" if "form_finding" in f else ""
-    heading(figure, title_of(f), f": roof in plan{geometry}\n{legend}")
+    set_figure_title(figure, result_title(f), f": roof in plan{geometry}\n{legend}")
     return figure
 
 
@@ -50,7 +50,7 @@ def _draw_zones(f, axes) -> None:
     names, zone = f["net/zone_names"].asstr()[:], f["net/zone"][:]
     palette = ListedColormap(CYCLE) if len(names) <= len(CYCLE) else plt.get_cmap("tab20")
     colours = [OUTSIDE, *(palette(k % palette.N) for k in range(len(names)))]
-    cells, rows = node_cells(f)
+    cells, rows = roof_polygons(f)
     part = np.eye(len(names) + 1)[zone + 1]  # shares of each node; first column: no zone
     if "net/zone_share" in f:  # a node in several zones has a mixed colour
         part[:, 1:] = f["net/zone_share"][:]
@@ -68,7 +68,7 @@ def _draw_values(f, axes, name: str, quantity: str, unit: str, colours: str, sig
     """Draw a value of each node by colour, with its range."""
     values = f[name][:]
     palette = plt.get_cmap(colours).with_extremes(bad=OUTSIDE)
-    cells, rows = node_cells(f, cmap=palette)
+    cells, rows = roof_polygons(f, cmap=palette)
     finite = values[rows][np.isfinite(values[rows])]
     low, high = (finite.min(), finite.max()) if len(finite) else (0.0, 0.0)
     largest = max(abs(low), abs(high))

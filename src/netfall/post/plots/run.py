@@ -13,9 +13,17 @@ from netfall.post.plots.canvas import save
 from netfall.post.plots.collapse import collapse
 from netfall.post.plots.modes import modes
 from netfall.post.plots.roof import has_roof, roof
-from netfall.post.plots.states import form, has_stages, has_states, named_state, one_state, stages, states
+from netfall.post.plots.states import (
+    find_equilibrium,
+    form,
+    has_stages,
+    has_states,
+    one_state,
+    stages,
+    states,
+)
 from netfall.post.plots.utilisation import slips
-from netfall.results.file import reading
+from netfall.results.file import open_checked
 
 
 def plot_state(result: Path, folder: Path, name: str) -> Path:
@@ -23,8 +31,8 @@ def plot_state(result: Path, folder: Path, name: str) -> Path:
 
     Raises InputError for a wrong file, and for an unknown name.
     """
-    with reading(result) as f:
-        figure = one_state(f, named_state(f, name))
+    with open_checked(result) as f:
+        figure = one_state(f, find_equilibrium(f, name))
         folder.mkdir(parents=True, exist_ok=True)
         suffix = re.sub(r"[^\w.-]+", "_", name)
         return save(figure, folder / f"{result.stem}_{suffix}.png")
@@ -35,7 +43,7 @@ def plot_all(result: Path, folder: Path) -> list[Path]:
 
     Raises InputError for a wrong file.
     """
-    with reading(result) as f:
+    with open_checked(result) as f:
         folder.mkdir(parents=True, exist_ok=True)
         has_dynamics = "history" in f
         has_probes = has_dynamics and "probe_displacement" in f["history"]

@@ -9,13 +9,13 @@ from matplotlib.colors import LogNorm, Normalize
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from netfall.post.checks.cables import ABOVE, Checked, only_compressed
+from netfall.post.checks.cables import FAILED_UTILISATION, ElementChecks, is_only_compressed
 from netfall.post.checks.reactions import held_axes
-from netfall.post.checks.slides import slide_columns
+from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots import canvas
 from netfall.post.plots.force import add_supports, limits
-from netfall.results.file import carried_in, title_of
-from netfall.results.limit_load_text import overloaded
+from netfall.results.file import dynamic_extremes, result_title
+from netfall.results.limit_load_text import exceeds_strength
 from netfall.results.losses import lost_at
 from netfall.results.states import Envelope, start_position
 
@@ -25,10 +25,10 @@ COLOURS = "viridis_r"
 MUCH = 10.0  # factor above which the scale is logarithmic
 MOST_CABLES = 2  # cables drawn, those with the largest slip
 MOST_STATES = 6  # states drawn, those with the largest slip
-USED = 1.0  # utilisation at which a clamp slips
+SLIP_UTILISATION = 1.0  # utilisation at which a clamp slips
 
 
-def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
+def utilisation(f, envelope: Envelope, checked: ElementChecks, path: Path) -> None:
     """Write the picture of utilisation by the first check and the first check of compression.
 
     If no element has a utilisation, the picture shows the tension.
@@ -37,7 +37,7 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
     names += [check.name for check in checked.checks[1:] if check.compression][:1]
     values, high = np.fmax.reduce([checked.utilisation[name] for name in names]), 1.0
     fails = np.logical_or.reduce([checked.fails[name] for name in names])
-    values = np.where(fails, np.fmax(values, ABOVE), values)
+    values = np.where(fails, np.fmax(values, FAILED_UTILISATION), values)
     if np.isfinite(values).any():
         failed = {check.name: checked.fails[check.name].sum() for check in checked.checks}
         others = ", ".join(f"{n} fail {name}" for name, n in failed.items() if n and name not in names)
@@ -45,11 +45,11 @@ def utilisation(f, envelope: Envelope, checked: Checked, path: Path) -> None:
         label = f"utilisation, {', '.join(names)}{remark}; grey: none; magenta: fails"
     else:
         factor, unit = canvas.unit_of(np.abs(envelope.most).max(), "N")
-        values = factor * np.where(only_compressed(f, envelope), np.nan, envelope.most)
+        values = factor * np.where(is_only_compressed(f, envelope), np.nan, envelope.most)
         label = f"largest tension [{unit}]; no element has a strength; grey: only compressed"
         over = None
         high = (limits(values[values > 0.0]) or (0.0, 1e-9))[1]  # the largest can be that of a fragment
-    if "history" in f and (beyond := int(overloaded(carried_in(f)).sum())):
+    if "history" in f and (beyond := int(exceeds_strength(dynamic_extremes(f)).sum())):
         label += f"; {beyond} beyond strength after a fracture: of the step"
     _draw(f, path, values, Normalize(0.0, high), "how far elements are used", label, over)
 
@@ -80,28 +80,30 @@ def _draw(f, path: Path, values: np.ndarray, scale, title: str, label: str, over
     """
     x, palette = start_position(f), plt.get_cmap(COLOURS).with_extremes(over=over)
     figure = plt.figure(figsize=(14, 6.6), layout="constrained")
-    space, plan = canvas.in_space(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
+    space, plan = canvas.add_space_axes(figure, (1, 2, 1), x), figure.add_subplot(1, 2, 2)
     for axes, nodes in ((space, x), (plan, x[:, :2])):
         lines, lost = nodes[f["net/elements"][:]], np.isfinite(lost_at(f)) & ~np.isfinite(values)
         width = canvas.line_width(len(lines), 2.0)
         canvas.add_coloured(axes, lines[~lost], values[~lost], scale, palette, width)
         canvas.add_lines(axes, lines[lost], colors=LOST, linewidths=width, linestyles="--")
     add_supports(f, space, x)
-    canvas.dot_supports(plan, x[:, :2], held_axes(f).any(1))
+    canvas.add_support_dots(plan, x[:, :2], held_axes(f).any(1))
     canvas.set_plan(plan, x[:, :2])
     largest = float(np.nanmax(values)) if np.isfinite(values).any() else np.nan
     label += f"; largest {largest:.4g}" if np.isfinite(largest) else "; no values"
     options = {"extend": "max" if largest > scale.vmax else "neither", "format": "{x:g}"}
     bar = canvas.add_scale([space, plan], scale, palette, label, **options)
     if isinstance(scale, LogNorm):
-        bar.set_ticks(canvas.ROUND[(canvas.ROUND >= scale.vmin) & (canvas.ROUND <= scale.vmax)])
-    canvas.heading(figure, title_of(f), f": {title}, in space and in plan")
+        bar.set_ticks(
+            canvas.ROUND_NUMBERS[(canvas.ROUND_NUMBERS >= scale.vmin) & (canvas.ROUND_NUMBERS <= scale.vmax)]
+        )
+    canvas.set_figure_title(figure, result_title(f), f": {title}, in space and in plan")
     canvas.save(figure, path)
 
 
 def slips(f):
     """Draw slip and utilisation at the slip points along cables; a ring goes once around."""
-    table, cable = slide_columns(f), f["slide/cable"].asstr()[:]
+    table, cable = slip_point_columns(f), f["slide/cable"].asstr()[:]
     stages = list(dict.fromkeys(table["stage"]))
     slip, use = (
         np.abs(np.nan_to_num(table[name].reshape(len(stages), -1))) for name in ("slip", "utilisation")
@@ -109,27 +111,29 @@ def slips(f):
     ranked = sorted(set(cable), key=lambda name: (-slip[:, cable == name].max(), name))
     cables = ranked[:MOST_CABLES]
     states = sorted(np.lexsort((-use.max(1), -slip.max(1)))[:MOST_STATES])
-    figure, panels = canvas.charts(2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row")
+    figure, panels = canvas.open_charts(
+        2, len(cables), 5.5 * len(cables) + 2.0, 6.4, sharex="col", sharey="row"
+    )
     for column, name in enumerate(cables):
         points = np.flatnonzero(cable == name)
-        distance = _along(f, points)
+        distance = _distances_along_cable(f, points)
         for k in states:
             rows = k * len(cable) + points
             for axes, values in zip(panels[:, column], (1e3 * table["slip"], table["utilisation"])):
                 label = "dynamics, the largest" if stages[k] == "dynamics" else stages[k]
                 axes.plot(distance, values[rows], ".-", lw=1.2, label=label)
         panels[0, column].set_title(f"cable {name}")
-        panels[1, column].axhline(USED, color="0.5", lw=0.8, ls="--")
+        panels[1, column].axhline(SLIP_UTILISATION, color="0.5", lw=0.8, ls="--")
         panels[1, column].set_xlabel(f"along it from node {f['slide/node'][points[0]]} [m]")
     panels[0, 0].set_ylabel("slip along the cable [mm]")
     panels[1, 0].set_ylabel("utilisation of what holds [-]")
-    canvas.legend_below(figure, panels[0, 0], ncols=3)
+    canvas.add_legend_below(figure, panels[0, 0], ncols=3)
     selection = f", {len(cables)} of {len(ranked)} cables" if len(ranked) > len(cables) else ""
-    canvas.heading(figure, title_of(f), f": slip over nodes{selection}")
+    canvas.set_figure_title(figure, result_title(f), f": slip over nodes{selection}")
     return figure
 
 
-def _along(f, points: np.ndarray) -> np.ndarray:
+def _distances_along_cable(f, points: np.ndarray) -> np.ndarray:
     """Compute the distances (k,) [m] of slip points from the first, along elements of the cable's group."""
     ends, group, L0 = f["net/elements"][:], f["net/group"][:], f["net/unstressed_length"][:]
     row = {number: k for k, number in enumerate(f["net/node_id"][:].tolist())}

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from netfall.post.checks.cables import Checked
-from netfall.post.checks.cases import largest_displacements, slack_cables
+from netfall.post.checks.cables import ElementChecks
+from netfall.post.checks.cases import count_slack_cables, largest_displacements
 from netfall.post.checks.codes import Check
 from netfall.post.checks.counted import (
     counted,
+    groups_without_equilibrium,
     places_of,
     stage_kinds,
-    without_equilibrium,
-    without_stability,
+    unstable_groups,
 )
 from netfall.post.checks.groups import limits_of, members
 from netfall.post.report.markdown import (
@@ -24,9 +24,9 @@ from netfall.post.report.markdown import (
     picture,
     share,
 )
-from netfall.results.cases import EQUILIBRIUM, KINDS, Case
-from netfall.results.file import job_of
-from netfall.results.states import Envelope, is_undecided, start_words, state_words
+from netfall.results.cases import COMBINATION_KINDS, EQUILIBRIUM, Case
+from netfall.results.file import read_job_tables
+from netfall.results.states import Envelope, group_title, is_undecided, start_name
 
 WORST = 10  # rows of the most used elements, and stages that are named
 
@@ -35,7 +35,7 @@ def cases(f, all_cases: list[Case], table: dict) -> list[str]:
     """Return the table of cases, one row each; table : see `case_columns`."""
     lines = []
     for case, (largest, node), count in zip(
-        all_cases, largest_displacements(f, all_cases), slack_cables(f, all_cases)
+        all_cases, largest_displacements(f, all_cases), count_slack_cables(f, all_cases)
     ):
         rows, numbers = table["case"] == case.name, [""] * 4
         if largest == largest:
@@ -53,7 +53,7 @@ def cases(f, all_cases: list[Case], table: dict) -> list[str]:
         )
         remarks = [text, "", *remarks]
     return [
-        f"Each is an equilibrium of its own; displacements count from {start_words(f)}. By groups:",
+        f"Each is an equilibrium of its own; displacements count from {start_name(f)}. By groups:",
         "cases.csv.",
         "",
         *as_table(header, lines),
@@ -63,7 +63,7 @@ def cases(f, all_cases: list[Case], table: dict) -> list[str]:
     ]
 
 
-def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
+def checks(f, envelope: Envelope, checked: ElementChecks, table: dict) -> list[str]:
     """Return for each check the worst element of each group, and the stages that count.
 
     table : see `group_columns`
@@ -75,24 +75,24 @@ def checks(f, envelope: Envelope, checked: Checked, table: dict) -> list[str]:
         names = [name for name, counts in zip(envelope.names, counting) if counts]
         paths = places_of(envelope, counting)
         rows = np.flatnonzero(has_utilisation & (table["check"] == check.name))
-        lines += [heading(3, check.title), "", _counts(names, check), ""]
+        lines += [heading(3, check.title), "", _stages_line(names, check), ""]
         failures = [
-            f"UNDECIDED: no equilibrium of {state_words(f, path)} was found."
+            f"UNDECIDED: no equilibrium of {group_title(f, path)} was found."
             if is_undecided(f[path])
-            else f"FAILS: {state_words(f, path)} has no equilibrium."
-            for path in sorted(without_equilibrium(f, paths), key=lambda path: is_undecided(f[path]))
+            else f"FAILS: {group_title(f, path)} has no equilibrium."
+            for path in sorted(groups_without_equilibrium(f, paths), key=lambda path: is_undecided(f[path]))
         ]
-        failures += [f"FAILS: {state_words(f, path)} is not stable." for path in without_stability(f, paths)]
+        failures += [f"FAILS: {group_title(f, path)} is not stable." for path in unstable_groups(f, paths)]
         lines += [*map(bold, failures), *([""] if failures else [])]
         if not len(rows):
-            lines += [f"Empty: {checked.why_empty(check)}.", ""]
+            lines += [f"Empty: {checked.explain_no_utilisation(check)}.", ""]
             continue
         header = ["group", "type", "worst member", "alike", "N_Ed", "in", "N_Rd", "N_Ed / N_Rd", ""]
         lines += [*as_table(header, [_group_row(table, k) for k in rows]), ""]
     return lines
 
 
-def _counts(names: list[str], check: Check) -> str:
+def _stages_line(names: list[str], check: Check) -> str:
     """Return the line on the stages that count for a check."""
     kind = f"Of kind {check.kind}. " if check.kind else ""
     stages = "; ".join(names[:WORST]) + (f"; and {len(names) - WORST} more" if len(names) > WORST else "")
@@ -110,7 +110,7 @@ def _group_row(table: dict, k: int) -> list:
     ]
 
 
-def most_used(f, envelope: Envelope, checked: Checked) -> list[str]:
+def most_used(f, envelope: Envelope, checked: ElementChecks) -> list[str]:
     """Return the table of the elements that the first check uses most, symmetric ones in one row."""
     check = checked.checks[0].name
     utilisation, ids, cable = checked.utilisation[check], f["net/element_id"][:], f["net/cable"][:]
@@ -131,12 +131,12 @@ def most_used(f, envelope: Envelope, checked: Checked) -> list[str]:
 
 def limits(f, all_cases: list[Case]) -> list[str]:
     """Return the table of the service limits."""
-    job = job_of(f)
+    job = read_job_tables(f)
     if "limits" not in job:
         return ["None: the job has no [limits]."]
-    results = limits_of(job, all_cases, largest_displacements(f, all_cases), slack_cables(f, all_cases))
+    results = limits_of(job, all_cases, largest_displacements(f, all_cases), count_slack_cables(f, all_cases))
     if not results:
-        return [f"Not checked: no combination is of kind {KINDS[1]}."]
+        return [f"Not checked: no combination is of kind {COMBINATION_KINDS[1]}."]
     lines = [
         [limit.case, limit.what, f"{limit.value:.4g} {limit.unit}" if np.isfinite(limit.value) else "none"]
         + [limit.at, f"{limit.allowed:.4g} {limit.unit}", "passes" if limit.holds else bold("FAILS")]

@@ -10,7 +10,7 @@ from markdown_it import MarkdownIt
 from netfall.core.progress import one_line
 
 CELL = re.compile(r"<t[dh]\b.*?</t[dh]>")  # table cell; long names in it may break after a _
-WIDE = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
+PICTURE_WIDTH = 660  # pixels; width of pictures in word processors, while browsers fit them to the window
 PAGE = Path(__file__).with_name("page.html")
 
 
@@ -26,7 +26,7 @@ def one_page(text: str, title: str, folder: Path, pictures: list[str]) -> str:
                 image.type = "text"
                 continue
             data = b64encode((folder / image.attrs["src"]).read_bytes()).decode()
-            image.attrs |= {"src": f"data:image/png;base64,{data}", "width": WIDE}
+            image.attrs |= {"src": f"data:image/png;base64,{data}", "width": PICTURE_WIDTH}
     body = reader.renderer.render(tokens, reader.options, {})
     body = CELL.sub(lambda cell: cell[0].replace("_", "_\u200b"), body)
     parts = {"title": html.escape(one_line(title)), "body": body}

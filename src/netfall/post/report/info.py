@@ -7,11 +7,16 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.results import file, states, warning_text
-from netfall.results.removal_text import loss_lines
+from netfall.results.removal_text import removal_lines
 
 FIRST_EVENTS = 8  # fractures, and elements of a failed state, that are listed
 ENERGIES = ("external_work", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work")
-OF_FEW = ("air_work", "band_damping_work", "slip_dissipation", "support_work")  # if the result has them
+OPTIONAL_ENERGIES = (
+    "air_work",
+    "band_damping_work",
+    "slip_dissipation",
+    "support_work",
+)  # if the result has them
 
 
 def print_info(path: Path, say: Callable[[str], None]) -> None:
@@ -19,8 +24,8 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
 
     Raises InputError for a wrong file.
     """
-    with file.reading(path) as f:
-        say(f"{path}: {file.title_of(f)}")
+    with file.open_checked(path) as f:
+        say(f"{path}: {file.result_title(f)}")
         has_dynamics = "history" in f
         for lines_of, present in (
             (_run, True),
@@ -30,12 +35,12 @@ def print_info(path: Path, say: Callable[[str], None]) -> None:
             (warning_text.displacement_notes_of, True),
             (_dynamics, has_dynamics),
             (_wind, "wind" in f),
-            (lambda f: loss_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
+            (lambda f: removal_lines(f["removal"], f["events"], f["net/element_id"][:]), "removal" in f),
             (_energies, has_dynamics),
             (_fractures, has_dynamics),
             (warning_text.detached_notes_of, has_dynamics),
-            (warning_text.motion_notes_of, has_dynamics),
-            (file.overloads_of, has_dynamics),
+            (warning_text.dynamic_limit_notes_of, has_dynamics),
+            (file.overload_notes_of, has_dynamics),
             (_seconds, True),
         ):
             for line in lines_of(f) if present else ():
@@ -72,7 +77,7 @@ def _form(f):
         f"with the real material {g['residual_real_material'][()]:.2g}; "
         f"tensions {N.min():.4g} to {N.max():.4g} N"
     )
-    yield from file.lines_of_form(f)
+    yield from file.form_finding_lines(f)
     if states.no_equilibrium(g):
         yield f"note: NOT REACHED: {g.attrs['reason']}; the form shown is the nearest that was found"
     if "deviation" in f and states.no_equilibrium(f["deviation"]):
@@ -82,14 +87,14 @@ def _form(f):
 def _equilibria(f):
     """Yield lines on the last equilibrium of each group, with notes on unstable ones."""
     start, node_id = states.start_position(f), f["net/node_id"][:]
-    for path in states.state_groups(f):
+    for path in states.equilibrium_groups(f):
         x = states.form_position(f) if path.startswith("stages/") else start
-        g, last = f[path], list(states.states_of(f, path))[-1]
+        g, last = f[path], list(states.group_equilibria(f, path))[-1]
         N, displacement = last.tension()[~states.absent(f, path)], lengths(last.position() - x)
         residual = np.fmax.reduce(np.ravel(g["residual"][()]))  # nan for states that were not found
         steps = f"{int((g['load_factor'][:] > 0).sum())} load steps; " if "load_factor" in g else ""
         yield (
-            f"{states.state_words(f, path)}: {steps}largest displacement {displacement.max():.4g} m "
+            f"{states.group_title(f, path)}: {steps}largest displacement {displacement.max():.4g} m "
             f"(node {node_id[displacement.argmax()]}), tensions {N.min():.4g} to {N.max():.4g} N, "
             f"slack {np.ravel(g['slack'][()])[-1]}, largest residual {residual:.2g} N"
         )
@@ -99,13 +104,13 @@ def _equilibria(f):
             factor = g.attrs["load_factor"]
             reached = f"load factor reached {factor:.4g}, and the state there is " * int(factor == factor)
             yield (
-                f"{states.state_words(f, path)}: {g.attrs['state'].replace('_', ' ').upper()}: "
+                f"{states.group_title(f, path)}: {g.attrs['state'].replace('_', ' ').upper()}: "
                 f"{g.attrs['reason']}{where}; "
                 f"{reached or 'the last state on the way is '}what is shown"
             )
         elif not np.all(g["stable"][()]):
-            yield f"note: an equilibrium of /{path} is NOT STABLE: {warning_text.NOT_STABLE}"
-        yield from warning_text.limit_notes(states.state_words(f, path), g.attrs)
+            yield f"note: an equilibrium of /{path} is NOT STABLE: {warning_text.INSTABILITY_TEXT}"
+        yield from warning_text.limit_notes(states.group_title(f, path), g.attrs)
     yield from warning_text.limit_point_warnings_of(f)
 
 
@@ -140,7 +145,7 @@ def _wind(f):
 def _energies(f):
     """Yield the lines on the final energies and their errors."""
     h = f["history"]
-    names = [*ENERGIES, *(name for name in OF_FEW if name in h)]
+    names = [*ENERGIES, *(name for name in OPTIONAL_ENERGIES if name in h)]
     finite = [name for name in names if np.isfinite(h[name][-1])]
     at_end = [f"{name.replace('_', ' ')} {h[name][-1]:.4g}" for name in finite]
     yield "energy at the end [J]: " + ", ".join(at_end)
@@ -148,8 +153,8 @@ def _energies(f):
         yield "audits: none, the job has [output] energy = false"
         return
     work_error = np.abs(h["identity_error"][:]).max()
-    yield f"audits: work identity to {work_error:.1e}, balance to {warning_text.balance_words(h)}"
-    yield from warning_text.balance_notes(h)
+    yield f"audits: work identity to {work_error:.1e}, balance to {warning_text.balance_text(h)}"
+    yield from warning_text.balance_warnings(h)
 
 
 def _fractures(f):

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.post.checks.cables import Checked, Cutting
-from netfall.post.checks.slides import SAFETY
+from netfall.post.checks.cables import Cutting, ElementChecks
+from netfall.post.checks.slides import FRICTION_SAFETY
 from netfall.post.report.cases_page import cases, checks, limits, most_used
 from netfall.post.report.markdown import (
     MOST_LISTED,
@@ -22,24 +22,35 @@ from netfall.post.report.markdown import (
     picture,
     share,
 )
-from netfall.results.cases import cases_of
-from netfall.results.file import lines_of_form, notes_of_run, overloads_of, provenance_text, title_of
-from netfall.results.losses import worst_after
-from netfall.results.removal_text import STATIC_CHANGE, loss_lines, telling_factor, tension_ratios
+from netfall.results.cases import read_cases
+from netfall.results.file import (
+    form_finding_lines,
+    notes_of_run,
+    overload_notes_of,
+    provenance_text,
+    result_title,
+)
+from netfall.results.losses import worst_removals
+from netfall.results.removal_text import (
+    MIN_STATIC_CHANGE,
+    removal_lines,
+    significant_dynamic_factors,
+    tension_ratios,
+)
 from netfall.results.states import (
     Envelope,
+    equilibrium_groups,
+    group_title,
     is_undecided,
+    is_unstable,
     last_stage,
     no_equilibrium,
-    not_stable,
-    start_words,
-    state_groups,
-    state_words,
+    start_name,
 )
 from netfall.results.warning_text import (
-    NOT_STABLE,
-    balance_notes,
-    balance_words,
+    INSTABILITY_TEXT,
+    balance_text,
+    balance_warnings,
     detached_notes_of,
     displacement_notes_of,
     limit_notes_of,
@@ -48,7 +59,7 @@ from netfall.results.warning_text import (
 
 WORST = 10  # rows of the most used elements after removals
 ROUNDING = 1e-10  # share of the summed forces; smaller sums are residuals of the equilibrium
-ALWAYS = "all stages"
+ALL_STAGES = "all stages"
 COLUMNS = {
     "cables.csv": "a row for each cable: strength [N], largest and least tension [N] with stage, time [s] "
     "and element of the largest, stages in which it is slack, when the first of it was lost and broke [s], "
@@ -77,11 +88,13 @@ COLUMNS = {
 }
 
 
-def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked, cutting: Cutting) -> str:
+def summary(
+    f, result: Path, tables: dict, envelope: Envelope, checked: ElementChecks, cutting: Cutting
+) -> str:
     """Assemble the page."""
     cables, all_cases, bends = (
         tables["cables.csv"],
-        cases_of(f),
+        read_cases(f),
         "bending_moment_max" in tables["elements.csv"],
     )
     sections = {
@@ -93,20 +106,20 @@ def summary(f, result: Path, tables: dict, envelope: Envelope, checked: Checked,
         "Clamps and saddles": "slides.csv" in tables and _slides(tables["slides.csv"]),
         "Factors": _factors(checked),
         "Tensions": _tensions(f, envelope, checked.checks[0].name),
-        "Losses": "removal" in f and _losses(f, checked),
-        "Lost and broken cables": _gone(cables),
+        "Losses": "removal" in f and _removals(f, checked),
+        "Lost and broken cables": _failed_cables(cables),
         "Slack cables": _slack(cables, envelope),
         "Reactions": _reactions(tables["reactions.csv"]),
         "Cutting list": _cutting(f, tables["cutting_list.csv"], cutting),
         "Shop list": _shop(tables["shop_list.csv"]),
         "Tables": _tables(f),
     }
-    parts = [[heading(1, title_of(f) or result.stem), "", *_what_ran(f, result)]]
+    parts = [[heading(1, result_title(f) or result.stem), "", *_run_lines(f, result)]]
     parts += [[heading(2, title), "", *lines] for title, lines in sections.items() if lines]
     return "\n".join(map(page, parts))
 
 
-def _what_ran(f, result: Path) -> list[str]:
+def _run_lines(f, result: Path) -> list[str]:
     """Return the lines on the run, failed states and energy errors."""
     p, overrides = f["provenance"].attrs, provenance_text(f, "overrides")
     lines = [
@@ -114,22 +127,23 @@ def _what_ran(f, result: Path) -> list[str]:
         f"{len(f['net/particles'])} particles, {len(f['net/elements'])} elements in "
         f"{len(f['net/cable_names'])} cables. Ids are those of the tables; forces are positive in tension.",
     ]
-    failed = [path for path in state_groups(f) if no_equilibrium(f[path])]
+    failed = [path for path in equilibrium_groups(f) if no_equilibrium(f[path])]
     if overrides:
         lines.append(markup("With {}.", Markup(", ".join(map(code, overrides.split("\n"))))))
     if "form_finding" in f:
-        lines += _sentences(lines_of_form(f))
+        lines += _sentences(form_finding_lines(f))
         if no_equilibrium(f["form_finding"]):
             lines.append(bold(f"Not reached: {f['form_finding'].attrs['reason']}."))
         if "deviation" in f and no_equilibrium(f["deviation"]):
             lines.append(bold(f"No equilibrium: {f['deviation'].attrs['reason']}."))
     lines += [
-        bold(f"{state_words(f, path)} {_without(f[path])}: {f[path].attrs['reason']}.") for path in failed
+        bold(f"{group_title(f, path)} {_describe_failure(f[path])}: {f[path].attrs['reason']}.")
+        for path in failed
     ]
     lines += [
-        bold(f"{state_words(f, path)} is not stable: {NOT_STABLE}.")
-        for path in state_groups(f)
-        if not_stable(f[path])
+        bold(f"{group_title(f, path)} is not stable: {INSTABILITY_TEXT}.")
+        for path in equilibrium_groups(f)
+        if is_unstable(f[path])
     ]
     lines += _sentences(limit_point_warnings_of(f) + displacement_notes_of(f) + limit_notes_of(f))
     if "history" in f:
@@ -137,14 +151,14 @@ def _what_ran(f, result: Path) -> list[str]:
             broken = len(np.unique(f["events/element"][:]))
             lines.append(f"{broken} elements broke, the first at t = {f['events/time'][0]:.4g} s.")
         lines.append(f"Largest energy balance error: {_worst_balance(f)}.")
-        lines += _sentences(balance_notes(f["history"]) + detached_notes_of(f) + overloads_of(f))
+        lines += _sentences(balance_warnings(f["history"]) + detached_notes_of(f) + overload_notes_of(f))
     notes = [item(line) for line in _sentences(notes_of_run(f))]
     lines += ["", *notes] if notes else []
     lines += picture("the form, by axial force", "form.png") if "form_finding" in f else []
     return lines + (picture("the stages of erection, by axial force", "stages.png") if "stages" in f else [])
 
 
-def _without(group) -> str:
+def _describe_failure(group) -> str:
     """Describe a group without an equilibrium."""
     return "is undecided (there may be an equilibrium)" if is_undecided(group) else "has no equilibrium"
 
@@ -158,10 +172,10 @@ def _worst_balance(f) -> str:
     """Format the largest energy balance error."""
     history = f["history"]
     computed = np.isfinite(history["balance_error"]).any()
-    return balance_words(history) if computed else "not known (no audit)"
+    return balance_text(history) if computed else "not known (no audit)"
 
 
-def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[str]:
+def _utilisation(f, cables: dict, envelope: Envelope, checked: ElementChecks) -> list[str]:
     """Return the section on utilisation by all checks."""
     lines = [
         "Forces are those of the loads in the job, without further factors. Utilisation: largest tension, or",
@@ -181,7 +195,7 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
                 f"{len(values) - len(has_value)} without"
             )
         else:
-            line = f"{check.title}: empty, {checked.why_empty(check)}"
+            line = f"{check.title}: empty, {checked.explain_no_utilisation(check)}"
         lines.append(item(line))
     no_strength = ~np.isfinite(cables["breaking_load"]) & ~np.isfinite(cables["yield_force"])
     if no_strength.any():
@@ -191,7 +205,7 @@ def _utilisation(f, cables: dict, envelope: Envelope, checked: Checked) -> list[
     return lines + most_used(f, envelope, checked) + picture("how far elements are used", "utilisation.png")
 
 
-def _unchecked(cables: dict, checked: Checked) -> list[str]:
+def _unchecked(cables: dict, checked: ElementChecks) -> list[str]:
     """Return a line on the largest compression without a resistance in any check."""
     compressed, lines = cables["tension_min"].astype(float).copy(), []
     for check in checked.checks:
@@ -239,7 +253,8 @@ def _slides(table: dict) -> list[str]:
         )
     explanation = [
         "The difference of the tensions on both sides over what holds it: the resistance of the clamp as",
-        f"given, and the friction of the saddle over {SAFETY:g} (EN 1993-1-11, 6.3), so that a saddle slips",
+        f"given, and the friction of the saddle over {FRICTION_SAFETY:g} (EN 1993-1-11, 6.3), so that "
+        "a saddle slips",
         "above 1. A clamp slips at 1, in motion with the inertia of its cable above.",
         "",
     ]
@@ -247,7 +262,7 @@ def _slides(table: dict) -> list[str]:
     return explanation + as_table(header, rows)
 
 
-def _factors(checked: Checked) -> list[str]:
+def _factors(checked: ElementChecks) -> list[str]:
     """Return the table of the factors of all checks."""
     rows = []
     for check in checked.checks:
@@ -273,16 +288,20 @@ def _tensions(f, envelope: Envelope, check: str) -> list[str]:
     return as_table(["stage", f"largest utilisation, {check}", "governs elements", "slack elements"], rows)
 
 
-def _losses(f, checked: Checked) -> list[str]:
+def _removals(f, checked: ElementChecks) -> list[str]:
     """Return the consequences of each removal, and the largest tensions after removals."""
     g, ids = f["removal"], f["net/element_id"][:]
     names, cable = f["net/cable_names"].asstr()[:], f["net/cable"][:]
-    lines = [item(line) for line in loss_lines(g, f["events"], ids)]
+    lines = [item(line) for line in removal_lines(g, f["events"], ids)]
     check = checked.checks[0].name
     resistance, rows = checked.resistance[check], []
-    for k, e in worst_after(f, resistance, WORST):
+    for k, e in worst_removals(f, resistance, WORST):
         N = {name: g[f"tension_{name}"][k, e] for name in ("before", "highest", "after")}
-        numbers = [tension_ratios(g, k)[e], telling_factor(g, k)[e], N["highest"] / resistance[e]]
+        numbers = [
+            tension_ratios(g, k)[e],
+            significant_dynamic_factors(g, k)[e],
+            N["highest"] / resistance[e],
+        ]
         figures = [f"{value:.3g}" if np.isfinite(value) else "" for value in numbers]
         rows.append([k + 1, names[cable[e]], ids[e], *map(force, N.values()), *figures])
     if not rows:
@@ -292,12 +311,12 @@ def _losses(f, checked: Checked) -> list[str]:
     explanation = (
         "The most used after a loss, by the tensions of every step. The dynamic factor is (largest - before) "
         "/ (at rest afterwards - before). It is given where that change of the equilibrium is more than "
-        f"{STATIC_CHANGE:.0%} of the largest tension of the net:"
+        f"{MIN_STATIC_CHANGE:.0%} of the largest tension of the net:"
     )
     return [*lines, "", explanation, "", *as_table(header, rows)]
 
 
-def _gone(cables: dict) -> list[str]:
+def _failed_cables(cables: dict) -> list[str]:
     """Return the cables of which an element was removed or broke, in order of time."""
     times = np.array([cables["lost_at"], cables["broken_at"]])
     first = np.fmin.reduce(times)
@@ -321,19 +340,19 @@ def _slack(cables: dict, envelope: Envelope) -> list[str]:
     rows = np.flatnonzero(cables["slack_in"] != "")
     if not len(rows):
         return ["None that is whole, in any of: " + ", ".join(envelope.names) + "."]
-    stages_of = {k: _briefly(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
-    rows = sorted(rows, key=lambda k: stages_of[k] == ALWAYS)  # cables that are always slack come last
+    stages_of = {k: _abbreviate_stages(cables["slack_in"][k].split("; "), envelope.names) for k in rows}
+    rows = sorted(rows, key=lambda k: stages_of[k] == ALL_STAGES)  # cables that are always slack come last
     table = [[cables["cable"][k], cables["group"][k], stages_of[k]] for k in rows[:MOST_LISTED]]
     lines = [f"{len(rows)} cables have an element without tension, in stages in which they are whole:", ""]
     return lines + as_table(["cable", "group", "slack in"], table) + more(rows, "cables.csv")
 
 
-def _briefly(stages: list[str], names: list[str]) -> str:
+def _abbreviate_stages(stages: list[str], names: list[str]) -> str:
     """Describe a subset of all stages briefly."""
     others = [name for name in names if name not in stages]
     if 2 * len(stages) <= len(names):
         return "; ".join(stages)
-    return f"all stages but {'; '.join(others)}" if others else ALWAYS
+    return f"all stages but {'; '.join(others)}" if others else ALL_STAGES
 
 
 def _reactions(table: dict) -> list[str]:
@@ -362,7 +381,7 @@ def _by_stage(table: dict) -> list[tuple[str, np.ndarray]]:
 def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
     """Return the lines on the cutting list."""
     preposition = "after" if last_stage(f) else "in"
-    load = f"its mean tension {preposition} {start_words(f)}" if cutting.load is None else force(cutting.load)
+    load = f"its mean tension {preposition} {start_name(f)}" if cutting.load is None else force(cutting.load)
     warning = [
         bold(
             "Errors of length that were drawn (length_deviation) are in these lengths and in the shop list: "
@@ -405,5 +424,5 @@ def _shop(table: dict) -> list[str]:
 
 def _tables(f) -> list[str]:
     """Return the list of the tables with their columns."""
-    lines = [markup("- {}: " + text, code(name), start=start_words(f)) for name, text in COLUMNS.items()]
+    lines = [markup("- {}: " + text, code(name), start=start_name(f)) for name, text in COLUMNS.items()]
     return [*lines, "", "Numbers are in SI units: m, N, kg, s, K; an empty cell: there is none."]

@@ -16,18 +16,18 @@ from netfall.post.checks.codes import check_groups, read_codes
 from netfall.post.checks.groups import group_columns
 from netfall.post.checks.reactions import reaction_columns
 from netfall.post.checks.shop import read_deductions, shop_columns
-from netfall.post.checks.slides import slide_columns
+from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots.canvas import save
 from netfall.post.plots.states import form, has_stages, has_states, stages, states
 from netfall.post.plots.utilisation import dynamic_factors, moments, utilisation
 from netfall.post.report.html import one_page
 from netfall.post.report.page import summary
-from netfall.results.cases import cases_of
-from netfall.results.file import reading, title_of
+from netfall.results.cases import read_cases
+from netfall.results.file import open_checked, result_title
 from netfall.results.locks import whole
-from netfall.results.states import Envelope, envelope_of
+from netfall.results.states import Envelope, compute_envelope
 
-NOT_WARMED = cables.Cutting()
+DEFAULT_CUTTING = cables.Cutting()
 DIGITS = 12  # significant digits of the numbers in tables
 
 
@@ -39,7 +39,7 @@ class Inputs:
     """
 
     codes: Path | None = None
-    cutting: cables.Cutting = NOT_WARMED
+    cutting: cables.Cutting = DEFAULT_CUTTING
     deductions: Path | None = None
 
 
@@ -49,21 +49,21 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     Raises InputError for a wrong file.
     """
     checks = read_codes(inputs.codes)
-    with reading(result) as f:
+    with open_checked(result) as f:
         check_groups(inputs.codes, checks, f["net/group_names"].asstr()[:].tolist())
-        checks, resistance = cables.applicable(checks, cables.resistances_of(f, checks))
-        envelope = envelope_of(f, resistance[checks[0].name])
+        checks, resistance = cables.applicable_checks(checks, cables.element_resistances(f, checks))
+        envelope = compute_envelope(f, resistance[checks[0].name])
         checked = cables.check_elements(f, checks, resistance, envelope)
         tables = _tables(f, envelope, checked, inputs)
         text = summary(f, result, tables, envelope, checked, inputs.cutting)
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():
-            _check_ours(folder / name, columns)
+            _check_own_table(folder / name, columns)
         for name, columns in tables.items():
             with whole(folder / name) as temporary:
                 write_table(temporary, columns, digits=DIGITS)
         pictures = _pictures(f, envelope, checked, tables, folder)
-        title = title_of(f) or result.stem
+        title = result_title(f) or result.stem
         pages = {"summary.md": text, "report.html": one_page(text, title, folder, pictures)}
     for name, page in pages.items():
         with whole(folder / name) as temporary:
@@ -71,10 +71,12 @@ def write_report(result: Path, folder: Path, inputs: Inputs) -> list[Path]:
     return [folder / name for name in (*pages, *tables, *pictures)]
 
 
-def _tables(f, envelope: Envelope, checked: cables.Checked, inputs: Inputs) -> dict[str, dict]:
+def _tables(f, envelope: Envelope, checked: cables.ElementChecks, inputs: Inputs) -> dict[str, dict]:
     """Return the columns of each table by its name."""
-    cases = cases_of(f)
-    groups, types = (sorted(set(of(f).tolist()) - {""}) for of in (cables.groups_of, cables.types_of))
+    cases = read_cases(f)
+    groups, types = (
+        sorted(set(of(f).tolist()) - {""}) for of in (cables.element_groups, cables.element_types)
+    )
     deductions = read_deductions(inputs.deductions, groups, types)
     return {
         "cases.csv": case_columns(f, cases),
@@ -84,13 +86,13 @@ def _tables(f, envelope: Envelope, checked: cables.Checked, inputs: Inputs) -> d
         "forces.csv": force_columns(f, cases),
         "displacements.csv": displacement_columns(f, cases),
         "reactions.csv": reaction_columns(f),
-        **({"slides.csv": slide_columns(f)} if "slide" in f else {}),
+        **({"slides.csv": slip_point_columns(f)} if "slide" in f else {}),
         "cutting_list.csv": cables.cutting_columns(f, inputs.cutting),
         "shop_list.csv": shop_columns(f, inputs.cutting, deductions),
     }
 
 
-def _pictures(f, envelope: Envelope, checked: cables.Checked, tables: dict, folder: Path) -> list[str]:
+def _pictures(f, envelope: Envelope, checked: cables.ElementChecks, tables: dict, folder: Path) -> list[str]:
     """Draw the pictures of the page, and return their names."""
     names = ["utilisation.png"]
     utilisation(f, envelope, checked, folder / "utilisation.png")
@@ -111,7 +113,7 @@ def _pictures(f, envelope: Envelope, checked: cables.Checked, tables: dict, fold
     return names
 
 
-def _check_ours(path: Path, columns: dict) -> None:
+def _check_own_table(path: Path, columns: dict) -> None:
     """Refuse to overwrite a table of the user, such as a catalogue. Raises InputError."""
     header = ",".join(list(columns)[:3])
     if path.exists() and not path.read_text(errors="replace").startswith(header):

@@ -9,19 +9,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.stop import NEVER
+from netfall.core.stop import NEVER_STOP
 from netfall.geometry.net import Net
-from netfall.job.values import shown
-from netfall.physics.slip.law import set_strands
+from netfall.job.values import format_value
+from netfall.physics.slip.law import set_slipless_lengths
 from netfall.run.equilibrium import reference_force, settle
-from netfall.run.erection.tension import elastic, of_form, responses
-from netfall.run.problem import Scene
-from netfall.run.static_outcome import EQUILIBRIUM, NONE, UNDECIDED, undecided
+from netfall.run.erection.tension import elastic, form_load, gathered_responses
+from netfall.run.problem import Problem
+from netfall.run.static_outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, undecided
 
-NAMED = 3  # most important cables in a message
+MAX_LISTED_CABLES = 3  # most important cables in a message
 
 
-class Deviated(NamedTuple):
+class LengthErrors(NamedTuple):
     """Net whose cables have random errors of length, on rank 0: x (n, 3) [m], L0 (m,) [m].
 
     tension : (m,) [N] standard deviation by linear influence; effect : (k,) [N] of each cable, the largest
@@ -43,55 +43,55 @@ class Deviated(NamedTuple):
         return {name: getattr(self, name) for name in ("x", "L0", "tension", "effect")}
 
 
-def shares(net: Net, L0: np.ndarray) -> np.ndarray:
+def cable_shares(net: Net, L0: np.ndarray) -> np.ndarray:
     """Compute the share of each element (m,) in its cable, at unstressed lengths L0 (m,) [m]."""
     return L0 / np.bincount(net.cable, L0)[net.cable]
 
 
-def deviate(scene: Scene) -> Deviated | None:
+def apply_length_errors(scene: Problem) -> LengthErrors | None:
     """Draw random errors of length and find the equilibrium with them. Collective.
 
     Without form finding the given geometry is not in equilibrium without load, so nodes are not moved.
     Returns the result on rank 0, None elsewhere.
     """
     model, distribution, failed, state = scene.model, scene.distribution, "", EQUILIBRIUM
-    load_case = of_form(scene, "deviation", "errors of length")
+    load_case = form_load(scene, "deviation", "errors of length")
     tension, effect = _influence(scene, load_case.load)
-    L0 = model and model.cut_length + model.net.length_error * shares(model.net, model.cut_length)
-    set_strands(scene.state, distribution.elements(L0))
+    L0 = model and model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
+    set_slipless_lengths(scene.state, distribution.elements(L0))
     if scene.form is not None:
-        outcome = elastic(scene, settle(scene, load_case, reference_force(scene, load_case), NEVER))
+        outcome = elastic(scene, settle(scene, load_case, reference_force(scene, load_case), NEVER_STOP))
         state = outcome.state
         if state == UNDECIDED:
             failed = undecided(load_case.words, outcome)
-        elif state == NONE:
+        elif state == NO_EQUILIBRIUM:
             failed = f"{load_case.words}: there is no equilibrium with them: {outcome.reason}"
     x = distribution.gather_particles(scene.state.x)
     if model is None:
         return None
-    largest = np.argsort(-effect, kind="stable")[:NAMED]
+    largest = np.argsort(-effect, kind="stable")[:MAX_LISTED_CABLES]
     names = ", ".join(
-        f"{shown(model.net.cable_names[k])} {effect[k]:.4g} N" for k in largest if effect[k] > 0.0
+        f"{format_value(model.net.cable_names[k])} {effect[k]:.4g} N" for k in largest if effect[k] > 0.0
     )
     lines = [
         f"errors of length: tensions scatter by up to {tension.max():.4g} N (standard deviation, linear); "
         f"the pieces that matter most, by one deviation of each: {names}"
     ]
-    return Deviated(x, L0, tension, effect, lines, failed, state)
+    return LengthErrors(x, L0, tension, effect, lines, failed, state)
 
 
-def _influence(scene: Scene, load: np.ndarray) -> tuple:
+def _influence(scene: Problem, load: np.ndarray) -> tuple:
     """Compute standard deviations (m,) [N] of tensions and effects (k,) [N] of cables, on rank 0.
 
     Collective.
     """
     net = scene.model and scene.model.net
-    deviation = scene.comm.bcast(net and _of_pieces(net))
+    deviation = scene.comm.bcast(net and _cable_deviations(net))
     square, effect = np.zeros(scene.distribution.m), np.zeros(len(deviation))
     drawn = np.flatnonzero(deviation)
-    respond = responses(scene, load)
+    respond = gathered_responses(scene, load)
     for k in drawn:
-        change = net and np.where(net.cable == k, shares(net, scene.model.cut_length), 0.0)
+        change = net and np.where(net.cable == k, cable_shares(net, scene.model.cut_length), 0.0)
         _, N = respond(scene.distribution.elements(change))
         if net:
             square += (deviation[k] * N) ** 2
@@ -99,7 +99,7 @@ def _influence(scene: Scene, load: np.ndarray) -> tuple:
     return np.sqrt(square), effect
 
 
-def _of_pieces(net: Net) -> np.ndarray:
+def _cable_deviations(net: Net) -> np.ndarray:
     """Return the standard deviation (k,) [m] of the length of each cable."""
     deviation = np.zeros(len(net.cable_names))
     np.maximum.at(deviation, net.cable, net.length_deviation)

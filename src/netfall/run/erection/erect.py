@@ -6,25 +6,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from netfall.core.functions import lengths
-from netfall.core.stop import StopRequest
-from netfall.geometry.turned import held_along, turned_column
-from netfall.job.derived import own_weight, settings_of
+from netfall.core.stop import StopFlag
+from netfall.geometry.turned import global_held_axes, rotation_column
+from netfall.job.derived import load_settings, permanent_weight_factor
 from netfall.model.actions import StaticLoad
-from netfall.physics.fields import TAKEN_OUT
-from netfall.physics.law.measures import warm_length
-from netfall.physics.slip.law import set_strands
-from netfall.results.warning_text import error_words, force_balance_warnings, limit_notes, stop_notes
+from netfall.physics.fields import REMOVED_BY_ERECTION
+from netfall.physics.law.measures import heated_length
+from netfall.physics.slip.law import set_slipless_lengths
+from netfall.results.warning_text import error_text, force_balance_warnings, limit_notes, slip_end_notes
 from netfall.run import equilibrium
-from netfall.run.erection.settings import Setting, after, first_setting, rows_named
-from netfall.run.erection.tension import elastic, tension_to
-from netfall.run.problem import Scene, let_slip
+from netfall.run.erection.settings import StageSetting, after, first_setting, rows_named
+from netfall.run.erection.tension import elastic, tension_to_targets
+from netfall.run.problem import Problem, set_up_slip
 from netfall.run.static_outcome import (
-    NONE,
+    NO_EQUILIBRIUM,
     UNDECIDED,
     StaticOutcome,
-    by_ids,
     limit_warning,
     undecided,
+    with_element_ids,
 )
 from netfall.statics.newton import STABLE
 
@@ -42,7 +42,7 @@ class Erection:
 
     done: int = 0
     x: np.ndarray | None = None
-    setting: Setting | None = None
+    setting: StageSetting | None = None
     sections: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
     labels: dict[str, dict] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
@@ -54,7 +54,7 @@ class Erection:
         return list(self.labels.values())[-1]["state"]
 
     def record(self) -> tuple[dict, dict[str, np.ndarray]]:
-        """Return the record that `restored` needs; arrays on rank 0."""
+        """Return the record that `restored_erection` needs; arrays on rank 0."""
         small = {"done": self.done, "labels": self.labels, "lines": self.lines, "groups": list(self.sections)}
         if self.x is None:
             return small, {}
@@ -64,7 +64,7 @@ class Erection:
         return small, arrays
 
 
-def restored(scene: Scene, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
+def restored_erection(scene: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
     """Restore the erection of a record; arrays : on rank 0."""
     erection = Erection(small["done"], labels=small["labels"], lines=small["lines"])
     if scene.model is None or not small["done"]:
@@ -82,7 +82,7 @@ def restored(scene: Scene, small: dict, arrays: dict[str, np.ndarray] | None) ->
     return erection
 
 
-def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
+def erect(scene: Problem, erection: Erection, stop: StopFlag) -> None:
     """Compute the remaining stages and add their results to `erection`. Collective.
 
     scene : in its initial state, without limits and schedule; its state is then the last equilibrium.
@@ -91,19 +91,19 @@ def erect(scene: Scene, erection: Erection, stop: StopRequest) -> None:
     stages before.
     """
     model = scene.model
-    let_slip(scene)
+    set_up_slip(scene)
     setting, x = erection.setting, erection.x
     if model and setting is None:
         setting, x = first_setting(scene.job, model), model.x
     for stage in scene.job.stages[erection.done :]:
         setting = model and after(setting, stage, model.net)
-        before = equilibrium.committed(scene.state)
-        load = _set_up(scene, setting, x)
-        words, weights = f"stage {stage.name}", own_weight(scene.job)
+        before = equilibrium.save_state(scene.state)
+        load = _prepare_stage(scene, setting, x)
+        words, weights = f"stage {stage.name}", permanent_weight_factor(scene.job)
         load_case = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
         outcome, setting = _equilibrium(scene, load_case, setting, stop)
         x = scene.distribution.gather_particles(scene.state.x)
-        _note(scene, erection, stage, setting, x, outcome)
+        _record_stage(scene, erection, stage, setting, x, outcome)
         erection.done, erection.x, erection.setting = erection.done + 1, x, setting
         if not outcome.carries:
             erection.failed = _failure(load_case.words, outcome)
@@ -118,7 +118,7 @@ def _failure(words: str, outcome: StaticOutcome) -> str:
     return f"{reason}; change lengths in smaller stages, or hold more nodes"
 
 
-def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.ndarray:
+def _prepare_stage(scene: Problem, setting: StageSetting | None, x: np.ndarray | None) -> np.ndarray:
     """Set the state for the start of a stage; return its loads (n, 3) [N] of this rank. Collective."""
     state, distribution, model = scene.state, scene.distribution, scene.model
 
@@ -130,38 +130,44 @@ def _set_up(scene: Scene, setting: Setting | None, x: np.ndarray | None) -> np.n
         state.spring_rest -= state.x - state.x_start
     state.x_start[:] = state.x
     held = on_root(lambda: setting.held(model.net))
-    state.free[:] = distribution.particles(on_root(lambda: 1 - held_along(model.net, held).astype(np.uint8)))
+    state.free[:] = distribution.particles(
+        on_root(lambda: 1 - global_held_axes(model.net, held).astype(np.uint8))
+    )
     if state.turned is not None:
-        state.turned[:] = distribution.particles(on_root(lambda: turned_column(model.net, held)))
+        state.turned[:] = distribution.particles(on_root(lambda: rotation_column(model.net, held)))
     state.EA[:] = distribution.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
-    removed = on_root(lambda: np.where(setting.active, 0, TAKEN_OUT).astype(np.uint8))
+    removed = on_root(lambda: np.where(setting.active, 0, REMOVED_BY_ERECTION).astype(np.uint8))
     state.broken[:] = distribution.elements(removed)
     if scene.finder.slips:
         state.slip[:] = 0.0  # lengths include the slip of earlier stages
         scene.finder.slips.open_clamps(scene.comm.bcast(setting and setting.clamps) == "open")
-    set_strands(state, distribution.elements(on_root(lambda: warm_of(scene, setting)(setting.L0))))
-    scene.finder.forget()
+    set_slipless_lengths(
+        state, distribution.elements(on_root(lambda: warm_length_function(scene, setting)(setting.L0)))
+    )
+    scene.finder.reset_structure()
     return distribution.particles(on_root(lambda: setting.forces(model)))
 
 
-def warm_of(scene: Scene, setting: Setting | None):
+def warm_length_function(scene: Problem, setting: StageSetting | None):
     """Return a function from cold unstressed lengths (m,) [m] to those at the temperature of a stage."""
-    return lambda L0: warm_length(L0, scene.model.net.expansion, setting.load.temperature)
+    return lambda L0: heated_length(L0, scene.model.net.expansion, setting.load.temperature)
 
 
-def _equilibrium(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) -> tuple:
+def _equilibrium(scene: Problem, load_case: StaticLoad, setting: StageSetting | None, stop) -> tuple:
     """Find the equilibrium of a stage, with forces at jacks if it has any; return it and the new setting.
 
     Collective.
     """
     if scene.comm.bcast(setting and len(setting.pulls) > 0):
-        outcome, setting = _pulled(scene, load_case, setting, stop)
+        outcome, setting = _equilibrium_with_jacks(scene, load_case, setting, stop)
     else:
         outcome = equilibrium.settle(scene, load_case, equilibrium.reference_force(scene, load_case), stop)
-    return elastic(scene, outcome), _slipped(scene, setting)
+    return elastic(scene, outcome), _with_slipped_lengths(scene, setting)
 
 
-def _pulled(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) -> tuple:
+def _equilibrium_with_jacks(
+    scene: Problem, load_case: StaticLoad, setting: StageSetting | None, stop
+) -> tuple:
     """Find the equilibrium with the forces of the jacks; return it and the setting with its lengths.
 
     Collective.
@@ -169,33 +175,33 @@ def _pulled(scene: Scene, load_case: StaticLoad, setting: Setting | None, stop) 
     Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
     """
     pulls, jacks = setting and list(setting.pulls), setting and list(setting.jacks)
-    warm = warm_of(scene, setting)
-    tolerance = settings_of(scene.job).tolerance
+    warm = warm_length_function(scene, setting)
+    tolerance = load_settings(scene.job).tolerance
     for _ in range(MOST_TURNS):
-        tensioned = tension_to(scene, load_case, pulls, jacks, setting and setting.L0, warm, stop)
+        tensioned = tension_to_targets(scene, load_case, pulls, jacks, setting and setting.L0, warm, stop)
         setting = setting and replace(setting, L0=tensioned.L0, pulls=(), jacks=())
         load = scene.distribution.particles(setting and setting.forces(scene.model))
         change = max(scene.comm.allgather(np.abs(load - load_case.load).max(initial=0.0)))
         if not tensioned.outcome.carries or change <= tolerance * equilibrium.reference_force(
             scene, load_case
         ):
-            return equilibrium.balanced_under(scene, tensioned.outcome, load), setting
+            return equilibrium.with_reactions(scene, tensioned.outcome, load), setting
         load_case = load_case._replace(load=load)
     reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
-    return tensioned.outcome._replace(state=NONE, reason=reason), setting
+    return tensioned.outcome._replace(state=NO_EQUILIBRIUM, reason=reason), setting
 
 
-def _slipped(scene: Scene, setting: Setting | None) -> Setting | None:
+def _with_slipped_lengths(scene: Problem, setting: StageSetting | None) -> StageSetting | None:
     """Return the setting with the lengths after slip. Collective."""
     state, distribution = scene.state, scene.distribution
     if not scene.finder.slips:
         return setting
     slipped = distribution.gather_elements(state.L0 - state.strand, state.owned.astype(bool))
-    return setting and replace(setting, L0=setting.L0 + slipped / warm_of(scene, setting)(1.0))
+    return setting and replace(setting, L0=setting.L0 + slipped / warm_length_function(scene, setting)(1.0))
 
 
-def _note(
-    scene: Scene, erection: Erection, stage, setting: Setting | None, x, outcome: StaticOutcome
+def _record_stage(
+    scene: Problem, erection: Erection, stage, setting: StageSetting | None, x, outcome: StaticOutcome
 ) -> None:
     """Record the result of a stage and its messages. Collective."""
     state, equilibrium, model = scene.state, outcome.equilibrium, scene.model
@@ -229,7 +235,9 @@ def _note(
     erection.lines += _lines(model, erection, stage, setting, x, N, outcome)
 
 
-def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: StaticOutcome) -> list[str]:
+def _lines(
+    model, erection: Erection, stage, setting: StageSetting, x, N, outcome: StaticOutcome
+) -> list[str]:
     """Return the messages of a stage: its equilibrium, displacements, forces at the jacks."""
     if not outcome.carries:
         state = outcome.state.replace("_", " ").upper()
@@ -239,7 +247,7 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
     displacements = lengths(x - before)
     p = int(np.argmax(displacements))
     line = (
-        f"stage {stage.name}: in equilibrium {error_words(*solution[2:4])}"
+        f"stage {stage.name}: in equilibrium {error_text(*solution[2:4])}"
         f"{', by relaxation' if solution.relaxed else ''}, slack {outcome.equilibrium.slack} of "
         f"{int(setting.active.sum())}; nodes went up to {displacements[p]:.4g} m (node {net.node_id[p]})"
     )
@@ -254,5 +262,5 @@ def _lines(model, erection: Erection, stage, setting: Setting, x, N, outcome: St
         load_case = StaticLoad("stage", f"stage {stage.name}", None)
         lines.append(limit_warning(load_case, outcome.limit, net.node_id[outcome.limit.particle]))
     lines += force_balance_warnings([(f"stage {stage.name}", outcome.equilibrium.balance.unexplained)])
-    lines += stop_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
-    return lines + limit_notes(f"stage {stage.name}", by_ids(outcome.labels(), net.element_id))
+    lines += slip_end_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)
+    return lines + limit_notes(f"stage {stage.name}", with_element_ids(outcome.labels(), net.element_id))

@@ -12,20 +12,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.errors import refuse
+from netfall.core.errors import raise_errors
 from netfall.core.least_squares import least_squares
-from netfall.geometry.connected_parts import part_has, parts_of
-from netfall.geometry.net import Net, elements_of_cables, elements_of_group, ends_of_inner, with_inner
-from netfall.geometry.turned import held_along, settles_along
-from netfall.job.cases import factor_of, with_set
-from netfall.job.derived import settings_of
+from netfall.geometry.connected_parts import connected_parts, part_contains
+from netfall.geometry.net import (
+    Net,
+    elements_of_cables,
+    elements_of_group,
+    extend_to_inner_particles,
+    parent_ends,
+)
+from netfall.geometry.turned import global_held_axes, settlement_axes
+from netfall.job.cases import action_factor, apply_settings
+from netfall.job.derived import load_settings
 from netfall.job.job import Job
-from netfall.job.values import counted, listed, nearest, shown
+from netfall.job.values import counted, format_list, format_value, suggest
 from netfall.loads.loads import dead_load, live_load
 from netfall.model.model import Model
 
-WEAK = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
-SLIGHTEST = 1e-6  # force over EA [-] at which a slack cable becomes taut
+MIN_INFLUENCE = 1e-9  # influence over the largest influence on a target [-], below which it counts as zero
+MIN_TAUT_FORCE = 1e-6  # force over EA [-] at which a slack cable becomes taut
 
 
 class Jack(NamedTuple):
@@ -96,28 +102,28 @@ def unknown_name(net: Net, name: str) -> str:
     if len(rows_named(net, name)):
         return ""
     names = [*(group for group in net.group_names if group), *net.cable_names]
-    return f"{shown(name)}: neither a group nor a cable; {nearest(name, names)}"
+    return f"{format_value(name)}: neither a group nor a cable; {suggest(name, names)}"
 
 
-def amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def solve_amounts(misses: np.ndarray, influence: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Compute amounts (k,) [m] that remove the misses (t,) by a Newton step, the smallest that do.
 
     influence : (t, k) of the amounts on the targets; scale : (t,) sizes of the targets
     """
-    return least_squares(influence / scale[:, None], -misses / scale, WEAK).x
+    return least_squares(influence / scale[:, None], -misses / scale, MIN_INFLUENCE).x
 
 
-def until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force: float) -> float:
+def amount_until_taut(jack: Jack, L: np.ndarray, L0: np.ndarray, EA: np.ndarray, force: float) -> float:
     """Compute the amount [m] after which a slack cable would carry a force [N] at its present nodes.
 
     L, L0 : (m,) [m] lengths, unstressed lengths; EA : (m,) [N]
     """
     rows = jack.rows
-    force_to_reach = max(force, SLIGHTEST * float(EA[rows].min()))
+    force_to_reach = max(force, MIN_TAUT_FORCE * float(EA[rows].min()))
     return float((L[rows] / (1.0 + force_to_reach / EA[rows]) - L0[rows]).sum()) / (1 + int(jack.cable.max()))
 
 
-def missed(targets: list[Wanted], values: np.ndarray) -> list[str]:
+def missed_text(targets: list[Wanted], values: np.ndarray) -> list[str]:
     """Return the targets and their values as text."""
     units = ["m" if target.node >= 0 else "N" for target in targets]
     return [
@@ -127,7 +133,7 @@ def missed(targets: list[Wanted], values: np.ndarray) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Setting:
+class StageSetting:
     """Setting of a stage, with everything that earlier stages set and it did not change.
 
     L0 : (m,) [m], cold; fixed : (n, 3) bool; active : (m,) bool; moved : (n, 3) [m] from where nodes are
@@ -164,14 +170,14 @@ class Setting:
         return load
 
 
-def first_setting(job: Job, model: Model) -> Setting:
+def first_setting(job: Job, model: Model) -> StageSetting:
     """Return the setting before any stage: the complete net under [load]."""
     net = model.net
     all_elements, no_motion = np.ones(net.m, bool), np.zeros_like(net.x)
-    return Setting(model.cut_length, net.fixed, all_elements, no_motion, settings_of(job))
+    return StageSetting(model.cut_length, net.fixed, all_elements, no_motion, load_settings(job))
 
 
-def after(previous: Setting, stage: SimpleNamespace, net: Net) -> Setting:
+def after(previous: StageSetting, stage: SimpleNamespace, net: Net) -> StageSetting:
     """Return the setting of the stage that follows."""
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
     active = previous.active if groups is None else np.isin(net.group, groups)
@@ -179,7 +185,7 @@ def after(previous: Setting, stage: SimpleNamespace, net: Net) -> Setting:
     released = np.isin(net.node_id, stage.release or [])
     fixed[released] = False
     # inner nodes fixed between two fixed ends are released with an end
-    fixed[released[ends_of_inner(net)].any(1) & net.fixed.all(1)] = False
+    fixed[released[parent_ends(net)].any(1) & net.fixed.all(1)] = False
     fixed[_rows(net, stage.hold)] = True
     for name, displacement in (stage.move or {}).items():
         motion[_rows(net, [int(name)])] = displacement
@@ -198,9 +204,9 @@ def after(previous: Setting, stage: SimpleNamespace, net: Net) -> Setting:
                 for k, jack in enumerate(own_jacks)
             ]
             jacks += own_jacks
-    load, clamps = with_set(previous.load, "load", stage), stage.clamps or previous.clamps
-    motion = with_inner(net, motion, fixed)
-    return Setting(L0, fixed, active, motion, load, tuple(pulls), tuple(jacks), clamps)
+    load, clamps = apply_settings(previous.load, "load", stage), stage.clamps or previous.clamps
+    motion = extend_to_inner_particles(net, motion, fixed)
+    return StageSetting(L0, fixed, active, motion, load, tuple(pulls), tuple(jacks), clamps)
 
 
 def _rows(net: Net, ids: list[int] | None) -> np.ndarray:
@@ -220,20 +226,20 @@ def check_stages(job: Job, model: Model) -> None:
             break  # later stages depend on this one
     warm = setting.load.temperature
     for entry in job.combinations:
-        if warm and (prestress := factor_of(entry, "prestress")) != 1.0:
+        if warm and (prestress := action_factor(entry, "prestress")) != 1.0:
             errors.append(
                 f"[[combination]] {entry.name}: prestress {prestress:g} is of forces at the temperature of "
                 f'form finding, and the last [[stage]] ends at {warm:g} K; expected "load.temperature" = 0.0 '
                 "in its set, or a factor of 1"
             )
-    free, is_given = ~settles_along(net, setting.fixed), ends_of_inner(net)[:, 0] == np.arange(net.n)
+    free, is_given = ~settlement_axes(net, setting.fixed), parent_ends(net)[:, 0] == np.arange(net.n)
     for name, inputs in model.layout.cases.items():
         settles = np.zeros((net.n, 3)) if inputs.settlement is None else inputs.settlement
         released = net.node_id[((settles != 0.0) & free).any(1) & is_given]
         if len(released):
             why = "released in a [[stage]], and so free"
             errors.append(f"[[case]] {name}: settlement: {counted('node', released)}: {why}")
-    refuse(f"{job.path}: {line}" for line in errors)
+    raise_errors(f"{job.path}: {line}" for line in errors)
 
 
 def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
@@ -242,16 +248,16 @@ def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
     names = [name for name in net.group_names if name]
     for name in stage.active or []:
         if name not in net.group_names:
-            yield f"active: no group {shown(name)}; {nearest(name, names) if names else 'none'}"
+            yield f"active: no group {format_value(name)}; {suggest(name, names) if names else 'none'}"
     ids = {"hold": stage.hold, "release": stage.release, "move": map(int, stage.move or {})}
     for key, named in ids.items():
         if unknown := sorted(set(named or []) - set(net.node_id.tolist())):
-            yield f"{key}: no node {listed(unknown)}"
+            yield f"{key}: no node {format_list(unknown)}"
 
 
-def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> Iterator[str]:
+def _wrong_state(stage: SimpleNamespace, setting: StageSetting, net: Net) -> Iterator[str]:
     """Yield errors for moves of free nodes, cables without length, unsupported parts."""
-    free = ((setting.moved != 0.0) & ~held_along(net, setting.fixed)).any(1)
+    free = ((setting.moved != 0.0) & ~global_held_axes(net, setting.fixed)).any(1)
     if free.any():
         yield f"move: {counted('node', net.node_id[free])}: an axis that moves must be held"
     is_short = ~(setting.L0 > 0.0)
@@ -259,8 +265,10 @@ def _wrong_state(stage: SimpleNamespace, setting: Setting, net: Net) -> Iterator
         yield f"lengths: {counted('element', net.element_id[is_short])}: no length is left"
     for name in stage.lengths or {}:
         if not setting.active[rows_named(net, name)].all():
-            yield f"lengths: {shown(name)}: not there in this stage; active says what is"
-    held = part_has(parts_of(net.elements[setting.active], net.n), (setting.fixed | (net.spring > 0)).any(1))
+            yield f"lengths: {format_value(name)}: not there in this stage; active says what is"
+    held = part_contains(
+        connected_parts(net.elements[setting.active], net.n), (setting.fixed | (net.spring > 0)).any(1)
+    )
     is_loose = setting.there(net) & ~held
     if is_loose.any():
         yield f"{counted('node', net.node_id[is_loose])}: no support holds the part that they are in"

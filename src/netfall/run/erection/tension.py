@@ -10,39 +10,39 @@ from typing import NamedTuple
 
 import numpy as np
 
-from netfall.core.errors import refuse
+from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.geometry.net import Net
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
-from netfall.job.values import counted, shown
+from netfall.job.values import counted, format_value
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import on_root
-from netfall.physics.slip.law import set_strands
+from netfall.physics.slip.law import set_slipless_lengths
 from netfall.run import equilibrium
 from netfall.run.erection.settings import (
     Jack,
     Wanted,
-    amounts,
+    amount_until_taut,
     jack_of,
-    missed,
+    missed_text,
     rows_named,
+    solve_amounts,
     unknown_name,
-    until_taut,
 )
-from netfall.run.problem import Scene
-from netfall.run.static_outcome import MOST_NAMED, NONE, StaticOutcome
+from netfall.run.problem import Problem
+from netfall.run.static_outcome import MAX_LISTED_ELEMENTS, NO_EQUILIBRIUM, StaticOutcome
 from netfall.statics.newton import NoConvergence
 
 REACHED = 1e-6  # miss over the target value, or over the largest force [-], at which a target is reached
-MOST_EQUILIBRIA = 40
-WORSE = 2.0  # ratio to the miss before [-], above which the step was too long
+MAX_TARGET_EQUILIBRIA = 40
+DIVERGENCE_FACTOR = 2.0  # ratio to the miss before [-], above which the step was too long
 LONGEST = 0.2  # largest change of a cable's length in one step, over its length [-]
 
 
 class Tensioned(NamedTuple):
-    """Result of `tension_to`: L0 (m,) [m], cold, and influence (t, k) of the amounts, on rank 0.
+    """Result of `tension_to_targets`: L0 (m,) [m], cold, and influence (t, k) of the amounts, on rank 0.
 
     outcome : of the last equilibrium; no equilibrium, with the reason, if a target is missed
     equilibria : number of equilibria computed
@@ -54,21 +54,21 @@ class Tensioned(NamedTuple):
     equilibria: int
 
 
-def of_form(scene: Scene, kind: str, words: str) -> StaticLoad:
+def form_load(scene: Problem, kind: str, words: str) -> StaticLoad:
     """Return the load that the form carries: the permanent load, or nothing; words : for messages."""
     model = scene.model
     load = model and (model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x))
     return StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
 
 
-def tension_to(
-    scene: Scene,
+def tension_to_targets(
+    scene: Problem,
     load_case: StaticLoad,
     targets: list[Wanted],
     jacks: list[Jack],
     L0,
     warm,
-    stop: StopRequest = NEVER,
+    stop: StopFlag = NEVER_STOP,
 ) -> Tensioned:
     """Change unstressed lengths until all targets are reached; the state is then in that equilibrium.
 
@@ -81,38 +81,38 @@ def tension_to(
     """
     comm, influence, best, last_state, step = scene.comm, None, np.inf, None, np.zeros(0)
     reference = equilibrium.reference_force(scene, load_case)
-    for count in range(1, MOST_EQUILIBRIA + 1):
-        set_strands(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
+    for count in range(1, MAX_TARGET_EQUILIBRIA + 1):
+        set_slipless_lengths(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
         outcome = equilibrium.settle(scene, load_case, reference, stop)
         measured = _measure(scene, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
         if size <= REACHED:
             return Tensioned(L0, influence, outcome, count)
-        if (size > WORSE * best or size == np.inf) and last_state is None:
+        if (size > DIVERGENCE_FACTOR * best or size == np.inf) and last_state is None:
             reason = outcome.reason or "the forces are no numbers"
-            state = NONE if outcome.carries else outcome.state
+            state = NO_EQUILIBRIUM if outcome.carries else outcome.state
             return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
-        if size > WORSE * best or size == np.inf:
-            equilibrium.put_back(scene.state, last_state[0])
+        if size > DIVERGENCE_FACTOR * best or size == np.inf:
+            equilibrium.restore_saved(scene.state, last_state[0])
             step = 0.5 * step
             L0 = scene.model and _changed(jacks, last_state[1], step)
             continue
-        best, last_state = min(best, size), (equilibrium.committed(scene.state), L0)
+        best, last_state = min(best, size), (equilibrium.save_state(scene.state), L0)
         influence = influences(scene, load_case.load, targets, jacks, L0)
         if scene.model:
             step = _step(scene, measured, targets, jacks, L0, influence)
             L0 = _changed(jacks, L0, step)
         if comm.bcast(scene.model and not step.any()):
             break
-    equilibrium.put_back(scene.state, last_state[0])
+    equilibrium.restore_saved(scene.state, last_state[0])
     measured = _measure(scene, targets)
-    lines = comm.bcast(measured and missed(targets, measured.values))
+    lines = comm.bcast(measured and missed_text(targets, measured.values))
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
-    failed = StaticOutcome(NONE, np.nan, reason, (), equilibrium.as_it_began(scene))
+    failed = StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, (), equilibrium.initial_equilibrium_record(scene))
     return Tensioned(last_state[1], influence, failed, count)
 
 
-def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
+def elastic(scene: Problem, outcome: StaticOutcome) -> StaticOutcome:
     """Return the outcome, but no equilibrium if elements yield: an erection is computed elastically.
 
     Collective.
@@ -122,10 +122,10 @@ def elastic(scene: Scene, outcome: StaticOutcome) -> StaticOutcome:
         return outcome
     ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(yielding)]))
     reason = f"{ids} yield in it; an erection is computed elastically"
-    return StaticOutcome(NONE, np.nan, reason, yielding[:MOST_NAMED], outcome.equilibrium)
+    return StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, yielding[:MAX_LISTED_ELEMENTS], outcome.equilibrium)
 
 
-class _Now(NamedTuple):
+class _Measured(NamedTuple):
     """Measured state of a net.
 
     x : (n, 3) [m]; values, misses, scale : (t,) of the targets; size : largest relative miss
@@ -138,27 +138,27 @@ class _Now(NamedTuple):
     size: float
 
 
-def _measure(scene: Scene, targets: list[Wanted]) -> _Now | None:
+def _measure(scene: Problem, targets: list[Wanted]) -> _Measured | None:
     """Measure the targets in the present state, on rank 0. Collective."""
     state, distribution = scene.state, scene.distribution
     x = distribution.gather_particles(state.x)
-    N = distribution.gather_elements(state.elements_now().N, state.owned.astype(bool))
+    N = distribution.gather_elements(state.present_element_state().N, state.owned.astype(bool))
     if scene.model is None:
         return None
     values = np.array([target.now(x, N) for target in targets])
     largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
     scale = np.array([extent if target.node >= 0 else abs(target.value) or largest for target in targets])
     misses = values - [target.value for target in targets]
-    return _Now(x, values, misses, scale, float(np.abs(misses / scale).max()))
+    return _Measured(x, values, misses, scale, float(np.abs(misses / scale).max()))
 
 
 def influences(
-    scene: Scene, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0
+    scene: Problem, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0
 ) -> np.ndarray | None:
     """Compute the influence (t, k) of each amount on each target, [N/m] or [m/m], on rank 0. Collective."""
     rows = []
     count = scene.comm.bcast(scene.model and len(jacks))
-    respond = responses(scene, load)
+    respond = gathered_responses(scene, load)
     for k in range(count):
         change = np.zeros(scene.distribution.m)
         if scene.model:
@@ -169,7 +169,7 @@ def influences(
     return np.array(rows).T if scene.model else None
 
 
-def responses(scene: Scene, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
+def gathered_responses(scene: Problem, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
     """Return a function that computes the response to changes (m,) [m] of unstressed lengths. Collective.
 
     load : (n, 3) [N] that acts
@@ -184,20 +184,22 @@ def responses(scene: Scene, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
         try:
             u, N = respond(change)
         except NoConvergence:
-            u, N = np.zeros_like(state.x), scene.finder.at_fixed_nodes(change)
+            u, N = np.zeros_like(state.x), scene.finder.fixed_node_response(change)
         return distribution.gather_particles(u), distribution.gather_elements(N, state.owned.astype(bool))
 
     return gathered
 
 
-def _step(scene: Scene, measured: _Now, targets, jacks: list[Jack], L0, influence: np.ndarray) -> np.ndarray:
+def _step(
+    scene: Problem, measured: _Measured, targets, jacks: list[Jack], L0, influence: np.ndarray
+) -> np.ndarray:
     """Compute the amounts (k,) [m] of the next step. Rank 0."""
     net = scene.model.net
     L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]])
-    step = amounts(measured.misses, influence, measured.scale)
+    step = solve_amounts(measured.misses, influence, measured.scale)
     for target in targets:
         if target.own >= 0 and not influence[:, target.own].any():
-            step[target.own] = until_taut(jacks[target.own], L, L0, net.EA, target.value)
+            step[target.own] = amount_until_taut(jacks[target.own], L, L0, net.EA, target.value)
     longest = np.array([LONGEST * L0[jack.rows].sum() / (1 + jack.cable.max()) for jack in jacks])
     return np.clip(step, -longest, longest)
 
@@ -208,7 +210,7 @@ def _changed(jacks: list[Jack], L0: np.ndarray, step: np.ndarray) -> np.ndarray:
     return L0
 
 
-class Reached(NamedTuple):
+class TargetResult(NamedTuple):
     """Targets that were reached, on rank 0: x (n, 3) [m], unstressed lengths L0 (m,) [m].
 
     change : (k,) [m] of each cable; influence : (k, k) of these amounts on the targets
@@ -229,7 +231,9 @@ class Reached(NamedTuple):
         return {name: getattr(self, name) for name in ("x", "L0", "change", "influence")}
 
 
-def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | None) -> Reached | None:
+def reach_targets(
+    scene: Problem, planned: np.ndarray | None, before: TargetResult | None
+) -> TargetResult | None:
     """Change lengths until all targets are reached, under the loads that the form carries. Collective.
 
     planned : (m,) [m] from which changes count, on rank 0; before : result of the last iteration, None: first
@@ -240,8 +244,10 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     """
     job, model, comm = scene.job, scene.model, scene.comm
     targets, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
-    load_case = of_form(scene, "target", "the targets")
-    tensioned = tension_to(scene, load_case, targets, jacks, model and model.cut_length, lambda L0: L0)
+    load_case = form_load(scene, "target", "the targets")
+    tensioned = tension_to_targets(
+        scene, load_case, targets, jacks, model and model.cut_length, lambda L0: L0
+    )
     tensioned = tensioned._replace(outcome=elastic(scene, tensioned.outcome))
     influence = influences(scene, load_case.load, targets, jacks, tensioned.L0)
     x = scene.distribution.gather_particles(scene.state.x)
@@ -253,14 +259,14 @@ def reach_targets(scene: Scene, planned: np.ndarray | None, before: Reached | No
     if not tensioned.outcome.carries:
         remark = "what `by` names may not bear on it, or not so far"
         failed = f"{load_case.words}: {tensioned.outcome.reason}; {remark}"
-        return Reached(x, tensioned.L0, change, influence, equilibria, [], failed)
+        return TargetResult(x, tensioned.L0, change, influence, equilibria, [], failed)
     lines = [
         f"target: {target.words} = {target.value:.6g} {'m' if target.node >= 0 else 'N'}: each cable of "
         f"{jack.name} {amount:+.6g} m"
         for target, jack, amount in zip(targets, jacks, change)
     ]
     lines.append(f"targets: reached in {equilibria} equilibria")
-    return Reached(x, tensioned.L0, change, influence, equilibria, lines)
+    return TargetResult(x, tensioned.L0, change, influence, equilibria, lines)
 
 
 def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
@@ -275,9 +281,9 @@ def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
             wrong.append(f"node = {target.node}: no such node")
         if target.by in [other.by for other in job.targets[: number - 1]]:
             remark = "stands in an earlier target; each needs lengths of its own"
-            wrong.append(f"by = {shown(target.by)}: {remark}")
+            wrong.append(f"by = {format_value(target.by)}: {remark}")
         errors += [f"{job.path}: [[target]] {number}: {line}" for line in wrong]
-    refuse(errors)
+    raise_errors(errors)
     return [_wanted(net, target) for target in job.targets], [jack_of(net, entry.by) for entry in job.targets]
 
 

@@ -5,35 +5,45 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.progress import Progress
-from netfall.explicit.history import MOST_STRAIN, History, most_strained, most_strained_of_all
+from netfall.explicit.history import (
+    REPORTED_STRAIN,
+    History,
+    largest_unlimited_strain_of_ranks,
+    most_strained,
+)
 from netfall.geometry.defaults import default_warnings
 from netfall.job.derived import has_statics
 from netfall.job.job import Job
-from netfall.job.values import listed
-from netfall.model.layout import band_of, features_of
+from netfall.job.values import format_list
+from netfall.model.layout import damping_branches, make_features
 from netfall.model.model import Model
 from netfall.model.schedule import step_at
 from netfall.parallel import partition
 from netfall.physics.fields import Features
-from netfall.physics.law.branches import stiffening
+from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.stability import Limit
-from netfall.results.file import open_result, overloads_of
-from netfall.results.form_text import form_lines, loose_notes, self_stress_lines
-from netfall.results.removal_text import loss_lines
-from netfall.results.warning_text import balance_notes, balance_words, detached_notes_of, motion_notes_of
+from netfall.results.file import open_result, overload_notes_of
+from netfall.results.form_text import form_lines, self_stress_lines, undetermined_node_notes
+from netfall.results.removal_text import removal_lines
+from netfall.results.warning_text import (
+    balance_text,
+    balance_warnings,
+    detached_notes_of,
+    dynamic_limit_notes_of,
+)
 from netfall.run import dynamics
-from netfall.run.messages.slip import inertia_line, slip_lines, unlike_notes
+from netfall.run.messages.slip import form_slip_notes, inertia_line, slip_lines
 from netfall.run.messages.wind import wind_notes
-from netfall.run.problem import Desk, Outcome, Scene
-from netfall.run.statics import rest_words
+from netfall.run.problem import Outcome, Problem, RunContext
+from netfall.run.statics import final_equilibrium_name
 
-MUCH_LONGER = 0.01  # share of the duration; a last step that ends later is reported
+MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
 FAR_OFF = 0.01  # residual / largest tension; a larger one gives a note if an equilibrium is computed anyway
 ROUNDING = 1e-11  # strain; residuals below this times the largest EA are rounding
-AT_REST = 1e-6  # residual / largest tension; a larger one of a start without statics gives a note
+MAX_RESIDUAL_START = 1e-6  # residual / largest tension; a larger one of a start without statics gives a note
 
 
-def before_run(scene: Scene, progress: Progress) -> None:
+def report_problem(scene: Problem, progress: Progress) -> None:
     """Report the problem before the run, on rank 0."""
     model = scene.model
     if model is None:
@@ -43,17 +53,17 @@ def before_run(scene: Scene, progress: Progress) -> None:
     if scene.comm.size > 1:
         progress.say(partition_line(model, scene.comm.size))
     if scene.form:
-        N = in_form(scene).N
+        N = form_found_model(scene).N
         line = f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N"
-        progress.say(line, *moved_lines(scene))
+        progress.say(line, *form_change_lines(scene))
     progress.say(*(scene.build_up.lines if scene.build_up else ()), *start_notes(scene))
     if scene.schedule:
         for limit in scene.limits.values():
-            progress.detail(limit_line(limit, model))
-        progress.say(*remarks_of(scene))
+            progress.verbose_message(limit_line(limit, model))
+        progress.say(*dynamic_remarks(scene))
 
 
-def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path) -> None:
+def report_outcome(scene: Problem, desk: RunContext, outcomes: dict[str, Outcome], path: Path) -> None:
     """Report the outcome of a run from its result file, on rank 0. Collective."""
     has_dynamics = dynamics.NAME in outcomes
     history = outcomes[dynamics.NAME].result.history if has_dynamics else None
@@ -62,7 +72,9 @@ def after_run(scene: Scene, desk: Desk, outcomes: dict[str, Outcome], path: Path
         return
     if has_dynamics:
         with open_result(path) as f:
-            desk.progress.say(*_dynamics_lines(scene.model, f), *motion_notes_of(f), *overloads_of(f))
+            desk.progress.say(
+                *_dynamics_lines(scene.model, f), *dynamic_limit_notes_of(f), *overload_notes_of(f)
+            )
     desk.progress.say(*_strain_notes(scene.model, strain, time, element))
     seconds = desk.phases.seconds.items()
     desk.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
@@ -73,7 +85,7 @@ def _dynamics_lines(model: Model, f) -> list[str]:
     """Summarise the dynamic stage: removals, fractures, energies, slip; f : the result file."""
     history, events, lines = f["history"], f["events"], []
     if "removal" in f:
-        lines += loss_lines(f["removal"], events, model.net.element_id)
+        lines += removal_lines(f["removal"], events, model.net.element_id)
     if len(events["element"]):
         lines.append(
             f"fractures: {len(np.unique(events['element']))} elements, the first at "
@@ -81,15 +93,15 @@ def _dynamics_lines(model: Model, f) -> list[str]:
         )
     work_error = np.abs(history["identity_error"]).max()
     if np.isfinite(work_error):  # nan without the energy check
-        lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_words(history)}")
-        lines += balance_notes(history)
+        lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_text(history)}")
+        lines += balance_warnings(history)
     lines += detached_notes_of(f)
     if model.layout.slides:
         lines += slip_lines(model, history["time"][:], f["slide"])
     return lines
 
 
-def _most_strained(scene: Scene, history: History | None) -> tuple[float, float, int]:
+def _most_strained(scene: Problem, history: History | None) -> tuple[float, float, int]:
     """Find the largest strain of elements without a limit, its time [s] and its element. Collective.
 
     history : of the dynamic stage; None: the strains at the end of the run count
@@ -97,10 +109,10 @@ def _most_strained(scene: Scene, history: History | None) -> tuple[float, float,
     if history is not None:
         local_largest = history.most_strained
     else:
-        elements = scene.state.elements_now()
+        elements = scene.state.present_element_state()
         N, eps = elements.N, elements.eps
         local_largest = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
-    return most_strained_of_all(scene.comm, local_largest)
+    return largest_unlimited_strain_of_ranks(scene.comm, local_largest)
 
 
 def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
@@ -110,7 +122,7 @@ def _strain_notes(model: Model, strain: float, time: float, element: int) -> lis
     at = "" if np.isnan(time) else f" at t = {time:.4g} s"
     return [
         f"note: element {model.element_name(element)} has a strain of {strain:.3g}{at}, above the "
-        f"{MOST_STRAIN:g} that any cable bears, and no fracture_strain: check loads and units, or give "
+        f"{REPORTED_STRAIN:g} that any cable bears, and no fracture_strain: check loads and units, or give "
         "[cable] yield_stress and fracture_strain"
     ]
 
@@ -129,7 +141,7 @@ def partition_line(model: Model, ranks: int) -> str:
     )
 
 
-def form_line(scene: Scene) -> str:
+def form_line(scene: Problem) -> str:
     """Return the line on the accuracy of form finding."""
     reference = max(scene.form.reference, 1e-300)
     return (
@@ -139,25 +151,25 @@ def form_line(scene: Scene) -> str:
     )
 
 
-def in_form(scene: Scene) -> Model:
+def form_found_model(scene: Problem) -> Model:
     """Return the form-found model, before stages of erection change it; on rank 0."""
     return (scene.build_up and scene.build_up.form) or scene.model
 
 
-def moved_lines(scene: Scene) -> list[str]:
+def form_change_lines(scene: Problem) -> list[str]:
     """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
-    model = in_form(scene)
+    model = form_found_model(scene)
     if scene.form.self_stress is not None:
         return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
     net, area, settings = model.net, float(model.roof.area.sum()), scene.job.form_finding
     constant_tension = bool(settings) and settings.method == "fpm" and settings.modulus_factor == 0.0
     lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant_tension)
     if constant_tension:
-        lines += loose_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
+        lines += undetermined_node_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
     return lines
 
 
-def start_notes(scene: Scene) -> list[str]:
+def start_notes(scene: Problem) -> list[str]:
     """Return notes on the state from which the loads start.
 
     A note is given if the net as given is not in equilibrium and nothing corrects that before it is loaded.
@@ -165,10 +177,10 @@ def start_notes(scene: Scene) -> list[str]:
     in the form.
     """
     can_slip = scene.form and scene.job.slides and not scene.job.stages and not scene.failure
-    return _not_at_rest(scene) + (unlike_notes(scene.model) if can_slip else [])
+    return _imbalance_notes(scene) + (form_slip_notes(scene.model) if can_slip else [])
 
 
-def _not_at_rest(scene: Scene) -> list[str]:
+def _imbalance_notes(scene: Problem) -> list[str]:
     """Return a note if the start is not in equilibrium at the nodes."""
     statics, erected = has_statics(scene.job), bool(scene.job.stages)
     heated = scene.job.load is not None and scene.job.load.temperature and not statics
@@ -176,7 +188,7 @@ def _not_at_rest(scene: Scene) -> list[str]:
         return []
     residual, force = scene.build_up.left if erected else (scene.residual, scene.reference)
     rounding = ROUNDING * float(scene.model.net.EA.max(initial=0.0))
-    unbalanced = residual > max((FAR_OFF if statics or erected else AT_REST) * force, rounding)
+    unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
     if not ((heated and not erected) or unbalanced):
         return []
     figures = f"largest residual {residual:.3g} N, largest tension {force:.3g} N"
@@ -201,16 +213,16 @@ def stages(job: Job) -> list[str]:
     statics += [f"{len(job.cases)} cases"] if job.cases else []
     if statics:
         names.append(f"statics ({', '.join(statics)})")
-    if words := rest_words(job):
+    if words := final_equilibrium_name(job):
         names.append(words)
     if job.dynamics:
         names.append(f"dynamics ({job.dynamics.duration:g} s)")
     return names or ["none: the net alone"]
 
 
-def feature_words(job: Job, model: Model) -> str:
+def feature_text(job: Job, model: Model) -> str:
     """List the features of the problem, in words."""
-    features, load = features_of(job, model.layout.net, model.layout.slides), job.load
+    features, load = make_features(job, model.layout.net, model.layout.slides), job.load
     table = (
         ("yield", features.plastic),
         ("fracture", features.fracture),
@@ -252,14 +264,14 @@ def job_remarks(model: Model, job: Job) -> list[str]:
     return default_warnings(job, model.net) + [f"note: {note}" for note in model.notes]
 
 
-def notes_of(scene: Scene) -> list[str]:
+def run_notes(scene: Problem) -> list[str]:
     """Return the warnings and notes that precede a run, for its result file; on rank 0."""
-    remarks = start_notes(scene) + (remarks_of(scene) if scene.schedule else [])
+    remarks = start_notes(scene) + (dynamic_remarks(scene) if scene.schedule else [])
     marked = [line for line in remarks if line.startswith(("note:", "warning:"))]
     return job_remarks(scene.model, scene.job) + marked
 
 
-def remarks_of(scene: Scene) -> list[str]:
+def dynamic_remarks(scene: Problem) -> list[str]:
     """Return the warnings and notes on the wind, the time step and the probes."""
     job, model = scene.job, scene.model
     return wind_notes(job, model) + step_remarks(scene) + probe_remarks(model, job.output.probes)
@@ -283,7 +295,8 @@ def probe_remarks(model: Model, probes) -> list[str]:
         equal = np.flatnonzero(distance <= offset + net.tolerance)
         if axes == 2 and len(equal) > 1 and np.ptp(net.x[equal, :2], axis=0).max() <= net.tolerance:
             remarks.append(
-                f"note: [output] probes: [{name}]: nodes {listed(net.node_id[equal])} lie above one another "
+                f"note: [output] probes: [{name}]: nodes {format_list(net.node_id[equal])} lie above "
+                "one another "
                 f"there; its histories are those of node {net.node_id[p]} ([x, y, z] or an id tell)"
             )
         if offset > longest:
@@ -295,7 +308,7 @@ def probe_remarks(model: Model, probes) -> list[str]:
     return remarks
 
 
-def step_remarks(scene: Scene) -> list[str]:
+def step_remarks(scene: Problem) -> list[str]:
     """Return remarks on added mass, slip inertia, damping over a band and a fixed time step."""
     job, dt, remarks = scene.job, scene.schedule.long_dt, []
     if scene.model.added is not None:
@@ -303,14 +316,14 @@ def step_remarks(scene: Scene) -> list[str]:
     if job.slides:
         remarks.append(inertia_line(scene.model, dt))
     if job.dynamics.damping_ratio:
-        added_stiffness = stiffening(band_of(job)) - 1.0
+        added_stiffness = branch_stiffening(damping_branches(job)) - 1.0
         remarks.append(
             f"note: damping_ratio = {job.dynamics.damping_ratio:g} holds what vibrates in its band and above "
             f"by up to {added_stiffness:.1%} more stiffness of elements; tensions, also beside a "
             "strength, are those without it, so by up to that share of their swing less than elements carry"
         )
     end = step_at(job.dynamics.duration, dt) * dt
-    if end > (1.0 + MUCH_LONGER) * job.dynamics.duration:
+    if end > (1.0 + MAX_OVERRUN) * job.dynamics.duration:
         remarks.append(
             f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
             f"t = {end:.6g} s"

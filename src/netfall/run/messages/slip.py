@@ -6,9 +6,9 @@ from netfall.core.functions import lengths
 from netfall.model.model import Model
 from netfall.model.schedule import slip_movers
 from netfall.physics.slip.inertia import MOST_ADDED, added_share, slip_inertia
-from netfall.physics.slip.law import LEAST
+from netfall.physics.slip.law import MIN_SEGMENT_SHARE
 
-UNLIKE = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no note
+MAX_EXCESS = 0.01  # share of the tension; below it a difference beyond the slip resistance gives no note
 CHANGED = 0.1  # share of the length of a free segment; a larger change by slip gives a note
 
 
@@ -28,7 +28,7 @@ def inertia_line(model: Model, dt: float) -> str:
     return f"warning: {line}. Halve the step." if share > MOST_ADDED else line
 
 
-def unlike_notes(model: Model) -> list[str]:
+def form_slip_notes(model: Model) -> list[str]:
     """Return a note on slip points where tensions of the form differ by more than the slip resistance."""
     slides, net, x = model.layout.slides, model.net, model.x
     u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
@@ -37,7 +37,7 @@ def unlike_notes(model: Model) -> list[str]:
     N = model.N[np.stack([slides.before, slides.after])]
     slip_resistance = slides.resistance + np.maximum(N.min(0), 0.0) * np.expm1(slides.friction * turn)
     excess = np.abs(N[1] - N[0]) - slip_resistance
-    slips, worst = excess > UNLIKE * np.abs(N).max(0), int(np.argmax(excess))
+    slips, worst = excess > MAX_EXCESS * np.abs(N).max(0), int(np.argmax(excess))
     if not slips.any():
         return []
     return [
@@ -80,7 +80,7 @@ def slip_lines(model: Model, time: np.ndarray, slide) -> list[str]:
         node = net.node_id[slides.node[first]]
         lines.append(
             f"note: at t = {stopped[first]:.6g} s a cable had run over node {node} "
-            f"until {LEAST:.0%} of its free segment was left, where its end stops it; so at "
+            f"until {MIN_SEGMENT_SHARE:.0%} of its free segment was left, where its end stops it; so at "
             f"{int((~np.isnan(stopped)).sum())} places in all"
         )
     return lines

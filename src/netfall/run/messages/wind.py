@@ -6,20 +6,22 @@ from netfall.explicit.wind import expected_gust_factor, gust_lengths, negative_s
 from netfall.job.job import Job
 from netfall.loads.wind.autoregressive import cosine_weights, frequency_nodes
 from netfall.loads.wind.errors import coherence_errors, load_power
-from netfall.loads.wind.sectors import bearing
+from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model
-from netfall.physics.wind_spectra import Gust, gust_of, intensity
+from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
 
-MOST_NEGATIVE = 0.01  # share of negative wind speeds; a larger one gives a note
-MOST_LOST = 0.05  # share of the variance lost by sampling; a larger one gives a note
-MOST_OFF = 0.15  # relative error of the spectrum in a half octave; a larger one gives a note
+MAX_NEGATIVE_SHARE = 0.01  # share of negative wind speeds; a larger one gives a note
+MAX_VARIANCE_LOSS = 0.05  # share of the variance lost by sampling; a larger one gives a note
+MAX_SPECTRUM_ERROR = 0.15  # relative error of the spectrum in a half octave; a larger one gives a note
 SLOW_GUSTS = 3.0  # periods of slow gusts in the duration, above which their share of the variance is checked
-MUCH_SLOWER = 1.2  # that share relative to the spectrum's; a larger one gives a note
-TOO_STRONG = 1.1  # load on the whole roof relative to that of the coherence; a larger one gives a note
-TOO_WEAK = 0.85  # share of the standard deviation, mean over the nodes; a smaller one gives a note
+MAX_SLOW_RATIO = 1.2  # that share relative to the spectrum's; a larger one gives a note
+MAX_ROOF_LOAD_RATIO = (
+    1.1  # load on the whole roof relative to that of the coherence; a larger one gives a note
+)
+MIN_DEVIATION_SHARE = 0.85  # share of the standard deviation, mean over the nodes; a smaller one gives a note
 EACH = 12  # only every twelfth frequency is evaluated for the load on the whole roof
 SHOWN = 1.0  # Hz; typical lowest natural frequency of cable roofs
-FEW_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
+MIN_GUST_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
 
 
 def wind_lines(job: Job, model: Model) -> list[str]:
@@ -31,11 +33,11 @@ def wind_lines(job: Job, model: Model) -> list[str]:
         return [_tap_line(job, model)]
     if wind.file:
         return _measured_lines(job, model)
-    gust = gust_of(wind)
+    gust = make_gust(wind)
     return (
         _gust_lines(job, model, gust)
         if gust
-        else [f"wind: steady, {wind.speed:g} m/s at 10 m, {bearing(wind.direction)}"]
+        else [f"wind: steady, {wind.speed:g} m/s at 10 m, {describe_direction(wind.direction)}"]
     )
 
 
@@ -43,7 +45,7 @@ def wind_notes(job: Job, model: Model) -> list[str]:
     """Return the notes on the wind."""
     if job.wind is None:
         return []
-    gust = gust_of(job.wind)
+    gust = make_gust(job.wind)
     return _gust_notes(job, model, gust) if gust else []
 
 
@@ -52,10 +54,10 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     wind, field = job.wind, model.wind_field
     losses, share = field.model.losses, negative_share(field.control_mean, gust.deviation)
     factor = expected_gust_factor(gust, wind.time_step, job.dynamics.duration)
-    caution = ", so one seed says little" if gust_lengths(job, gust) < FEW_LENGTHS else ""
+    caution = ", so one seed says little" if gust_lengths(job, gust) < MIN_GUST_LENGTHS else ""
     return [
-        f"wind: {wind.speed:g} m/s at 10 m, {bearing(wind.direction)}, intensity "
-        f"{intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
+        f"wind: {wind.speed:g} m/s at 10 m, {describe_direction(wind.direction)}, intensity "
+        f"{turbulence_intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
         f"{wind.spectrum}); {len(field.control_point)} control points with means of "
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
@@ -65,10 +67,10 @@ def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
         f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags {losses.slow:.1%} of it lie "
-        f"below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_asked:.1%}; above, the half octave "
+        f"below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_target:.1%}; above, the half octave "
         f"from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
         _coherence_line(job, model, gust),
-    ] + _place_lines(job, model, gust)
+    ] + _deviation_lines(job, model, gust)
 
 
 def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
@@ -81,7 +83,7 @@ def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
     )
 
 
-def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
+def _deviation_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     """Return the line on the standard deviation at single nodes if gusts are means over the roof."""
     if job.wind.gusts == "points":
         return []
@@ -92,11 +94,11 @@ def _place_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     ]
 
 
-def _weak_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+def _weak_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     """Return a note if means over the roof are too weak at single nodes that load an element."""
     share = model.wind_field.deviation / gust.deviation
     could_be_more = len(model.wind_field.control_point) == job.wind.control_points
-    if share.mean() >= TOO_WEAK or not could_be_more:
+    if share.mean() >= MIN_DEVIATION_SHARE or not could_be_more:
         return []
     return [
         f'note: [wind] gusts = "means": at a node they have {share.mean():.0%} of the deviation (mean; '
@@ -105,7 +107,7 @@ def _weak_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     ]
 
 
-def _whole_roof_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+def _strong_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     """Return a note if gusts at points load the roof as a whole too strongly."""
     wind, field = job.wind, model.wind_field
     n = frequency_nodes(gust, wind.time_step)[::EACH]
@@ -113,7 +115,7 @@ def _whole_roof_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     variance = cosine_weights(n, [0], wind.time_step)[0] * gust.spectrum(n)
     weights = np.array([variance, np.arange(len(n)) == shown_frequency])
     whole, at_frequency = np.sqrt(load_power(model.x, model.roof.vector, field, wind, n, weights))
-    if whole < TOO_STRONG:
+    if whole < MAX_ROOF_LOAD_RATIO:
         return []
     return [
         f'note: [wind] gusts = "points": as strong at all nodes as at {len(field.control_point)} control '
@@ -127,7 +129,7 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     """Return the notes on generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
     wind, losses, notes = job.wind, model.wind_field.model.losses, []
     share = negative_share(model.wind_field.control_mean, gust.deviation)
-    if share > MOST_NEGATIVE:
+    if share > MAX_NEGATIVE_SHARE:
         key = "roughness" if wind.turbulence is None else "turbulence"
         notes.append(
             f"note: [wind] {key} = {getattr(wind, key):g}: {share:.1%} of the speeds are negative; the force "
@@ -135,21 +137,21 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             "intensities of 0.15 to 0.2 in open terrain"
         )
     lost = 1.0 - (1.0 - losses.beyond) * (1.0 - losses.between)
-    if lost > MOST_LOST:
+    if lost > MAX_VARIANCE_LOSS:
         notes.append(
             f"note: [wind] time_step = {wind.time_step:g}: {lost:.1%} of the gusts' variance is lost; "
             "a shorter one loses less, by its power of 2/3"
         )
-    if abs(losses.misfit) > MOST_OFF:
+    if abs(losses.misfit) > MAX_SPECTRUM_ERROR:
         notes.append(
             f"note: [wind] ar_order = {wind.ar_order}: the spectrum is off by {losses.misfit:+.0%} in the "
             f"half octave from {losses.misfit_low:.3g} Hz; more lags fit better"
         )
     duration = job.dynamics.duration
-    if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MUCH_SLOWER * losses.slow_asked:
+    if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MAX_SLOW_RATIO * losses.slow_target:
         notes.append(
             f'note: [wind] spectrum = "{wind.spectrum}": gusts slower than {1.0 / losses.slow_below:.3g} '
-            f"s have {losses.slow:.1%} of the variance, in the spectrum {losses.slow_asked:.1%}: means of "
+            f"s have {losses.slow:.1%} of the variance, in the spectrum {losses.slow_target:.1%}: means of "
             "minutes scatter more than they should; a larger ar_order comes nearer"
         )
     if wind.onset == "static" and wind.ramp > duration:
@@ -157,7 +159,7 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             f"note: [wind] ramp = {wind.ramp:g}: longer than the duration, {duration:g} s: gusts never have "
             "their full size"
         )
-    place_notes = _whole_roof_notes if wind.gusts == "points" else _weak_notes
+    place_notes = _strong_gust_notes if wind.gusts == "points" else _weak_gust_notes
     return notes + (place_notes(job, model, gust) if model.wind_field.force.any() else [])
 
 
@@ -177,7 +179,8 @@ def _measured_lines(job: Job, model: Model) -> list[str]:
     mean, count = section["mean_speed"], len(section["mean_speed"])
     where = "one speed at 10 m" if history.places is None else f"{count} points"
     return [
-        f"wind: {job.wind.file}, {where}, {bearing(job.wind.direction)}: means of {mean.min():.4g} to "
+        f"wind: {job.wind.file}, {where}, {describe_direction(job.wind.direction)}: means of "
+        f"{mean.min():.4g} to "
         f"{mean.max():.4g} m/s over the duration, gust factors of {section['gust_factor'].min():.3g} to "
         f"{section['gust_factor'].max():.3g}"
     ]

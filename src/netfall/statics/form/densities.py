@@ -24,7 +24,7 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
         np.add.at(total, net.elements[:, end], q)
         np.add.at(size, net.elements[:, end], np.abs(q))
     x = net.x.copy()
-    for axes in _held_alike(net):
+    for axes in _axis_groups(net):
         held = net.held[:, axes[0]]
         free, place = np.flatnonzero(~held), np.cumsum(~held) - 1
         for end in range(2):
@@ -40,7 +40,7 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
                 place[net.elements[within]], -q[within], total[free], pull[free][:, axes], size[free]
             )
         except Singular as error:
-            raise _not_held(net, free[error.rows], axes) from None
+            raise _unsupported_error(net, free[error.rows], axes) from None
         x[np.ix_(free, axes)] = solution
         pull[:] = 0.0
     if not np.isfinite(x).all():
@@ -52,7 +52,7 @@ def force_density_form(net: Net, load: np.ndarray | None = None) -> np.ndarray:
     return x
 
 
-def _not_held(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
+def _unsupported_error(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
     """Return the error that the nodes in these rows have no position along these axes.
 
     The matrix of force densities is singular.
@@ -67,7 +67,7 @@ def _not_held(net: Net, rows: np.ndarray, axes: list[int]) -> InputError:
     )
 
 
-def _held_alike(net: Net) -> list[list[int]]:
+def _axis_groups(net: Net) -> list[list[int]]:
     """Group the axes with free nodes so that all axes of a group have the same free nodes."""
     groups: dict[bytes, list[int]] = {}
     for axis in range(3):

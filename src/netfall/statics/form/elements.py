@@ -8,8 +8,8 @@ import numpy as np
 from netfall.core.kernels import kernel
 from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.elements import add_tensions, geometric_stiffness, nodal_stiffness
-from netfall.physics.supports import keep_on_guides
+from netfall.physics.elements import add_axial_forces_now, geometric_stiffness, nodal_stiffness
+from netfall.physics.supports import project_on_guides
 from netfall.statics.multigrid.tangent import Tangent
 
 LEAST = 1e-6  # artificial stiffness along elements of constant tension, over their force density [-]
@@ -63,9 +63,9 @@ class Elements:
         """Write the forces f (n, 3) [N] of the elements at x, without components along held lines."""
         self.measure(x)
         f[:] = self.load
-        add_tensions(x, self.ends, self.N, self.L, f)
+        add_axial_forces_now(x, self.ends, self.N, self.L, f)
         if self.turned is not None:
-            keep_on_guides(self.turned, f)
+            project_on_guides(self.turned, f)
 
     def bound(self, x):
         """Compute an upper bound (m,) [N/m] of the stiffness, axial and transverse."""

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.core.arrays import placed
+from netfall.core.arrays import padded_copy
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
-from netfall.core.stop import NEVER, StopRequest
+from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.geometry.net import Net
-from netfall.geometry.turned import held_along, is_guided, turned_column
+from netfall.geometry.turned import global_held_axes, is_guided, rotation_column
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
-from netfall.physics.elements import add_tensions
+from netfall.physics.elements import add_axial_forces_now
 from netfall.physics.supports import largest_residual
 from netfall.statics.form.densities import force_density_form
 from netfall.statics.form.elements import Elements
@@ -52,7 +52,7 @@ def find_form(
     settings,
     halo: Halo,
     report,
-    stop: StopRequest = NEVER,
+    stop: StopFlag = NEVER_STOP,
     resume: Relaxation | None = None,
     load: np.ndarray | None = None,
     start: np.ndarray | None = None,
@@ -69,13 +69,13 @@ def find_form(
 
     def particles(rows: np.ndarray | None) -> np.ndarray:
         # strided columns as in a state, so that compiled kernels serve form finding and equilibria
-        return placed(distribution.particles(rows))
+        return padded_copy(distribution.particles(rows))
 
     x = particles(None if net is None else net.x)
-    held = distribution.particles(None if net is None else held_along(net, net.held))
-    free = placed(1 - held.astype(np.uint8))
+    held = distribution.particles(None if net is None else global_held_axes(net, net.held))
+    free = padded_copy(1 - held.astype(np.uint8))
     guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
-    turned = particles(net and turned_column(net, net.held)) if guided else None
+    turned = particles(net and rotation_column(net, net.held)) if guided else None
     if settings.method == "keep":
         return form_as_given(comm, net, distribution, settings, x, free, load)
     given_elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
@@ -113,7 +113,7 @@ def _of_densities(comm: MPI.Comm, q, elements: Elements, x, free, n_owned, toler
     """
     N = q * elements.L_start
     f = np.zeros_like(x) + elements.load
-    add_tensions(x, elements.ends, N, elements.L_start, f)
+    add_axial_forces_now(x, elements.ends, N, elements.L_start, f)
     residual, reference = comm.allreduce(largest_residual(f, free, n_owned), MPI.MAX), largest(N)
     if not residual <= tolerance * reference:
         raise DivergedError(

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, interrupted
-from netfall.geometry.net import joined, spaced
+from netfall.core.errors import DivergedError, interruption_error
+from netfall.geometry.net import space_inner_particles, undo_subdivision
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.layout import Layout
@@ -13,8 +13,8 @@ from netfall.model.model import Model, permanent_load
 from netfall.parallel.agree import on_root
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
-from netfall.parallel.subdomain import Distribution, cut_net
-from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_older, write_checkpoint
+from netfall.parallel.subdomain import Distribution, split_net
+from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_checkpoints, write_checkpoint
 from netfall.statics.form.find import Form, find_form
 from netfall.statics.relaxation import RELAXATION, Paused, relaxation_record, restored_relaxation
 
@@ -24,7 +24,7 @@ SETTLED = 0.1
 MOST_TURNS = 30  # iterations of form and load; each leaves about 1 % of the change before
 
 
-def form_of(
+def find_initial_form(
     job, layout: Layout | None, distribution, halo, report, result, digest, restart, checkpoint, stop
 ):
     """Find the form and return it with positions (n, 3) [m] and tensions (m,) [N] of the net on rank 0.
@@ -35,10 +35,10 @@ def form_of(
     subdivided net is that of the net as given, with the new particles evenly spaced.
     """
     comm, net, is_loaded = distribution.comm, layout and layout.net, carries_permanent(job)
-    as_given, own_halo = layout and (net if is_loaded else joined(net)), None
+    as_given, own_halo = layout and (net if is_loaded else undo_subdivision(net)), None
     if comm.bcast(layout and as_given.n < net.n):
         ranks = layout and layout.part[: as_given.n]
-        cut = on_root(comm, lambda: cut_net(as_given.n, as_given.elements, ranks, comm.size))
+        cut = on_root(comm, lambda: split_net(as_given.n, as_given.elements, ranks, comm.size))
         distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
 
@@ -52,14 +52,14 @@ def form_of(
                 records[FORM_LOAD] = {}, {} if load is None else {"load": load}
             step = pause.at.iteration
             path = write_before_stages(comm, job, result, digest, step, records, restart)
-            raise interrupted(f"in form finding, iteration {pause.at.iteration}", path) from None
+            raise interruption_error(f"in form finding, iteration {pause.at.iteration}", path) from None
 
     try:
         record = comm.bcast(checkpoint and checkpoint.part(RELAXATION)[0])
         arrays = checkpoint and checkpoint.part(RELAXATION)[1]
         resume = restored_relaxation(distribution, record, arrays) if record else None
         if is_loaded:
-            form = _loaded(job, layout, distribution, find, resume, record and checkpoint)
+            form = _find_loaded_form(job, layout, distribution, find, resume, record and checkpoint)
         else:
             form = find(resume)
     finally:
@@ -70,10 +70,10 @@ def form_of(
         return form, x, N
     if form.self_stress is not None:
         form.self_stress = np.repeat(form.self_stress, net.parts, axis=1)
-    return form, spaced(net, x), np.repeat(N, net.parts)
+    return form, space_inner_particles(net, x), np.repeat(N, net.parts)
 
 
-def _loaded(
+def _find_loaded_form(
     job: Job, layout: Layout | None, distribution, find, resume, checkpoint: Checkpoint | None
 ) -> Form:
     """Find the form that carries its own permanent load, by iteration of form and load. Collective.
@@ -111,13 +111,13 @@ def write_before_stages(
 
     Collective.
 
-    step : number in the name of the checkpoint; see `form_of` for the others
+    step : number in the name of the checkpoint; see `find_initial_form` for the others
     """
     path = checkpoint_path(result, 1, step)
     record = {"job": digest, "name": job.title or job.name, "stage": FORM}
     write_checkpoint(comm, path, None, None, record, parts)
     if comm.rank == 0:
-        remove_older(path, result, digest, given)
+        remove_old_checkpoints(path, result, digest, given)
     return path
 
 
@@ -131,8 +131,8 @@ def initial_record(form: Form | None, model: Model | None) -> tuple[dict, dict[s
     return small, {"x": model.x, "N": model.N} | states
 
 
-def kept_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
-    """Return what `form_of` does, from the checkpoint of the run that is resumed. Collective."""
+def restored_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
+    """Return what `find_initial_form` does, from the checkpoint of the run that is resumed. Collective."""
     small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
     form = comm.bcast(small)["form"]
     x, states = arrays and arrays["x"], arrays and arrays.get("self_stress")

@@ -2,20 +2,20 @@
 
 from functools import cache
 
-from netfall.core.arrays import placed
+from netfall.core.arrays import padded_copy
 from netfall.parallel.mpi import MPI
-from netfall.physics.elements import add_tensions
+from netfall.physics.elements import add_axial_forces_now
 from netfall.statics.form.elements import tangent_of, tangent_of_form
-from netfall.statics.multigrid.cycle import Structure
-from netfall.statics.multigrid.lines import lines_of
-from netfall.statics.newton import SHORT, Newton, NoConvergence, Stopped
-from netfall.statics.relaxation import Paused, not_begun
+from netfall.statics.multigrid.cycle import CycleStructure
+from netfall.statics.multigrid.lines import distribute_lines
+from netfall.statics.newton import SHORT_STEP, Newton, NoConvergence, StopRequested
+from netfall.statics.relaxation import Paused, initial_relaxation
 from netfall.statics.stability import unstable_shape
 
-NEAR = 1e-2  # share of the residual force that the start may leave [-]
+START_RESIDUAL = 1e-2  # share of the residual force that the start may leave [-]
 # artificial stiffness along elements of constant tension, over their force density [-], in turn
-SOFTER = (0.1, 0.01, 1e-3, 1e-4)
-TIGHTER = 0.1  # factor on the tolerance [-] if the residual is still too large
+ARTIFICIAL_STIFFNESS = (0.1, 0.01, 1e-3, 1e-4)
+TOLERANCE_FACTOR = 0.1  # factor on the tolerance [-] if the residual is still too large
 MOST_AGAIN = 4
 
 
@@ -32,31 +32,31 @@ def newton_form(
         return None
     if comm.allreduce(bool((elements.T0 < 0.0).any()), MPI.LOR):  # compressed struts
         return None
-    before = placed(net.x)
-    structure = Structure(cache(lambda: lines_of(distribution, elements.ends, before, net.free)))
+    before = padded_copy(net.x)
+    structure = CycleStructure(cache(lambda: distribute_lines(distribution, elements.ends, before, net.free)))
     newton = Newton(comm, halo, distribution, net, lambda: tangent_of_form(elements, net.x), structure)
     try:
-        total = _towards_force_density(newton, elements)
+        total = _approach_force_densities(newton, elements)
         if elements.constant:
-            total += _nearer(newton, elements)
+            total += _approach_constant_tension(newton, elements)
         for k in range(MOST_AGAIN):
-            solution = newton.find(settings.tolerance * TIGHTER**k, before, stop)
+            solution = newton.find(settings.tolerance * TOLERANCE_FACTOR**k, before, stop)
             total += solution.iterations
             if solution.residual > target_residual:
                 continue
             if unstable_shape(newton) is None:
                 return total, solution.residual
             break
-    except Stopped:
+    except StopRequested:
         net.x[:] = before
-        raise Paused(not_begun(before)) from None
+        raise Paused(initial_relaxation(before)) from None
     except NoConvergence:
         pass
     net.x[:] = before
     return None
 
 
-def _towards_force_density(newton: Newton, elements) -> int:
+def _approach_force_densities(newton: Newton, elements) -> int:
     """Move the net close to the equilibrium of its initial force densities; return the iterations.
 
     Collective.
@@ -68,16 +68,16 @@ def _towards_force_density(newton: Newton, elements) -> int:
     q = elements.densities()
     N = q * elements.L
     newton.f[:] = elements.load
-    add_tensions(x, elements.ends, N, elements.L, newton.f)
-    r = newton.not_held(newton.f[newton.owned])
+    add_axial_forces_now(x, elements.ends, N, elements.L, newton.f)
+    r = newton.without_held(newton.f[newton.owned])
     K = tangent_of(elements, x, N, q, q)
-    s, count = newton.solve(K, newton.cycle(K), r, NEAR)
-    newton.spread_out(s)
+    s, count = newton.solve(K, newton.cycle(K), r, START_RESIDUAL)
+    newton.set_displacement(s)
     x += newton.spread
     return count
 
 
-def _nearer(newton: Newton, elements) -> int:
+def _approach_constant_tension(newton: Newton, elements) -> int:
     """Move the net closer to the form at constant tension; return the iterations. Collective.
 
     The tangent has no stiffness along elements. Far from the form its corrections would let the nodes of a
@@ -86,10 +86,10 @@ def _nearer(newton: Newton, elements) -> int:
     """
     newton.begin()
     total = 0
-    for share in SOFTER:
+    for share in ARTIFICIAL_STIFFNESS:
         r, K = newton.residual(), tangent_of_form(elements, newton.net.x, share)
-        s, count = newton.solve(K, newton.cycle(K), r, NEAR)
+        s, count = newton.solve(K, newton.cycle(K), r, START_RESIDUAL)
         total += count
-        if newton.go(s, r) < SHORT:
+        if newton.go(s, r) < SHORT_STEP:
             raise NoConvergence("these tensions hardly have a form")
     return total

@@ -18,12 +18,12 @@ import numpy as np
 from netfall.core.errors import DivergedError, InputError
 from netfall.core.functions import lengths
 from netfall.core.least_squares import least_squares, times
-from netfall.core.rotation import from_own, to_own
+from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.geometry.net import Net
 from netfall.job.values import counted
 
 LARGEST = 2e8  # entries of the matrix, 8 bytes each
-SHOWN = 5  # nodes out of equilibrium that a message names
+MAX_LISTED_NODES = 5  # nodes out of equilibrium that a message names
 NOTHING = 1e-9  # share of the required prestress [-]: a closest state below it contains none of the prestress
 ROUNDING = 1e-12  # pivot over the largest one [-], below which the prestress does not determine an unknown
 
@@ -62,7 +62,7 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
     """
     equations = equations_of(net)
     free = ~net.held
-    right_side = np.zeros(free.sum()) if load is None else -to_own(load, net.angle)[free]
+    right_side = np.zeros(free.sum()) if load is None else -to_rotated_axes(load, net.angle)[free]
     fit = least_squares(equations.matrix, right_side, tolerance)
     has_prestress = (equations.of >= 0) & (net.prestress != 0.0)
     if load is None:
@@ -73,7 +73,7 @@ def self_stress(net: Net, load: np.ndarray | None, tolerance: float) -> SelfStre
         load is None
         and np.abs(N[has_prestress]).max() <= NOTHING * np.abs(net.prestress[has_prestress]).max()
     ):
-        raise InputError(_not_in_states(net, equations, fit, has_prestress))
+        raise InputError(_not_in_states_message(net, equations, fit, has_prestress))
     residual = _residual(net, N, load)
     result = SelfStress(N, residual, _states(equations, fit.null))
     _check_residual(net, result, tolerance)
@@ -97,7 +97,7 @@ def equations_of(net: Net) -> Equations:
     unit = _directions(net)[movable] / np.sqrt(count)[column, None]
     for end, sign in ((0, 1.0), (1, -1.0)):
         nodes = net.elements[movable, end]
-        along = to_own(unit, None if net.angle is None else net.angle[nodes])
+        along = to_rotated_axes(unit, None if net.angle is None else net.angle[nodes])
         np.add.at(matrix, (nodes, slice(None), column), sign * along)
     return Equations(matrix[~net.held], of, count)
 
@@ -130,7 +130,7 @@ def _residual(net: Net, N: np.ndarray, load: np.ndarray | None) -> np.ndarray:
     pull = N[:, None] * _directions(net)
     np.add.at(force, net.elements[:, 0], pull)
     np.subtract.at(force, net.elements[:, 1], pull)
-    return from_own(np.where(net.held, 0.0, to_own(force, net.angle)), net.angle)
+    return from_rotated_axes(np.where(net.held, 0.0, to_rotated_axes(force, net.angle)), net.angle)
 
 
 def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
@@ -144,7 +144,7 @@ def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
 def _check_states(net: Net, equations: Equations, fit, has_prestress: np.ndarray) -> None:
     """Raise InputError if there is no state, or if no prestress determines its size."""
     if not fit.null.shape[1]:
-        raise InputError(_no_state(net, equations, fit.least))
+        raise InputError(_no_state_message(net, equations, fit.least))
     if not has_prestress.any():
         raise InputError(
             '[form_finding] method = "keep": no element that can move has a prestress, to which the '
@@ -152,7 +152,7 @@ def _check_states(net: Net, equations: Equations, fit, has_prestress: np.ndarray
         )
 
 
-def _not_in_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> str:
+def _not_in_states_message(net: Net, equations: Equations, fit, asked: np.ndarray) -> str:
     """Return the message that no state of self-stress contains the prestress, with the groups that do."""
     states = _states(equations, fit.null)
 
@@ -168,7 +168,7 @@ def _not_in_states(net: Net, equations: Equations, fit, asked: np.ndarray) -> st
     )
 
 
-def _no_state(net: Net, equations: Equations, least: float) -> str:
+def _no_state_message(net: Net, equations: Equations, least: float) -> str:
     """Return the message that there is no state of self-stress, with the node where the best forces fail."""
     best = least_squares(equations.matrix, np.zeros(len(equations.matrix)), least * (1.0 + 1e-9)).null[:, 0]
     t = best / np.sqrt(equations.count)
@@ -193,7 +193,7 @@ def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
     worst = over[np.argsort(-residual[over], kind="stable")]
     first = ", ".join(
         f"node {net.node_id[p]} by [{', '.join(f'{value:.4g}' for value in result.residual[p])}] N"
-        for p in worst[:SHOWN]
+        for p in worst[:MAX_LISTED_NODES]
     )
     raise DivergedError(
         f'[form_finding] method = "keep": {counted("node", net.node_id[over])} '

@@ -12,10 +12,10 @@ from netfall.statics.form.newton import newton_form
 from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import relax
 
-TOGETHER = 1e-6  # length over the initial one [-], below which the nodes of an element coincide
-LOOKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
+COINCIDENT = 1e-6  # length over the initial one [-], below which the nodes of an element coincide
+COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
 MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method (jobs/bench)
-WORST = 5  # nodes that the message on a failure names
+MAX_WORST_NODES = 5  # nodes that the message on a failure names
 ADVICE = (
     "for struts and rings set [form_finding] modulus_factor = 1, or begin with a state of self-stress, "
     'method = "keep"; give prestresses or force densities that balance at these nodes'
@@ -51,7 +51,7 @@ def form_by_tensions(
         if is_large and (result := by_newton()) is not None:
             return result
     if elements.constant:
-        report = Watch(comm, distribution, net, elements, report)
+        report = CoincidenceCheck(comm, distribution, net, elements, report)
     try:
         max_iterations = settings.max_iterations
         return relax(
@@ -59,18 +59,18 @@ def form_by_tensions(
         )
     except DivergedError as error:
         worst, moving.x[:] = worst_nodes(comm, net, distribution, moving), start
-        result = by_newton() if isinstance(error, RunTogether) and not is_large else None
+        result = by_newton() if isinstance(error, CoincidentNodes) and not is_large else None
         if result is None:
             remedy = "raise max_iterations or tolerance"
             raise DivergedError(f"{error}; {remedy}; {worst}; {ADVICE}") from None
         return result
 
 
-class RunTogether(DivergedError):
+class CoincidentNodes(DivergedError):
     """Coincidence of nodes in a relaxation at constant tension."""
 
 
-class Watch:
+class CoincidenceCheck:
     """Check for nodes that coincide in a relaxation at constant tension, made whenever it reports.
 
     The work of a constant tension is least when its element has zero length. So nodes of an edge cable, for
@@ -92,13 +92,13 @@ class Watch:
         smallest, gid = min(
             self.comm.allgather((float(ratio[e]), int(self.gid[e])) if e >= 0 else (np.inf, -1))
         )
-        self.looks = self.looks + 1 if smallest < TOGETHER else 0
-        if self.looks < LOOKS:
+        self.looks = self.looks + 1 if smallest < COINCIDENT else 0
+        if self.looks < COINCIDENCE_CHECKS:
             return
         net = self.net
         ends = net and "-".join(str(net.node_id[p]) for p in net.elements[gid])
         name = net and f"{net.element_id[gid]} ({ends})"
-        raise RunTogether(
+        raise CoincidentNodes(
             f"form finding at constant tension: after {iteration} iterations the nodes of element "
             f"{self.comm.bcast(name)} have run together: nothing holds them apart, and these tensions have "
             'no form; set [form_finding] modulus_factor = 1e-3, or method = "force_density"'
@@ -106,14 +106,14 @@ class Watch:
 
 
 def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, moving: RelaxedNet) -> str:
-    """Return text on the nodes with the largest residuals, at most `WORST`, the same on every rank.
+    """Return text on the nodes with the largest residuals, at most `MAX_WORST_NODES`, the same on every rank.
 
     Collective.
     """
     f, n = np.zeros_like(moving.x), distribution.subdomain.n_owned
     moving.forces(moving.x, f)
     size = lengths(np.where(moving.free[:n] != 0, f[:n], 0.0))
-    order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:WORST]
+    order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:MAX_WORST_NODES]
     gid = distribution.subdomain.particle_gid[:n][order]
     pairs = [
         pair
@@ -121,5 +121,5 @@ def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, mov
         for pair in local_pairs
     ]
     pairs.sort(key=lambda pair: (-np.nan_to_num(pair[0], nan=np.inf), pair[1]))
-    text = net and ", ".join(f"node {net.node_id[p]}: {N:.3g} N" for N, p in pairs[:WORST])
+    text = net and ", ".join(f"node {net.node_id[p]}: {N:.3g} N" for N, p in pairs[:MAX_WORST_NODES])
     return f"largest residuals: {comm.bcast(text)}"

@@ -17,28 +17,33 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from netfall.core.linear import factorised, solve_factorised
+from netfall.core.linear import factorise_cholesky, solve_cholesky
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.statics.multigrid.distributed import DistributedMatrix, first_step
-from netfall.statics.multigrid.levels import COARSEST, TOP_OF_JOINTS, TOP_OF_NET, levels_of
+from netfall.statics.multigrid.levels import (
+    COARSEST,
+    JOINT_EIGENVALUE_BOUND,
+    NET_EIGENVALUE_BOUND,
+    build_levels,
+)
 from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.statics.multigrid.rows import Pattern
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
 
-DEGREE = 4  # of the polynomial before and after each coarser level
-RANGE = 20.0  # largest eigenvalue over the smallest one that the polynomial damps [-]
+CHEBYSHEV_DEGREE = 4  # of the polynomial before and after each coarser level
+CHEBYSHEV_RANGE = 20.0  # largest eigenvalue over the smallest one that the polynomial damps [-]
 DENSE = 4 * COARSEST  # particles of the coarsest grid up to which a direct solver is used
 
 
 @dataclass
-class Structure:
+class CycleStructure:
     """Data that the cycles of one net share while its elements, axes and joints stay the same.
 
     The first cycle fills it.
 
     lines() : returns the lines of the net, called if the line smoother applies. Collective
-    at : the elements at each particle; pattern : of the tangent; coarsenings : see `levels_of`
+    at : the elements at each particle; pattern : of the tangent; coarsenings : see `build_levels`
     """
 
     lines: Callable[[], Lines]
@@ -47,10 +52,12 @@ class Structure:
     coarsenings: list = field(default_factory=list)
 
 
-class Cycle:
+class VCycle:
     """Approximate inverse for rows (n_owned, 3) on each rank."""
 
-    def __init__(self, distribution: Distribution, net, K: Tangent, inertia: float, structure: Structure):
+    def __init__(
+        self, distribution: Distribution, net, K: Tangent, inertia: float, structure: CycleStructure
+    ):
         """Set up the levels for a net's tangent, without the effect of compression. Collective.
 
         net : `relaxation.Net`; inertia : share of the nodal stiffness that is added; structure : data shared
@@ -64,14 +71,14 @@ class Cycle:
         self.whole = 0  # first level of which each rank has all rows; `rows` are the rank's own ones
         rows = tangent_rows(distribution, net, K, structure.at, inertia, structure.pattern)
         structure.pattern, has_joints = rows.pattern, K.joints is not None
-        top, coarsest = (TOP_OF_JOINTS, DENSE) if has_joints else (TOP_OF_NET, COARSEST)
-        for level in levels_of(rows, structure.coarsenings, top, coarsest):
+        top, coarsest = (JOINT_EIGENVALUE_BOUND, DENSE) if has_joints else (NET_EIGENVALUE_BOUND, COARSEST)
+        for level in build_levels(rows, structure.coarsenings, top, coarsest):
             is_distributed = level.matrix.comm is comm
             if is_distributed:
                 self.rows = level.up.columns if level.up else level.matrix.rows
             if level.up is None and level.matrix.rows.n <= DENSE:
                 self.factor = level.matrix.dense()
-                factorised(self.factor)
+                factorise_cholesky(self.factor)
                 break
             self.whole += is_distributed
             down = DistributedMatrix(level.down) if level.up else None
@@ -93,10 +100,10 @@ class Cycle:
     def _cycle(self, k: int, b: np.ndarray) -> np.ndarray:
         if k == self.whole:
             b = self._gathered(b)
-        x = self._solved(b) if k == len(self.levels) else self._smoothed(k, b)
+        x = self._solved(b) if k == len(self.levels) else self._smooth_and_correct(k, b)
         return x[self.rows.mine] if k == self.whole else x
 
-    def _smoothed(self, k: int, b: np.ndarray) -> np.ndarray:
+    def _smooth_and_correct(self, k: int, b: np.ndarray) -> np.ndarray:
         level = self.levels[k]
         x = level.matrix.own
         level.smooth(b, True)
@@ -115,7 +122,7 @@ class Cycle:
 
     def _solved(self, b: np.ndarray) -> np.ndarray:
         flat = b.astype(float).ravel()
-        solve_factorised(self.factor, flat)
+        solve_cholesky(self.factor, flat)
         with np.errstate(over="ignore"):  # conjugate gradients notice a singular tangent
             return flat.reshape(-1, 3).astype(np.float32)
 
@@ -150,15 +157,19 @@ class _PointLevel:
     up: DistributedMatrix | None = None
 
     def smooth(self, b: np.ndarray, zero: bool) -> None:
-        """Take `DEGREE` terms of Chebyshev iteration towards matrix x = b, on the x in `matrix.own`.
+        """Take `CHEBYSHEV_DEGREE` terms of Chebyshev iteration towards matrix x = b, on the x in
+        `matrix.own`.
 
         zero : whether to start from x = 0
         """
-        middle, half = 0.5 * (self.top + self.top / RANGE), 0.5 * (self.top - self.top / RANGE)
+        middle, half = (
+            0.5 * (self.top + self.top / CHEBYSHEV_RANGE),
+            0.5 * (self.top - self.top / CHEBYSHEV_RANGE),
+        )
         ratio = middle / half
         factor, step = 1.0 / ratio, np.zeros_like(b)
         keep, scale = 0.0, 1.0 / middle
-        for term in range(DEGREE):
+        for term in range(CHEBYSHEV_DEGREE):
             if zero and term == 0:
                 first_step(self.inverse, b, np.float32(scale), step)
                 self.matrix.own[:] = step

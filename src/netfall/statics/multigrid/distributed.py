@@ -29,7 +29,7 @@ def multiply_rows(start, column, block, x, y):
 
 
 @part_of_kernel
-def add_step(i, inverse, r, s, t, scale, keep, step):
+def apply_block_inverse(i, inverse, r, s, t, scale, keep, step):
     """Compute row i of step = keep step + scale inverse (r, s, t).
 
     inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
@@ -43,15 +43,16 @@ def add_step(i, inverse, r, s, t, scale, keep, step):
 
 @kernel
 def first_step(inverse, b, scale, step):
-    """Compute step = scale inverse b, the step from zero. All (rows, 3); inverse : as in `add_step`"""
+    """Compute step = scale inverse b, the step from zero. All (rows, 3); inverse : as in
+    `apply_block_inverse`"""
     for i in range(step.shape[0]):
         step[i, 0] = step[i, 1] = step[i, 2] = 0.0
-        add_step(i, inverse, b[i, 0], b[i, 1], b[i, 2], scale, scale, step)
+        apply_block_inverse(i, inverse, b[i, 0], b[i, 1], b[i, 2], scale, scale, step)
 
 
 @kernel
 def step_rows(start, column, block, inverse, b, x, scale, keep, step):
-    """Compute step = keep step + scale inverse (b - blocks times x). inverse : as in `add_step`"""
+    """Compute step = keep step + scale inverse (b - blocks times x). inverse : as in `apply_block_inverse`"""
     for i in range(np.uint64(step.shape[0])):
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
         for k in range(np.uint64(start[i]), np.uint64(start[i + 1])):
@@ -60,7 +61,7 @@ def step_rows(start, column, block, inverse, b, x, scale, keep, step):
             r = fused(-block[k, 2], w, fused(-block[k, 1], v, fused(-block[k, 0], u, r)))
             s = fused(-block[k, 5], w, fused(-block[k, 4], v, fused(-block[k, 3], u, s)))
             t = fused(-block[k, 8], w, fused(-block[k, 7], v, fused(-block[k, 6], u, t)))
-        add_step(i, inverse, r, s, t, scale, keep, step)
+        apply_block_inverse(i, inverse, r, s, t, scale, keep, step)
 
 
 @kernel
@@ -71,7 +72,7 @@ def dot_rows(a, b, out):
 
 
 @kernel
-def advance(step, p, q, s, remainder, previous):
+def update_solution(step, p, q, s, remainder, previous):
     """Compute s += step p, previous = remainder, remainder -= step q. All (n, 3), step a number."""
     for i in range(s.shape[0]):
         for k in range(3):
@@ -81,14 +82,14 @@ def advance(step, p, q, s, remainder, previous):
 
 
 @kernel
-def turn(share, z, p):
+def update_direction(share, z, p):
     """Compute p = z + share p. Both (n, 3), share a number."""
     for i in range(p.shape[0]):
         for k in range(3):
             p[i, k] = z[i, k] + share * p[i, k]
 
 
-class Shared:
+class SharedRows:
     """Rows float32 (n, 3) of this rank, `own`, with the needed rows of others: `rows`, own ones first."""
 
     def __init__(self, comm: MPI.Comm, n: int, ghosts: Ghosts):
@@ -102,7 +103,7 @@ class Shared:
         ]
         self.sends = [
             (rank, places, np.empty((len(places), 3), np.float32))
-            for rank, places in enumerate(ghosts.asked)
+            for rank, places in enumerate(ghosts.requested_places)
             if len(places)
         ]
 
@@ -121,7 +122,7 @@ class DistributedMatrix:
     def __init__(self, rows: BlockRows):
         """Collective."""
         local = rows.local
-        self.shared = Shared(rows.comm, len(rows.columns.mine), rows.pattern.ghosts)
+        self.shared = SharedRows(rows.comm, len(rows.columns.mine), rows.pattern.ghosts)
         self.share, self.x, self.own = self.shared.share, self.shared.rows, self.shared.own
         self.start, self.column = local.start, local.column
         self.block = local.block.reshape(-1, 9).astype(np.float32, copy=False)

@@ -15,24 +15,35 @@ from netfall.core.kernels import kernel, part_of_kernel
 from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
 from netfall.statics.multigrid.distributed import DistributedMatrix, dot_rows, first_step
-from netfall.statics.multigrid.products import Product, Transposed
-from netfall.statics.multigrid.rows import BlockRows, Everywhere, Owners, Pattern, entries_of, starts_of
+from netfall.statics.multigrid.products import Product, TransposedMatrix
+from netfall.statics.multigrid.rows import (
+    BlockRows,
+    Owners,
+    Pattern,
+    ReplicatedMatrix,
+    row_entries,
+    row_starts,
+)
 
 COARSEST = 100  # aggregates at which coarsening ends
 # largest level that each rank holds in full [particles]: working on all of it is cheaper than an exchange
-EVERYWHERE = 4000
-MOST_LEVELS = 20
-MERGED = 0.7  # largest ratio of aggregates to particles of a level [-]; above it the level is the coarsest
+MAX_REPLICATED = 4000
+MAX_LEVELS = 20
+MAX_COARSENING_RATIO = (
+    0.7  # largest ratio of aggregates to particles of a level [-]; above it the level is the coarsest
+)
 # power iterations for the largest eigenvalue of a coarse level; with 15 a cycle was once not positive
-POWERS = 30
-SAFE = 1.1  # factor on that eigenvalue [-]
+POWER_ITERATIONS = 30
+EIGENVALUE_MARGIN = 1.1  # factor on that eigenvalue [-]
 # bound of the eigenvalues of the fine grid [-]: an element's stiffness is at most twice its share of the
 # diagonal
-TOP_OF_NET = 2.0
-TOP_OF_JOINTS = 3.0  # the same for joints, which have three particles
+NET_EIGENVALUE_BOUND = 2.0
+JOINT_EIGENVALUE_BOUND = 3.0  # the same for joints, which have three particles
 UPPER = ([0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2])  # entries of symmetric blocks that are stored
 FREE, ALONE, JOINS = -1, -2, -3  # marks of nodes without an aggregate
-TINY = 1e-9  # share of a block's trace that is added to it [-]: without support it would be singular
+REGULARISATION = (
+    1e-9  # share of a block's trace that is added to it [-]: without support it would be singular
+)
 
 
 @dataclass
@@ -73,14 +84,14 @@ class Coarsening:
         """number, count : of `aggregates`. Collective."""
         self.number, self.own = number, number[matrix.rows.mine]
         start, aggregate = np.empty(len(matrix.start), np.int64), np.empty(len(matrix.column), np.int32)
-        meet_aggregates(matrix.start, matrix.column, number, start, aggregate)
+        find_row_aggregates(matrix.start, matrix.column, number, start, aggregate)
         owners = _owners(matrix, number, count)
         self.up = Pattern(matrix.comm, start, aggregate[: start[-1]].copy(), matrix.rows, owners)
-        self.transposed = Transposed(self.up)
+        self.transposed = TransposedMatrix(self.up)
         self.moved = Product(matrix, self.up)
         self.coarser = Product(self.transposed.pattern, self.moved.pattern)
-        is_small = matrix.comm.size > 1 and owners.n <= EVERYWHERE
-        self.everywhere = Everywhere(self.coarser.pattern) if is_small else None
+        is_small = matrix.comm.size > 1 and owners.n <= MAX_REPLICATED
+        self.everywhere = ReplicatedMatrix(self.coarser.pattern) if is_small else None
 
     def matrix(self, down: BlockRows, matrix: BlockRows, up: BlockRows) -> BlockRows:
         """Compute the matrix of the next level. Collective."""
@@ -88,8 +99,11 @@ class Coarsening:
         return self.everywhere.of(coarser) if self.everywhere else coarser
 
 
-def levels_of(
-    matrix: BlockRows, coarsenings: list[Coarsening | None], top: float = TOP_OF_NET, coarsest: int = COARSEST
+def build_levels(
+    matrix: BlockRows,
+    coarsenings: list[Coarsening | None],
+    top: float = NET_EIGENVALUE_BOUND,
+    coarsest: int = COARSEST,
 ) -> Iterator[Level]:
     """Yield the levels of a tangent stiffness. Collective.
 
@@ -100,11 +114,11 @@ def levels_of(
     All axes of the matrix can move: rows and columns of held ones are zero except for the diagonal. Each rank
     computes small levels by itself.
     """
-    for k in range(MOST_LEVELS):
+    for k in range(MAX_LEVELS):
         level = Level(matrix, inverse_diagonal(matrix))
         level.top = largest_eigenvalue(level.product, matrix.rows.mine, level.single) if k else top
         if k == len(coarsenings):
-            continues = coarsest < matrix.rows.n and k < MOST_LEVELS - 1
+            continues = coarsest < matrix.rows.n and k < MAX_LEVELS - 1
             coarsenings.append(_coarsening(matrix.pattern, k == 0) if continues else None)
         coarsening = coarsenings[k]
         if coarsening is None:
@@ -118,7 +132,7 @@ def levels_of(
 
 def _coarsening(matrix: Pattern, corners: bool) -> Coarsening | None:
     number, count = aggregates(matrix, corners)
-    return Coarsening(matrix, number, count) if 0 < count < MERGED * matrix.rows.n else None
+    return Coarsening(matrix, number, count) if 0 < count < MAX_COARSENING_RATIO * matrix.rows.n else None
 
 
 def _owners(matrix: Pattern, number: np.ndarray, count: int) -> Owners:
@@ -149,7 +163,7 @@ def prolongation(level: Level, coarsening: Coarsening) -> BlockRows:
 
 
 @kernel
-def meet_aggregates(begin, column, number, start, aggregate):
+def find_row_aggregates(begin, column, number, start, aggregate):
     """Fill start (rows + 1,) and aggregate (k,) with the aggregates that each row touches, ascending.
 
     k is an upper bound.
@@ -223,7 +237,7 @@ def invert(a, b, c, d, e, f, trace):
 
     A small share of a trace is added to the diagonal, in case the block is singular.
     """
-    shift = TINY * trace
+    shift = REGULARISATION * trace
     if not shift > 0.0:
         shift = 1.0
     a, d, f = a + shift, d + shift, f + shift
@@ -251,19 +265,19 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
     number = 3 * number[:, None] + np.arange(3)
     v = (((number * 2654435761) % 2**32) / 2.0**32 - 0.5).astype(np.float32)
     squares = np.empty((2, len(v)))
-    for _ in range(POWERS):  # which grow the vector by 1e12 at most
+    for _ in range(POWER_ITERATIONS):  # which grow the vector by 1e12 at most
         previous = v.astype(float)
         first_step(inverse, product(v), np.float32(1.0), v)
     for vector, square in zip((previous, v.astype(float)), squares):
         dot_rows(vector, vector, square)
     old_square, new_square = exact_sums(product.shared.comm, *squares)
     if new_square == 0.0:  # everything is slack and there is no stiffness: any bound holds
-        return TOP_OF_NET
-    return SAFE * math.sqrt(new_square / old_square)
+        return NET_EIGENVALUE_BOUND
+    return EIGENVALUE_MARGIN * math.sqrt(new_square / old_square)
 
 
 @kernel
-def aggregates_into(start, column, corners, number, mark, block):
+def aggregate_nodes(start, column, corners, number, mark, block):
     """Join nodes to aggregates and return their number.
 
     An aggregate is a node, its neighbours and, with corners, the nodes that touch two of these.
@@ -332,9 +346,9 @@ def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
 
     def joined():
         row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
-        counts, entries = entries_of(counts, np.argsort(row))
+        counts, entries = row_entries(counts, np.argsort(row))
         number, block = np.empty((2, len(row)), np.int64)
-        start, mark = starts_of(counts), np.zeros(len(row), np.uint8)
-        return number, aggregates_into(start, column[entries], corners, number, mark, block)
+        start, mark = row_starts(counts), np.zeros(len(row), np.uint8)
+        return number, aggregate_nodes(start, column[entries], corners, number, mark, block)
 
     return comm.bcast(on_root(comm, joined))

@@ -16,12 +16,12 @@ from netfall.core.arithmetic import fused
 from netfall.core.kernels import kernel, part_of_kernel
 from netfall.parallel.agree import on_root
 from netfall.parallel.subdomain import Distribution
-from netfall.statics.multigrid.distributed import Shared
+from netfall.statics.multigrid.distributed import SharedRows
 from netfall.statics.multigrid.levels import invert
-from netfall.statics.multigrid.rows import BlockRows, Ghosts, Owners, entries_of, ghosts_of
+from netfall.statics.multigrid.rows import BlockRows, Ghosts, Owners, ghosts_of, row_entries
 from netfall.statics.multigrid.tangent import Tangent, incidence_of, without_compression
 
-STRAIGHT = -0.8  # largest cosine of two elements at a particle: a line turns by at most 37 degrees
+MAX_LINE_COSINE = -0.8  # largest cosine of two elements at a particle: a line turns by at most 37 degrees
 MOST_ELEMENTS = 16  # at a particle: with more no two form a line
 # largest number of lines that touch one element: with more the sum of the answers overshoots
 MOST_TOUCHING = 7
@@ -62,7 +62,7 @@ def pair_elements(at, ends, x, free, other):
         if end - first > MOST_ELEMENTS or not (free[p, 0] or free[p, 1] or free[p, 2]):
             continue
         for _ in range((end - first) // 2):
-            best, first_best, second_best = STRAIGHT, -1, -1
+            best, first_best, second_best = MAX_LINE_COSINE, -1, -1
             for a in range(first, end):
                 e, q = at.element[a], at.far[a]
                 if other[e, 0 if ends[e, 0] == p else 1] >= 0:
@@ -129,7 +129,7 @@ def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
     return start[: count + 1], node, element, int(touching.max(initial=0))
 
 
-def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> Lines:
+def distribute_lines(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> Lines:
     """Distribute the lines of a net: a line goes to the owner of its middle. Collective.
 
     ends : (m, 2) of this rank's elements; x, free : (n, 3) of its particles
@@ -142,16 +142,16 @@ def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: 
     elements = Owners(comm, d.element_gid[d.element_owned])
     counts = np.diff(start)
     own_lines = np.flatnonzero(particles.rank[node[start[:-1] + counts // 2]] == comm.rank)
-    counts, own_places = entries_of(counts, own_lines)
+    counts, own_places = row_entries(counts, own_lines)
     places = Owners(comm, own_places)
     order = np.argsort(node, kind="stable")
     number = np.bincount(node, minlength=distribution.n)
-    counts_at, place = entries_of(number, particles.mine)
-    node_ghosts, node = _placed(comm, node[own_places], particles)
+    counts_at, place = row_entries(number, particles.mine)
+    node_ghosts, node = _ghosts_and_places(comm, node[own_places], particles)
     element = element[own_places]
     continues = element >= 0
-    element_ghosts, element[continues] = _placed(comm, element[continues], elements)
-    place_ghosts, place = _placed(comm, order[place], places)
+    element_ghosts, element[continues] = _ghosts_and_places(comm, element[continues], elements)
+    place_ghosts, place = _ghosts_and_places(comm, order[place], places)
     begin = np.concatenate([[0], np.cumsum(counts_at)])
     start, own_elements = np.concatenate([[0], np.cumsum(counts)]), np.flatnonzero(d.element_owned)
     return Lines(
@@ -159,7 +159,7 @@ def lines_of(distribution: Distribution, ends: np.ndarray, x: np.ndarray, free: 
     )
 
 
-def _placed(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
+def _ghosts_and_places(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
     """Return the ghosts among wanted rows, and the local place of each: own rows, then ghosts. Collective."""
     ghosts = ghosts_of(comm, wanted, owners)
     place = owners.place.copy()
@@ -301,7 +301,7 @@ class LineSmoother:
         # bounds the eigenvalues; damped from there down to a third of it
         bound = lines.touching
         self.scale = np.float32(2.0 / (bound + max(1.0, bound / 3.0)))
-        self.x, self.y = Shared(comm, n, lines.particles), Shared(comm, places, lines.places)
+        self.x, self.y = SharedRows(comm, n, lines.particles), SharedRows(comm, places, lines.places)
 
     def add_step(self, r: np.ndarray, x: np.ndarray) -> None:
         """Add to x the step that answers the residual r. Both (n_owned, 3). Collective."""

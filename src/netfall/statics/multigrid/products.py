@@ -10,7 +10,7 @@ import numpy as np
 from netfall.core.arithmetic import fused
 from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8_2, i4, i8
-from netfall.statics.multigrid.rows import BlockRows, Borrowed, Pattern, ascending, place_here, starts_of
+from netfall.statics.multigrid.rows import BlockRows, GhostRows, Pattern, ascending, local_place, row_starts
 
 NO_BLOCKS = np.zeros((0, 9))
 
@@ -31,7 +31,7 @@ class Product:
 
     def __init__(self, first: Pattern, second: Pattern):
         """Collective."""
-        self.ghosts = Borrowed(second, first.ghosts.asked)
+        self.ghosts = GhostRows(second, first.ghosts.requested_places)
         rows = FlatRows(first.start, first.local, NO_BLOCKS), FlatRows(second.start, second.column, NO_BLOCKS)
         ghosts = FlatRows(self.ghosts.start, self.ghosts.column, NO_BLOCKS)
         slot, start = np.empty(second.columns.n, np.int32), np.zeros(len(first.start), np.int64)
@@ -123,7 +123,7 @@ def _add_row(block, entry, rows, j, slot, out):
         _add_product(block, entry, rows.block, k, out, np.uint64(slot[rows.column[k]]))
 
 
-class Transposed:
+class TransposedMatrix:
     """Transpose of a matrix with a given pattern; `pattern` is that of the transpose.
 
     entries : blocks that each rank needs; source : index of each block, own ones first
@@ -140,9 +140,9 @@ class Transposed:
         sent = [(matrix.row[entries], matrix.column[entries]) for entries in self.entries]
         row, column = (np.concatenate(arrays) for arrays in zip(*self.comm.alltoall(sent)))
         number = np.concatenate([own_rows, row]).astype(np.int32)
-        local_index = place_here(self.comm, matrix.columns)
+        local_index = local_place(self.comm, matrix.columns)
         local_row = local_index[np.concatenate([matrix.column, column])]
-        start = starts_of(np.bincount(local_row[local_row >= 0], minlength=len(matrix.columns.mine)))
+        start = row_starts(np.bincount(local_row[local_row >= 0], minlength=len(matrix.columns.mine)))
         row, self.source = np.empty((2, start[-1]), np.int32)
         order = np.argsort(number, kind="stable")
         transpose_rows(

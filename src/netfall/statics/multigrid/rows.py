@@ -37,13 +37,13 @@ class Ghosts(NamedTuple):
 
     number: np.ndarray
     counts: np.ndarray
-    asked: list[np.ndarray]
+    requested_places: list[np.ndarray]
 
     def joined(self, comm: MPI.Comm, own: np.ndarray) -> np.ndarray:
         """Return this rank's rows (n, ...), followed by its ghosts. Collective."""
         if comm.size == 1:
             return own
-        return np.concatenate([own, *comm.alltoall([own[places] for places in self.asked])])
+        return np.concatenate([own, *comm.alltoall([own[places] for places in self.requested_places])])
 
 
 def ghosts_of(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> Ghosts:
@@ -117,7 +117,7 @@ class BlockRows:
         return dense.reshape(3 * self.rows.n, -1)
 
 
-class Everywhere:
+class ReplicatedMatrix:
     """Square matrix of which each rank has all rows."""
 
     def __init__(self, pattern: Pattern):
@@ -125,27 +125,27 @@ class Everywhere:
         self.comm = pattern.comm
         gathered = self.comm.allgather((pattern.rows.mine, np.diff(pattern.start), pattern.column))
         row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
-        counts, self.entries = entries_of(counts, np.argsort(row))
+        counts, self.entries = row_entries(counts, np.argsort(row))
         owners = Owners(MPI.COMM_SELF, np.arange(pattern.rows.n))
-        self.pattern = Pattern(MPI.COMM_SELF, starts_of(counts), column[self.entries], owners, owners)
+        self.pattern = Pattern(MPI.COMM_SELF, row_starts(counts), column[self.entries], owners, owners)
 
     def of(self, matrix: BlockRows) -> BlockRows:
         """Collect the rows of a matrix from all ranks. Collective."""
         return BlockRows(self.pattern, np.concatenate(self.comm.allgather(matrix.block))[self.entries])
 
 
-class Borrowed:
+class GhostRows:
     """Rows of a matrix that a rank receives from others."""
 
     def __init__(self, pattern: Pattern, asked: list[np.ndarray]):
         """asked : for each rank the rows that it needs of this one. Collective."""
         self.comm, self.entries, sent = pattern.comm, [], []
         for places in asked:
-            counts, entries = entries_of(np.diff(pattern.start), places)
+            counts, entries = row_entries(np.diff(pattern.start), places)
             self.entries.append(entries)
             sent.append((counts, pattern.column[entries]))
         counts, self.column = (np.concatenate(arrays) for arrays in zip(*self.comm.alltoall(sent)))
-        self.start = starts_of(counts)
+        self.start = row_starts(counts)
 
     def of(self, matrix: BlockRows) -> "Rows":
         """Receive the rows of a matrix. Collective."""
@@ -164,7 +164,7 @@ class Rows(NamedTuple):
     block: np.ndarray
 
 
-def place_here(comm: MPI.Comm, owners: Owners) -> np.ndarray:
+def local_place(comm: MPI.Comm, owners: Owners) -> np.ndarray:
     """Return the index of each row (n,) on this rank, -1: on another."""
     return np.where(owners.rank == comm.rank, owners.place, np.int32(-1))
 
@@ -188,12 +188,12 @@ def ascending(start: np.ndarray, column: np.ndarray, n_columns: int) -> tuple[np
     return rows.indptr, rows.indices
 
 
-def starts_of(counts: np.ndarray) -> np.ndarray:
+def row_starts(counts: np.ndarray) -> np.ndarray:
     """Return the first entry of rows with these counts (rows + 1,)."""
     return np.concatenate([[0], np.cumsum(counts)])
 
 
-def entries_of(counts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def row_entries(counts: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Select rows of a compressed matrix: return their numbers of entries, and the indices of the entries.
 
     counts : entries of each row of the matrix; rows : the selected ones

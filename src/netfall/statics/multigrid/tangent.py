@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.kernels import kernel, part_of_kernel
-from netfall.core.records import has
+from netfall.core.records import is_present
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import JointTangent
 from netfall.physics.elements import element_tangents, nodal_stiffness
@@ -16,7 +16,7 @@ from netfall.statics.multigrid.joints import joint_tangent, with_joints
 from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern, blocks_of
 
 # stiffness over a node's stiffness [-] along a line on which it is held; single precision tolerates it
-STIFF = 1e4
+GUIDE_STIFFNESS = 1e4
 
 
 class Tangent(NamedTuple):
@@ -41,7 +41,7 @@ class Tangent(NamedTuple):
     between: np.ndarray | None = None
 
     @property
-    def softened(self) -> bool:
+    def is_softened(self) -> bool:
         """Return whether this rank has anything that reduces the stiffness: compression, moments."""
         return self.joints is not None or bool(self.across.min(initial=0.0) < 0.0)
 
@@ -50,7 +50,7 @@ def tangent_of(state: State) -> Tangent:
     """Compute the tangent stiffness of a state's elements and supports at its positions."""
     N, axial, across = np.empty((3, state.m))
     direction = np.empty((state.m, 3))
-    element_tangents(state.x, *state.of_a_moment, N, direction, axial, across)
+    element_tangents(state.x, *state.elements_and_law, N, direction, axial, across)
     springs = state.features.springs
     nodal = largest_springs(state.spring, state.turned).astype(float) if springs else np.zeros(state.n_local)
     nodal_stiffness(state.ends, largest_stiffness(state.EA, state.L0) + np.abs(across), nodal)
@@ -69,7 +69,7 @@ def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarr
     Nothing moves along these lines. The springs keep matrices positive definite and approximate inverses
     accurate.
     """
-    stiff, n = STIFF * nodal, turned[:, :2]
+    stiff, n = GUIDE_STIFFNESS * nodal, turned[:, :2]
     support = np.zeros((len(turned), 3)) if support is None else support
     support[:, :2] += stiff[:, None] * n**2
     return support, turned[:, 2] + stiff * (n[:, 0] * n[:, 1])
@@ -81,7 +81,7 @@ def without_compression(K: Tangent) -> Tangent:
     return K._replace(across=np.maximum(K.across, 0.0), joints=joints)
 
 
-def scattered(number: np.ndarray) -> np.ndarray:
+def pseudo_random(number: np.ndarray) -> np.ndarray:
     """Compute pseudo-random numbers from -0.5 to 0.5 that depend on the given integers alone (SplitMix64)."""
     bits = number.astype(np.uint64) + np.uint64(0x9E3779B97F4A7C15)
     bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -156,15 +156,15 @@ def add_diagonal(ends, direction, axial, across, out):
 
 
 @kernel
-def hold_diagonal(free, support, inertia, between, out):
+def add_support_blocks(free, support, inertia, between, out):
     """Add supports to diagonal blocks (rows, 3, 3), then set held axes to 1. Others : of `block_matrix`
 
     support, between : empty if there is none
     """
     for p in range(out.shape[0]):
         for i in range(3):
-            out[p, i, i] += inertia[p] + (support[p, i] if has(support) else 0.0)
-        if has(between):
+            out[p, i, i] += inertia[p] + (support[p, i] if is_present(support) else 0.0)
+        if is_present(between):
             out[p, 0, 1] += between[p]
             out[p, 1, 0] += between[p]
         for i in range(3):
@@ -224,7 +224,7 @@ def block_matrix(
     diagonal = diagonal[:rows]
     support = np.zeros((0, 3)) if support is None else np.ascontiguousarray(support)
     between = np.zeros(0) if between is None else np.ascontiguousarray(between)
-    hold_diagonal(free, support, inertia, between, diagonal)
+    add_support_blocks(free, support, inertia, between, diagonal)
     start, capacity = np.empty(rows + 1, np.int64), rows + len(at.far)
     column, block = np.empty(capacity, np.int32), np.zeros((capacity, 3, 3))
     fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from netfall.study.answers.read import Study
-from netfall.study.answers.samples import MOST_CURVES, inputs_of, is_seed
+from netfall.study.answers.samples import MOST_CURVES, is_seed, varying_inputs
 
 RESPONSES = ("first_fracture", "roof_lost", "tension_max", "utilisation_max", "displacement_max")
 FEWEST = 8  # samples, below which no correlation is reported
@@ -13,7 +13,9 @@ FEWEST = 8  # samples, below which no correlation is reported
 def drawn_inputs(study: Study) -> list[str]:
     """Return the numeric inputs with many values, except seeds: drawn or finely varied inputs."""
     members = study.members
-    numbers = [name for name in inputs_of(members) if members[name].dtype.kind in "if" and not is_seed(name)]
+    numbers = [
+        name for name in varying_inputs(members) if members[name].dtype.kind in "if" and not is_seed(name)
+    ]
     return [name for name in numbers if len(np.unique(members[name])) > MOST_CURVES]
 
 

@@ -10,18 +10,25 @@ import numpy as np
 
 from netfall.study.answers import probit
 from netfall.study.answers.hazard import Hazard, hazard_head, hazard_row
-from netfall.study.answers.measures import COUNTED, Failure, failures
-from netfall.study.answers.probit import Fits
-from netfall.study.answers.samples import RESAMPLES, SPEED, Curve, codes_of, curves_of, weights
+from netfall.study.answers.measures import JUDGED_STATES, FailureCriterion, failures
+from netfall.study.answers.probit import FragilityFits
+from netfall.study.answers.samples import (
+    RESAMPLES,
+    SPEED,
+    FragilityCurve,
+    bootstrap_weights,
+    group_curves,
+    value_codes,
+)
 
 LEVEL = 0.95  # confidence level of the intervals
 FEWEST = 8  # independent samples, below which the bootstrap is meaningless
 FEW = 30  # independent samples, below which its intervals are rough, and mostly too narrow
-GRID = 81  # number of speeds of the band
+BAND_SPEEDS = 81  # number of speeds of the band
 
 
 def curve_sections(
-    members: dict[str, np.ndarray], own: tuple[Failure, ...] = (), hazard: Hazard | None = None
+    members: dict[str, np.ndarray], own: tuple[FailureCriterion, ...] = (), hazard: Hazard | None = None
 ) -> dict[str, dict[str, np.ndarray]]:
     """Return the datasets of /fragility and /hazard, by name; {} unless the speed differs between samples.
 
@@ -30,10 +37,10 @@ def curve_sections(
     """
     if SPEED not in members or len(np.unique(members[SPEED])) < 2:
         return {}
-    counted = np.isin(members["state"], COUNTED)
+    counted = np.isin(members["state"], JUDGED_STATES)
     speed = np.unique(members[SPEED]).astype(float)
-    grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], GRID)
-    curves, pooled = curves_of(members)
+    grid = np.linspace(0.9 * speed[0], 1.05 * speed[-1], BAND_SPEEDS)
+    curves, pooled = group_curves(members)
     measures = failures(members, own)
     rows = [
         row for curve in curves for row in _curve_rows(members, curve, counted, measures, speed, grid, hazard)
@@ -51,10 +58,12 @@ def _columns(rows: list[dict]) -> dict[str, np.ndarray]:
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: Hazard | None) -> list[dict]:
+def _curve_rows(
+    members, curve: FragilityCurve, counted, measures, speed, grid, hazard: Hazard | None
+) -> list[dict]:
     """Return the rows of one curve, one per failure criterion."""
     left_out = curve.rows[~counted[curve.rows]]
-    curve = _only(curve, counted[curve.rows])
+    curve = _subset(curve, counted[curve.rows])
     rows_of_curve = curve.rows
     is_at_speed = members[SPEED][rows_of_curve][:, None] == speed
     failed, judged = (np.array([v[part][rows_of_curve] for v in measures.values()], bool) for part in (0, 1))
@@ -62,7 +71,7 @@ def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: H
         judged.astype(int) @ is_at_speed.astype(int),
         failed.astype(int) @ is_at_speed.astype(int),
     )
-    samples = _resampled(curve, is_at_speed, failed, judged) if curve.samples >= FEWEST else None
+    samples = _bootstrap_counts(curve, is_at_speed, failed, judged) if curve.samples >= FEWEST else None
     exposure = np.unique(members["duration"][rows_of_curve])
     missing = (members[SPEED][left_out][:, None] == speed).sum(0)
     rows = []
@@ -79,20 +88,20 @@ def _curve_rows(members, curve: Curve, counted, measures, speed, grid, hazard: H
             }
             | {"samples": curve.samples, "resampled": curve.resampled}
             | {"exposure": exposure[0] if len(exposure) == 1 else np.nan}
-            | _row(speed, grid, runs, counts[k], fit, resampled, missing, curve.samples)
+            | _fit_row(speed, grid, runs, counts[k], fit, resampled, missing, curve.samples)
             | {"of_year": hazard_row(hazard, speed, counts[k], fit, resampled, _interval) if hazard else None}
         )
     return rows
 
 
-def _only(curve: Curve, kept: np.ndarray) -> Curve:
+def _subset(curve: FragilityCurve, kept: np.ndarray) -> FragilityCurve:
     """Return a curve with some of its runs, kept (r,)."""
-    renumbered = {name: codes_of(codes[kept]) for name, codes in curve.sharing.items()}
+    renumbered = {name: value_codes(codes[kept]) for name, codes in curve.dependent_groups.items()}
     strata = None if curve.strata is None else curve.strata[kept]
-    return Curve(curve.name, curve.rows[kept], renumbered, strata)
+    return FragilityCurve(curve.name, curve.rows[kept], renumbered, strata)
 
 
-def _resampled(curve: Curve, at: np.ndarray, failed: np.ndarray, judged: np.ndarray) -> tuple:
+def _bootstrap_counts(curve: FragilityCurve, at: np.ndarray, failed: np.ndarray, judged: np.ndarray) -> tuple:
     """Count runs and failures (k, RESAMPLES, s) at each speed in each resample, by each criterion.
 
     at : (r, s) the speed of each run; failed, judged : (k, r)
@@ -100,12 +109,14 @@ def _resampled(curve: Curve, at: np.ndarray, failed: np.ndarray, judged: np.ndar
     ran, group = np.unique(judged, axis=0, return_inverse=True)  # usually all criteria judge the same runs
     columns = np.concatenate([at & rows[:, None] for rows in (*ran, *failed)], axis=1).astype(float)
     # Sums of integers are exact in any order.
-    counts = np.concatenate([block @ columns for block in weights(curve)])
+    counts = np.concatenate([block @ columns for block in bootstrap_weights(curve)])
     counts = counts.reshape(RESAMPLES, len(ran) + len(failed), at.shape[1]).transpose(1, 0, 2)
     return counts[group.ravel()], counts[len(ran) :]
 
 
-def _row(speed, grid, runs, failed, fit: Fits, drawn: Fits | None, missing, samples: int) -> dict:
+def _fit_row(
+    speed, grid, runs, failed, fit: FragilityFits, drawn: FragilityFits | None, missing, samples: int
+) -> dict:
     """Return the fit to counts (s,), its intervals from the resamples `drawn`, and notes."""
     is_fitted = fit.verdict[0] == probit.FITTED
     no_interval = np.full(2, np.nan)
@@ -133,7 +144,7 @@ def _interval(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.stack([np.sort(low, axis=0)[skipped - 1], np.sort(high, axis=0)[-skipped]], axis=-1)
 
 
-def _reason(fit: Fits, speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> str:
+def _reason(fit: FragilityFits, speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> str:
     """Return why there is no curve, and what is known of the median."""
     low, high = np.ravel(probit.median_bounds(fit))
     if not runs.any():

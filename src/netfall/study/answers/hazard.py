@@ -15,11 +15,15 @@ import numpy as np
 from scipy.stats import gumbel_r, norm, weibull_min
 
 from netfall.study.answers import probit
-from netfall.study.answers.probit import Fits
+from netfall.study.answers.probit import FragilityFits
 
 FASTEST = 1e4  # m/s, upper bound of wind speeds
-YEARS = 50  # default period for the long-term probability
-TARGETS = {"RC1": (4.2, 3.3), "RC2": (4.7, 3.8), "RC3": (5.2, 4.3)}  # EN 1990:2002, table B2: 1, 50 years
+DEFAULT_YEARS = 50  # default period for the long-term probability
+TARGET_RELIABILITY = {
+    "RC1": (4.2, 3.3),
+    "RC2": (4.7, 3.8),
+    "RC3": (5.2, 4.3),
+}  # EN 1990:2002, table B2: 1, 50 years
 Z = np.linspace(-9.0, 9.0, 1801)  # standard normal variable; the trapezoidal rule is exact to rounding
 Z_WEIGHT = np.exp(-0.5 * Z * Z) * ((Z[1] - Z[0]) / np.sqrt(2.0 * np.pi))
 SPEEDS = 121  # number of speeds at which /hazard has the exceedance, for plots
@@ -33,7 +37,7 @@ class Hazard(NamedTuple):
 
     distribution: str
     parameters: dict[str, float]
-    years: int = YEARS
+    years: int = DEFAULT_YEARS
 
     def __str__(self) -> str:
         values = ", ".join(f"{name} {value:g}" for name, value in self.parameters.items())
@@ -70,7 +74,7 @@ def tail_share(exceedance, median: float, dispersion: float, lowest: float) -> f
     return float(np.sum(Z_WEIGHT * below)) / total if total > 0.0 else np.nan
 
 
-def annual_bounds(exceedance, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+def annual_bounds(exceedance, fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
     """Compute bounds (R,) of P, which are equal if there is a curve; see `probit.share_bounds`."""
     fitted = fits.verdict == probit.FITTED
     low, high = np.zeros(len(fitted)), np.ones(len(fitted))
@@ -100,7 +104,9 @@ def reliability_index(probability: np.ndarray) -> np.ndarray:
     return norm.isf(np.minimum(probability, 1.0 - 2.0**-53))
 
 
-def hazard_row(hazard: Hazard, speed, failed, fits: Fits, drawn: Fits | None, interval_of) -> dict:
+def hazard_row(
+    hazard: Hazard, speed, failed, fits: FragilityFits, drawn: FragilityFits | None, interval_of
+) -> dict:
     """Return the datasets of /hazard for one curve.
 
     speed, failed : (s,) speeds and failures there; fits : of one; drawn : of the resamples

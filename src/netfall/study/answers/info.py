@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.results.removal_text import RESTS, STATIC_CHANGE
-from netfall.results.warning_text import LARGEST_BALANCE
+from netfall.results.removal_text import MIN_STATIC_CHANGE, RESTS
+from netfall.results.warning_text import MAX_BALANCE_ERROR
 from netfall.study.answers.correlation import rank_correlations
-from netfall.study.answers.info_hazard import tell_hazard
-from netfall.study.answers.intervals import binned, half_width, narrower, wilson, with_interval
-from netfall.study.answers.losses import TELLING, losses_of, one_draw
+from netfall.study.answers.info_hazard import print_hazard
+from netfall.study.answers.intervals import bin_speeds, half_width, interval_text, next_half_width, wilson
+from netfall.study.answers.losses import TELLING, asymmetric_pair, losses_of
 from netfall.study.answers.read import Study, read_study, unit_of_column, with_unit
-from netfall.study.answers.samples import SPEED, inputs_of, is_seed, values_of
+from netfall.study.answers.samples import SPEED, input_text, is_seed, varying_inputs
 
 MOST_NAMED = 5  # largest number of elements, removals or reasons in a list
 FEW_WITHOUT = 0.02  # share of resamples without a curve up to which the width scales with 1 / sqrt(samples)
@@ -24,23 +24,23 @@ def print_study(path: Path, say: Callable[[str], None]) -> None:
     study = read_study(path)
     say(f"{path}: {study.title}")
     for tell in (
-        _inputs,
+        _print_inputs,
         _states,
         _time,
         _broken,
         _fragility,
-        tell_hazard,
+        print_hazard,
         _failures,
         _elements,
         _losses,
         _correlations,
-        _audit,
+        _print_energy_check,
     ):
         tell(study, say)
 
 
-def _inputs(study: Study, say) -> None:
-    names = inputs_of(study.members)
+def _print_inputs(study: Study, say) -> None:
+    names = varying_inputs(study.members)
     n = len(study.members["state"])
     what = f"exposure {study.exposure} each" if study.moves else "equilibria without a dynamic stage"
     elements = len(study.net["elements"])
@@ -87,7 +87,7 @@ def _states(study: Study, say) -> None:
         order = np.argsort(-times, kind="stable")
         for k in order[:MOST_NAMED]:
             row = rows[first[k]]
-            inputs = values_of(study.members, row, inputs_of(study.members))
+            inputs = input_text(study.members, row, varying_inputs(study.members))
             first_one = f"row {row}" + (f" ({inputs})" if inputs else "")
             say(f"  {name}, {times[k]} times: {reasons[k] or 'no reason'}; first: {first_one}")
         if len(order) > MOST_NAMED:
@@ -141,26 +141,26 @@ def _fragility(study: Study, say) -> None:
         within = f"{seconds:g} s" if np.isfinite(seconds) else study.exposure
         say(f"fragility{suffix}: failed of those that ran, within {within}{pooled}")
         _table(g, rows, say)
-        _sureness(g, rows, say)
+        _print_uncertainty(g, rows, say)
 
 
 def _table(g, rows, say) -> None:
     """Print a line for each criterion: counts at each speed, fitted parameters with intervals, the band."""
-    tables = [binned(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
+    tables = [bin_speeds(g["speed"], g["runs"][k], g["failed"][k]) for k in rows]
     column = max(11, 2 * len(str(g["runs"][rows].max())) + 3)
     head = "".join(f"{f'{v:.4g} m/s':>{column}}" for v in tables[0][0])
     wide = max(len(g["measure"][k]) for k in rows)
     say(f"  {'':{wide}}{head}   {'median [m/s]':<21}  {'dispersion':<21}  band")
     for k, (_, runs, failed) in zip(rows, tables):
         counts = "".join(f"{f'{y}/{n}':>{column}}" for n, y in zip(runs, failed))
-        median = with_interval(g["median"][k], g["median_interval"][k], 4)
-        dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
+        median = interval_text(g["median"][k], g["median_interval"][k], 4)
+        dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
         half = half_width(g["band_at_median"][k])
         band = f"+-{half:.0%}" if np.isfinite(half) else "none"
         say(f"  {g['measure'][k]:{wide}}{counts}   {median:<21}  {dispersion:<21}  {band}")
 
 
-def _sureness(g, rows, say) -> None:
+def _print_uncertainty(g, rows, say) -> None:
     """Print the kind of the intervals, the samples for narrower ones, and notes."""
     k = rows[0]
     samples, kind = g["samples"][k], g["resampled"][k]
@@ -169,7 +169,7 @@ def _sureness(g, rows, say) -> None:
         "band: of the share that fails at the median speed"
     )
     half = half_width(g["band_at_median"][k])
-    target, needed = narrower(half, samples)
+    target, needed = next_half_width(half, samples)
     if needed and g["without_curve"][k] <= FEW_WITHOUT * g["resamples"]:
         advice = f"+-{100 * target:g}% would take some {needed}"
         say(f"  {g['measure'][k]}: +-{half:.0%} with {samples} independent samples; {advice}")
@@ -230,7 +230,7 @@ def _losses(study: Study, say) -> None:
     if (losses.breaking > 0).any():
         breaking = losses.name[losses.breaking > 0]
         say(f"  after {len(breaking)} of them {RESTS['breaks']}{_named(breaking)}")
-    limit = f"more than {STATIC_CHANGE:.0%} of the largest tension"
+    limit = f"more than {MIN_STATIC_CHANGE:.0%} of the largest tension"
     for title, values, text in (
         ("most of the roof lost", losses.roof_lost, "{:.1%}"),
         ("largest tension over tension before", losses.tension_ratio, "{:.3g}"),
@@ -254,7 +254,7 @@ def _losses(study: Study, say) -> None:
             "  note: gusts blow on after a loss, so dynamic factors are of both; those of the loss alone "
             "come in the mean wind ([wind] turbulence = 0, or a table that stays at its mean)"
         )
-    pair = one_draw(study, losses)
+    pair = asymmetric_pair(study, losses)
     if pair:
         first, other = (f"{losses.broken[k]:.0f} elements (loss of {losses.name[k]})" for k in pair)
         say(
@@ -282,13 +282,13 @@ def _rank(rho: float, n: int) -> str:
     return f"{rho:+.2f}" if abs(rho) * np.sqrt(n - 1) > 1.96 else f"({rho:+.2f})"
 
 
-def _audit(study: Study, say) -> None:
+def _print_energy_check(study: Study, say) -> None:
     shares = [np.abs(study.members[name]) for name in ("balance_error", "balance_error_attached")]
     error = np.fmax(*shares)
     if not np.isfinite(error).any():
         return
     worst = int(np.nanargmax(error))
-    off = int((error > LARGEST_BALANCE).sum())
+    off = int((error > MAX_BALANCE_ERROR).sum())
     in_play, attached = (share[worst] for share in shares)
     say(
         f"audit: energy balance to {in_play:.1e} of the energy that took part, {attached:.1e} of the "
@@ -296,7 +296,8 @@ def _audit(study: Study, say) -> None:
     )
     if off:
         say(
-            f"warning: study: the energy balance of {off} members is off by more than {LARGEST_BALANCE:.1%}. "
+            f"warning: study: the energy balance of {off} members is off by more than "
+            f"{MAX_BALANCE_ERROR:.1%}. "
             "The step is too long for some of what happened. Compare with a smaller [dynamics] safety or "
             "time_step"
         )

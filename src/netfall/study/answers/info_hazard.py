@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from netfall.study.answers.hazard import TARGETS, YEARS
+from netfall.study.answers.hazard import DEFAULT_YEARS, TARGET_RELIABILITY
 from netfall.study.answers.read import Study
 
-CODES = 600.0  # s, averaging time of the mean wind speed in EN 1991-1-4
+CODE_AVERAGING_TIME_S = 600.0  # s, averaging time of the mean wind speed in EN 1991-1-4
 MUCH = 0.5  # share of the tail above which the probability depends on the shape of the curve
 
 
-def tell_hazard(study: Study, say) -> None:
+def print_hazard(study: Study, say) -> None:
     """Print annual and long-term probabilities, reliability indices, and their uncertainties."""
     rows = study.hazard
     if not rows:
@@ -28,8 +28,10 @@ def tell_hazard(study: Study, say) -> None:
         "  tail: share of the probability from speeds below the lowest at which a run failed, where the "
         "curve's form alone speaks"
     )
-    targets = "; ".join(f"{name} {annual:g}, {fifty:g}" for name, (annual, fifty) in TARGETS.items())
-    say(f"  targets of beta (EN 1990:2002, table B2; 1, {YEARS} years): {targets}")
+    targets = "; ".join(
+        f"{name} {annual:g}, {fifty:g}" for name, (annual, fifty) in TARGET_RELIABILITY.items()
+    )
+    say(f"  targets of beta (EN 1990:2002, table B2; 1, {DEFAULT_YEARS} years): {targets}")
     if (rows["tail_share"] > MUCH).any():
         say(
             "  note: more than half of a probability comes from its tail: more runs at lower speeds would "
@@ -54,7 +56,7 @@ def tell_hazard(study: Study, say) -> None:
             f"{1.0 - 0.05 ** (1.0 / samples):.1%} of failures there (95 %)"
         )
     exposure = study.fragility["exposure"]
-    if (exposure < CODES).any():
+    if (exposure < CODE_AVERAGING_TIME_S).any():
         say(
             f"  note: the wind lasts {study.exposure} in a run; the mean speeds of codes are those of ten "
             "minutes, in which a roof fails at lower ones: the probabilities here are too small"

@@ -3,20 +3,22 @@
 import numpy as np
 from scipy.stats import binomtest
 
-MOST_SPEEDS = 8  # largest number of speeds in a table or plot; more are binned
+MAX_SPEED_BINS = 8  # largest number of speeds in a table or plot; more are binned
 NARROWER = (0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02, 0.01, 0.005)  # half widths of bands to recommend
 WIDEST = 0.35  # half width of a band above which its width does not scale with 1 / sqrt(samples)
 
 
-def binned(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple:
+def bin_speeds(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> tuple:
     """Return speeds (b,), runs (b,) and failures (b,), binned from speeds (s,) if there are many.
 
     Bins have about equal numbers of runs; the speed of a bin is the mean over its runs.
     """
-    if len(speed) > MOST_SPEEDS:
-        place = np.minimum(MOST_SPEEDS * (np.cumsum(runs) - runs) // max(runs.sum(), 1), MOST_SPEEDS - 1)
+    if len(speed) > MAX_SPEED_BINS:
+        place = np.minimum(
+            MAX_SPEED_BINS * (np.cumsum(runs) - runs) // max(runs.sum(), 1), MAX_SPEED_BINS - 1
+        )
         counts, failed, weighted = (
-            np.bincount(place, values, MOST_SPEEDS) for values in (runs, failed, runs * speed)
+            np.bincount(place, values, MAX_SPEED_BINS) for values in (runs, failed, runs * speed)
         )
         speed, runs = weighted / np.maximum(counts, 1), counts
     used = runs > 0
@@ -29,7 +31,7 @@ def wilson(runs: np.ndarray, failed: np.ndarray) -> np.ndarray:
     return np.reshape([(interval.low, interval.high) for interval in intervals], (-1, 2)).T
 
 
-def with_interval(value: float, interval: np.ndarray, digits: int) -> str:
+def interval_text(value: float, interval: np.ndarray, digits: int) -> str:
     """Return a value with its interval (2,) as text: "38.2 (37.2..39.3)", "46.6 (> 42)"; "none" for nan."""
     if not np.isfinite(value):
         return "none"
@@ -47,7 +49,7 @@ def half_width(band: np.ndarray) -> float:
     return 0.5 * (band[1] - band[0])
 
 
-def narrower(half: float, samples: int) -> tuple[float, int]:
+def next_half_width(half: float, samples: int) -> tuple[float, int]:
     """Return the next narrower half width to recommend, and the samples that it needs, to two digits.
 
     The width is proportional to 1 / sqrt(samples) unless it spans most of the range. (nan, 0): no

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from netfall.results.removal_text import WITHOUT
+from netfall.results.removal_text import REMOVAL_FAILED
 from netfall.study.answers.read import Study
-from netfall.study.answers.samples import inputs_of, is_seed
+from netfall.study.answers.samples import is_seed, varying_inputs
 
 # Dynamic factor above which it has no meaning: the static tension hardly changes, or the roof continued to
 # break, which the equilibrium after the removal does not include.
@@ -70,19 +70,19 @@ def losses_of(study: Study) -> Losses | None:
         worst(factor, study.finished),
         worst(lost_share, study.finished | failed),
         worst(members["broken"].astype(float), study.finished),
-        count(failed | np.isin(state_after, WITHOUT)),
+        count(failed | np.isin(state_after, REMOVAL_FAILED)),
         count(state_after == "unstable"),
         count(state_after == "breaks"),
     )
 
 
-def one_draw(study: Study, losses: Losses) -> tuple[int, int] | None:
+def asymmetric_pair(study: Study, losses: Losses) -> tuple[int, int] | None:
     """Find two symmetric removals with different numbers of broken elements under the same gusts.
 
     None if there are none, if the wind has no gusts, or if seeds differ.
     """
     members = study.members
-    if not np.any(members.get("gusts", 0)) or any(is_seed(name) for name in inputs_of(members)):
+    if not np.any(members.get("gusts", 0)) or any(is_seed(name) for name in varying_inputs(members)):
         return None
     positions = _places(study, losses)
     for k in range(len(positions)):
@@ -99,7 +99,7 @@ def _places(study: Study, losses: Losses) -> np.ndarray:
     Columns: least and largest radius in plan and height, relative to the extent of the net, and number of
     removed elements; nan: unknown.
     """
-    x, row = study.net["particles"], elements_lost(study, losses)
+    x, row = study.net["particles"], removal_of_element(study, losses)
     positions = np.full((len(losses.name), 5), np.nan)
     if not len(x):
         return positions
@@ -114,7 +114,7 @@ def _places(study: Study, losses: Losses) -> np.ndarray:
     return positions
 
 
-def elements_lost(study: Study, losses: Losses) -> np.ndarray:
+def removal_of_element(study: Study, losses: Losses) -> np.ndarray:
     """Return the row (m,) of the removal that contains each element, -1: none.
 
     Cables are known only if /net has `cable` (m,).

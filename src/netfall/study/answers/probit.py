@@ -19,7 +19,7 @@ AT_ONCE = 8000  # counts per block, which fit in the processor's cache
 CLOSE = 1e-7  # relative change at which iterations end; convergence is quadratic, so the error is its square
 
 
-class Fits(NamedTuple):
+class FragilityFits(NamedTuple):
     """Curves of R samples; for samples without a curve, bounds.
 
     median, dispersion : (R,) [m/s], [-]; nan: none
@@ -37,7 +37,7 @@ class Fits(NamedTuple):
     share: np.ndarray
 
 
-def fit(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> Fits:
+def fit(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> FragilityFits:
     """Fit curves to samples (R, s): runs and failures at each speed (s,), ascending [m/s]."""
     runs, failed = np.broadcast_arrays(np.atleast_2d(runs), np.atleast_2d(failed))
     below, above, between = _separation(speed, runs, failed)
@@ -46,11 +46,13 @@ def fit(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray) -> Fits:
     fitted_rows = np.flatnonzero(verdict == FITTED)
     if len(fitted_rows):
         for block in np.array_split(fitted_rows, -(-len(fitted_rows) * len(speed) // AT_ONCE)):
-            median[block], dispersion[block], converged = _peaks(speed, runs[block].T, failed[block].T)
+            median[block], dispersion[block], converged = _maximise_likelihood(
+                speed, runs[block].T, failed[block].T
+            )
             verdict[block[~converged]] = NOT_FOUND
     row, column = np.nonzero(between & (between.sum(1) == 1)[:, None])
     mixed[row], share[row] = speed[column], failed[row, column] / runs[row, column]
-    return Fits(median, dispersion, verdict, below, above, mixed, share)
+    return FragilityFits(median, dispersion, verdict, below, above, mixed, share)
 
 
 def _separation(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
@@ -83,7 +85,7 @@ def _verdict(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray, between: n
     )
 
 
-def median_bounds(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+def median_bounds(fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds (R,) of the median [m/s], which are equal if there is a curve."""
     fitted, unbounded = fits.verdict == FITTED, np.isin(fits.verdict, (FALLING, NOT_FOUND))
     low = np.select([fitted, unbounded, fits.share <= 0.5], [fits.median, 0.0, fits.mixed], fits.below)
@@ -91,7 +93,7 @@ def median_bounds(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def dispersion_bounds(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+def dispersion_bounds(fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds (R,) of the dispersion.
 
     They are 0 if a speed separates failures, infinite if failures do not grow with the speed.
@@ -101,7 +103,7 @@ def dispersion_bounds(fits: Fits) -> tuple[np.ndarray, np.ndarray]:
     return np.select(cases, values, 0.0), np.select(cases, values, np.inf)
 
 
-def _peaks(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
+def _maximise_likelihood(speed: np.ndarray, runs: np.ndarray, failed: np.ndarray):
     """Maximise the likelihood of counts (s, R) by Newton's method.
 
     Returns median, dispersion and convergence, (R,) each.
@@ -136,7 +138,7 @@ def _newton_step(a, b, u, runs, failed):
     return (bb * ra - ab * rb) / det, (aa * rb - ab * ra) / det
 
 
-def share_bounds(speed: np.ndarray, fits: Fits) -> tuple[np.ndarray, np.ndarray]:
+def share_bounds(speed: np.ndarray, fits: FragilityFits) -> tuple[np.ndarray, np.ndarray]:
     """Return bounds (R, g) of the share that fails at speeds (g,), which are equal if there is a curve.
 
     Without a curve they bound any non-decreasing function that agrees with the known shares.

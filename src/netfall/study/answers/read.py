@@ -8,10 +8,10 @@ import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.job.schema import SECTIONS
-from netfall.results.outcomes import BY_NAME, OUTCOMES
-from netfall.study.table import MARK, read_columns
+from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
+from netfall.study.table import STUDY_ATTRIBUTE, read_columns
 
-ASKED = ("fragility", "hazard", "failures")
+EVALUATION_GROUPS = ("fragility", "hazard", "failures")
 COUNTS = ("first_breaks", "breaks")
 EVENTS = ("member", "time", "element")
 NET = {"particles": (0, 3), "elements": (0, 2), "element_id": (0,), "node_id": (0,), "fixed": (0, 3)}
@@ -67,7 +67,7 @@ def is_study(path: Path) -> bool:
     """Return whether a file is a study file; false also if it cannot be read."""
     try:
         with h5py.File(path, "r") as file:
-            return MARK in file.attrs
+            return STUDY_ATTRIBUTE in file.attrs
     except OSError:
         return False
 
@@ -75,7 +75,7 @@ def is_study(path: Path) -> bool:
 def read_study(path: Path) -> Study:
     """Read a study file. Raises InputError if a part is missing."""
     with h5py.File(path, "r") as file:
-        missing = [name for name in _needed(file) if name not in file]
+        missing = [name for name in _required_datasets(file) if name not in file]
         if missing:
             raise InputError([f"{path}: no /{name}; expected a study file that is whole" for name in missing])
         empty_net = {name: np.zeros(shape, int) for name, shape in NET.items()}
@@ -85,25 +85,29 @@ def read_study(path: Path) -> Study:
             read_columns(file["members"]),
             read_columns(file["events"]),
             read_columns(file["net"]) if "net" in file else empty_net,
-            **{name: read_columns(file[name]) if name in file else {} for name in ASKED},
+            **{name: read_columns(file[name]) if name in file else {} for name in EVALUATION_GROUPS},
             **{name: file[name][:] if name in file else np.zeros(0, int) for name in COUNTS},
         )
 
 
-def _needed(file: h5py.File) -> list[str]:
+def _required_datasets(file: h5py.File) -> list[str]:
     """Return the datasets that a file must contain.
 
     Outcomes of member removals are optional. The net is needed only if a run has one.
     """
-    names = [f"members/{outcome.name}" for outcome in OUTCOMES if not (outcome.of_losses or outcome.of_depth)]
+    names = [
+        f"members/{outcome.name}"
+        for outcome in OUTCOMES
+        if not (outcome.needs_removal or outcome.needs_depth)
+    ]
     names += [f"events/{name}" for name in EVENTS]
     return names + [f"net/{name}" for name in NET] * ("net" in file)
 
 
 def unit_of_column(name: str) -> str:
     """Return the unit of a column of /members, "" if it has none: an outcome, or a key of the job."""
-    if name in BY_NAME:
-        return BY_NAME[name].unit
+    if name in OUTCOME_BY_NAME:
+        return OUTCOME_BY_NAME[name].unit
     section, _, key = name.partition(".")
     return next((row.unit for row in SECTIONS.get(section, ()) if row.name == key.split(".")[-1]), "")
 

@@ -15,7 +15,7 @@ SEED = 1  # seed of the resamples
 AT_ONCE = 4_000_000  # largest number of weights in memory
 
 
-class Curve(NamedTuple):
+class FragilityCurve(NamedTuple):
     """The samples of one curve, and how they are resampled.
 
     name : the combination of inputs, "" if there is only one curve
@@ -27,29 +27,29 @@ class Curve(NamedTuple):
 
     name: str
     rows: np.ndarray
-    sharing: dict[str, np.ndarray]
+    dependent_groups: dict[str, np.ndarray]
     strata: np.ndarray | None
 
     @property
     def samples(self) -> int:
         """Number of independent samples."""
-        return min((len(np.unique(c)) for c in self.sharing.values()), default=len(self.rows))
+        return min((len(np.unique(c)) for c in self.dependent_groups.values()), default=len(self.rows))
 
     @property
     def resampled(self) -> str:
         """Name of the resampled units."""
-        if self.sharing:
-            return " and ".join(self.sharing)
+        if self.dependent_groups:
+            return " and ".join(self.dependent_groups)
         return "runs within speeds" if len(np.unique(self.strata)) > 1 else "runs"
 
 
-def inputs_of(members: dict[str, np.ndarray]) -> list[str]:
+def varying_inputs(members: dict[str, np.ndarray]) -> list[str]:
     """Return the inputs that differ between samples: keys of the job ("section.key"), and `removed`."""
     names = [name for name in members if name == "removed" or "." in name]
     return [name for name in names if len(np.unique(members[name])) > 1]
 
 
-def values_of(members: dict[str, np.ndarray], row: int, names: list[str]) -> str:
+def input_text(members: dict[str, np.ndarray], row: int, names: list[str]) -> str:
     """Return the inputs of one sample as text, with their names."""
     values = {name: members[name][row] for name in names}
     return ", ".join(f"{name} = {v if isinstance(v, str) else f'{v:g}'}" for name, v in values.items())
@@ -60,15 +60,15 @@ def is_seed(name: str) -> bool:
     return name.endswith("seed")
 
 
-def curves_of(members: dict[str, np.ndarray]) -> tuple[list[Curve], list[str]]:
+def group_curves(members: dict[str, np.ndarray]) -> tuple[list[FragilityCurve], list[str]]:
     """Return the curves of the samples, and the inputs that are pooled in each, without seeds.
 
     Each combination of values of inputs with few values has its own curve, up to MOST_CURVES in all.
     """
-    inputs = [name for name in inputs_of(members) if name != SPEED]
+    inputs = [name for name in varying_inputs(members) if name != SPEED]
     separate, combination = [], np.zeros(len(members[SPEED]), int)
     for name in sorted(inputs, key=lambda name: (len(np.unique(members[name])), name)):
-        split = _codes(combination, codes_of(members[name]))
+        split = _codes(combination, value_codes(members[name]))
         if not is_seed(name) and len(np.unique(split)) <= MOST_CURVES:
             separate, combination = [*separate, name], split
     pooled = [name for name in inputs if name not in separate]
@@ -78,19 +78,19 @@ def curves_of(members: dict[str, np.ndarray]) -> tuple[list[Curve], list[str]]:
     return curves, [name for name in pooled if not is_seed(name)]
 
 
-def _curve(members, rows: np.ndarray, separate: list[str], pooled: list[str]) -> Curve:
-    name = values_of(members, rows[0], separate)
+def _curve(members, rows: np.ndarray, separate: list[str], pooled: list[str]) -> FragilityCurve:
+    name = input_text(members, rows[0], separate)
     groups: dict[str, np.ndarray] = {}
     for column in pooled:
-        _add_factor(groups, column, codes_of(members[column][rows]))
+        _add_factor(groups, column, value_codes(members[column][rows]))
     combined = np.zeros(len(rows), int)
     for codes in groups.values():
         combined = _codes(combined, codes)
     if groups and len(np.unique(combined)) < len(rows):
-        return Curve(name, rows, groups, None)
-    speed = codes_of(members[SPEED][rows])
+        return FragilityCurve(name, rows, groups, None)
+    speed = value_codes(members[SPEED][rows])
     repeated = 2 * len(np.unique(speed)) <= len(rows)
-    return Curve(name, rows, {}, speed if repeated else np.zeros(len(rows), int))
+    return FragilityCurve(name, rows, {}, speed if repeated else np.zeros(len(rows), int))
 
 
 def _add_factor(groups: dict[str, np.ndarray], name: str, codes: np.ndarray) -> None:
@@ -109,27 +109,27 @@ def _add_factor(groups: dict[str, np.ndarray], name: str, codes: np.ndarray) -> 
     groups[name] = codes
 
 
-def codes_of(values: np.ndarray) -> np.ndarray:
+def value_codes(values: np.ndarray) -> np.ndarray:
     """Return the rank (N,) of each value among the different values, ascending."""
     return np.unique(values, return_inverse=True)[1]
 
 
 def _codes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Return codes of the pairs of two codes."""
-    return codes_of(one * (other.max() + 1) + other)
+    return value_codes(one * (other.max() + 1) + other)
 
 
-def weights(curve: Curve) -> Iterator[np.ndarray]:
+def bootstrap_weights(curve: FragilityCurve) -> Iterator[np.ndarray]:
     """Yield how often each run counts in RESAMPLES resamples, by blocks (b, r); reproducible for a curve."""
     generator = np.random.Generator(np.random.PCG64(SEED))
     block = max(1, min(RESAMPLES, AT_ONCE // len(curve.rows)))
     for start in range(0, RESAMPLES, block):
         count = min(block, RESAMPLES - start)
-        if not curve.sharing:
+        if not curve.dependent_groups:
             yield _drawn_within(generator, curve.strata, count)
             continue
         total = np.ones((count, len(curve.rows)))
-        for codes in curve.sharing.values():
+        for codes in curve.dependent_groups.values():
             total *= _drawn(generator, codes.max() + 1, count)[:, codes]
         yield total
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.post.plots.canvas import heading
+from netfall.post.plots.canvas import set_figure_title
 from netfall.post.plots.study.parts import draw_values, roof_panels
 from netfall.study.answers.read import Study
 
@@ -14,7 +14,7 @@ def breaks(study: Study):
     finished.
     """
     figure, (left, right) = roof_panels(study)
-    heading(figure, study.title, ": where it breaks (grey: never; dots: supports; numbers: ids)")
+    set_figure_title(figure, study.title, ": where it breaks (grey: never; dots: supports; numbers: ids)")
     finished, broke = int(study.finished.sum()), int(study.first_breaks.sum())
     for axes, counts, total, label in (
         (left, study.first_breaks, broke, f"first to break, share of the {broke} members that broke"),

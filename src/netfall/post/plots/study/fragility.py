@@ -6,8 +6,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.special import ndtr
 
-from netfall.post.plots.canvas import SMALL, charts, heading
-from netfall.study.answers.intervals import binned, wilson, with_interval
+from netfall.post.plots.canvas import SMALL, open_charts, set_figure_title
+from netfall.study.answers.intervals import bin_speeds, interval_text, wilson
 from netfall.study.answers.read import Study
 
 COLUMNS = 3  # panels in a row
@@ -20,7 +20,7 @@ def fragility(study: Study):
     g = study.fragility
     measures, names = (list(dict.fromkeys(g[key])) for key in ("measure", "curve"))
     rows = -(-len(measures) // COLUMNS)
-    figure, panels = charts(rows, COLUMNS, 13, 3.7 * rows + 1.0, sharex=True, sharey=True)
+    figure, panels = open_charts(rows, COLUMNS, 13, 3.7 * rows + 1.0, sharex=True, sharey=True)
     for axes, measure in zip(panels.ravel(), measures):
         for j, name in enumerate(names):
             _draw(axes, g, np.flatnonzero((g["measure"] == measure) & (g["curve"] == name))[0], j, len(names))
@@ -36,7 +36,7 @@ def fragility(study: Study):
     for axes in panels.ravel()[: len(measures)][-COLUMNS:]:
         axes.set_xlabel(f"mean wind speed [m/s], exposure {study.exposure}")
     figure.legend(handles=_handles(g, names), loc="outside lower center", ncols=4)
-    heading(figure, study.title, f": runs that fail within {study.exposure}")
+    set_figure_title(figure, study.title, f": runs that fail within {study.exposure}")
     return figure
 
 
@@ -49,7 +49,7 @@ def _draw(axes, g, k: int, j: int, curves: int) -> None:
     if np.isfinite(median):
         speeds = np.linspace(speed[0], speed[-1], POINTS)
         axes.plot(speeds, ndtr((np.log(speeds) - np.log(median)) / dispersion), color=colour, lw=1.6)
-    centre, runs, failed = binned(g["speed"], g["runs"][k], g["failed"][k])
+    centre, runs, failed = bin_speeds(g["speed"], g["runs"][k], g["failed"][k])
     centre = centre + (j - 0.5 * (curves - 1)) * 0.006 * (speed[-1] - speed[0])  # separates the curves
     share, (low, high) = failed / runs, wilson(runs, failed)
     style = {"fmt": "o", "color": colour, "ms": 4, "lw": 1, "capsize": 2, "alpha": 0.9}
@@ -63,8 +63,8 @@ def _text(g, k: int) -> str:
     """Return median and dispersion with their intervals, or the reason why there is no curve."""
     if not np.isfinite(g["median"][k]):
         return textwrap.fill(f"no curve: {g['note'][k]}", WRAPPED)
-    median = with_interval(g["median"][k], g["median_interval"][k], 4)
-    dispersion = with_interval(g["dispersion"][k], g["dispersion_interval"][k], 3)
+    median = interval_text(g["median"][k], g["median_interval"][k], 4)
+    dispersion = interval_text(g["dispersion"][k], g["dispersion_interval"][k], 3)
     return f"median {median} m/s\ndispersion {dispersion}"
 
 
@@ -74,7 +74,7 @@ def _short(g, k: int) -> str:
         low, high = g["median_bounds"][k]
         bounds = f"{low:g}" if low == high else f"{low:g} to {high:g}".replace(" to inf", " or more")
         return f"no curve; median {bounds} m/s"
-    return with_interval(g["median"][k], g["median_interval"][k], 4) + " m/s"
+    return interval_text(g["median"][k], g["median_interval"][k], 4) + " m/s"
 
 
 def _handles(g, names: list[str]) -> list:

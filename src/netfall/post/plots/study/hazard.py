@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.special import ndtr
 
-from netfall.post.plots.canvas import SMALL, charts, heading, legend_below
-from netfall.study.answers.hazard import TARGETS
+from netfall.post.plots.canvas import SMALL, add_legend_below, open_charts, set_figure_title
+from netfall.study.answers.hazard import TARGET_RELIABILITY
 from netfall.study.answers.read import Study
 
 LEAST = 1e-7  # lower end of the left axis
@@ -16,12 +16,12 @@ def hazard(study: Study):
     """Draw annual maxima and fitted curves over the speed (left), and the annual probabilities (right)."""
     h, g = study.hazard, study.fragility
     rows = np.flatnonzero(np.isfinite(h["annual_probability"]))
-    figure, panels = charts(1, 2, 13, 3.2 + 0.28 * max(len(rows), 6))
+    figure, panels = open_charts(1, 2, 13, 3.2 + 0.28 * max(len(rows), 6))
     left, right = panels[0]
     _curves(left, h, g, rows)
     _probabilities(right, h, rows)
-    legend_below(figure, left)
-    heading(figure, study.title, f": probability of failure in a year (exposure {study.exposure})")
+    add_legend_below(figure, left)
+    set_figure_title(figure, study.title, f": probability of failure in a year (exposure {study.exposure})")
     return figure
 
 
@@ -52,7 +52,7 @@ def _probabilities(axes, h, rows: np.ndarray) -> None:
         axes.plot(p, y, "o", color=f"C{j}", ms=6)
         text = f"{p:.2g}, beta {h['beta'][rows[j]]:.2f}, tail {h['tail_share'][rows[j]]:.0%}"
         axes.annotate(text, (p, y), (0, 7), textcoords="offset points", fontsize=SMALL, ha="center")
-    for name, (beta, _) in TARGETS.items():
+    for name, (beta, _) in TARGET_RELIABILITY.items():
         axes.axvline(ndtr(np.array(-beta)), color="0.5", lw=1, ls="--")
         style = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
         position = ndtr(np.array(-beta)), 1.0

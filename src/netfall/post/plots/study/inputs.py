@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from netfall.post.plots.canvas import SMALL, charts, heading, unit_of
+from netfall.post.plots.canvas import SMALL, open_charts, set_figure_title, unit_of
 from netfall.study.answers.correlation import drawn_inputs, responses, spearman
 from netfall.study.answers.read import Study, unit_of_column
 
@@ -13,7 +13,7 @@ def inputs(study: Study):
     """Draw a column for each random input and a row for each response, with a dot for each sample."""
     names, response_values = drawn_inputs(study)[:MOST_INPUTS], responses(study)
     width, height = 2.2 + 3.2 * len(names), 1.0 + 2.3 * len(response_values)
-    figure, panels = charts(len(response_values), len(names), width, height, sharex="col", sharey="row")
+    figure, panels = open_charts(len(response_values), len(names), width, height, sharex="col", sharey="row")
     for j, name in enumerate(names):
         x, label = _scaled(name, study.members[name].astype(float), name)
         for i, response in enumerate(response_values):
@@ -22,7 +22,9 @@ def inputs(study: Study):
             if j == 0:
                 panels[i, j].set_ylabel(response_label)
         panels[-1, j].set_xlabel(label)
-    heading(figure, study.title, ": what was drawn, and what came of it (grey: within what chance gives)")
+    set_figure_title(
+        figure, study.title, ": what was drawn, and what came of it (grey: within what chance gives)"
+    )
     return figure
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from netfall.post.plots.canvas import BROKEN, SMALL, charts, heading
+from netfall.post.plots.canvas import BROKEN, SMALL, open_charts, set_figure_title
 from netfall.post.plots.study.parts import draw_values, roof_panels
-from netfall.study.answers.losses import TELLING, elements_lost, losses_of
+from netfall.study.answers.losses import TELLING, losses_of, removal_of_element
 from netfall.study.answers.read import Study
 
 MOST_ROWS = 50  # removals in the chart
@@ -17,18 +17,18 @@ def loss_map(study: Study):
     the roof.
     """
     losses = losses_of(study)
-    row = elements_lost(study, losses)
+    row = removal_of_element(study, losses)
 
     def by_element(values: np.ndarray) -> np.ndarray:
         return np.where(row >= 0, values[row], np.nan)
 
     figure, (left, right) = roof_panels(study)
-    heading(figure, study.title, ": after the loss of each (the largest on top; dots: supports)")
+    set_figure_title(figure, study.title, ": after the loss of each (the largest on top; dots: supports)")
     factor = by_element(losses.dynamic_factor)
     low = float(min(1.0, np.nanmin(factor))) if np.isfinite(factor).any() else 1.0
     names = np.where(row >= 0, losses.name[row], "")
     label = "largest dynamic factor (grey: none)"
-    draw_values(study, left, factor, label, low=low, names=names, log=_much(factor))
+    draw_values(study, left, factor, label, low=low, names=names, log=_has_dominant(factor))
     lost = (losses.roof_lost > 0).any()
     consequence = losses.roof_lost if lost else losses.broken
     label = "share of the roof lost (grey: nothing)" if lost else "elements that broke besides (grey: none)"
@@ -37,7 +37,7 @@ def loss_map(study: Study):
     return figure
 
 
-def loss_chart(study: Study):
+def removal_chart(study: Study):
     """Draw a dot for each sample in a row for each removal, and the further fractures.
 
     Removals without an equilibrium come first, then those with the largest lost roof, fractures and dynamic
@@ -52,10 +52,10 @@ def loss_chart(study: Study):
     row_of[rows] = np.arange(len(rows))
     y = row_of[losses.place]
     height = 1.8 + 0.19 * len(rows)
-    figure, ((left, right),) = charts(1, 2, 11, height, sharey=True, width_ratios=(3, 2))
+    figure, ((left, right),) = open_charts(1, 2, 11, height, sharey=True, width_ratios=(3, 2))
     drawn = (y >= 0) & np.isfinite(factor)
     left.plot(factor[drawn], y[drawn], "o", color="C0", ms=4, alpha=0.8)
-    if _much(factor):
+    if _has_dominant(factor):
         left.set_xscale("log")
         left.xaxis.set_major_formatter("{x:g}")
     for row in np.flatnonzero(np.isnan(losses.dynamic_factor[rows])):
@@ -64,21 +64,21 @@ def loss_chart(study: Study):
     left.axvline(1.0, color="0.6", lw=0.8)
     left.axvline(2.0, color="0.6", lw=0.8, ls=":")
     left.set_xlabel("largest dynamic factor of each member in which no more broke [-]; dotted: 2")
-    _draw_lost(right, losses, rows)
+    _draw_consequences(right, losses, rows)
     left.set_yticks(np.arange(len(rows)), losses.name[rows])
     left.set_ylabel("what is lost")
     left.set_ylim(len(rows) - 0.5, -0.5)
     extent = f" (the worst {len(rows)} of {len(order)})" if len(rows) < len(order) else ""
-    heading(figure, study.title, f": after each loss{extent}")
+    set_figure_title(figure, study.title, f": after each loss{extent}")
     return figure
 
 
-def _much(factor: np.ndarray) -> bool:
+def _has_dominant(factor: np.ndarray) -> bool:
     """Whether some factors are so large that they would hide the others."""
     return bool((factor[np.isfinite(factor)] > TELLING).any())
 
 
-def _draw_lost(axes, losses, rows: np.ndarray) -> None:
+def _draw_consequences(axes, losses, rows: np.ndarray) -> None:
     """Draw the lost share of the roof, with the number of further fractures or a remark on no equilibrium."""
     lost = 100 * np.nan_to_num(losses.roof_lost[rows])
     axis_end = max(10.0, 1.25 * lost.max(initial=0.0))

@@ -5,7 +5,14 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import PercentFormatter
 
-from netfall.post.plots.canvas import ROUND, add_coloured, add_scale, in_space, line_width, plan_panels
+from netfall.post.plots.canvas import (
+    ROUND_NUMBERS,
+    add_coloured,
+    add_scale,
+    add_space_axes,
+    line_width,
+    open_plan_panels,
+)
 from netfall.post.plots.labels import add_labels
 from netfall.study.answers.read import Study
 
@@ -20,10 +27,10 @@ def roof_panels(study: Study):
     x, held = study.net["particles"], study.net["fixed"].any(1)
     run, rise = np.hsplit(np.abs(np.diff(x[study.net["elements"]], axis=1)[:, 0]), [2])
     layered = (np.hypot(*run.T) < UPRIGHT * rise[:, 0]).any()  # upright elements connect layers
-    figure, panels = plan_panels(x[:, :2], held, 4 if layered else 2)
+    figure, panels = open_plan_panels(x[:, :2], held, 4 if layered else 2)
     for unused in panels[2:]:
         unused.remove()
-    spaces = [(in_space(figure, (2, 2, 3 + k), x),) if layered else () for k in range(2)]
+    spaces = [(add_space_axes(figure, (2, 2, 3 + k), x),) if layered else () for k in range(2)]
     return figure, [(plan, *space) for plan, space in zip(panels, spaces)]
 
 
@@ -46,7 +53,7 @@ def draw_values(
     _dot_short(plan, lines[rows][..., :2], colours.to_rgba(values[rows]))
     bar = add_scale(plan, norm, COLOURS, label, shrink=0.8)
     if log:
-        ticks = ROUND[(ROUND >= norm.vmin) & (ROUND <= norm.vmax)]
+        ticks = ROUND_NUMBERS[(ROUND_NUMBERS >= norm.vmin) & (ROUND_NUMBERS <= norm.vmax)]
         bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
         bar.minorticks_off()
     if percent:

@@ -3,7 +3,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from netfall.post.plots.canvas import charts, heading, legend_below
+from netfall.post.plots.canvas import add_legend_below, open_charts, set_figure_title
 from netfall.study.answers.read import Study
 from netfall.study.answers.samples import SPEED
 
@@ -17,12 +17,12 @@ def spread(study: Study):
 
     A sample whose exposure has ended keeps its last count.
     """
-    courses = _courses(study)
+    courses = _break_times(study)
     first = study.members["first_fracture"]
     remaining = np.array([study.members["duration"][k] - first[k] for k in courses])
     times = np.concatenate(list(courses.values()))
     span = max(1.05 * np.quantile(times, SHOWN), 0.05 * remaining.max(), 1e-3)
-    figure, ((axes,),) = charts(1, 1, 9, 5.4)
+    figure, ((axes,),) = open_charts(1, 1, 9, 5.4)
     lines = _lines(study, axes, courses, remaining)
     grid = np.linspace(0.0, span, POINTS)
     count = np.array([np.searchsorted(t, grid, side="right") for t in courses.values()], float)
@@ -36,12 +36,12 @@ def spread(study: Study):
     axes.set_ylabel("elements broken")
     if lines is not None:
         figure.colorbar(lines, ax=axes, label="mean wind speed [m/s]")
-    legend_below(figure, axes, ncols=2)
-    heading(figure, study.title, f": spread of the collapse in {len(courses)} members that broke")
+    add_legend_below(figure, axes, ncols=2)
+    set_figure_title(figure, study.title, f": spread of the collapse in {len(courses)} members that broke")
     return figure
 
 
-def _courses(study: Study) -> dict[int, np.ndarray]:
+def _break_times(study: Study) -> dict[int, np.ndarray]:
     """Return the times [s] of first breaks of elements since the first fracture, by row of the sample."""
     e = study.events
     _, first = np.unique(np.stack([e["member"], e["element"]], 1), axis=0, return_index=True)

@@ -11,12 +11,12 @@ from netfall.post.plots.study.breaks import breaks
 from netfall.post.plots.study.fragility import fragility
 from netfall.post.plots.study.hazard import hazard
 from netfall.post.plots.study.inputs import inputs
-from netfall.post.plots.study.losses import loss_chart, loss_map
+from netfall.post.plots.study.losses import loss_map, removal_chart
 from netfall.post.plots.study.spread import spread
 from netfall.results.locks import whole
-from netfall.results.outcomes import BY_NAME
+from netfall.results.outcomes import OUTCOME_BY_NAME
 from netfall.study.answers.correlation import drawn_inputs, responses
-from netfall.study.answers.losses import elements_lost, losses_of
+from netfall.study.answers.losses import losses_of, removal_of_element
 from netfall.study.answers.read import Study, read_study, with_unit
 
 
@@ -29,8 +29,8 @@ def pictures_of(study: Study) -> dict[str, Callable]:
         ("hazard", hazard, bool(study.hazard) and np.isfinite(study.hazard["annual_probability"]).any()),
         ("breaks", breaks, has_breaks),
         ("spread", spread, bool(len(study.events["time"])) and study.finished[study.events["member"]].any()),
-        ("loss_map", loss_map, losses is not None and (elements_lost(study, losses) >= 0).any()),
-        ("losses", loss_chart, losses is not None),
+        ("loss_map", loss_map, losses is not None and (removal_of_element(study, losses) >= 0).any()),
+        ("losses", removal_chart, losses is not None),
         ("inputs", inputs, bool(drawn_inputs(study)) and bool(responses(study))),
     ]
     return {name: draw for name, draw, present in pictures if present}
@@ -45,8 +45,8 @@ def plot_study(path: Path, folder: Path) -> list[Path]:
         written.append(save(draw(study), folder / f"{study.name}_{name}.png"))
     written.append(folder / f"{study.name}_members.csv")
     with whole(written[-1]) as temporary:
-        drawn_names = [name for name in study.members if name not in BY_NAME]
-        names = *drawn_names, *(name for name in BY_NAME if name in study.members)
+        drawn_names = [name for name in study.members if name not in OUTCOME_BY_NAME]
+        names = *drawn_names, *(name for name in OUTCOME_BY_NAME if name in study.members)
         columns = {name: study.members[name] for name in names}
         units = ", ".join(map(with_unit, columns))
         write_table(temporary, columns, f"{units}; ..._id: of the tables, beside rows of /net")
