@@ -46,7 +46,7 @@ def test_code_of_changed_sources_is_kept_apart(package):
     (package / "post/report/page.py").write_text("TITLE = 'another'\n")
     assert chosen() == first
     folders, changed = {first}, {"explicit/loop.py": "@kernel\ndef loop(): return 1\n", "physics/law.py": ""}
-    for name, text in (changed | {"step/more.py": "@inner_kernel\ndef more(): pass\n"}).items():
+    for name, text in (changed | {"explicit/more.py": "@inner_kernel\ndef more(): pass\n"}).items():
         (package / name).write_text(text)
         folders.add(chosen())
     assert len(folders) == 4

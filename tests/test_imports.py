@@ -79,7 +79,7 @@ MAY_BE_INEXACT = [
 ]
 
 MOST_FILES, LONGEST_CHAIN = 26, 8  # of a package, without packages within it
-MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 450, 110
+MOST_ARGUMENTS, MOST_LINES, MOST_COLUMNS = 12, 500, 110
 
 
 def module_name(path: Path) -> str:
@@ -207,7 +207,7 @@ def test_no_function_takes_more_than_twelve_arguments():
     assert long == set()
 
 
-def test_no_file_has_more_than_four_hundred_and_fifty_lines():
+def test_no_file_has_more_than_five_hundred_lines():
     """One file, one subject: it ends where its subject ends, mostly after 60 to 300 lines."""
     count = {str(path.relative_to(PACKAGE)): len(path.read_text().splitlines()) for path in MODULES.values()}
     assert [name for name, lines in count.items() if lines > MOST_LINES] == []

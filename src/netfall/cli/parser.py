@@ -49,8 +49,8 @@ job | file | JOB | job.toml | default: job.toml
     file
 -o folder | Path | DIR | | folder of the report (default: RESULT-report beside the result file)
 --codes | Path | FILE | | checks and their factors, instead of EN 1993-1-11, ASCE 19
---temperature | temperature_change | K | 0 | temperature at which cables are measured, above that of form finding
-    (default: 0)
+--temperature | temperature_change | K | 0 | temperature at which cables are measured, above that of form
+    finding (default: 0)
 --measuring-load load | tension | N | | tension under which cables are measured (default: the mean tension of
     each in the form)
 --deductions | Path | FILE | | table of rigid ends for the shop list: group, type, pin, socket [mm] at each

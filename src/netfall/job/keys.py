@@ -17,7 +17,7 @@ ABSENT = None  # default of a key without which its feature is absent
 class Kind(NamedTuple):
     """Check of a kind of keys, and its text in messages.
 
-    expected : text with {of} the unit, {within} the range, {also}, {choices} and {meaning} of the key
+    expected : text with {of} the unit, {within} the range, {words}, {choices} and {meaning} of the key
     fits : function of the key and the value
     """
 
@@ -51,7 +51,7 @@ class Key:
         return KINDS[self.kind].expected.format(
             of=f" of {self.unit}" if self.unit else "",
             within=" " * bool(bounds) + " and ".join(bounds),
-            special_words="".join(f' or "{word}"' for word in self.special_words),
+            words="".join(f' or "{word}"' for word in self.special_words),
             choices="one of " * (len(self.choices) > 1) + ", ".join(f'"{word}"' for word in self.choices),
             meaning=self.meaning,
         )
@@ -141,9 +141,9 @@ def _lengths(_, value) -> bool:
 
 
 KINDS = {
-    "number": Kind("a number{of}{within}{also}", lambda key, v: v in key.special_words or key.number(v)),
+    "number": Kind("a number{of}{within}{words}", lambda key, v: v in key.special_words or key.number(v)),
     "integer": Kind(
-        "an integer{of}{within}{also}",
+        "an integer{of}{within}{words}",
         lambda key, v: v in key.special_words or (isinstance(v, int) and key.number(v)),
     ),
     "flag": Kind("true or false", lambda _, v: isinstance(v, bool)),
