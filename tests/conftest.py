@@ -197,9 +197,9 @@ class Workshop:
     def run_here(self, job: Path, output="result.vtkhdf", **how) -> h5py.File:
         """Run a job in this process, silently; its result file, open."""
         from netfall.core.progress import Progress
+        from netfall.driver.run import run_job
         from netfall.job.read import read_job
         from netfall.parallel.mpi import MPI
-        from netfall.run.run import run_job
 
         run_job(MPI.COMM_SELF, read_job(job), self.folder / output, Progress(False, False), **how)
         return self.open(output)

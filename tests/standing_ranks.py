@@ -87,8 +87,8 @@ def serve():
     """Work on tasks until there are no more."""
     from mpi4py import MPI
 
-    from netfall.run import setup
-    from netfall.run.worker import next_task
+    from netfall.driver import setup
+    from netfall.driver.worker import next_task
 
     setup.compile_ahead = lambda *_: None  # beside other tests it takes their processors, and is no sooner
     comm = MPI.COMM_WORLD.Dup()  # what is sent here never meets what netfall sends

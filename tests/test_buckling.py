@@ -6,11 +6,11 @@ from conftest import STEEL, assert_same_bits_on, run_on_standing_ranks
 from mpi4py import MPI
 
 from netfall.core.errors import InputError
+from netfall.driver.sample import run_sample
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.checks.buckling import IMPERFECTION, buckling_reduction, slenderness
 from netfall.post.checks.codes import read_codes
-from netfall.run.sample import run_sample
 
 # A post of 4 m, its head held sideways, below 200 kN; a level cable at it.
 NODES = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,1,1,0,-200e3\n3,5,0,4,1,1,1,0\n"

@@ -10,7 +10,7 @@ import pytest
 from conftest import ENVIRONMENT
 
 from netfall.core import cache
-from netfall.run import compile as compiling
+from netfall.driver import compile as compiling
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def folder(tmp_path, monkeypatch):
 
 
 HOLDS_ITS_TURN = """
-from netfall.run.compile import turn
+from netfall.driver.compile import turn
 with turn():
     print("there", flush=True)
     input()

@@ -3,12 +3,12 @@
 import pytest
 from test_right_answers import BRITTLE
 
+from netfall.driver.check import check_job
 from netfall.geometry import defaults
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import CHANGED, ChangedDefault, default_warnings
 from netfall.job.derived import load_steps
 from netfall.job.read import read_job
-from netfall.run.check import check_job
 
 JOB = BRITTLE.replace("195.0", "1.95e11") + "[[zone]]\nname = 'a'\ngroups = ['x']\n"
 

@@ -22,6 +22,7 @@ from test_manufactured import (
     run_here,
 )
 
+from netfall.driver.step_limit import is_long_step_stable
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
 from netfall.loads.wind.field import make_wind_field
@@ -32,7 +33,6 @@ from netfall.physics.state import State
 from netfall.post.checks.reactions import reaction_columns
 from netfall.results.checkpoint import checkpoint_path, remove_old_checkpoints
 from netfall.results.states import compute_envelope
-from netfall.run.step_limit import is_long_step_stable
 from netfall.study.answers.info import _losses
 from netfall.study.answers.losses import asymmetric_pair, losses_of
 from netfall.study.runs import SampleQueue

@@ -13,14 +13,14 @@ from nets import elastic, equilibrium
 
 from netfall.core.stop import NEVER_STOP
 from netfall.core.timings import PhaseTimes
+from netfall.driver import check, statics
+from netfall.driver.check import check_job
+from netfall.driver.equilibrium import restore_saved, save_state
+from netfall.driver.erection.settings import jack_of
+from netfall.driver.setup import prepare_scene
 from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
 from netfall.physics.slip.law import set_slipless_lengths
-from netfall.run import check, statics
-from netfall.run.check import check_job
-from netfall.run.equilibrium import restore_saved, save_state
-from netfall.run.erection.settings import jack_of
-from netfall.run.setup import prepare_scene
 from netfall.statics import interior_point, newton, relaxation_stages
 from netfall.statics.newton import NoConvergence
 from netfall.statics.relaxation import Paused

@@ -12,6 +12,10 @@ from scipy.optimize import fsolve
 
 from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
+from netfall.driver import permanent_state
+from netfall.driver.erection import erect
+from netfall.driver.run import run_job
+from netfall.driver.sample import run_sample
 from netfall.geometry.build import build_net
 from netfall.geometry.net import GRAVITY
 from netfall.job.cache import ResultCache
@@ -28,10 +32,6 @@ from netfall.post.plots.states import stages as stages_picture
 from netfall.results.cases import read_cases
 from netfall.results.frames import Frames, StageFrames
 from netfall.results.states import compute_envelope, start_position
-from netfall.run import permanent_state
-from netfall.run.erection import erect
-from netfall.run.run import run_job
-from netfall.run.sample import run_sample
 
 EA, WEIGHT, SPAN = 1e6, 1000.0, 8.0  # N, N, m
 # of forces and displacements, of an equilibrium ([load] tolerance); Newton's last step is far below

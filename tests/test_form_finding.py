@@ -13,8 +13,8 @@ from nets import along, pulls
 
 from netfall.core.errors import Interrupted
 from netfall.core.timings import PhaseTimes
+from netfall.driver.setup import prepare_scene
 from netfall.job.read import read_job
-from netfall.run.setup import prepare_scene
 from netfall.statics import newton
 from netfall.statics.form import tensions
 from netfall.statics.newton import NoConvergence

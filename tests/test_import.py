@@ -29,11 +29,11 @@ from vtkmodules.vtkCommonDataModel import (
 from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 from netfall.core.errors import InputError
+from netfall.driver.check import check_job
 from netfall.exchange.drawings.importing import import_file
 from netfall.exchange.drawings.reading import ImportOptions, read_net
 from netfall.geometry.build import build_net
 from netfall.job.read import read_job
-from netfall.run.check import check_job
 
 ROUNDING = 1e-12  # m: a coordinate of some metres in mm or inches, and back
 

@@ -13,25 +13,25 @@ PACKAGE = ROOT / "src" / "netfall"
 # A package imports only from packages before it.
 LAYERS = (
     *("core", "physics", "job", "geometry", "parallel", "loads", "model", "explicit", "results", "statics"),
-    *("run", "study", "post", "exchange", "api", "cli", "__main__"),
+    *("driver", "study", "post", "exchange", "api", "cli", "__main__"),
 )
 # Module -> what it may import from later layers: a picture that check draws, the program that a process runs.
 MAY_IMPORT = {
-    "run.check": ["post.plots.job"],
-    "run.child_process": ["__main__"],
-    "run.worker": ["__main__"],
+    "driver.check": ["post.plots.job"],
+    "driver.child_process": ["__main__"],
+    "driver.worker": ["__main__"],
 }
 
 # Third-party package -> the packages and modules that may import it; numpy and the standard library are free.
 PACKAGES = {
-    "mpi4py": ["parallel.mpi", "run.provenance", "__main__"],
-    "h5py": ["results", "post", "study", "run", "loads.wind.measured"],
+    "mpi4py": ["parallel.mpi", "driver.provenance", "__main__"],
+    "h5py": ["results", "post", "study", "driver", "loads.wind.measured"],
     "numba": [  # types of fields; the versions for compiled code and for /provenance
-        *("core", "physics.fields", "parallel.mpi_calls", "run.compile", "run.provenance"),
+        *("core", "physics.fields", "parallel.mpi_calls", "driver.compile", "driver.provenance"),
     ],
-    "llvmlite": ["core", "parallel.mpi_calls", "run.compile"],
+    "llvmlite": ["core", "parallel.mpi_calls", "driver.compile"],
     "scipy": [
-        *("geometry.connected_parts", "run.modes", "parallel.subdomain", "statics.multigrid.rows"),
+        *("geometry.connected_parts", "driver.modes", "parallel.subdomain", "statics.multigrid.rows"),
         *("study.draws", "study.answers", "exchange.drawings", "post.plots"),
     ],
     "shapely": ["geometry", "exchange.drawings"],
@@ -49,7 +49,7 @@ PACKAGES = {
 
 # Modules that work on a machine without MPI -> what they and all that they import must not reach.
 WITHOUT = {
-    name: ["mpi4py", "run"]
+    name: ["mpi4py", "driver"]
     for name in ("post.plots.run", "post.report.info", "results.frames", "post.report.report")
     + ("post.page.page", "post.plots.study.study", "study.answers.info")
 }
@@ -75,7 +75,7 @@ BY_PROCESSOR = {
 }
 MAY_BE_INEXACT = [
     *("post", "exchange", "explicit.wind", "study.answers"),
-    *("geometry.cables", "geometry.generators.ellipse", "run.messages.slip"),
+    *("geometry.cables", "geometry.generators.ellipse", "driver.messages.slip"),
 ]
 
 MOST_FILES, LONGEST_CHAIN = 26, 8  # of a package, without packages within it

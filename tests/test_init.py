@@ -9,6 +9,7 @@ from conftest import STEEL
 
 from netfall.cli.parser import EXAMPLES, VERBS, parser
 from netfall.core.errors import InputError
+from netfall.driver.check import check_job, plot_job_net
 from netfall.geometry.build import build_net
 from netfall.job.entries import LIST_KEYS
 from netfall.job.read import read_job
@@ -17,7 +18,6 @@ from netfall.job.template import new_template
 from netfall.model.layout import make_layout
 from netfall.post.plots import canvas
 from netfall.post.plots.net import select_cables
-from netfall.run.check import check_job, plot_job_net
 
 
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from netfall.core.timings import PhaseTimes
+from netfall.driver.setup import prepare_scene
 from netfall.job.read import read_job
-from netfall.run.setup import prepare_scene
 from netfall.statics.multigrid import cycle
 from netfall.statics.multigrid.lines import MOST_TOUCHING, LineSmoother, all_lines, distribute_lines
 from netfall.statics.multigrid.tangent import incidence_of, tangent_rows

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from conftest import run_on_standing_ranks
 
+from netfall.driver.modes import modes_at
 from netfall.geometry.net import Net
-from netfall.run.modes import modes_at
 
 T, A, EA, M = 1e4, 2.0, 1e6, 30.0  # N tension, m spacing, N stiffness, kg of each node
 

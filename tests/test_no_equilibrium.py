@@ -12,11 +12,11 @@ from netfall.core.errors import DivergedError
 from netfall.core.progress import Progress
 from netfall.core.stop import NEVER_STOP
 from netfall.core.timings import PhaseTimes
+from netfall.driver import equilibrium as settling
+from netfall.driver.run import run_job
+from netfall.driver.setup import prepare_scene
+from netfall.driver.statics import StaticPath, find_equilibria
 from netfall.job.read import read_job
-from netfall.run import equilibrium as settling
-from netfall.run.run import run_job
-from netfall.run.setup import prepare_scene
-from netfall.run.statics import StaticPath, find_equilibria
 from netfall.statics import interior_point, relaxation_stages
 from netfall.statics import work_control as limits
 from netfall.statics.limit_load import (
@@ -303,7 +303,7 @@ def test_a_load_that_is_borne_after_all_is_found_whole(workshop, monkeypatch):
         if each.kind == "step" and not effort.relaxes
         else tried(scene, each, reference, stop, effort, *more)
     )
-    _, row, _ = by_work(monkeypatch, job, _tried=undecided)
+    _, row, _ = by_work(monkeypatch, job, _try_load=undecided)
     assert not none and row["load_factor"] == exact["load_factor"] == 1.0
     assert row["moved"][0] == pytest.approx(exact["moved"][0], rel=1e-5)
 

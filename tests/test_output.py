@@ -21,6 +21,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 from netfall.core.errors import InputError
+from netfall.driver.ranks import ranks_line, ranks_notes, steps_time
 from netfall.exchange.export import Wanted, export
 from netfall.post.plots.canvas import VIEWS, open_charts, save, set_figure_title
 from netfall.post.plots.collapse import collapse, select_snapshots
@@ -32,7 +33,6 @@ from netfall.post.plots.states import deflection_scale, states
 from netfall.post.report.info import print_info
 from netfall.post.report.report import Inputs, write_report
 from netfall.results.warning_text import balance_warnings
-from netfall.run.ranks import ranks_line, ranks_notes, steps_time
 
 STORM = """title = "Storm over a saddle"
 [net]

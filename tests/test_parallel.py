@@ -206,9 +206,9 @@ def test_partition_files_are_metis_own(tmp_path):
 
 ALONE = """
 import os, sys
-from netfall.parallel.alone import start_alone
+from netfall.parallel.alone import start_mpi
 before = dict(os.environ)
-start_alone()
+start_mpi()
 assert dict(os.environ) == before, "a process that is started here would find another environment"
 if "mpi4py.MPI" in sys.modules:
     from mpi4py import MPI

@@ -9,6 +9,8 @@ from conftest import assert_same_results
 from mpi4py import MPI
 from test_removal import BREAKING, LOSSES
 
+from netfall.driver.sample import run_sample
+from netfall.driver.varying_loads import FadingLoad
 from netfall.geometry.net import GRAVITY
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
@@ -16,8 +18,6 @@ from netfall.loads.redistribution import redistribute
 from netfall.physics.fields import Features
 from netfall.physics.removal import CarriedLoad, remove_particles, transfer_carried
 from netfall.physics.state import State
-from netfall.run.sample import run_sample
-from netfall.run.varying_loads import FadingLoad
 
 
 def handed_of(pairs, cable, L0, loose, torn=()):

@@ -11,9 +11,9 @@ from test_dynamics import ELASTIC
 from test_restart import SLOW
 
 from netfall.core.errors import DivergedError
+from netfall.driver import dynamics
 from netfall.explicit import rows
 from netfall.parallel.sums import ALL, BLOCK, LIMBS, add_exactly, round_limbs
-from netfall.run import dynamics
 
 
 @pytest.mark.parametrize("lowest", [-155, -156, -157, -400])

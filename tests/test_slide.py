@@ -6,10 +6,10 @@ from conftest import run_on_standing_ranks
 from nets import table
 from scipy.optimize import brentq
 
+from netfall.driver import statics
 from netfall.post.checks.slides import slip_point_columns
 from netfall.post.plots.utilisation import slips
 from netfall.post.report.page import _slides
-from netfall.run import statics
 
 ROPE = "[cable]\nmodulus = 1e11\narea = {area}\ndensity = {density}\n"
 MU = 0.1

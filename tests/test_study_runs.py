@@ -21,12 +21,12 @@ from mpi4py import MPI
 from netfall.core import machine_memory
 from netfall.core.errors import InputError
 from netfall.core.stop import NEVER_STOP
+from netfall.driver.sample import roof_lost, run_sample
 from netfall.geometry.net import Net
 from netfall.job.cache import ResultCache
 from netfall.job.read import read_job
 from netfall.post.plots.study.study import plot_study
 from netfall.results.outcomes import NOTHING
-from netfall.run.sample import roof_lost, run_sample
 from netfall.study.answers.info import _print_energy_check, print_study
 from netfall.study.draws import draw
 from netfall.study.file import read_study_plan

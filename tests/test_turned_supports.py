@@ -11,12 +11,12 @@ from test_validation_opensees import tensions_in_opensees
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.core.rotation import from_rotated_axes
+from netfall.driver.modes import modes_at
 from netfall.exchange.export import Wanted, export
 from netfall.geometry.build import build_net
 from netfall.job.csv_table import write_table
 from netfall.job.read import read_job
 from netfall.post.checks.reactions import reaction_columns
-from netfall.run.modes import modes_at
 from netfall.statics.form.self_stress import self_stress
 
 ANGLE = 37.0  # degrees

@@ -23,10 +23,10 @@ from scipy.sparse.linalg import splu
 
 from netfall.core.stop import NEVER_STOP
 from netfall.core.timings import PhaseTimes
+from netfall.driver.load_sequence import equilibria, loaded
+from netfall.driver.setup import prepare_scene
+from netfall.driver.statics import StaticPath, find_equilibria
 from netfall.job.read import read_job
-from netfall.run.load_sequence import equilibria, loaded
-from netfall.run.setup import prepare_scene
-from netfall.run.statics import StaticPath, find_equilibria
 
 JOB = Path(__file__).with_name("equilibrium.toml")
 CLOSE = 1e-7  # of the largest displacement: the direct solver's last correction

@@ -163,7 +163,7 @@ PLAIN = {
     "netfall.core.vectors": plain_vectors,
     "netfall.core.linear": rows_at_once,
     "netfall.parallel.mpi_calls": plain_access,
-    "netfall.run.compile": nothing_to_compile,
+    "netfall.driver.compile": nothing_to_compile,
 }
 
 

@@ -135,7 +135,7 @@ def _run_in_processes(place: _RunFiles, settings: list[str], ranks: int, quiet: 
     """
     launcher, options = default_launcher() if ranks > 1 else "", ["--quiet"] if quiet else []
     command = run_command(
-        launcher, ranks, place.job, place.output, settings, *options, module="netfall.run.child_process"
+        launcher, ranks, place.job, place.output, settings, *options, module="netfall.driver.child_process"
     )
     text = {"encoding": "utf-8", "errors": "replace"}
     interrupt, pipe = None, subprocess.PIPE
@@ -205,9 +205,9 @@ def _run_on_current_ranks(job, settings: list[str], ranks: int | None, output, q
 
     comm = world_communicator()
     from netfall.core.progress import Progress
+    from netfall.driver.run import run_job
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_all, on_root
-    from netfall.run.run import run_job
 
     if ranks not in (None, comm.size):
         raise InputError(

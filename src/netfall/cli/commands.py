@@ -30,8 +30,8 @@ def check(arguments) -> None:
     from netfall.parallel.alone import start_mpi
 
     start_mpi()
+    from netfall.driver.check import check_job
     from netfall.job.read import read_job
-    from netfall.run.check import check_job
 
     folder = arguments.folder and _output_folder(arguments.folder)
     check_job(read_job(arguments.job, arguments.overrides), print_lines, folder)
@@ -69,10 +69,10 @@ def run(arguments) -> None:
     _check_same_options(comm.allgather(vars(arguments)))
     from netfall.core.progress import Progress
     from netfall.core.stop import StopFlag
+    from netfall.driver.compile import compile_missing
+    from netfall.driver.run import run_job
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
-    from netfall.run.compile import compile_missing
-    from netfall.run.run import run_job
 
     stop = StopFlag(arguments.walltime)
     job = comm.bcast(on_root(comm, lambda: read_job(arguments.job, arguments.overrides)))
@@ -112,7 +112,7 @@ def compile(arguments) -> None:
 
     start_mpi()
     from netfall.core.cache import CACHE_VARIABLE
-    from netfall.run.compile import compile_all, turn
+    from netfall.driver.compile import compile_all, turn
 
     with turn():
         compile_all(print_lines)
@@ -284,7 +284,7 @@ def export(arguments) -> None:
 
 def version() -> None:
     """Print versions: netfall --version"""
-    from netfall.run.run import library_text
+    from netfall.driver.run import library_text
 
     print_lines(f"netfall {netfall.__version__}, {library_text()}")
 

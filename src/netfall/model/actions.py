@@ -40,8 +40,8 @@ class Actions:
 class StaticLoad(NamedTuple):
     """A load whose equilibrium is computed.
 
-    kind : "permanent", "case", "combination", "step", "at once" or "rest", see `run.load_sequence`; or
-        "loss", `run.removed_equilibria`
+    kind : "permanent", "case", "combination", "step", "at once" or "rest", see `driver.load_sequence`; or
+        "loss", `driver.removed_equilibria`
     words : for messages
     load : (n, 3) [N], owned and halo; factor : of the load that is not permanent; name : of a case
     from_permanent : whether it starts from the equilibrium under the permanent loads, not from the last one

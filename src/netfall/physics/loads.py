@@ -2,7 +2,7 @@
 
 Time-dependent loads are known at two samples around the present time and linear between them. Forces are in
 `load_before` and `load_after`. The wind speed is interpolated and then squared (paper Eq. 7). The samples
-come from `run.varying_loads`. `physics.air` has the drag on detached parts.
+come from `driver.varying_loads`. `physics.air` has the drag on detached parts.
 """
 
 from netfall.core.kernels import inner_kernel

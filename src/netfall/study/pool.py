@@ -1,4 +1,4 @@
-"""Workers: MPI ranks (`netfall.run.worker`) that run one sample of a study after another.
+"""Workers: MPI ranks (`netfall.driver.worker`) that run one sample of a study after another.
 
 The workers are started by the launcher of MPI ranks: mpirun on one machine, srun in an allocation of Slurm.
 A worker receives tasks and answers through pipes. No other process can reach it, it ends whenever the study
@@ -137,7 +137,7 @@ def worker_command(launcher: str | None, ranks: int) -> list[str]:
 
     launcher : of its ranks, with {ranks} in it; None: the default
     """
-    worker = [sys.executable, "-m", "netfall.run.worker"]
+    worker = [sys.executable, "-m", "netfall.driver.worker"]
     if launcher is None and ranks == 1:
         return worker
     if launcher is None:  # workers share the cores

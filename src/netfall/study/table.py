@@ -177,7 +177,7 @@ def text_of(path: Path) -> str:
 
 
 def _unpacked(packed: dict) -> np.ndarray:
-    """Decode an array from `run.worker.packed`."""
+    """Decode an array from `driver.worker.packed`."""
     return np.frombuffer(base64.b64decode(packed["bytes"]), packed["type"]).reshape(packed["shape"])
 
 

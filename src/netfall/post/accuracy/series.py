@@ -31,7 +31,7 @@ class RunSeries:
     def run(self, settings: Iterable[list[str]], done: Callable, stop: StopFlag = NEVER_STOP) -> None:
         """Run the job with each of the settings, lists of overrides, one after another.
 
-        done(outcomes, file) : receives the outcomes of a run (`run.sample`) and its open result file,
+        done(outcomes, file) : receives the outcomes of a run (`driver.sample`) and its open result file,
             None for a run that did not finish
 
         Raises InputError if no worker can start.

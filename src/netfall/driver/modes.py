@@ -17,6 +17,9 @@ import numpy as np
 
 from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.core.stop import NEVER_STOP
+from netfall.driver.equilibrium import reference_force, restore_saved, save_state, settle
+from netfall.driver.load_sequence import equilibria, loaded
+from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.turned import global_spring_stiffness, rotation_column
 from netfall.job.derived import has_added_air_mass, has_statics, starts_loaded_for_removal
@@ -27,9 +30,6 @@ from netfall.physics.air import damping_vectors
 from netfall.physics.law.branches import band_branches
 from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.law.measures import elastic_stiffness
-from netfall.run.equilibrium import reference_force, restore_saved, save_state, settle
-from netfall.run.load_sequence import equilibria, loaded
-from netfall.run.problem import Outcome, Problem, RunContext
 from netfall.statics.multigrid.joints import joint_tangent, with_joints
 from netfall.statics.multigrid.tangent import block_matrix, incidence_of
 from netfall.statics.slip import SlipTangent

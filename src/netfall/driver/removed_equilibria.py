@@ -5,6 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.driver.equilibrium import (
+    paused,
+    reference_force,
+    restore_saved,
+    resumed_relaxation,
+    save_state,
+    settle,
+)
+from netfall.driver.problem import Outcome, Problem, RunContext
+from netfall.driver.static_outcome import UNDECIDED, undecided
 from netfall.job.derived import permanent_weight_factor
 from netfall.job.job import Job
 from netfall.job.values import counted, format_list
@@ -14,16 +24,6 @@ from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
 from netfall.results.removal_text import SOMETHING_BREAKS
 from netfall.results.warning_text import error_text, force_balance_warnings
-from netfall.run.equilibrium import (
-    paused,
-    reference_force,
-    restore_saved,
-    resumed_relaxation,
-    save_state,
-    settle,
-)
-from netfall.run.problem import Outcome, Problem, RunContext
-from netfall.run.static_outcome import UNDECIDED, undecided
 from netfall.statics.newton import STABLE
 from netfall.statics.relaxation import Paused, Relaxation
 

@@ -10,6 +10,12 @@ import numpy as np
 from netfall.core.errors import DivergedError, InputError, NoEquilibriumError, OutputError, UndecidedError
 from netfall.core.progress import Progress
 from netfall.core.timings import PhaseTimes
+from netfall.driver import dynamics, statics
+from netfall.driver.extremes import EquilibriumExtremes, Extremes, extremes_of_motion
+from netfall.driver.problem import Problem
+from netfall.driver.run import make_context, raise_failure, run_stages
+from netfall.driver.setup import prepare_scene
+from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import Net
 from netfall.job.cache import ResultCache
@@ -28,12 +34,6 @@ from netfall.results.removal_text import (
     worst_removal_state,
 )
 from netfall.results.writer import net_section
-from netfall.run import dynamics, statics
-from netfall.run.extremes import EquilibriumExtremes, Extremes, extremes_of_motion
-from netfall.run.problem import Problem
-from netfall.run.run import make_context, raise_failure, run_stages
-from netfall.run.setup import prepare_scene
-from netfall.run.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 
 
 def run_sample(

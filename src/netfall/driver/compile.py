@@ -20,11 +20,11 @@ import numpy as np
 
 from netfall.core.cache import CACHE_VARIABLE
 from netfall.core.progress import Progress
+from netfall.driver.run import run_job
 from netfall.job.read import read_job
 from netfall.parallel.agree import sleeping_barrier
 from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.parallel.mpi import MPI
-from netfall.run.run import run_job
 
 PATIENCE = 300.0  # s that a process waits for another process to compile
 SADDLE = '[net]\ngenerator = "saddle"\nside = 24.0\nrise = 3.0\ncells = 4\n'

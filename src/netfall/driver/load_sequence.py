@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.driver.problem import Problem
 from netfall.job.cases import action_factor
 from netfall.job.derived import (
     load_steps,
@@ -14,7 +15,6 @@ from netfall.job.derived import (
 )
 from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, case_actions, combination_actions
 from netfall.model.model import Model
-from netfall.run.problem import Problem
 
 
 class EquilibriumRequest(NamedTuple):

@@ -8,6 +8,12 @@ import numpy as np
 from netfall.core.errors import DivergedError, UndecidedError, interruption_error
 from netfall.core.functions import lengths
 from netfall.core.stop import StopFlag
+from netfall.driver.erection.deviation import LengthErrors, apply_length_errors
+from netfall.driver.erection.erect import Erection, erect, restored_erection
+from netfall.driver.erection.settings import StageSetting, check_stages
+from netfall.driver.erection.tension import TargetResult, form_load, reach_targets
+from netfall.driver.problem import BuildUp, Problem
+from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
 from netfall.model.distribution import make_state
@@ -15,12 +21,6 @@ from netfall.model.layout import make_features
 from netfall.model.model import Model, make_model
 from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
-from netfall.run.erection.deviation import LengthErrors, apply_length_errors
-from netfall.run.erection.erect import Erection, erect, restored_erection
-from netfall.run.erection.settings import StageSetting, check_stages
-from netfall.run.erection.tension import TargetResult, form_load, reach_targets
-from netfall.run.problem import BuildUp, Problem
-from netfall.run.static_outcome import NO_EQUILIBRIUM, UNDECIDED, with_element_ids
 from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, initial_record, write_before_stages
 from netfall.statics.relaxation import Paused, state_residual

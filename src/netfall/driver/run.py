@@ -13,6 +13,14 @@ from netfall.core.errors import DivergedError, InputError, Interrupted, OutputEr
 from netfall.core.progress import Progress
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
+from netfall.driver import dynamics, modes, removed_equilibria, statics
+from netfall.driver.messages.run import form_found_model, report_outcome, report_problem
+from netfall.driver.problem import BuildUp, Outcome, Problem, RunContext
+from netfall.driver.provenance import library_text, provenance_values
+from netfall.driver.ranks import ranks_notes
+from netfall.driver.restart import register_result, restore_state
+from netfall.driver.setup import prepare_scene
+from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.derived import carries_permanent, load_settings
@@ -27,14 +35,6 @@ from netfall.results.locks import check_output_path, lock_output, release, resol
 from netfall.results.saver import CheckpointWriter
 from netfall.results.warning_text import force_balance_warnings
 from netfall.results.writer import Result, net_section, slide_section
-from netfall.run import dynamics, modes, removed_equilibria, statics
-from netfall.run.messages.run import form_found_model, report_outcome, report_problem
-from netfall.run.problem import BuildUp, Outcome, Problem, RunContext
-from netfall.run.provenance import library_text, provenance_values
-from netfall.run.ranks import ranks_notes
-from netfall.run.restart import register_result, restore_state
-from netfall.run.setup import prepare_scene
-from netfall.run.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.statics.form.initial import FORM, INITIAL, initial_record
 from netfall.statics.reactions import Balance, compute_form_balance
 

@@ -8,12 +8,12 @@ import numba
 import numpy as np
 
 import netfall
+from netfall.driver.messages.run import form_change_lines, run_notes
+from netfall.driver.problem import Problem
 from netfall.model.model import Model
 from netfall.parallel import partition
 from netfall.parallel.mpi import MPI
 from netfall.results.h5 import PARALLEL
-from netfall.run.messages.run import form_change_lines, run_notes
-from netfall.run.problem import Problem
 
 
 def library_text() -> str:

@@ -2,6 +2,10 @@
 
 import numpy as np
 
+from netfall.driver.cladding_loss import PanelTearing
+from netfall.driver.problem import Problem, RunContext
+from netfall.driver.step_limit import is_long_step_stable
+from netfall.driver.varying_loads import VaryingLoads, ground_of
 from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan, halo_width
 from netfall.explicit.rows import RowTable
@@ -14,10 +18,6 @@ from netfall.physics.events import COLUMNS
 from netfall.physics.fracture import FractureRules
 from netfall.physics.law.branches import branch_stiffening
 from netfall.physics.slip.motion import SLIP_STEP_SHARE
-from netfall.run.cladding_loss import PanelTearing
-from netfall.run.problem import Problem, RunContext
-from netfall.run.step_limit import is_long_step_stable
-from netfall.run.varying_loads import VaryingLoads, ground_of
 
 CALM_STEPS = 100  # long steps without a fracture, after which long steps are allowed again
 

@@ -5,6 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import DivergedError, interruption_error
+from netfall.driver import removed_equilibria
+from netfall.driver.detaching import DetachedParts
+from netfall.driver.problem import Outcome, Problem, RunContext
+from netfall.driver.removal import MemberRemoval
+from netfall.driver.removed_equilibria import planned_removals
+from netfall.driver.stepper import Stepper
+from netfall.driver.varying_loads import WindLoad, varying_loads
 from netfall.explicit.energy import (
     Energies,
     energies_from_sums,
@@ -30,13 +37,6 @@ from netfall.physics.slip.inertia import slip_inertia
 from netfall.physics.slip.motion import beside
 from netfall.results.ids import event_ids
 from netfall.results.writer import slide_section
-from netfall.run import removed_equilibria
-from netfall.run.detaching import DetachedParts
-from netfall.run.problem import Outcome, Problem, RunContext
-from netfall.run.removal import MemberRemoval
-from netfall.run.removed_equilibria import planned_removals
-from netfall.run.stepper import Stepper
-from netfall.run.varying_loads import WindLoad, varying_loads
 
 ENVELOPE_STEPS = 50  # largest number of long steps between updates of the envelope
 # largest number of steps between checks of the stop flag: 0.1 s of wall time on the smallest net

@@ -15,6 +15,29 @@ import numpy as np
 from netfall.core.errors import DivergedError, NoEquilibriumError, UndecidedError
 from netfall.core.functions import lengths
 from netfall.core.stop import NEVER_STOP
+from netfall.driver.equilibrium import (
+    APART,
+    apply_actions,
+    paused,
+    reference_force,
+    restore_saved,
+    resumed_relaxation,
+    save_state,
+    settle,
+)
+from netfall.driver.load_sequence import equilibria, loaded
+from netfall.driver.problem import Outcome, Problem, RunContext
+from netfall.driver.static_outcome import (
+    EQUILIBRIUM,
+    NO_EQUILIBRIUM,
+    UNDECIDED,
+    UNDECIDED_NOTE,
+    UNDECIDED_REMEDY,
+    StaticOutcome,
+    limit_warning,
+    no_equilibrium,
+    with_element_ids,
+)
 from netfall.job.cache import cache_key
 from netfall.job.derived import (
     has_statics,
@@ -28,29 +51,6 @@ from netfall.model.actions import StaticLoad
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.results import warning_text
 from netfall.results.writer import text_dataset
-from netfall.run.equilibrium import (
-    APART,
-    apply_actions,
-    paused,
-    reference_force,
-    restore_saved,
-    resumed_relaxation,
-    save_state,
-    settle,
-)
-from netfall.run.load_sequence import equilibria, loaded
-from netfall.run.problem import Outcome, Problem, RunContext
-from netfall.run.static_outcome import (
-    EQUILIBRIUM,
-    NO_EQUILIBRIUM,
-    UNDECIDED,
-    UNDECIDED_NOTE,
-    UNDECIDED_REMEDY,
-    StaticOutcome,
-    limit_warning,
-    no_equilibrium,
-    with_element_ids,
-)
 from netfall.statics.at_limit import largest_torsion
 from netfall.statics.newton import STABLE, UNKNOWN
 from netfall.statics.relaxation import Paused, Relaxation

@@ -1,6 +1,6 @@
 """Number of ranks that is fastest for a job. The constants are measured (jobs/bench)."""
 
-from netfall.run.problem import Problem
+from netfall.driver.problem import Problem
 
 # Time on one core: ns per element and step, and us per step. Long rows of elements need less, fractures more.
 STEP_NS, STEP_US = 5.0, 1.0

@@ -8,13 +8,13 @@ the wind pressure on such a part ends then, and the drag of the relative wind ac
 
 import numpy as np
 
+from netfall.driver.problem import Problem
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
 from netfall.parallel.sums import exact_sums
 from netfall.physics.air import remove_wind
 from netfall.physics.state import State
-from netfall.run.problem import Problem
 
 EVALUATION_INTERVAL = 0.01  # s between evaluations
 LARGE = 0.01  # share of the mass that can move [-]: parts above it are followed

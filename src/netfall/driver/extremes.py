@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.driver.problem import Problem
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import State
-from netfall.run.problem import Problem
 
 
 class Extremes(NamedTuple):

@@ -7,6 +7,16 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
 from netfall.core.stop import StopFlag
+from netfall.driver.problem import Problem, RunContext
+from netfall.driver.static_outcome import (
+    EQUILIBRIUM,
+    MAX_LISTED_ELEMENTS,
+    NO_EQUILIBRIUM,
+    UNDECIDED,
+    UNSTABLE,
+    Equilibrium,
+    StaticOutcome,
+)
 from netfall.explicit.energy import Snapshot, take_snapshot
 from netfall.job.derived import breaks_equilibrium, load_settings
 from netfall.model.actions import StaticLoad
@@ -16,16 +26,6 @@ from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import State, restore_saved, save_state
 from netfall.results.saver import CheckpointWriter, Record
 from netfall.results.warning_text import INSTABILITY_TEXT
-from netfall.run.problem import Problem, RunContext
-from netfall.run.static_outcome import (
-    EQUILIBRIUM,
-    MAX_LISTED_ELEMENTS,
-    NO_EQUILIBRIUM,
-    UNDECIDED,
-    UNSTABLE,
-    Equilibrium,
-    StaticOutcome,
-)
 from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_load import (
     BREAKS,

@@ -10,6 +10,9 @@ import sys
 
 import numpy as np
 
+from netfall.driver.problem import Problem
+from netfall.driver.removed_equilibria import RemovalEquilibria, RemovalOutcome
+from netfall.driver.varying_loads import FadingLoad
 from netfall.loads.redistribution import Redistribution
 from netfall.loads.removal import Loss, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
@@ -26,9 +29,6 @@ from netfall.physics.removal import (
     transfer_carried,
 )
 from netfall.results.writer import text_dataset
-from netfall.run.problem import Problem
-from netfall.run.removed_equilibria import RemovalEquilibria, RemovalOutcome
-from netfall.run.varying_loads import FadingLoad
 
 # (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
 # broken elements.

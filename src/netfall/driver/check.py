@@ -8,6 +8,13 @@ import numpy as np
 
 from netfall.core.machine_memory import RANK_BYTES, SETUP_BYTES
 from netfall.core.timings import PhaseTimes
+from netfall.driver.load_sequence import EquilibriumRequest, equilibria, loaded
+from netfall.driver.messages import run
+from netfall.driver.messages.wind import wind_lines
+from netfall.driver.modes import mode_lines
+from netfall.driver.problem import Problem
+from netfall.driver.ranks import ranks_line, steps_time
+from netfall.driver.setup import prepare_scene
 from netfall.geometry.areas import GIVEN_AREAS_NOTE, areas_are_given, largest_face, normals
 from netfall.geometry.build import build_net
 from netfall.job.cache import ResultCache
@@ -20,13 +27,6 @@ from netfall.parallel.mpi import MPI
 from netfall.physics.fields import FIELDS
 from netfall.results.h5 import CHUNK_BYTES
 from netfall.results.locks import writing
-from netfall.run.load_sequence import EquilibriumRequest, equilibria, loaded
-from netfall.run.messages import run
-from netfall.run.messages.wind import wind_lines
-from netfall.run.modes import mode_lines
-from netfall.run.problem import Problem
-from netfall.run.ranks import ranks_line, steps_time
-from netfall.run.setup import prepare_scene
 
 # Times [s] on one core; those of large nets are from jobs/bench.
 ROW_S, FRAME_S = 3e-5, 7e-4  # per history row; per snapshot

@@ -9,6 +9,9 @@ import numpy as np
 from netfall.core.errors import InputError
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
+from netfall.driver.permanent_state import solve_initial_state
+from netfall.driver.problem import Problem, set_up_slip
+from netfall.driver.step_limit import assembled_limit
 from netfall.job.cache import NO_CACHE, WIND_SPEED_KEYS, ResultCache, cache_key
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
@@ -24,9 +27,6 @@ from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.stability import Limit
 from netfall.results.checkpoint import Checkpoint
-from netfall.run.permanent_state import solve_initial_state
-from netfall.run.problem import Problem, set_up_slip
-from netfall.run.step_limit import assembled_limit
 from netfall.statics.form.initial import INITIAL, find_initial_form, restored_form
 from netfall.statics.relaxation import state_residual
 from netfall.statics.solver import EquilibriumFinder

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.stop import NEVER_STOP
+from netfall.driver.equilibrium import reference_force, settle
+from netfall.driver.erection.tension import elastic, form_load, gathered_responses
+from netfall.driver.problem import Problem
+from netfall.driver.static_outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, undecided
 from netfall.geometry.net import Net
 from netfall.job.values import format_value
 from netfall.physics.slip.law import set_slipless_lengths
-from netfall.run.equilibrium import reference_force, settle
-from netfall.run.erection.tension import elastic, form_load, gathered_responses
-from netfall.run.problem import Problem
-from netfall.run.static_outcome import EQUILIBRIUM, NO_EQUILIBRIUM, UNDECIDED, undecided
 
 MAX_LISTED_CABLES = 3  # most important cables in a message
 

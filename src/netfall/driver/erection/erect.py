@@ -7,18 +7,11 @@ import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.core.stop import StopFlag
-from netfall.geometry.turned import global_held_axes, rotation_column
-from netfall.job.derived import load_settings, permanent_weight_factor
-from netfall.model.actions import StaticLoad
-from netfall.physics.fields import REMOVED_BY_ERECTION
-from netfall.physics.law.measures import heated_length
-from netfall.physics.slip.law import set_slipless_lengths
-from netfall.results.warning_text import error_text, force_balance_warnings, limit_notes, slip_end_notes
-from netfall.run import equilibrium
-from netfall.run.erection.settings import StageSetting, after, first_setting, rows_named
-from netfall.run.erection.tension import elastic, tension_to_targets
-from netfall.run.problem import Problem, set_up_slip
-from netfall.run.static_outcome import (
+from netfall.driver import equilibrium
+from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
+from netfall.driver.erection.tension import elastic, tension_to_targets
+from netfall.driver.problem import Problem, set_up_slip
+from netfall.driver.static_outcome import (
     NO_EQUILIBRIUM,
     UNDECIDED,
     StaticOutcome,
@@ -26,6 +19,13 @@ from netfall.run.static_outcome import (
     undecided,
     with_element_ids,
 )
+from netfall.geometry.turned import global_held_axes, rotation_column
+from netfall.job.derived import load_settings, permanent_weight_factor
+from netfall.model.actions import StaticLoad
+from netfall.physics.fields import REMOVED_BY_ERECTION
+from netfall.physics.law.measures import heated_length
+from netfall.physics.slip.law import set_slipless_lengths
+from netfall.results.warning_text import error_text, force_balance_warnings, limit_notes, slip_end_notes
 from netfall.statics.newton import STABLE
 
 MOST_TURNS = 10  # iterations of forces at jacks

@@ -1,6 +1,6 @@
 """`netfall run` as a child of another process, such as that of a notebook.
 
-    python -m netfall.run.child_process run JOB ...
+    python -m netfall.driver.child_process run JOB ...
 
 Standard input is a pipe that the parent holds open. When it is closed, because the parent requests a stop or
 has ended, the run stops as it does at a signal.

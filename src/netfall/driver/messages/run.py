@@ -5,6 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.progress import Progress
+from netfall.driver import dynamics
+from netfall.driver.messages.slip import form_slip_notes, inertia_line, slip_lines
+from netfall.driver.messages.wind import wind_notes
+from netfall.driver.problem import Outcome, Problem, RunContext
+from netfall.driver.statics import final_equilibrium_name
 from netfall.explicit.history import (
     REPORTED_STRAIN,
     History,
@@ -31,11 +36,6 @@ from netfall.results.warning_text import (
     detached_notes_of,
     dynamic_limit_notes_of,
 )
-from netfall.run import dynamics
-from netfall.run.messages.slip import form_slip_notes, inertia_line, slip_lines
-from netfall.run.messages.wind import wind_notes
-from netfall.run.problem import Outcome, Problem, RunContext
-from netfall.run.statics import final_equilibrium_name
 
 MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
 FAR_OFF = 0.01  # residual / largest tension; a larger one gives a note if an equilibrium is computed anyway

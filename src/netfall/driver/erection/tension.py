@@ -13,15 +13,8 @@ import numpy as np
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
 from netfall.core.stop import NEVER_STOP, StopFlag
-from netfall.geometry.net import Net
-from netfall.job.derived import carries_permanent
-from netfall.job.job import Job
-from netfall.job.values import counted, format_value
-from netfall.model.actions import StaticLoad
-from netfall.parallel.agree import on_root
-from netfall.physics.slip.law import set_slipless_lengths
-from netfall.run import equilibrium
-from netfall.run.erection.settings import (
+from netfall.driver import equilibrium
+from netfall.driver.erection.settings import (
     Jack,
     Wanted,
     amount_until_taut,
@@ -31,8 +24,15 @@ from netfall.run.erection.settings import (
     solve_amounts,
     unknown_name,
 )
-from netfall.run.problem import Problem
-from netfall.run.static_outcome import MAX_LISTED_ELEMENTS, NO_EQUILIBRIUM, StaticOutcome
+from netfall.driver.problem import Problem
+from netfall.driver.static_outcome import MAX_LISTED_ELEMENTS, NO_EQUILIBRIUM, StaticOutcome
+from netfall.geometry.net import Net
+from netfall.job.derived import carries_permanent
+from netfall.job.job import Job
+from netfall.job.values import counted, format_value
+from netfall.model.actions import StaticLoad
+from netfall.parallel.agree import on_root
+from netfall.physics.slip.law import set_slipless_lengths
 from netfall.statics.newton import NoConvergence
 
 REACHED = 1e-6  # miss over the target value, or over the largest force [-], at which a target is reached

@@ -1,12 +1,12 @@
 """Worker ranks of a study, which run one sample after another (`study.pool` is the other side).
 
-    mpirun -n 2 python -m netfall.run.worker
+    mpirun -n 2 python -m netfall.driver.worker
 
 Each line of standard input is a task, JSON: `job`, a path; `overrides` of --set; `removes`, entries of
 [[remove]]; `result`, a path or null; `profile`, whether the parts of a step are timed; `net`, whether to
 return the net in its form instead of a run; `depth`, of `sunk_area`, or null. The first line of standard
 output says that the ranks have started. Each further line answers a task with the outcomes of
-`run.sample`. The ranks end when the input ends.
+`driver.sample`. The ranks end when the input ends.
 """
 
 import base64
@@ -53,9 +53,9 @@ def run_tasks() -> None:
 
     comm = world_communicator()
     from netfall.core.sources import PRESENTATION_PACKAGES, program_digest
+    from netfall.driver.compile import compile_missing
+    from netfall.driver.sample import run_sample, study_net
     from netfall.job.cache import ResultCache
-    from netfall.run.compile import compile_missing
-    from netfall.run.sample import run_sample, study_net
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted study ends its workers itself
     answers = os.fdopen(os.dup(1), "w")
