@@ -58,7 +58,7 @@ def plain_kernels(module):
 
     for name in ("kernel", "inner_kernel", "part_of_kernel"):
         setattr(module, name, plain)
-    module.Routine.address, module.calling = property(address), calling
+    module.Routine.address, module.address_caller = property(address), calling
     module.call = calling("int64")
 
 
@@ -72,7 +72,7 @@ def plain_records(module):
         setattr(absent, name, value)
         return value
 
-    module.has = lambda array: array.size > 0
+    module.is_present = lambda array: array.size > 0
     module._Absent.__getattr__ = attribute
 
 
@@ -102,8 +102,8 @@ def plain_vectors(module):
     module.number_of = lambda a: np.int64(a).view(np.float64)
     module.any_of, module.zeros, module.nowhere = bool, (lambda: np.float64(0.0)), (lambda: False)
     module.load = lambda array, row, p: array[at(array, row, p)]
-    module.load_truths = lambda array, row, p: bool(array[at(array, row, p)])
-    module.store, module.put, module.add, module.store_truths = store, put, add, store
+    module.load_mask = lambda array, row, p: bool(array[at(array, row, p)])
+    module.store, module.store_below, module.add, module.store_mask = store, put, add, store
     module.gather = lambda array, row, other, s, p: array[row, other[s, p]]
     module.are_consecutive = lambda other, s, p: True
 
@@ -149,12 +149,16 @@ def rows_at_once(module):
                 b[i] -= upper[i, k] * b[k]
             b[i] /= upper[i, i]
 
-    module.product, module.factorised, module.solve_columns = product, factorised, solve_columns
+    module.product, module.factorise_cholesky, module.solve_cholesky_columns = (
+        product,
+        factorised,
+        solve_columns,
+    )
 
 
 def nothing_to_compile(module):
     """Nothing is compiled before a run on several ranks."""
-    module.compile_first = lambda comm: None
+    module.compile_missing = lambda comm: None
 
 
 PLAIN = {
