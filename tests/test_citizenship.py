@@ -120,7 +120,8 @@ def test_what_a_run_prints_is_shown_where_python_prints(tmp_path, monkeypatch, r
 
 
 LONG = """
-import sys
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it in the background
 sys.path.insert(0, sys.argv[1])
 import netfall
 from test_python import cross
