@@ -8,7 +8,7 @@ reads where a field is used.
         stiffness: f8
         particles: i8_2
 
-    joints = Joints(stiffness, particles)      # in Python: attributes, `replaced`
+    joints = Joints(stiffness, particles)      # in Python: attributes, `with_values`
     joints.stiffness[k]                        # in kernels: arrays in C order, numbers, or other records
 
 The type of a record does not depend on the features of a problem: an absent field is an array without

@@ -144,13 +144,8 @@ def settle(
         return _limit_load_outcome(scene, load_case, reference, start, full_load, has_limit_load, stop)
     restore_saved(scene.state, start)
     reason, elements = _reason_text(scene, full_load), full_load.elements[:MAX_LISTED_ELEMENTS]
-    return StaticOutcome(
-        _state_without_equilibrium(full_load),
-        load_case.reached(0.0),
-        reason,
-        elements,
-        initial_equilibrium_record(scene),
-    )
+    state, record = _state_without_equilibrium(full_load), initial_equilibrium_record(scene)
+    return StaticOutcome(state, load_case.reached(0.0), reason, elements, record)
 
 
 def _state_without_equilibrium(*tried: LimitUtilisation) -> str:
@@ -292,12 +287,18 @@ def _find(scene: Problem, load_case: StaticLoad, reference, stop, effort: Effort
     """
     iterations, tolerance, relaxes, gives_up = effort
     watch = partial(_stop_if_breaking, scene, load_case) if gives_up else None
-    find, slips = scene.finder.find, scene.finder.slips
-    if slips is not None:
-        slips.weights = load_case.weights
-        find = partial(find_with_slip, scene.finder)
-    name = load_case.words
-    solution = find(load_case.load, tolerance, reference, iterations, name, stop, resume, relaxes, watch)
+    finder, name = scene.finder, load_case.words
+
+    def find() -> Solution:
+        return finder.find(
+            load_case.load, tolerance, reference, iterations, name, stop, resume, relaxes, watch
+        )
+
+    if finder.slips is None:
+        solution = find()
+    else:
+        finder.slips.weights = load_case.weights
+        solution = find_with_slip(finder, find, tolerance, name)
     return _equilibrium_record(scene, solution, load_case.load)
 
 
@@ -408,10 +409,8 @@ def _limit(scene: Problem, load_case: StaticLoad, missing_load: np.ndarray, stop
     whole load is carried.
     """
     tolerance = load_settings(scene.job).tolerance
-    tolerances, strained_now = (
-        (max(tolerance, ROUGH_TOLERANCE), tolerance),
-        lambda: _limit_utilisation(scene, load_case),
-    )
+    tolerances = max(tolerance, ROUGH_TOLERANCE), tolerance
+    strained_now = partial(_limit_utilisation, scene, load_case)
     try:
         limit, solution = scene.finder.limit_load(
             load_case.load - missing_load, missing_load, strained_now, tolerances, stop, say
@@ -420,12 +419,10 @@ def _limit(scene: Problem, load_case: StaticLoad, missing_load: np.ndarray, stop
         return None
     except StopRequested:
         raise Paused(initial_relaxation(scene.state.x)) from None
+    if not limit.beyond.reason:
+        return FULLY_CARRIED
     carried_load = load_case.load - (1.0 - limit.factor) * missing_load
-    return (
-        (limit.factor, limit.beyond, _equilibrium_record(scene, solution, carried_load))
-        if limit.beyond.reason
-        else FULLY_CARRIED
-    )
+    return limit.factor, limit.beyond, _equilibrium_record(scene, solution, carried_load)
 
 
 def _by_trials(

@@ -89,7 +89,7 @@ class VaryingLoads:
             self.update_samples(state)
 
     def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
-        """Move what acts on leaving particles to others; call `renew` afterwards. Collective."""
+        """Move what acts on leaving particles to others; call `update_samples` afterwards. Collective."""
         for load in self.loads:
             load.hand_over(handed, distribution)
 

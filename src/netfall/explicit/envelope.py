@@ -1,9 +1,9 @@
 """Envelope of a dynamic stage: largest and smallest values with their times.
 
 Each rank records its own particles and elements from values that the energy check of a row computes anyway.
-If rows are far apart, the envelope also includes steps between them (`explicit.sampling.widen`). If elements
-can break or are removed, forces are recorded at every step, since a fracture starts waves that are shorter
-than the time between two rows.
+If rows are far apart, the envelope also includes steps between them (`explicit.sampling.update_envelope`). If
+elements can break or are removed, forces are recorded at every step, since a fracture starts waves that are
+shorter than the time between two rows.
 """
 
 import numpy as np

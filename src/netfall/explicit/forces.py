@@ -98,7 +98,9 @@ def general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
         yield_strain = load_slot(slots.yield_strain, s, p, law.yield_strain)
         eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
         new_eps_p = grown(eps, eps_p, yield_strain)
-        if is_present(slots.bar):  # the heat of bars does not follow from eps_p, so `look_closer` treats them
+        if is_present(
+            slots.bar
+        ):  # the heat of bars does not follow from eps_p, so `check_limits` treats them
             yields = bar & (load_slot(slots.euler, s, p, INFINITE) == INFINITE)
             limit_flags = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
             new_eps_p = where(bar, eps_p, new_eps_p)

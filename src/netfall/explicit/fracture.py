@@ -16,7 +16,7 @@ from netfall.physics.fracture import break_element, choose_ends, lengthen_fragme
 def break_elements(count, when, chunks, elements, slots, law, fractures):
     """Break the `count` elements in elements.pending; lengthen fragments that exceed their strength.
 
-    when : `events.StepDone`
+    when : `events.FractureStep`
     """
     pending = elements.pending
     shell_sort(pending, count)

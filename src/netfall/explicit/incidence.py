@@ -94,7 +94,7 @@ def copy_marks_to_slots(n_local, slot_element, values, slot):
 
 @inner_kernel
 def update_slip_lengths(places, n_owned, first_split, particles, elements, slots):
-    """Update unstressed lengths, also in slots, after slips moved. places : `slip.motion.Places`"""
+    """Update unstressed lengths, also in slots, after slips moved. places : `slip.motion.SlipPoints`"""
     for g in range(places.start.shape[0] - 1):
         first = places.element[places.start[g]]
         if not has_moved(first, particles, elements) or not is_whole(g, places, elements):

@@ -95,7 +95,7 @@ class Chunks(Record):
 class SplitCapacity(Record):
     """Capacity for fragments and fracture events.
 
-    rows : (1,) particle rows in use, of `most_rows`; events : (1,) logged events, of `most_events`
+    rows : (1,) particle rows in use, of `most_rows`; events : (1,) logged events, of `max_events`
     """
 
     rows: i8

@@ -14,7 +14,7 @@ PLAIN_LAW, RARE_FORCES, HORIZONTAL_LOAD, PARTLY_FIXED = (
     2,
     4,
     8,
-)  # feature bits of a rank, set by `plan.traits_of`
+)  # feature bits of a rank, set by `plan.feature_bits`
 between, kicked, moved = particle.between, particle.kicked, particle.moved
 works_of_motion = particle.works_of_motion
 

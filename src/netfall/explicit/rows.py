@@ -111,7 +111,7 @@ class RowTable:
         """Remove the rows so far from the table and combine them over all ranks. Collective.
 
         The result is the same on every rank, except size and who. Its sums are (k, s) [J] in the order of
-        `explicit.energy_check.Room`.
+        `explicit.energy_check.ObservationArrays`.
         """
         k = int(self.made[1])
         number, time_step, slack, sums, probes, size, who = (

@@ -13,7 +13,7 @@ class Panels(NamedTuple):
     """Panels, the elements that support them, and the areas and loads of their corners.
 
     element, panel : (k,) pairs; of_corner : (c,) panel; node : (c,); count : of panels
-    area, plan_area, vector : of c corners as in `areas.Areas`, which at a node sum up to its own
+    area, plan_area, vector : of c corners as in `areas.TributaryAreas`, which at a node sum up to its own
     mass : (c,) [kg]; pressure : (c, 3) [N]; wind : (c, 3) [N s2/m2], lost with the panel
     air : (c, 3) [kg/m], kappa rho A; air_mass : (c,) [kg], added mass of the air
     """

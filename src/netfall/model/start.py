@@ -247,7 +247,7 @@ def low_node_notes(job: Job, net: Net, x: np.ndarray, wind: np.ndarray) -> Itera
 def point_notes(key: str, what: str, net: Net, places: np.ndarray | None, axes: int = 2) -> Iterator[str]:
     """Yield notes on points far outside the given roof, and on nodes with five or more nearest points.
 
-    places : (c, 2 or 3) [m], None: none; what : noun for the points of key; axes : as in `place_weights`
+    places : (c, 2 or 3) [m], None: none; what : noun for the points of key; axes : as in `point_weights`
     """
     if places is None:
         return

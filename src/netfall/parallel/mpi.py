@@ -1,12 +1,12 @@
 """MPI library, by mpi4py; without a library, the single-process replacement that `netfall check` needs.
 
-Importing this module starts MPI (`alone.start_alone` comes before it).
+Importing this module starts MPI (`alone.start_mpi` comes before it).
 """
 
 import warnings
 
 try:
-    # mpi4py warns of the launcher of another MPI, which `alone.world` refuses.
+    # mpi4py warns of the launcher of another MPI, which `alone.world_communicator` refuses.
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         from mpi4py import MPI

@@ -1,6 +1,6 @@
 """Single-process replacement of mpi4py, for `netfall check` without an MPI library.
 
-A run needs the library (`alone.world`).
+A run needs the library (`alone.world_communicator`).
 """
 
 MAX, MIN, SUM, LOR, LAND, IN_PLACE = "max", "min", "sum", "lor", "land", "in place"

@@ -43,7 +43,7 @@ def _state_of(x, elements, law, e):
 def compute_state(x, elements, law, now):
     """Compute force, strain, plastic strain and length of each element at x (n, 3) [m]; change nothing else.
 
-    elements : `Elements`; law : `Law`; now : `ElementState`, out
+    elements : `Elements`; law : `LawParameters`; now : `ElementState`, out
     """
     for e in range(elements.ends.shape[0]):
         now.N[e], now.eps[e], now.eps_p[e], now.L[e], _ = _state_of(x, elements, law, e)
@@ -59,7 +59,7 @@ def compute_element_state(x, elements, law, now):
 def element_tangents(x, elements, law, N, direction, axial, across):
     """Compute axial force [N], axial and transverse stiffness [N/m] (m,) and direction (m, 3) of elements.
 
-    x : (n, 3) [m]; elements : `Elements`; law : `Law`; the others are out
+    x : (n, 3) [m]; elements : `Elements`; law : `LawParameters`; the others are out
     """
     for e in range(elements.ends.shape[0]):
         N[e], eps, _, L, along = _state_of(x, elements, law, e)

@@ -123,7 +123,7 @@ def is_loose(p, e, elements, particles):
 def break_element(e, when, elements, law, fractures):
     """Break element e as decided: split it, or remove it if there are no fragments.
 
-    when : `events.StepDone`
+    when : `events.FractureStep`
 
     The particle that splits off at end 0 or 1 has the global number particles + 2 element + end. Slots are
     not changed here; they follow from the element's new ends and EA (`explicit/fracture.py`).

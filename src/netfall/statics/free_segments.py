@@ -63,7 +63,7 @@ class SlipChains(Record):
 
 
 def build_slip_chains(slides, weight: np.ndarray) -> SlipChains:
-    """Build the chains of `geometry.slip_points.Slides`. weight : (m,) [N/m] of each element"""
+    """Build the chains of `geometry.slip_points.SlidingCables`. weight : (m,) [N/m] of each element"""
     element = np.flatnonzero(slides.segment >= 0)
     rows = np.searchsorted(element, [slides.before, slides.after])
     segment = slides.segment[element]

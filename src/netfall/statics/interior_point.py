@@ -132,7 +132,7 @@ class InteriorPoint:
         size : of a step that is small enough; 0: only the error counts, as a step may vanish at any barrier
         parameter.
 
-        Raises NoConvergence, Stopped, RunsAway.
+        Raises NoConvergence, StopRequested, UnboundedDisplacement.
         """
         while (self.size > size or not size) and max(self.missing) > tolerance:
             if self.steps < MOST_STEPS:
@@ -153,7 +153,7 @@ class InteriorPoint:
         return deviation / largest
 
     def step(self) -> None:
-        """Take one step. Collective. Raises as `narrow`."""
+        """Take one step. Collective. Raises as `iterate`."""
         newton, state = self.newton, self.state
         if newton.comm.allreduce(int(self.stop.wanted), MPI.MAX):
             raise StopRequested

@@ -53,7 +53,7 @@ class LimitUtilisation(NamedTuple):
     @property
     def is_decided(self) -> bool:
         """Return whether it is known that the limit is exceeded or not; otherwise the search ended early."""
-        return self.reason in ("", BREAKS, UNBOUNDED)
+        return self.is_sure and self.reason in ("", BREAKS, UNBOUNDED)
 
 
 NO_UTILISATION = LimitUtilisation()

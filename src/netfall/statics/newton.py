@@ -263,7 +263,8 @@ class Newton:
             too expensive
         quick : whether to give up if a correction is too large, because another method is better
 
-        Raises NoConvergence, Stopped if asked to stop; the positions are then those of the last correction.
+        Raises NoConvergence, StopRequested if asked to stop; the positions are then those of the last
+        correction.
         """
         self.begin()
         K, (total, previous_size) = self.tangent(), start_point or StartPoint()

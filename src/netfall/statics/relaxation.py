@@ -150,8 +150,8 @@ def relax(
 
     tolerance : [N] of the largest residual; stop : stop flag; resume : where an earlier relaxation was paused
 
-    Raises DivergedError if the iterations run out or the residual is not finite, RunsAway, Paused if asked to
-    stop.
+    Raises DivergedError if the iterations run out or the residual is not finite, UnboundedDisplacement,
+    Paused if asked to stop.
     """
     x, free, n_owned = net.x, net.free, halo.n_owned
     f, v = np.zeros_like(x), np.zeros_like(x)

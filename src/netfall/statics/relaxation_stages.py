@@ -37,7 +37,7 @@ def relax_in_stages(
 
     start : positions (n, 3) [m] from which the equilibrium is sought; see `Finder.find` for the others
 
-    Raises DivergedError if the iterations run out, RunsAway, Paused.
+    Raises DivergedError if the iterations run out, UnboundedDisplacement, Paused.
     """
     state, final_residual = finder.state, tolerance * reference
     residuals = [share * reference for share in STAGE_RESIDUALS if share > tolerance]

@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from netfall.core.errors import DivergedError
-from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, update_slipped_lengths
@@ -37,7 +36,7 @@ from netfall.statics.free_segments import (
     solve_slips,
 )
 from netfall.statics.newton import Solution
-from netfall.statics.relaxation import Paused, Relaxation, initial_relaxation
+from netfall.statics.relaxation import Paused, initial_relaxation
 
 SLIP_RESIDUAL = 1e-8  # residual force on slips over the largest tension [-], accepted in an equilibrium
 LIMIT_TOLERANCE = 0.1  # accepted change of slip resistances over the tolerance of the equilibrium [-]
@@ -296,31 +295,16 @@ def _find_sticking(slips: Slips, finder, find: Callable[[], Solution]) -> None:
     slips.held = False
 
 
-def find_with_slip(
-    finder,
-    load: np.ndarray,
-    tolerance: float,
-    reference: float,
-    max_iterations: int,
-    name: str,
-    stop: StopFlag = NEVER_STOP,
-    resume: Relaxation | None = None,
-    relaxes: bool = True,
-    watch: Callable[[], None] | None = None,
-) -> Solution:
+def find_with_slip(finder, find: Callable[[], Solution], tolerance: float, name: str) -> Solution:
     """Find the equilibrium of a net with sliding cables, with slip resistances consistent with tensions.
 
-    Collective.
+    Collective. find() : calls `Finder.find` for the load; tolerance, name : as given to that
 
-    The arguments are those of `Finder.find`. Raises as it does, and DivergedError if friction does not
-    converge. If a stop is requested, the search starts again from its first positions.
+    Raises as `find` does, and DivergedError if friction does not converge. If a stop is requested, the search
+    starts again from its first positions.
     """
     slips, state = finder.slips, finder.state
     start, slip = state.x.copy(order="K"), state.slip.copy(order="K")
-
-    def find() -> Solution:
-        return finder.find(load, tolerance, reference, max_iterations, name, stop, resume, relaxes, watch)
-
     slips.begin()
     if slips.limit.any():
         _find_sticking(slips, finder, find)

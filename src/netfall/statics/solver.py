@@ -2,7 +2,7 @@
 
 Newton's method is tried first: it converges if the net is close to the equilibrium. If it fails, the
 primal-dual interior point method with tensions as unknowns (`mixed`) follows. It converges from any start, in
-nets of cables. Dynamic relaxation (`goals`) is the last method.
+nets of cables. Dynamic relaxation (`relaxation_stages`) is the last method.
 
 The search ends when the estimated error is within the tolerance. The error has two parts: the displacement of
 one more correction over the largest displacement, and its change of tension over the largest tension. So
@@ -77,7 +77,8 @@ class EquilibriumFinder:
             the relaxation; stop, resume : see `relax`; relaxes : whether relaxation is tried last;
         watch : see `InteriorPoint`
 
-        Raises DivergedError if no equilibrium is found, RunsAway if there is none, Paused if asked to stop.
+        Raises DivergedError if no equilibrium is found, UnboundedDisplacement if there is none, Paused if
+        asked to stop.
         """
         newton, x = self.newton(load), self.state.x
         if resume is None or not resume.is_begun:
@@ -108,13 +109,13 @@ class EquilibriumFinder:
         return self._allows_interior_point() and self.state.features.plastic
 
     def _try_newton(self, newton: Newton, tolerance: float, stop: StopFlag, watch) -> Solution:
-        """Find the equilibrium by Newton's method. Raises NoConvergence, Stopped. Collective."""
+        """Find the equilibrium by Newton's method. Raises NoConvergence, StopRequested. Collective."""
         return self.find_by_newton(newton, tolerance, stop, quick=self._allows_interior_point())
 
     def _try_interior_point(self, newton: Newton, tolerance: float, stop: StopFlag, watch) -> Solution:
         """Find the equilibrium by the interior point method, then by Newton's method. Collective.
 
-        Raises NoConvergence, Stopped, RunsAway, and any exception that watch() raises.
+        Raises NoConvergence, StopRequested, UnboundedDisplacement, and any exception that watch() raises.
         """
         if not self._allows_interior_point():
             raise NoConvergence("there are bars, or cables slip")
@@ -149,7 +150,7 @@ class EquilibriumFinder:
         start_point: StartPoint | None = None,
         quick: bool = False,
     ) -> Solution:
-        """Find the equilibrium by Newton's method, see `Newton.find`. Raises NoConvergence, Stopped.
+        """Find the equilibrium by Newton's method, see `Newton.find`. Raises NoConvergence, StopRequested.
 
         Collective.
         """

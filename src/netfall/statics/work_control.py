@@ -99,13 +99,14 @@ def limit_load(
     stop: StopFlag,
     report: Callable[[float, float], None],
 ) -> LimitLoad:
-    """Bring the net to the limit load factor of a load (n_owned, 3) [N], to within `SHARP`. Collective.
+    """Bring the net to the limit load factor of a load (n_owned, 3) [N], to within `BRACKET_WIDTH`.
+    Collective.
 
     newton : of the loads that act in addition; strained() : returns the utilisation of the net;
     tolerances : of the errors, during the search and at its end; report(low, high) : receives the factors
         that bracket the limit
 
-    Raises NoConvergence, Stopped.
+    Raises NoConvergence, StopRequested.
     """
     newton.begin()
     work, best_positions = Work(newton, load), state.x.copy(order="K")

@@ -59,7 +59,7 @@ def slip_inertia(own: np.ndarray, stiffness: np.ndarray, dt: float) -> np.ndarra
 def slip_followers(slides, elements, x, fixed, mass, own, stiffness) -> SlipFollowers:
     """Return the nodes that slips follow at positions x (n, 3).
 
-    slides : `geometry.slip_points.Slides`; elements : (m, 2); fixed : (n, 3) bool; mass : (n,) [kg]
+    slides : `geometry.slip_points.SlidingCables`; elements : (m, 2); fixed : (n, 3) bool; mass : (n,) [kg]
     """
     before, after = slides.segment[slides.before], slides.segment[slides.after]
     first = np.append(True, before[1:] != after[:-1])  # False: the chain goes on

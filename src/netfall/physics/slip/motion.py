@@ -74,7 +74,7 @@ def slip_points_of(state, segment: np.ndarray) -> SlipPoints:
     """Return the slip points of a rank; it holds all elements of their segments.
 
     state : `state.State`, owned particles before those of the halo; segment : (m,) of
-        `geometry.slip_points.Slides`
+        `geometry.slip_points.SlidingCables`
     """
     inside = np.flatnonzero(segment >= 0)
     inside = inside[np.argsort(segment[inside], kind="stable")]

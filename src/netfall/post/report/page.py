@@ -235,7 +235,7 @@ def _bending(elements: dict) -> list[str]:
 
 
 def _slides(table: dict) -> list[str]:
-    """Return the most used clamp or saddle and the slip of each stage; table : see `slide_columns`."""
+    """Return the most used clamp or saddle and the slip of each stage; table : see `slip_point_columns`."""
     rows = []
     for stage, stage_rows in _by_stage(table):
         utilisation, difference = (

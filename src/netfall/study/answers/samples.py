@@ -22,7 +22,7 @@ class FragilityCurve(NamedTuple):
     rows : (r,) rows of /members
     sharing : inputs whose equal values make runs dependent ("wind.seed"), each with its codes (r,). Whole
         groups of equal values are resampled. With several inputs, the weights of a run are multiplied
-    strata : (r,) runs are resampled within equal values; None if `sharing` is resampled
+    strata : (r,) runs are resampled within equal values; None if `dependent_groups` is resampled
     """
 
     name: str
