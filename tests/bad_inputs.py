@@ -22,7 +22,6 @@ from pathlib import Path
 from mpi4py import MPI
 
 from netfall.__main__ import main as netfall
-from netfall.job.keys import REQUIRED
 from netfall.job.schema import SECTIONS
 
 JOB = {
@@ -175,7 +174,7 @@ def damaged(pick: random.Random) -> dict[str, bytes]:
 def make_case(pick: random.Random) -> tuple[dict[str, bytes | None], str]:
     """Files, None where there is none of a name, and what the answer must name."""
     every = [(section, key) for section, keys in SECTIONS.items() for key in keys]
-    needed = [(section, key.name) for section, key in every if key.default is REQUIRED]
+    needed = [(section, key.name) for section, key in every if key.required]
     needed += [
         ("net", "generator"),
         ("wind", "speed"),

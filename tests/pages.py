@@ -15,9 +15,8 @@ import textwrap
 from pathlib import Path
 
 from netfall.cli.parser import parser
-from netfall.job.entries import LIST_KEYS
-from netfall.job.keys import ABSENT, REQUIRED, Key
-from netfall.job.schema import GENERATOR_KEYS, OVERRIDES, SECTIONS
+from netfall.job.fields import Key
+from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS, OVERRIDES, SECTIONS
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"
@@ -101,15 +100,15 @@ def limits(key: Key) -> str:
 
 def default(key: Key) -> str:
     """The default of a key as a job file has it."""
-    if key.default is REQUIRED:
+    if key.required:
         return "required"
-    if key.default is ABSENT:
+    if key.default is None:
         return "absent"
     if isinstance(key.default, bool):
         return str(key.default).lower()
     if isinstance(key.default, str):
         return f'"{key.default}"'
-    if isinstance(key.default, tuple):
+    if isinstance(key.default, list) and key.default:
         return "[" + ", ".join(f"{value:g}" for value in key.default) + "]"
     return f"{key.default:g}" if isinstance(key.default, float) else str(key.default)
 
@@ -130,7 +129,7 @@ def overridden(section: str) -> str:
     inside, keys = OVERRIDES[section]
     place = f"[{section}.{inside}.NAME]" if inside else f"[{section}.GROUP]"
     names = ", ".join(f"`{key.name}`" for key in keys)
-    others = [f"`{key.name}`" for key in SECTIONS[section] if key not in keys]
+    others = [f"`{key.name}`" for key in SECTIONS[section] if key.name not in {each.name for each in keys}]
     all_but = f"every key but {', '.join(others)}"
     return f"\n\n`{place}` may give {names if len(keys) < len(others) else all_but}."
 

@@ -11,9 +11,8 @@ from netfall.cli.parser import EXAMPLES, VERBS, parser
 from netfall.core.errors import InputError
 from netfall.driver.check import check_job, plot_job_net
 from netfall.geometry.build import build_net
-from netfall.job.entries import LIST_KEYS
 from netfall.job.read import read_job
-from netfall.job.schema import SECTIONS
+from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.template import new_template
 from netfall.model.layout import make_layout
 from netfall.post.plots import canvas

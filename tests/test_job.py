@@ -11,10 +11,8 @@ from conftest import STEEL, on_ranks, run_netfall, run_on_standing_ranks, run_pr
 from netfall.core.errors import InputError
 from netfall.geometry.build import build_net
 from netfall.geometry.defaults import default_warnings
-from netfall.job.entries import LIST_KEYS
-from netfall.job.keys import REQUIRED
 from netfall.job.read import read_job
-from netfall.job.schema import GENERATOR_KEYS, SECTIONS
+from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS, SECTIONS
 
 WHOLE = """
 title = "all sections"
@@ -74,7 +72,7 @@ def test_each_key_refuses_what_its_row_forbids(workshop, section, key):
         assert all("\n" not in line and "Traceback" not in line for line in lines)
 
 
-@pytest.mark.parametrize("section, key", [pair for pair in ALL_KEYS if pair[1].default is REQUIRED])
+@pytest.mark.parametrize("section, key", [pair for pair in ALL_KEYS if pair[1].required])
 def test_missing_required_key_is_named(workshop, section, key):
     """Each required key, left out, is asked for with its unit."""
     path = workshop.job(re.sub(rf"^{key.name} = .*$", "", WHOLE, flags=re.M))
@@ -85,7 +83,7 @@ def test_every_key_accepts_its_default(workshop):
     """The defaults of the schema are themselves valid."""
     path = workshop.job(WHOLE)
     for section, key in ALL_KEYS:
-        if key.default in (REQUIRED, None) or key.kind in ("vector", "points", "places"):
+        if key.default is None or key.kind in ("vector", "points", "places"):
             continue
         if section == "net" and key.name in OTHER_DIMENSIONS:
             continue  # of the other generators

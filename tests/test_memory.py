@@ -1,16 +1,17 @@
 """What members of a study share: every key of the job counts, in memory and digests, but those named here."""
 
 from dataclasses import fields, replace
-from types import SimpleNamespace
 
 import pytest
-from test_study import NODES, TABLES
+from test_study import NODES
+from test_study import TABLES as STUDY_TABLES
 
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
-from netfall.job.entries import LIST_KEYS
+from netfall.job.fields import inner_models
 from netfall.job.job import PATH_KEYS, Job
+from netfall.job.models import Group
 from netfall.job.read import read_job
-from netfall.job.schema import OVERRIDES, SECTIONS
+from netfall.job.schema import LIST_KEYS, LISTS, OVERRIDES, SECTIONS, TABLES
 from netfall.model.layout import make_layout
 from netfall.study.file import read_study_plan
 from netfall.study.files import Watch
@@ -69,9 +70,9 @@ def two_values(key):
     return values
 
 
-def table_of(keys):
-    """A value for each key."""
-    return SimpleNamespace(**{key.name: two_values(key)[0] for key in keys})
+def values_of(keys):
+    """A value for each key, as the type of the key."""
+    return {key.name: key.checked(two_values(key)[0]) for key in keys}
 
 
 @pytest.fixture
@@ -79,12 +80,15 @@ def whole_job(tmp_path):
     """A job in which every key of the schema has a value."""
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text("the same\n")
-    sections = {name: table_of(keys) for name, keys in SECTIONS.items() if name}
+    sections = {
+        name: TABLES[name].model_construct(**values_of(keys)) for name, keys in SECTIONS.items() if name
+    }
     for name, (under, keys) in OVERRIDES.items():
         if under:
-            setattr(sections[name], under, {"one": vars(table_of(keys))})
-    lists = {f"{name}s": [table_of(keys)] for name, keys in LIST_KEYS.items()}
-    groups = {"one": vars(table_of(OVERRIDES["cable"][1]))}
+            inner = inner_models(TABLES[name])[under].model_construct(**values_of(keys))
+            sections[name] = sections[name].replaced(**{under: {"one": inner}})
+    lists = {f"{name}s": [LISTS[name].model_construct(**values_of(keys))] for name, keys in LIST_KEYS.items()}
+    groups = {"one": Group.model_construct(**values_of(OVERRIDES["cable"][1]))}
     return Job(tmp_path / "job.toml", "[net]\n", (), "a roof", groups=groups, **sections, **lists)
 
 
@@ -92,19 +96,20 @@ def changed(job):
     """The same job with one thing changed, by the name of that thing: each key, and what is no key."""
     for name, keys in SECTIONS.items():
         for key in keys if name else ():
-            values = vars(getattr(job, name)) | {key.name: two_values(key)[1]}
-            yield f"{name}.{key.name}", replace(job, **{name: SimpleNamespace(**values)})
+            section = getattr(job, name).replaced(**{key.name: two_values(key)[1]})
+            yield f"{name}.{key.name}", replace(job, **{name: section})
     for name, (under, keys) in OVERRIDES.items():
         for key in keys:
-            inner = {"one": vars(table_of(keys)) | {key.name: two_values(key)[1]}}
+            before = getattr(job, name).zone if under else job.groups
+            inner = {"one": before["one"].replaced(**{key.name: two_values(key)[1]})}
             if under:
-                section = SimpleNamespace(**vars(getattr(job, name)) | {under: inner})
+                section = getattr(job, name).replaced(**{under: inner})
                 yield f"{name}.{under}.one.{key.name}", replace(job, **{name: section})
             else:
                 yield f"groups.one.{key.name}", replace(job, groups=inner)
     for name, keys in LIST_KEYS.items():
         for key in keys:
-            entry = SimpleNamespace(**vars(table_of(keys)) | {key.name: two_values(key)[1]})
+            entry = LISTS[name].model_construct(**values_of(keys) | {key.name: two_values(key)[1]})
             yield f"{name}s.{key.name}", replace(job, **{f"{name}s": [entry]})
     yield "title", replace(job, title="another")
     yield "text", replace(job, text="[net]  # a comment\n")
@@ -148,9 +153,10 @@ def test_an_override_of_the_net_counts(whole_job):
 @pytest.mark.parametrize("section, name", PATH_KEYS)
 def test_what_stands_in_a_file_counts_for_both(whole_job, section, name):
     """Each key that is a path, by itself: the file under the same name, with other bytes in it."""
-    alone = replace(whole_job)
+    alone = whole_job
     for place, key in PATH_KEYS:
-        setattr(getattr(alone, place), key, "b.csv" if (place, key) == (section, name) else None)
+        path = "b.csv" if (place, key) == (section, name) else None
+        alone = replace(alone, **{place: getattr(alone, place).replaced(**{key: path})})
     before = cache_key(alone), alone.digest()
     (alone.path.parent / "b.csv").write_text("something else\n")
     after = replace(alone)  # what is read of a job is read anew by the next one
@@ -172,7 +178,7 @@ def test_all_paths_are_known(whole_job):
 
 def test_a_net_is_not_remembered_when_its_table_has_changed(workshop):
     """Two runs of one process, the table changed in between: node 2 lies where it says now."""
-    job = workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    job = workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
     memory = ResultCache(4)
     assert make_layout(read_job(job), 1, memory).net.x[1].tolist() == [1.0, 1.0, 0.0]
@@ -190,7 +196,7 @@ def plan_of(workshop, study: str):
 
 def test_members_are_batched_by_all_that_is_shared(workshop):
     """Seeds and rows of the history share a rest, dampings do not (they may in truth, but nobody says so)."""
-    workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
     vary = '"dynamics.damping" = [0.1, 0.2]\n"output.history" = [0.01, 0.02]\n"wind.seed" = [1, 2]\n'
     plan = plan_of(workshop, 'job = "job.toml"\n[vary]\n' + vary)
@@ -203,7 +209,7 @@ def test_members_are_batched_by_all_that_is_shared(workshop):
 
 def test_every_file_that_members_name_is_watched(workshop):
     """120 winds: the sixtieth, which no trial of first and last values reaches, changes the digest."""
-    workshop.job(TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
+    workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     names = ["wind.csv", *(f"wind-{k}.csv" for k in range(120))]
     for name in names:
         (workshop.folder / name).write_text("time,speed\n0,20\n1,20\n")

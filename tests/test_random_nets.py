@@ -14,8 +14,7 @@ from conftest import run_on_standing_ranks
 from drawn_jobs import FULL, OTHER, QUIET, jobs
 from results import differences, figures
 
-from netfall.job.entries import LIST_KEYS
-from netfall.job.schema import SECTIONS
+from netfall.job.schema import LIST_KEYS, SECTIONS
 
 EXAMPLES = int(os.environ.get("NETFALL_EXAMPLES", "40"))  # of random scenes, with --long
 

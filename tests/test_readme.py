@@ -12,8 +12,7 @@ import netfall
 from netfall.cli.parser import parser
 from netfall.geometry.sections import TYPE_COLUMNS
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
-from netfall.job.entries import LIST_KEYS
-from netfall.job.schema import SECTIONS
+from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.post.checks.reactions import sum_end_forces
 
 PAGES = sorted(

@@ -9,8 +9,7 @@ import pytest
 from conftest import ROOT, run_on_standing_ranks
 from scipy.optimize import brentq
 
-from netfall.job.entries import LIST_KEYS
-from netfall.job.schema import OVERRIDES, SECTIONS
+from netfall.job.schema import LIST_KEYS, OVERRIDES, SECTIONS
 
 FILES = sorted((ROOT / "jobs").rglob("*.toml"))
 KEYS = [f"{name}.{key.name}" for name, keys in (SECTIONS | LIST_KEYS).items() for key in keys if name]

@@ -8,8 +8,7 @@ import numpy as np
 from netfall.core.progress import one_line
 from netfall.exchange.state import MARK, ExportState
 from netfall.job.cases import split
-from netfall.job.entries import LIST_KEYS
-from netfall.job.schema import SECTIONS
+from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text
 from netfall.results.file import provenance_text, read_job_tables
 from netfall.results.reader import Result

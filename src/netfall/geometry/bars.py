@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from netfall.geometry.net import Net
+from netfall.geometry.sections import given_by_group
 from netfall.job.job import Job
 from netfall.job.schema import CURVES
 from netfall.job.values import counted
@@ -20,14 +21,17 @@ BAR_KEYS = (*OF_BARS, "buckling_curve", *BAR_FLAGS)
 
 def set_bars(job: Job, net: Net) -> None:
     """Set second moments and buckling properties of the bars of a net, if any bar has one."""
-    tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
-    given = {name: [np.nan if table[name] is None else table[name] for table in tables] for name in OF_BARS}
+    tables = [job.group_properties(name) for name in net.group_names]
+    given = {
+        name: [np.nan if (value := getattr(table, name)) is None else value for table in tables]
+        for name in OF_BARS
+    }
     rows = {name: np.where(net.bar, np.array(row, float)[net.group], np.nan) for name, row in given.items()}
     if np.isfinite(rows["second_moment"]).any():
         net.second_moment, net.buckling_length = rows.values()
-        net.buckling_curve = np.array([CURVES.index(t["buckling_curve"]) for t in tables])[net.group]
+        net.buckling_curve = np.array([CURVES.index(table.buckling_curve) for table in tables])[net.group]
     for name in BAR_FLAGS:
-        flags = np.array([table[name] for table in tables])[net.group] & net.bar
+        flags = np.array([getattr(table, name) for table in tables])[net.group] & net.bar
         if flags.any():
             setattr(net, name, flags)
 
@@ -58,9 +62,10 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 
     for g, name in enumerate(net.group_names):
         if not net.bar[net.group == g].any():
-            for key in (key for key in BAR_KEYS if job.groups.get(name, {}).get(key) is not None):
+            given = given_by_group(job, name)
+            for key in (key for key in BAR_KEYS if key in given):
                 yield (
-                    f"[cable.{name}] {key} = {job.groups[name][key]}: of bars alone, for a cable carries no "
+                    f"[cable.{name}] {key} = {given[key]}: of bars alone, for a cable carries no "
                     'compression; give the group kind = "bar", or remove the key'
                 )
     moment = np.full(net.m, np.nan) if net.second_moment is None else net.second_moment
@@ -103,7 +108,10 @@ def bar_notes(job: Job, net: Net) -> list[str]:
     if net.second_moment is None:
         given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
         given |= {
-            f"cable.{name}.{key}" for name, table in job.groups.items() for key in BAR_KEYS if key in table
+            f"cable.{name}.{key}"
+            for name, table in job.groups.items()
+            for key in BAR_KEYS
+            if key in table.given()
         }
         return [f"{key}: no effect: no bar has a second_moment" for key in sorted(given)]
     stout = np.flatnonzero(net.second_moment > MAX_SECOND_MOMENT_RATIO * net.section**2)

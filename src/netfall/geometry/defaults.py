@@ -12,9 +12,8 @@ import numpy as np
 from netfall.geometry.net import Net
 from netfall.geometry.sections import default_breaking_force, is_bar_among_cables
 from netfall.job.derived import has_gusts, load_steps
-from netfall.job.entries import LIST_KEYS
 from netfall.job.job import Job, parse_tables
-from netfall.job.schema import REMOVED_KEYS, SINCE
+from netfall.job.schema import LIST_KEYS, REMOVED_KEYS, SINCE
 from netfall.job.values import counted, format_value
 
 

@@ -16,6 +16,7 @@ with F_u > N_y breaks at its fracture_strain.
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,10 +24,10 @@ from netfall.core.errors import raise_errors
 from netfall.core.functions import exp, log1p
 from netfall.core.normal import quantile
 from netfall.geometry.net import Net
+from netfall.job.consistency import missing_key_message
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
 from netfall.job.schema import EXCLUSIVE_KEYS
-from netfall.job.validate import missing_key_message
 from netfall.job.values import counted, format_value, suggest
 
 TYPE_COLUMNS = ("mass_per_length", "axial_stiffness", "breaking_load", "area")
@@ -44,13 +45,14 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
     rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words
     """
     rows = rows or {}
-    tables = [vars(job.cable) | job.groups.get(name, {}) for name in net.group_names]
+    tables = [job.group_properties(name) for name in net.group_names]
     for column in fields(Net):
         key = column.metadata.get("key")
         if key and key not in SECTION_COLUMNS:
-            values = [column.metadata["absent"] if t[key] is None else t[key] for t in tables]
+            values = [getattr(table, key) for table in tables]
+            values = [column.metadata["absent"] if value is None else value for value in values]
             setattr(net, column.name, np.array(values, float)[net.group])
-    net.bar = np.array([t["kind"] == "bar" for t in tables])[net.group]
+    net.bar = np.array([table.kind == "bar" for table in tables])[net.group]
     for name in ROW_COLUMNS:
         if name in rows:
             setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
@@ -73,8 +75,8 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
 def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
     types, names = read_catalogue(job), net.group_names
-    common, common_types = _level_values([vars(job.cable)] * len(names))
-    groups, group_types = _level_values([job.groups.get(name, {}) for name in names])
+    common, common_types = _level_values([dict(job.cable)] * len(names))
+    groups, group_types = _level_values([given_by_group(job, name) for name in names])
     resolved, own = (
         {name: np.full(len(names), np.nan) for name in (*SECTION_COLUMNS, "type")} for _ in range(2)
     )
@@ -102,6 +104,11 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
         number = resolved["type"]
         net.type, net.type_names = np.where(np.isnan(number), -1, number).astype(int), list(types)
     return resolved
+
+
+def given_by_group(job: Job, name: str) -> dict[str, Any]:
+    """Return the keys that [cable.NAME] gives."""
+    return job.groups[name].given() if name in job.groups else {}
 
 
 def is_bar_among_cables(job: Job, net: Net) -> np.ndarray:
@@ -315,7 +322,7 @@ def _inherited_yield_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield a note for each group of bars that takes the yield stress of [cable], meant for cables."""
     value = job.cable.yield_stress
     for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):
-        own = job.groups.get(name, {})
+        own = given_by_group(job, name)
         given = net.yield_stress / net.strength  # values of a type or a row differ
         bars = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
         if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():

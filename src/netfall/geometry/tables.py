@@ -7,7 +7,7 @@ from netfall.core.functions import log
 from netfall.core.rotation import from_rotated_axes
 from netfall.geometry.connected_parts import unconnected_pairs
 from netfall.geometry.net import Net, pair_key
-from netfall.job.csv_table import LARGEST, ZONE_SEPARATOR, Table, parse_number
+from netfall.job.csv_table import LARGEST, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
 from netfall.job.job import Job
 from netfall.job.values import MOST_NAMED, more_lines
 
@@ -91,6 +91,8 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
     node_id = nodes.integers("id")
     for k in AXES:
         nodes.full(k)
+    if any(nodes.units.get(k, "-") not in NO_UNIT for k in AXES) and "net.unit" in job.given():
+        nodes.wrong("units below the header and [net] unit exclude each other; remove [net] unit")
     first: dict[int, int] = {}
     for row, number in enumerate(node_id.tolist()):
         if number in first:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from types import SimpleNamespace
 
 import numpy as np
 import shapely
@@ -13,6 +12,8 @@ from netfall.geometry.faces import Faces, corner_quadrilaterals
 from netfall.geometry.net import Net, nearest_group
 from netfall.geometry.shares import FEW, FaceShares, nearest_areas
 from netfall.job.cases import split
+from netfall.job.entries import Zone
+from netfall.job.fields import ZonedSection
 from netfall.job.job import Job
 from netfall.job.values import format_value, suggest
 
@@ -57,21 +58,21 @@ class Zones:
         values = [own.get(name, base) for name in self.names] + [base]
         return sum(share * (0.0 if value is None else value) for share, value in zip(self.share.T, values))
 
-    def parts(self, section: SimpleNamespace, key: str) -> list[tuple[object, np.ndarray]]:
+    def parts(self, section: ZonedSection, key: str) -> list[tuple[object, np.ndarray]]:
         """Return each distinct value of a key, the section's own first, and the share (n,) of nodes with it.
 
         section : with `zone`, the values that the zones override
         """
-        base, own = getattr(section, key), _own(section, key)
+        base, own = getattr(section, key), section.zone_values(key)
         values = [base, *(own.get(name, base) for name in self.names)]
         shares = [self.share[:, k] for k in range(-1, len(self.names))]
         distinct = [value for k, value in enumerate(values) if value not in values[:k]]
         pairs = [(v, sum(share for share, other in zip(shares, values) if other == v)) for v in distinct]
         return [(value, share) for value, share in pairs if share.any()]
 
-    def spread(self, section: SimpleNamespace, key: str) -> np.ndarray:
+    def spread(self, section: ZonedSection, key: str) -> np.ndarray:
         """Return the value (n,) of a key at each node; 0 without one."""
-        return self.by_node(getattr(section, key), _own(section, key))
+        return self.by_node(getattr(section, key), section.zone_values(key))
 
 
 @dataclass(frozen=True)
@@ -84,11 +85,6 @@ class RoofAreas:
     zones: Zones
 
 
-def _own(section: SimpleNamespace, key: str) -> dict:
-    """Return the own values of the zones that have one."""
-    return {name: values[key] for name, values in section.zone.items() if key in values}
-
-
 def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     """Build the zones of a job, by the positions of the nodes at the start. Raises InputError.
 
@@ -98,7 +94,7 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     """
 
     def of_column(name):
-        return SimpleNamespace(name=name, polygon=None, groups=None, cut=None)
+        return Zone(name=name)
 
     names = [zone.name for zone in job.zones]
     names += [name for name in net.zone_names if name not in names]
@@ -130,7 +126,7 @@ def make_zones(job: Job, net: Net, roofing: RoofFaces) -> Zones:
     return replace(zones, notes=notes)
 
 
-def cuts_areas(zone: SimpleNamespace) -> bool:
+def cuts_areas(zone: Zone) -> bool:
     """Tell whether an entry of [[zone]] takes the part of each node's area inside its polygon."""
     return zone.polygon is not None and zone.cut is not False
 
@@ -169,9 +165,7 @@ def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "PolygonC
     return shares
 
 
-def _mismatch_notes(
-    zone: SimpleNamespace, members: np.ndarray, inside: np.ndarray, plan: np.ndarray
-) -> list[str]:
+def _mismatch_notes(zone: Zone, members: np.ndarray, inside: np.ndarray, plan: np.ndarray) -> list[str]:
     """Return a note on a polygon that takes whole nodes, if these match its area badly.
 
     inside : (n,) share of each node in the polygon; plan : (n,) [m2]
@@ -189,7 +183,7 @@ def _mismatch_notes(
     ]
 
 
-def _zone_nodes(zone: SimpleNamespace, net: Net) -> np.ndarray:
+def _zone_nodes(zone: Zone, net: Net) -> np.ndarray:
     """Tell which nodes are in a zone, (n,) bool: by polygon, by elements of its groups, or by the column."""
     if zone.polygon is not None:
         polygon = shapely.Polygon(zone.polygon)

@@ -8,10 +8,10 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import fields
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from netfall.core.errors import DivergedError, InputError
+from netfall.job.fields import Section
 from netfall.job.job import Job
 
 
@@ -75,12 +75,17 @@ def cache_key(job: Job, without: tuple[str, ...] = ()) -> str:
     inputs = {}
     for field in fields(job):
         value = getattr(job, field.name)
-        if isinstance(value, SimpleNamespace):  # a section: its keys, as wind.speed
-            inputs |= {f"{field.name}.{key}": item for key, item in vars(value).items()}
+        if isinstance(value, Section):  # its keys, as wind.speed
+            inputs |= {f"{field.name}.{key}": item for key, item in value}
         else:
             inputs[field.name] = value
     inputs = {name: value for name, value in inputs.items() if name not in IGNORED_KEYS.keys() | {*without}}
     inputs["removes"] = bool(job.removes)  # removals happen after the equilibria
     inputs["contents"] = [content.hex() for content in job.contents]
     inputs["changes_net"] = job.changes_net()  # decides whether a stored partition applies
-    return json.dumps(inputs, default=lambda value: str(value) if isinstance(value, Path) else vars(value))
+    return json.dumps(inputs, default=_to_json)
+
+
+def _to_json(value: Path | Section) -> Any:
+    """Return a path or a section as json holds it."""
+    return str(value) if isinstance(value, Path) else dict(value)

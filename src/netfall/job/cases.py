@@ -1,19 +1,23 @@
 """Static cases and combinations: the keys that a case can set, and their checks."""
 
-from collections.abc import Callable
-from types import SimpleNamespace
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from netfall.job.keys import Key
+from netfall.job.entries import Case, Combination
+from netfall.job.fields import Key, inner_models, keys_of
+from netfall.job.models import CaseWind, Load, Wind
 from netfall.job.values import format_value, suggest
 
+if TYPE_CHECKING:
+    from netfall.job.validate import Validator
+
+SectionT = TypeVar("SectionT", Load, Wind, CaseWind)
+
 OF_LOAD = ("permanent", "prestress", "temperature", "load")  # names of factors that are not cases
-# Keys of [wind] that a case can set, as in the section; gusts do not act in a case.
-PRESSURE_FACTOR = Key(
-    "pressure_factor", "number", 1.0, "", "of the pressure of a static wind", low=-1e3, high=1e3
-)
+# Keys of [wind] that a case can set; gusts do not act in a case.
 CASE_WIND_KEYS = (
     *("speed", "direction", "shape_coefficient", "sectors", "air_density"),
-    *("profile_exponent", "base_height"),
+    *("profile_exponent", "base_height", "pressure_factor"),
 )
 CASE_LOAD_KEYS = ("dead", "snow", "pressure", "temperature")  # keys of [load] that a case can set
 
@@ -25,8 +29,7 @@ def settable_keys(sections: dict, overrides: dict) -> dict[str, Key]:
     """
     of_load = {key.name: key for key in sections["load"]}
     rows = {f"load.{name}": of_load[name] for name in CASE_LOAD_KEYS}
-    rows |= {f"wind.{key.name}": key for key in sections["wind"] if key.name in CASE_WIND_KEYS}
-    rows["wind.pressure_factor"] = PRESSURE_FACTOR
+    rows |= {f"wind.{name}": keys_of(CaseWind)[name] for name in CASE_WIND_KEYS}
     for section in ("load", "wind"):
         zone_rows = {f"{section}.zone.NAME.{key.name}": key for key in overrides[section][1]}
         rows |= {name: key for name, key in zone_rows.items() if f"{section}.{key.name}" in rows}
@@ -42,37 +45,42 @@ def split(name: str) -> tuple[str, str, str]:
     return section, zone, key
 
 
-def apply_settings(section: SimpleNamespace, name: str, case: SimpleNamespace) -> SimpleNamespace:
-    """Return a section, [load] or [wind] by its name, with the values that a case or a stage sets."""
-    result = SimpleNamespace(**vars(section))
-    result.zone = {zone: dict(values) for zone, values in section.zone.items()}
-    for setting, value in case.set.items():
+def apply_settings(section: SectionT, name: str, settings: dict[str, Any]) -> SectionT:
+    """Return a section with the values that a case or a stage sets.
+
+    name : of the section, load or wind; settings : values by names like "load.zone.NAME.snow"
+    """
+    values: dict[str, Any] = {}
+    zones = dict(section.zone)
+    for setting, value in settings.items():
         table, zone, key = split(setting)
         if table == name and zone:
-            result.zone.setdefault(zone, {})[key] = value
+            zones[zone] = zones.get(zone, inner_models(type(section))["zone"]()).replaced(**{key: value})
         elif table == name:
-            setattr(result, key, value)
-    return result
+            values[key] = value
+    return section.replaced(**values, zone=zones)
 
 
 def read_settings(
-    case: SimpleNamespace, rows: dict[str, Key], put: Callable, wrong: Callable, kind: str = "case"
-) -> dict:
+    kind: str, label: str, given: dict[str, Any], settable: dict[str, Key], validator: "Validator"
+) -> dict[str, Any]:
     """Return the values that a case or a stage sets, by names like "load.snow", "load.zone.NAME.snow".
 
-    rows : of `settable_keys`; put(place, name, row, value, values) takes valid values, wrong(place, what)
-    errors
+    kind : case or stage; label : prefix of errors; given : `set` as written, also nested
+    settable : of `settable_keys`
     """
-    label, values = f"[[{kind}]] {case.name}: set:", {}
-    for name, value in _flat(case.set).items():
+    label, values = f"{label} set:", {}
+    for name, value in _flat(given).items():
         section, zone, key = split(name)
-        row = rows.get(f"{section}.zone.NAME.{key}" if zone else name)
+        row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
         if row is None:
-            wrong(label, f"{format_value(name)[1:-1]}: not what a {kind} can set; {suggest(name, rows)}")
+            what = f"not what a {kind} can set; {suggest(name, settable)}"
+            validator.wrong(label, f"{format_value(name)[1:-1]}: {what}")
         else:
-            put(label, name, row, value, values)
+            validator.put(label, name, row, value, values)
     if {"wind.shape_coefficient", "wind.sectors"} <= set(values):
-        wrong(label, "wind.shape_coefficient and wind.sectors exclude each other; keep one of the two")
+        what = "wind.shape_coefficient and wind.sectors exclude each other; keep one of the two"
+        validator.wrong(label, what)
     return values
 
 
@@ -84,23 +92,23 @@ def _flat(table: dict, place: str = "") -> dict:
     return flat
 
 
-def has_static_wind(case: SimpleNamespace) -> bool:
+def has_static_wind(case: Case) -> bool:
     """Tell whether a static wind acts in a case."""
     return any(name.startswith("wind.") for name in case.set)
 
 
-def static_wind(wind: SimpleNamespace, case: SimpleNamespace) -> SimpleNamespace:
-    """Return [wind] with the values of a case, for a mean wind; wind : the section, or its defaults."""
-    result = apply_settings(SimpleNamespace(**(vars(wind) | {"pressure_factor": 1.0})), "wind", case)
-    result.file = result.points = result.pressures = result.taps = None
+def static_wind(wind: Wind, case: Case) -> CaseWind:
+    """Return [wind] with the values of a case, for a mean wind."""
+    mean = CaseWind.model_construct(**wind.given() | dict.fromkeys(("file", "points", "pressures", "taps")))
+    result = apply_settings(mean, "wind", case.set)
     if "wind.shape_coefficient" in case.set:
-        result.sectors = None
+        return result.replaced(sectors=None)
     if "wind.sectors" in case.set:
-        result.shape_coefficient = None
+        return result.replaced(shape_coefficient=None)
     return result
 
 
-def case_errors(cases: list, wind: SimpleNamespace):
+def case_errors(cases: list[Case], wind: Wind) -> Iterator[tuple[str, str]]:
     """Yield place and error of cases whose `set` is checked; wind : [wind], or its defaults."""
     for case in cases:
         label = f"[[case]] {case.name}:"
@@ -123,7 +131,7 @@ def case_errors(cases: list, wind: SimpleNamespace):
                 yield label, f"set: wind.shape_coefficient: missing; {expected}"
 
 
-def combination_errors(combinations: list, cases: list):
+def combination_errors(combinations: list[Combination], cases: list[Case]) -> Iterator[tuple[str, str]]:
     """Yield place and error of the entries of [[combination]]."""
     names = [case.name for case in cases if case.name is not None]
     for combination in combinations:
@@ -146,7 +154,7 @@ def combination_errors(combinations: list, cases: list):
             yield label, f"factors: prestress = {factors['prestress']:g}: expected a number >= 0"
 
 
-def action_factor(combination: SimpleNamespace, name: str) -> float:
+def action_factor(combination: Combination, name: str) -> float:
     """Return the factor of an action: as given, otherwise 1 for permanent and prestress, 0 for others."""
     default = 1.0 if name in ("permanent", "prestress") else 0.0
     return float(combination.factors.get(name, default))

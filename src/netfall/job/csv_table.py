@@ -3,12 +3,14 @@
 import csv
 import difflib
 import re
+from decimal import Decimal
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
+from netfall.job.units import UnitError, factor
 from netfall.job.values import suggest
 
 MAX_ERRORS = 20  # largest number of errors reported for one table
@@ -16,11 +18,15 @@ LARGEST = 1e15  # largest number in a table; far above, products overflow
 DELIMITERS = ",;\t"
 ZONE_SEPARATOR = "/"  # separator of several zones, or their shares, in one cell; names of zones have none
 FORMULA = re.compile(r"'*[=+\-@\t\r]")  # start of a formula in a spreadsheet, also behind '
+NO_UNIT = ("", "-", "1")  # units of columns without a unit in the row of units
+WITHOUT_UNIT = "the column has no unit; write - instead"
 CLOSE = 0.7  # similarity (difflib) from which an unknown column is probably a typing error
 
 
 class Table:
     """Columns of a table by name, separated by commas, semicolons or tabs; lines with # are comments.
+
+    A row below the header may give the units of the columns: "id,x,y,z" then "-,mm,mm,mm".
 
     `numbers` and `integers` convert a column and record the cells that are invalid.
     known : names of columns with a meaning, others are named in `notes`; required : columns that must exist
@@ -36,6 +42,9 @@ class Table:
         if not rows:
             raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
         header = [unescape_formula(name.strip()).lower() for name in rows[0][1]]
+        self.units: dict[str, str] = {}
+        if len(rows) > 1 and _is_unit_row(rows[1][1]):
+            self.units = {name: cell.strip() for name, cell in zip(header, rows.pop(1)[1])}
         self.lines = [line for line, _ in rows[1:]]
         self._check_header(header, rows[0][0], known, required)
         for line, row in rows[1:]:
@@ -89,6 +98,8 @@ class Table:
             return default
         words = self.columns[name]
         values = np.array([parse_number(word) for word in words])
+        if self.units.get(name, "-") not in NO_UNIT:
+            values = self._converted(name, values, unit)
         empty = np.array([word == "" for word in words])
         invalid = ~empty & ~((values >= low) & (values <= LARGEST))
         for row in np.flatnonzero(invalid)[:MAX_ERRORS]:
@@ -98,6 +109,22 @@ class Table:
             comma = "; a decimal comma is not read, write a point" if comma else ""
             self.wrong(f"{self.at(row)}: {name} = {words[row][:40]!r}: expected a number{of}{limit}{comma}")
         return np.where(empty, default, values)
+
+    def _converted(self, name: str, values: np.ndarray, unit: str) -> np.ndarray:
+        """Return the values of a column with a unit in `unit`. Decimal numbers are converted exactly."""
+        given = self.units[name]
+        if not unit:
+            self.wrong(f"column {name}: unit {given[:40]!r}: {WITHOUT_UNIT}")
+            return values
+        try:
+            number = factor(given, unit)
+        except UnitError as error:
+            self.wrong(f"column {name}: unit {error}")
+            return values
+        is_number = np.isfinite(values)
+        words = np.array(self.columns[name])[is_number]
+        values[is_number] = [float(Decimal(word) * number) for word in words]
+        return values
 
     def stacked(self, names, default=np.nan, low=-LARGEST, unit="") -> np.ndarray:
         """Return columns of numbers side by side; arguments as in `numbers`."""
@@ -116,6 +143,8 @@ class Table:
 
     def integers(self, name: str) -> np.ndarray:
         """Return a column of integers, as 64-bit numbers."""
+        if self.units.get(name, "-") not in NO_UNIT:
+            self.wrong(f"column {name}: unit {self.units[name][:40]!r}: {WITHOUT_UNIT}")
         values = np.zeros(len(self), np.int64)
         for row, word in enumerate(self.columns[name]):
             try:
@@ -139,6 +168,11 @@ class Table:
             excess = len(table.errors) - MAX_ERRORS
             lines += table.errors[:MAX_ERRORS] + [f"{table.path}: and {excess} more errors"] * (excess > 0)
         raise_errors(lines)
+
+
+def _is_unit_row(cells: list[str]) -> bool:
+    """Tell whether the row below the header gives units: it has no number, as every other row has."""
+    return any(cells) and not any(np.isfinite(parse_number(cell.strip())) for cell in cells)
 
 
 def parse_number(word: str) -> float:

@@ -1,10 +1,8 @@
 """Questions that a job answers by itself: its stages, its loads, and whether anything can break."""
 
-from types import SimpleNamespace
-
 from netfall.job.cases import has_static_wind
 from netfall.job.job import Job
-from netfall.job.schema import section_defaults
+from netfall.job.models import Load
 from netfall.physics.wind_spectra import make_gust
 
 
@@ -61,8 +59,7 @@ def has_varying_forces(job: Job) -> bool:
 def has_carried_weight(job: Job) -> bool:
     """Tell whether particles carry weight in addition to the elements: dead load or snow."""
     load = job.load
-    tables = [vars(load), *load.zone.values()] if load else []
-    return any(table.get(key) for table in tables for key in ("dead", "snow"))
+    return load is not None and any(load.all_values("dead") + load.all_values("snow"))
 
 
 def has_gusts(job: Job) -> bool:
@@ -72,11 +69,7 @@ def has_gusts(job: Job) -> bool:
 
 def has_aerodynamic_damping(job: Job) -> bool:
     """Tell whether the air damps the motion of the roof."""
-    wind = job.wind
-    zone_values = (
-        [zone["air_damping"] for zone in wind.zone.values() if "air_damping" in zone] if wind else []
-    )
-    return wind is not None and any([wind.air_damping, *zone_values])
+    return job.wind is not None and any(job.wind.all_values("air_damping"))
 
 
 def has_fragment_drag(job: Job) -> bool:
@@ -92,7 +85,7 @@ def has_added_air_mass(job: Job) -> bool:
 
 def has_second_moments(job: Job) -> bool:
     """Tell whether any bar has a second moment."""
-    return any(keys.get("second_moment") for keys in (vars(job.cable), *job.groups.values()))
+    return any(properties.second_moment for properties in (job.cable, *job.groups.values()))
 
 
 def moves_supports(job: Job) -> bool:
@@ -130,6 +123,6 @@ def breaks_equilibrium(job: Job, kind: str, factor: float) -> bool:
     return kind != "loss" and (load_settings(job).breaking or bool(starts and job.dynamics))
 
 
-def load_settings(job: Job) -> SimpleNamespace:
+def load_settings(job: Job) -> Load:
     """Return the keys of [load]; without [load] their defaults, but without self weight."""
-    return job.load or SimpleNamespace(**vars(section_defaults("load")) | {"self_weight": False})
+    return job.load or Load(self_weight=False)

@@ -1,71 +1,179 @@
-"""Keys of lists of tables: zones, cases, combinations, motions, slides, removals, targets, stages."""
+"""Entries of the lists of a job file, [[NAME]]: type, unit, range, default and meaning of each key."""
 
-from netfall.job.keys import parse_keys
+from typing import Annotated, Any, Literal, Self
 
-LIST_KEYS = parse_keys("""
-[zone]
-name | name | | required | name by which [wind.zone.NAME] and [load.zone.NAME] refer to it
-polygon [m] | polygon | -1e9 to 1e9 | | corners in plan of the start geometry, in order around it
-groups | words | | | groups of elements whose nodes belong to it
-cut | flag | | | true: a polygon takes the part of each node's area that lies inside it; false: it takes the
-    whole area of the nodes inside; absent: true
-[case]
-name | name | | required | name of the static case; not permanent, prestress, temperature, load
-set | loads | | {} | what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of
-    a mean [wind] that acts statically (pressure_factor: of its pressure)
-pressure_table [N/m2] | path | | | path of a table x, y, z (optional), pressure or coefficient: points in the
-    axes of the net
-factor [N/m2] | number | -1e9 to 1e9 | | of the table: a pressure for coefficients; a number else
-settlement [m] | shifts | | {} | of a held axis or of a spring's foot, from the form or the last stage of
-    erection, by ids; z upwards: [0, 0, -0.05] sinks
-[combination]
-name | name | | required | name of the combination; no case bears it
-factors | factors | -1e3 to 1e3 | required | of permanent, prestress (not named: 1), temperature, load,
-    and of cases by name (not named: 0)
-kind | choice ultimate service | | ultimate | which checks apply
-[motion]
-nodes | integers | | | ids of the supports that move; absent: all
-displacement [m] | path | | | path of a table time, x, y, z, linear between its rows
-acceleration [m/s2] | path | | | path of a record (.AT2, in the unit of its head) or of a table time, x, y,
-    z or time, acceleration, likewise
-direction | vector | -1e9 to 1e9 | | of an acceleration of one component
-scale | number | -1e6 to 1e6 | 1.0 | by which it is multiplied
-speed [m/s] | number | > 0 to 1e6 | | of a wave that travels; absent: all at once
-travel | vector | -1e9 to 1e9 | | direction in which it travels
-baseline | flag | | | baseline correction of a record (.AT2); absent: true
-[slide]
-group | text | | | group whose cables may slip over nodes
-cables | words | | | or the names of the pieces of cable that may
-nodes | integers | | | ids of the nodes over which they slip; absent: every node inside these cables
-friction | number | 0 to 10 | 0.0 | coefficient of friction of a saddle
-resistance [N] | number | 0 to 1e12 | 0.0 | resistance of a clamp to slip
-[remove]
-elements | integers | | | ids of the elements that are lost
-group | text | | | or the group of elements that is lost
-cables | words | | | or the names of the pieces of cable that are lost
-time [s] | number | 0 to 1e9 | required | time in the dynamic stage at which the elements lose their stiffness
-duration [s] | number | 0 to 1e9 | 0.0 | time over which their tension then falls to zero; 0: at once
-[target]
-group | text | | | group, or piece of cable, whose mean force is wanted
-force [N] | number | -1e12 to 1e12 | | that force, tension positive
-node | integer | -9223372036854775808 to 9223372036854775807 | | or the id of a node whose height is wanted
-height [m] | number | -1e6 to 1e6 | | z of that node
-by | text | | required | group, or piece of cable, whose unstressed lengths are changed, each cable by one
-    amount
-[stage]
-name | name | | required | name of the stage of erection
-lengths | lengths | | | unstressed lengths of groups or pieces of cable: changed, set, or pulled to a force
-active | words | | | groups that are there from now on; absent: as before
-release | integers | | | ids of nodes that are no longer held
-hold | integers | | | ids of nodes that are held from now on, where they are
-move [m] | shifts | | | by how much held nodes are moved, from where they are, by ids
-clamps | choice open closed | | | clamps of [[slide]] from now on: open, without resistance, or closed;
-    absent: as before
-set | loads | | {} | what it sets from now on: dead, snow, pressure, temperature, as in a case
-""")
+from pydantic import model_validator
 
-REMOVED_MEMBER_KEYS = (
-    "elements",
-    "group",
-    "cables",
-)  # keys of [[remove]] of which exactly one is given
+from netfall.job.fields import (
+    MAX_INT64,
+    Factors,
+    Ids,
+    Kind,
+    Name,
+    Polygon,
+    Section,
+    Settings,
+    Shifts,
+    TablePath,
+    Text,
+    Vector,
+    Words,
+    key,
+    keys_of,
+)
+from netfall.job.units import to_unit
+
+
+class LengthChange(Section):
+    """Change of the unstressed length of a cable in a stage: one of three keys."""
+
+    change: float | None = key("added to the unstressed length of each cable", unit="m", ge=-1e12, le=1e12)
+    length: float | None = key("unstressed length of each cable", unit="m", ge=-1e12, le=1e12)
+    force: float | None = key("force to which each cable is pulled", unit="N", ge=-1e12, le=1e12)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _units(cls, table: Any) -> Any:
+        """Convert texts with a unit."""
+        keys = keys_of(cls)
+        if not isinstance(table, dict):
+            return table
+        return {
+            name: to_unit(value, keys[name].unit) if name in keys else value for name, value in table.items()
+        }
+
+    @model_validator(mode="after")
+    def _one_key(self) -> Self:
+        """Refuse none or several of the keys."""
+        if len(self.model_fields_set) != 1:
+            raise ValueError("expected one of change, length, force")
+        return self
+
+
+Lengths = Annotated[
+    dict[str, LengthChange],
+    Kind(
+        "lengths",
+        'a table of lengths by groups or cables, {{"hoop" = {{change = -0.5}}, "e17" = {{force = 2e5}}}}, '
+        "each with one of change [m], length [m], force [N]",
+    ),
+]
+
+
+class Zone(Section):
+    """Part of the roof."""
+
+    name: Name = key("name by which [wind.zone.NAME] and [load.zone.NAME] refer to it", ...)
+    polygon: Polygon | None = key("corners in plan of the start geometry, in order around it", unit="m")
+    groups: Words | None = key("groups of elements whose nodes belong to it")
+    cut: bool | None = key(
+        "true: a polygon takes the part of each node's area that lies inside it; false: it takes the "
+        "whole area of the nodes inside; absent: true"
+    )
+
+
+class Case(Section):
+    """Static case."""
+
+    name: Name = key("name of the static case; not permanent, prestress, temperature, load", ...)
+    set: Settings = key(
+        "what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of a mean "
+        "[wind] that acts statically (pressure_factor: of its pressure)",
+        {},
+    )
+    pressure_table: TablePath | None = key(
+        "path of a table x, y, z (optional), pressure or coefficient: points in the axes of the net",
+        unit="N/m2",
+    )
+    factor: float | None = key(
+        "of the table: a pressure for coefficients; a number else", unit="N/m2", ge=-1e9, le=1e9
+    )
+    settlement: Shifts = key(
+        "of a held axis or of a spring's foot, from the form or the last stage of erection, by ids; z "
+        "upwards: [0, 0, -0.05] sinks",
+        {},
+        unit="m",
+    )
+
+
+class Combination(Section):
+    """Combination of actions."""
+
+    name: Name = key("name of the combination; no case bears it", ...)
+    factors: Factors = key(
+        "of permanent, prestress (not named: 1), temperature, load, and of cases by name (not named: 0)", ...
+    )
+    kind: Literal["ultimate", "service"] = key("which checks apply", "ultimate")
+
+
+class Motion(Section):
+    """Motion of supports in the dynamic stage."""
+
+    nodes: Ids | None = key("ids of the supports that move; absent: all")
+    displacement: TablePath | None = key("path of a table time, x, y, z, linear between its rows", unit="m")
+    acceleration: TablePath | None = key(
+        "path of a record (.AT2, in the unit of its head) or of a table time, x, y, z or time, "
+        "acceleration, likewise",
+        unit="m/s2",
+    )
+    direction: Vector | None = key("of an acceleration of one component")
+    scale: float = key("by which it is multiplied", 1.0, ge=-1e6, le=1e6)
+    speed: float | None = key("of a wave that travels; absent: all at once", unit="m/s", gt=0.0, le=1e6)
+    travel: Vector | None = key("direction in which it travels")
+    baseline: bool | None = key("baseline correction of a record (.AT2); absent: true")
+
+
+class Slide(Section):
+    """Nodes over which cables may slip."""
+
+    group: Text | None = key("group whose cables may slip over nodes")
+    cables: Words | None = key("or the names of the pieces of cable that may")
+    nodes: Ids | None = key("ids of the nodes over which they slip; absent: every node inside these cables")
+    friction: float = key("coefficient of friction of a saddle", 0.0, ge=0.0, le=10.0)
+    resistance: float = key("resistance of a clamp to slip", 0.0, unit="N", ge=0.0, le=1e12)
+
+
+class Remove(Section):
+    """Removal of members in the dynamic stage."""
+
+    elements: Ids | None = key("ids of the elements that are lost")
+    group: Text | None = key("or the group of elements that is lost")
+    cables: Words | None = key("or the names of the pieces of cable that are lost")
+    time: float = key(
+        "time in the dynamic stage at which the elements lose their stiffness", ..., unit="s", ge=0.0, le=1e9
+    )
+    duration: float = key(
+        "time over which their tension then falls to zero; 0: at once", 0.0, unit="s", ge=0.0, le=1e9
+    )
+
+
+class Target(Section):
+    """Target of an adjustment of unstressed lengths."""
+
+    group: Text | None = key("group, or piece of cable, whose mean force is wanted")
+    force: float | None = key("that force, tension positive", unit="N", ge=-1e12, le=1e12)
+    node: int | None = key("or the id of a node whose height is wanted", ge=-MAX_INT64 - 1, le=MAX_INT64)
+    height: float | None = key("z of that node", unit="m", ge=-1e6, le=1e6)
+    by: Text = key(
+        "group, or piece of cable, whose unstressed lengths are changed, each cable by one amount", ...
+    )
+
+
+class Stage(Section):
+    """Stage of erection."""
+
+    name: Name = key("name of the stage of erection", ...)
+    lengths: Lengths | None = key(
+        "unstressed lengths of groups or pieces of cable: changed, set, or pulled to a force"
+    )
+    active: Words | None = key("groups that are there from now on; absent: as before")
+    release: Ids | None = key("ids of nodes that are no longer held")
+    hold: Ids | None = key("ids of nodes that are held from now on, where they are")
+    move: Shifts | None = key("by how much held nodes are moved, from where they are, by ids", unit="m")
+    clamps: Literal["open", "closed"] | None = key(
+        "clamps of [[slide]] from now on: open, without resistance, or closed; absent: as before"
+    )
+    set: Settings = key("what it sets from now on: dead, snow, pressure, temperature, as in a case", {})
+
+
+REMOVED_MEMBER_KEYS = ("elements", "group", "cables")  # keys of [[remove]] of which exactly one is given

@@ -6,12 +6,12 @@ import tomllib
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from types import SimpleNamespace
 
 from netfall.core.errors import InputError
-from netfall.job.entries import LIST_KEYS
-from netfall.job.keys import parse_toml_or_word
-from netfall.job.schema import SECTIONS
+from netfall.job.entries import Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
+from netfall.job.models import Cable, Dynamics, FormFinding, Group, Limits, Load, Net, Output, Roof, Wind
+from netfall.job.schema import LIST_KEYS, SECTIONS
+from netfall.job.toml_text import parse_toml_or_word
 
 PATH_KEYS = [(section, key.name) for section, keys in SECTIONS.items() for key in keys if key.kind == "path"]
 MOTION_PATH_KEYS = [key.name for key in LIST_KEYS["motion"] if key.kind == "path"]
@@ -19,30 +19,30 @@ MOTION_PATH_KEYS = [key.name for key in LIST_KEYS["motion"] if key.kind == "path
 
 @dataclass(frozen=True)
 class Job:
-    """Validated job. A section is a namespace of its keys, or None if the job does not have it."""
+    """Validated job. A section is None if the job does not have it."""
 
     path: Path
     text: str  # the file as it stands
     overrides: tuple[str, ...]  # the --set of the command line
     title: str
-    net: SimpleNamespace
-    cable: SimpleNamespace
-    groups: dict[str, dict]  # [cable.GROUP]: the keys that it overrides
-    form_finding: SimpleNamespace | None
-    load: SimpleNamespace | None
-    roof: SimpleNamespace | None
-    wind: SimpleNamespace | None
-    dynamics: SimpleNamespace | None
-    output: SimpleNamespace
-    zones: list[SimpleNamespace]  # [[zone]], in order
-    limits: SimpleNamespace | None
-    cases: list[SimpleNamespace]  # [[case]]
-    combinations: list[SimpleNamespace]  # [[combination]]
-    motions: list[SimpleNamespace]  # [[motion]]
-    slides: list[SimpleNamespace]  # [[slide]]
-    removes: list[SimpleNamespace]  # [[remove]]
-    targets: list[SimpleNamespace]  # [[target]]
-    stages: list[SimpleNamespace]  # [[stage]]
+    net: Net
+    cable: Cable
+    groups: dict[str, Group]  # [cable.GROUP]: the keys that it overrides
+    form_finding: FormFinding | None
+    load: Load | None
+    roof: Roof | None
+    wind: Wind | None
+    dynamics: Dynamics | None
+    output: Output
+    zones: list[Zone]  # [[zone]], in order
+    limits: Limits | None
+    cases: list[Case]  # [[case]]
+    combinations: list[Combination]  # [[combination]]
+    motions: list[Motion]  # [[motion]]
+    slides: list[Slide]  # [[slide]]
+    removes: list[Remove]  # [[remove]]
+    targets: list[Target]  # [[target]]
+    stages: list[Stage]  # [[stage]]
 
     @property
     def name(self) -> str:
@@ -82,7 +82,7 @@ class Job:
         # Without the location of the file, and without overrides, whose values are in the sections.
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         del values["path"], values["overrides"]
-        total = hashlib.sha256(json.dumps(values, default=vars, sort_keys=True).encode())
+        total = hashlib.sha256(json.dumps(values, default=dict, sort_keys=True).encode())
         for content in self.contents:
             total.update(content)
         return total.hexdigest()
@@ -93,6 +93,10 @@ class Job:
         tables = {name: table for name, table in data.items() if isinstance(table, dict)}
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
 
+    def group_properties(self, name: str) -> Cable:
+        """Return [cable] with the keys that a group overrides."""
+        return self.cable.replaced(**self.groups[name].given()) if name in self.groups else self.cable
+
     def loads(self, key: str) -> list:
         """Return every value of a key of [load]: in the section, in zones and in cases."""
         return self.values("load", key)
@@ -100,14 +104,12 @@ class Job:
     def values(self, name: str, key: str) -> list:
         """Return every value of a key of a section with zones: in the section, zones, cases and stages."""
         section = getattr(self, name)
-        tables = [vars(section), *section.zone.values()] if section else []
-        tables += [
-            {path.rpartition(".")[2]: value}
+        return (section.all_values(key) if section else []) + [
+            value
             for entry in [*self.cases, *self.stages]
             for path, value in entry.set.items()
-            if path.startswith(f"{name}.")
+            if path.startswith(f"{name}.") and path.endswith(f".{key}")
         ]
-        return [values[key] for values in tables if key in values]
 
     def changes_net(self) -> bool:
         """Tell whether an override changes the net, so that files made for the job's own net do not apply."""

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from netfall.core.errors import InputError
-from netfall.job.entries import LIST_KEYS
-from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import SECTIONS
+from netfall.job.fields import Key
+from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_value
 
 # Active sections and the keys that they set; all other keys are comments.
@@ -64,7 +63,7 @@ def _line(key: Key, given: dict) -> str:
         meaning += ": " + ", ".join(key.choices)
     if key.name in given:
         setting = f"{key.name} = {_value(given[key.name])}"
-    elif key.default is REQUIRED:
+    elif key.required:
         example = f" {_value(EXAMPLE_VALUES[key.name])}" if key.name in EXAMPLE_VALUES else ""
         setting = f"# {key.name} ={example}"
         meaning += " (needed)"

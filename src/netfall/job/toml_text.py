@@ -1,6 +1,7 @@
 """Writing of a job as TOML, which the standard library reads but does not write."""
 
 import json
+import tomllib
 
 from netfall.core.errors import InputError
 
@@ -66,3 +67,11 @@ def toml_name(name) -> str:
     """Return a name as a key of TOML, quoted if necessary."""
     bare = str(name).replace("_", "").replace("-", "")
     return str(name) if bare.isascii() and bare.isalnum() else toml_value(str(name))
+
+
+def parse_toml_or_word(text: str):
+    """Parse a text as a TOML value; otherwise return the text, a word without quotes."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text

@@ -1,30 +1,23 @@
-"""Validation of the tables of a job file, against the schema and against each other."""
+"""Validation of the tables of a job file: each key by its field, then the keys against each other."""
 
-from collections.abc import Iterator, Sequence
-from types import SimpleNamespace
+from typing import Any, TypeVar
+
+from pydantic import ValidationError
 
 from netfall.job import cases
-from netfall.job.entries import LIST_KEYS, REMOVED_MEMBER_KEYS
-from netfall.job.keys import REQUIRED, Key
-from netfall.job.schema import (
-    CASE_KEYS,
-    EXCLUSIVE_KEYS,
-    GENERATOR_KEYS,
-    OVERRIDES,
-    REMOVED_KEYS,
-    REQUIRED_ALTERNATIVES,
-    SECTIONS,
-    SINCE,
-    STAGE_KEYS,
-    find_key,
-    may_break,
-    section_defaults,
-)
+from netfall.job.consistency import combined_errors
+from netfall.job.fields import Key, Section, inner_models, keys_of
+from netfall.job.models import Group, Top
+from netfall.job.schema import CASE_KEYS, LISTS, REMOVED_KEYS, SINCE, STAGE_KEYS, TABLES
+from netfall.job.units import UnitError, to_unit
 from netfall.job.values import format_value, suggest
+
+Model = TypeVar("Model", bound=Section)
+SETTABLE = {"case": CASE_KEYS, "stage": STAGE_KEYS}  # lists whose key `set` sets keys of sections
 
 
 class Validator:
-    """Checker of the tables of a job, which appends a line for each error to `errors`."""
+    """Checker of tables, which appends a line for each error to `errors`."""
 
     def __init__(self, where: str, errors: list[str]):
         """where : name of the file, for messages"""
@@ -36,335 +29,101 @@ class Validator:
         place = section if section.startswith("[") else f"[{section}]"
         self.errors.append(f"{self.where}: {place + ' ' if section else ''}{what}")
 
-    def sections(self, data: dict) -> dict:
-        """Return the fields of a job: the title, sections, groups as dicts, entries of lists as namespaces.
-
-        A section is a namespace of its keys, or None if absent. `zone` of a section with zones is a dict of
-        the values
-        that each zone overrides.
-        """
-        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LIST_KEYS}
-        self._names(data, given)
-        scalars = {
-            k: v for k, v in data.items() if k not in given and k not in SECTIONS and k not in LIST_KEYS
-        }
-        title = self.table("", SECTIONS[""], scalars).title
+    def sections(self, data: dict[str, Any]) -> dict[str, Any]:
+        """Return the fields of a `Job` by name; a key that is wrong has its default, or None."""
+        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LISTS}
+        for name in given:
+            if name == "" or name not in TABLES:
+                self.wrong("", f"[{name}]: unknown section; {suggest(name, TABLES)}")
+        for name in TABLES:
+            if name in data and name not in given:
+                self.wrong("", f"{name} = {format_value(data[name])}: expected a section, [{name}]")
+        scalars = {k: v for k, v in data.items() if k not in given and k not in TABLES and k not in LISTS}
+        title = self.values("", keys_of(Top), scalars).get("title", "")
         for name in ("net", "cable"):
             if name not in data:
                 self.wrong("", f"[{name}]: the section is missing; a job needs it")
-        checked, groups = dict.fromkeys(filter(None, SECTIONS)), {}
-        for name in filter(checked.__contains__, given):
-            own, inner = self._overrides(name, given[name])
-            checked[name] = self.table(name, SECTIONS[name], own)
+        groups, sections = {}, dict.fromkeys(TABLES)
+        for name in filter(TABLES.__contains__, given):
+            table = given[name]
             if name == "cable":
-                groups = inner
-            elif name in OVERRIDES:
-                checked[name].zone = inner
-        checked["output"] = checked["output"] or self.table("output", SECTIONS["output"], {})
-        lists = {f"{name}s": self.entries(name, keys, data.get(name, [])) for name, keys in LIST_KEYS.items()}
-        for kind, rows in (("case", CASE_KEYS), ("stage", STAGE_KEYS)):
-            for entry in lists[f"{kind}s"]:
-                entry.set = cases.read_settings(entry, rows, self._value, self.wrong, kind)
-        for place, problem in _combined_errors(given, checked, lists):
+                inner = {k: v for k, v in table.items() if isinstance(v, dict)}
+                table = {k: v for k, v in table.items() if k not in inner}
+                groups = {group: self.table(f"cable.{group}", Group, v) for group, v in inner.items()}
+            sections[name] = self.table(name, TABLES[name], table)
+        sections["output"] = sections["output"] or TABLES["output"]()
+        lists = {f"{name}s": self.entries(name, model, data.get(name, [])) for name, model in LISTS.items()}
+        for place, problem in combined_errors(given, sections, lists):
             self.wrong(place, problem)
-        return checked | lists | {"title": title, "groups": groups}
+        return {"title": title, "groups": groups} | sections | lists
 
-    def _names(self, data: dict, given: dict) -> None:
-        """Check the names of the sections."""
-        for name in given:
-            if name == "" or name not in SECTIONS:
-                self.wrong("", f"[{name}]: unknown section; {suggest(name, filter(None, SECTIONS))}")
-        for name in SECTIONS:
-            if name and name in data and name not in given:
-                self.wrong("", f"{name} = {format_value(data[name])}: expected a section, [{name}]")
-
-    def _overrides(self, name: str, table: dict) -> tuple[dict, dict[str, dict]]:
-        """Split a section into its own values and the values that its inner tables override, by name."""
-        if name not in OVERRIDES:
-            return table, {}
-        under, keys = OVERRIDES[name]
-        inner = table.get(under, {}) if under else {k: v for k, v in table.items() if isinstance(v, dict)}
-        own = {k: v for k, v in table.items() if k != under and (under or k not in inner)}
-        path = f"{name}.{under}" if under else name
-        if not isinstance(inner, dict) or not all(isinstance(v, dict) for v in inner.values()):
-            self.wrong(name, f"{under} = {format_value(inner)}: expected tables, [{path}.NAME]")
-            return own, {}
-        overrides: dict[str, dict] = {inner_name: {} for inner_name in inner}
-        for inner_name, values in inner.items():
-            self._check(f"{path}.{inner_name}", keys, values, overrides[inner_name])
-        return own, overrides
-
-    def entries(self, name: str, keys: Sequence[Key], given) -> list[SimpleNamespace]:
+    def entries(self, name: str, model: type[Model], given: object) -> list[Model]:
         """Return the entries of a list of tables, whose names must be unique."""
         if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
             self.wrong(
                 "", f"{name} = {format_value(given)}: expected entries, [[{name}]], each with its keys"
             )
             return []
-        entries, first_entry = [], {}
+        entries: list[Model] = []
+        first_entry: dict[str, int] = {}
         for number, table in enumerate(given, 1):
             entry_name = table.get("name")
             label = f"[[{name}]] {entry_name if isinstance(entry_name, str) and entry_name else number}:"
-            entries.append(self.table(label, keys, table))
+            if name in SETTABLE and isinstance(table.get("set"), dict):
+                settings = cases.read_settings(name, label, table["set"], SETTABLE[name], self)
+                table = table | {"set": settings}
+            entries.append(self.table(label, model, table))
             if isinstance(entry_name, str) and first_entry.setdefault(entry_name, number) != number:
                 self.wrong(
                     label, f"name: stands in entry {first_entry[entry_name]} already; names are unique"
                 )
         return entries
 
-    def table(self, place: str, keys: Sequence[Key], table: dict) -> SimpleNamespace:
-        """Return the values of all keys, given or by default."""
-        values = {key.name: None if key.default is REQUIRED else key.default for key in keys}
-        self._check(place, keys, table, values)
-        for key in keys:
-            if key.default is REQUIRED and key.name not in table:
-                self.wrong(place, f"{key.name}: missing; expected {key.expected()}")
-        return SimpleNamespace(**values)
+    def table(self, place: str, model: type[Model], table: dict[str, Any]) -> Model:
+        """Return a section with its inner tables; a key that is wrong has its default, or None.
 
-    def _check(self, place: str, keys: Sequence[Key], table: dict, values: dict) -> None:
-        """Put the given values that are valid into `values`."""
-        rows = {key.name: key for key in keys}
+        place : as in `wrong`
+        """
+        inner = {}
+        for name, inner_model in inner_models(model).items():
+            if name in table:
+                inner[name] = self._inner_tables(place, name, inner_model, table[name])
+        keys = keys_of(model)
+        values = self.values(place, keys, {k: v for k, v in table.items() if k not in inner}) | inner
+        absent = [name for name, key in keys.items() if key.required and name not in values]
+        for name in absent:
+            if name not in table:
+                self.wrong(place, f"{name}: missing; expected {keys[name].expected()}")
+        return model.model_construct(**dict.fromkeys(absent), **values)
+
+    def _inner_tables(self, place: str, name: str, model: type[Section], given: object) -> dict[str, Section]:
+        """Return the tables [SECTION.zone.NAME] by their names."""
+        if not isinstance(given, dict) or not all(isinstance(table, dict) for table in given.values()):
+            expected = f"expected tables, [{place}.{name}.NAME]"
+            self.wrong(place, f"{name} = {format_value(given)}: {expected}")
+            return {}
+        return {inner: self.table(f"{place}.{name}.{inner}", model, v) for inner, v in given.items()}
+
+    def values(self, place: str, keys: dict[str, Key], table: dict[str, Any]) -> dict[str, Any]:
+        """Return the valid values of a table, as the types of their keys."""
+        values = {}
         for name, value in table.items():
             if name in REMOVED_KEYS.get(place, {}):
                 accepted, reason = REMOVED_KEYS[place][name]
                 if value != accepted:
                     removed = f"removed in version {SINCE}, {reason}; remove the key"
                     self.wrong(place, f"{name} = {format_value(value)}: {removed}")
-            elif name not in rows:
-                self.wrong(place, f"{format_value(name)[1:-1]}: unknown key; {suggest(name, rows)}")
+            elif name not in keys:
+                self.wrong(place, f"{format_value(name)[1:-1]}: unknown key; {suggest(name, keys)}")
             else:
-                self._value(place, name, rows[name], value, values)
+                self.put(place, name, keys[name], value, values)
+        return values
 
-    def _value(self, place: str, name: str, key: Key, value, values: dict) -> None:
+    def put(self, place: str, name: str, key: Key, value: object, values: dict[str, Any]) -> None:
         """Put a value into `values` if it is valid."""
-        if not key.fits(value):
+        try:
+            values[name] = key.checked(to_unit(value, key.unit) if key.takes_units else value)
+        except UnitError as error:
+            self.wrong(place, f"{name} = {format_value(value)}: {error}")
+        except ValidationError:
             self.wrong(place, f"{name} = {format_value(value)}: expected {key.expected()}")
-        else:
-            number = key.kind == "number" and not isinstance(value, str)
-            values[name] = float(value) if number else value
-
-
-# --- errors that depend on more than one key
-
-
-def _combined_errors(given: dict, checked: dict, lists: dict) -> Iterator[tuple[str, str]]:
-    """Yield place and error for everything that depends on more than one key.
-
-    given : sections as written; checked, lists : checked sections and entries
-    """
-    wind, dynamics, net = given.get("wind", {}), given.get("dynamics", {}), checked["net"]
-    if "net" in given:
-        yield from (("net", what) for what in _net_key_errors(given["net"]))
-    if "wind" in given:
-        yield from (("wind", what) for what in _wind_errors(given["wind"], _may_detach(given, lists)))
-    if "cable" in given:
-        yield from _cable_errors(given["cable"], "elements" in given.get("net", {}))
-    if "wind" in given and "dynamics" not in given:
-        yield "wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]"
-    form = checked["form_finding"]
-    if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
-        what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
-        yield "net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"'
-    yield from _entry_errors(lists)
-    yield from cases.case_errors(lists["cases"], checked["wind"] or section_defaults("wind"))
-    yield from cases.combination_errors(lists["combinations"], lists["cases"])
-    yield from _base_height_errors(wind, checked["wind"], lists["cases"])
-    yield from _removal_errors(given, checked["load"], lists["removes"])
-    for number, entry in enumerate(lists["motions"], 1):
-        yield from ((f"[[motion]] {number}:", what) for what in _motion_errors(entry, "dynamics" in given))
-    for missing in _missing_partner(dynamics, "damping_ratio", "damping_band"):
-        yield "dynamics", f"{missing}: missing; a ratio and the band in which it holds go together"
-
-
-def _missing_partner(table: dict, *pair: str) -> list[str]:
-    """Return the missing key if only the other key of a pair is given."""
-    missing = [name for name in pair if table.get(name) is None]
-    return missing if len(missing) == 1 else []
-
-
-def _entry_errors(lists: dict) -> Iterator[tuple[str, str]]:
-    """Yield errors of zones, stages, slip points and targets."""
-    for zone in lists["zones"]:
-        if zone.polygon is not None and zone.groups is not None:
-            yield f"[[zone]] {zone.name}:", "polygon and groups exclude each other; keep one of the two"
-        if zone.cut and zone.polygon is None:
-            yield f"[[zone]] {zone.name}:", "cut = true: only with polygon, which cuts; remove it"
-    for stage in lists["stages"]:
-        if stage.clamps and not lists["slides"]:
-            yield f"[[stage]] {stage.name}:", "clamps: nothing slips; add [[slide]], or remove it"
-    for number, entry in enumerate(lists["slides"], 1):
-        if (entry.group is None) == (entry.cables is None):
-            problem = "missing; say what slips" if entry.group is None else "exclude each other"
-            yield f"[[slide]] {number}:", f"group or cables: {problem}; expected one of the two"
-    for number, target in enumerate(lists["targets"], 1):
-        given = [key for key in ("group", "force", "node", "height") if getattr(target, key) is not None]
-        if given not in (["group", "force"], ["node", "height"]):
-            problem = "expected group and force, or node and height; give one of these pairs"
-            yield f"[[target]] {number}:", problem
-
-
-def _removal_errors(given: dict, load: SimpleNamespace | None, removes: list) -> Iterator[tuple[str, str]]:
-    """Yield errors of the entries of [[remove]]."""
-    for number, entry in enumerate(removes, 1):
-        present = [key for key in REMOVED_MEMBER_KEYS if getattr(entry, key) is not None]
-        if len(present) != 1:
-            conflict = f"{' and '.join(present)} exclude each other; keep one of them"
-            yield (
-                f"[[remove]] {number}:",
-                conflict if present else f"{' or '.join(REMOVED_MEMBER_KEYS)}: missing; say what is lost",
-            )
-    if removes and "dynamics" not in given:
-        yield "[[remove]]", "there is no [dynamics] in which something could be lost; add it"
-    if removes and "wind" not in given and load and load.ramp:
-        yield "load", "ramp: a job with [[remove]] starts at rest under all loads; remove one of them"
-
-
-def _motion_errors(entry: SimpleNamespace, moves: bool) -> Iterator[str]:
-    """Yield errors of an entry of [[motion]]; moves : whether there is a dynamic stage."""
-    if (entry.displacement is None) == (entry.acceleration is None):
-        problem = "missing" if entry.displacement is None else "exclude each other"
-        yield f"displacement or acceleration: {problem}; expected one of the two"
-    if entry.direction is not None and entry.displacement is not None:
-        yield "direction: a displacement has x, y and z in its table; remove it"
-    if is_record(entry) and entry.direction is None:
-        yield "direction: missing; a record has one component: [x, y, z] of it"
-    if entry.baseline is not None and not is_record(entry):
-        yield "baseline: is of records (.AT2); a table is taken as it stands: remove it"
-    for missing in _missing_partner(vars(entry), "speed", "travel"):
-        yield f"{missing}: missing; a wave has a speed and a travel = [x, y, z]"
-    for name in ("direction", "travel"):
-        if getattr(entry, name) is not None and not any(getattr(entry, name)):
-            yield f"{name} = [0, 0, 0]: has no direction; expected another"
-    if not moves:
-        key = "displacement" if entry.displacement else "acceleration"
-        yield f"{key}: there is no [dynamics] in which supports could move; add it"
-
-
-def _net_key_errors(net: dict) -> Iterator[str]:
-    """Yield errors of the source of the net, and of dimensions for another generator."""
-    tables, generator = "nodes" in net or "elements" in net, net.get("generator")
-    if "generator" in net and tables:
-        yield "generator and tables (nodes, elements) exclude each other; keep one of the two"
-    elif tables:
-        yield from (
-            f"{missing}: missing; tables come as a pair, nodes and elements"
-            for missing in _missing_partner(net, "nodes", "elements")
-        )
-    elif "generator" not in net:
-        names = ", ".join(map(format_value, GENERATOR_KEYS))
-        yield f"generator: missing; expected one of {names}, or nodes and elements"
-    if net.get("unit", "m") != "m" and not tables:
-        yield f"unit = {format_value(net['unit'])}: only for tables; dimensions are in m"
-    if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
-        return
-    own_keys = () if tables else GENERATOR_KEYS[generator]
-    for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
-        if name in net and name not in own_keys:
-            generators = " or ".join(
-                format_value(other) for other, keys in GENERATOR_KEYS.items() if name in keys
-            )
-            yield f"{name} = {format_value(net[name])}: only for generator = {generators}; remove it"
-
-
-def _wind_errors(wind: dict, detaches: bool) -> Iterator[str]:
-    """Yield errors of sources, coefficients and gusts; detaches : whether fragments can detach and drag."""
-    sources = [key for key in ("speed", "file", "pressures") if key in wind]
-    if sources == ["pressures"] and _air_damping(wind):
-        yield "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
-    elif sources == ["speed", "pressures"] and (_air_damping(wind) or detaches):
-        pass  # damping and drag are for that mean speed
-    elif len(sources) > 1:
-        yield f"{' and '.join(sources)} exclude each other; keep one of them"
-    elif not sources:
-        expected = "a number of m/s > 0, or file = a table of time, speed"
-        yield f"speed: missing; expected {expected}, or pressures = one of time and taps"
-    for missing in _missing_partner(wind, "pressures", "taps"):
-        yield f"{missing}: missing; pressures in time and the places of their taps go together"
-    if "points" in wind and "file" not in wind:
-        yield "points: only with file, whose speeds were measured there; add it"
-    given = [key for key in ("shape_coefficient", "sectors") if key in wind]
-    if "pressures" in wind:
-        given += ["zone"] * any("shape_coefficient" in zone for zone in _zones(wind))
-        if given:
-            yield f"{', '.join(given)}: pressures at taps need no coefficients; remove it"
-    elif len(given) == 2:
-        yield "shape_coefficient and sectors exclude each other; keep one of the two"
-    elif not given:
-        expected = "a number, or sectors = a table of them by the wind's direction"
-        yield f"shape_coefficient: missing; expected {expected}"
-    if "roughness" in wind and "turbulence" in wind:
-        yield "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two"
-    elif not {"roughness", "turbulence"} & set(wind) and _is_generated(wind):
-        yield (
-            "turbulence: missing; expected the intensity of the gusts at 10 m (codes give 0.15 to 0.2 in "
-            "open terrain; 0: no gusts), or roughness, k of Davenport's spectrum"
-        )
-
-
-def _base_height_errors(
-    wind: dict, section: SimpleNamespace | None, all_cases: list
-) -> Iterator[tuple[str, str]]:
-    """Yield errors of a generated or static wind without the height of z = 0; all_cases : of [[case]]."""
-    missing = (
-        "base_height: missing; expected the height of z = 0 above ground in m (0 if z counts from the "
-        "ground), or profile_exponent = 0 for the same speed at every height"
-    )
-    if "base_height" in wind:
-        return
-    if _is_generated(wind) and section.profile_exponent > 0.0:
-        yield "wind", missing
-        return
-    for case in filter(cases.has_static_wind, all_cases):
-        acting = cases.static_wind(section or section_defaults("wind"), case)
-        if acting.profile_exponent > 0.0 and "wind.base_height" not in case.set:
-            yield f"[[case]] {case.name}:", f"set: wind.{missing}"
-
-
-def is_record(motion: SimpleNamespace) -> bool:
-    """Tell whether an entry of [[motion]] names a record of PEER."""
-    return bool(motion.acceleration) and motion.acceleration.lower().endswith(".at2")
-
-
-def _zones(table: dict) -> list[dict]:
-    """Return the tables of the zones of a section as written."""
-    zones = table.get("zone")
-    return [zone for zone in zones.values() if isinstance(zone, dict)] if isinstance(zones, dict) else []
-
-
-def _is_generated(wind: dict) -> bool:
-    """Tell whether [wind], as written, is a speed from which the wind is generated."""
-    return "speed" in wind and "file" not in wind and "pressures" not in wind
-
-
-def _air_damping(wind: dict) -> bool:
-    """Tell whether [wind], as written, has air damping anywhere."""
-    return any(table.get("air_damping") for table in (wind, *_zones(wind)))
-
-
-def _may_detach(given: dict, lists: dict) -> bool:
-    """Tell whether a job, as written, may detach fragments that the wind drags."""
-    cut = may_break(given.get("cable", {})) or bool(lists["removes"])
-    return cut and given["wind"].get("after_fracture", "detached") == "detached"
-
-
-def missing_key_message(name: str) -> str:
-    """Return the message for a missing key."""
-    key = find_key("cable", name)
-    alternative = next(other for other in REQUIRED_ALTERNATIVES[name] if other != name)
-    return f"{name}: missing; expected {key.expected()}, or {alternative}, or a type of the catalogue"
-
-
-def _cable_errors(cable: dict, tables: bool) -> Iterator[tuple[str, str]]:
-    """Yield errors of [cable] and its groups as written; tables : whether table rows may add keys."""
-    groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
-    everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
-    for place, table in everywhere.items():
-        for one, other in EXCLUSIVE_KEYS:
-            if one in table and other in table:
-                yield place, f"{one} and {other} exclude each other; keep one of the two"
-        if "type" in table and "catalogue" not in cable:
-            yield place, "type: needs the table that it stands in; add catalogue = a path to [cable]"
-    given = {key for table in everywhere.values() for key in table}
-    for name, other in REQUIRED_ALTERNATIVES.items():
-        if not tables and not given & {*other, "type"}:
-            yield "cable", missing_key_message(name)

@@ -16,9 +16,9 @@ from netfall.core.errors import InputError, raise_errors
 from netfall.core.functions import lengths
 from netfall.geometry.net import GRAVITY, Net, parent_ends
 from netfall.geometry.turned import is_rotated
+from netfall.job.consistency import is_record
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
-from netfall.job.validate import is_record
 from netfall.job.values import counted, format_list
 
 AXES = ("x", "y", "z")
@@ -200,16 +200,17 @@ def _unit_vector(vector) -> np.ndarray:
 
 def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
     """Read a table, its times (r,) [s] and its values (r, 3). Raises InputError."""
+    unit = "m/s2" if entry.acceleration else "m"
     known = ("time", *AXES) if entry.direction is None else ("time", "acceleration")
     table = Table(path, known, known[:1] if entry.direction is None else known)
     time = table.numbers("time", unit="s")
-    values = table.stacked(known[1:], 0.0 if entry.direction is None else np.nan)
+    values = table.stacked(known[1:], 0.0 if entry.direction is None else np.nan, unit=unit)
     columns = [name for name in known[1:] if name in table]
     if not columns:
         table.wrong("no column of values; expected x, y, z (or some of them)")
     table.finish()
     table.ascending("time", time)
-    table.check_no_gaps(time, *(table.numbers(name) for name in columns))
+    table.check_no_gaps(time, *(table.numbers(name, unit=unit) for name in columns))
     return table, time, values if entry.direction is None else values * _unit_vector(entry.direction)
 
 

@@ -1,7 +1,6 @@
 """Inputs of static cases in addition to [load], read before any computation: winds, tables, settlements."""
 
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import numpy as np
 
@@ -11,8 +10,9 @@ from netfall.geometry.turned import is_rotated, settlement_axes
 from netfall.geometry.zones import Zones
 from netfall.job.cases import action_factor, has_static_wind, split, static_wind
 from netfall.job.csv_table import Table
+from netfall.job.entries import Case
 from netfall.job.job import Job
-from netfall.job.schema import section_defaults
+from netfall.job.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
 from netfall.loads.loads import shape_coefficients
 from netfall.loads.wind.sectors import Sectors, describe_origin
@@ -30,7 +30,7 @@ class CaseInputs:
     settlement : (n, 3) [m], None: no support settles; sectors : of its wind, None: none
     """
 
-    wind: SimpleNamespace | None = None
+    wind: CaseWind | None = None
     sectors: Sectors | None = None
     points: np.ndarray | None = None
     pressure: np.ndarray | None = None
@@ -68,7 +68,7 @@ def _unequal_factor_notes(job: Job) -> list[str]:
     for case in job.cases if job.load else []:
         for name, value in case.set.items():
             section, zone, key = split(name)
-            own = job.load.zone.get(zone, {}).get(key, getattr(job.load, key)) if section == "load" else None
+            own = job.load.zone_values(key).get(zone, getattr(job.load, key)) if section == "load" else None
             if own is None or not np.any(own):
                 continue
             pairs = [
@@ -117,11 +117,7 @@ def _omitted_action_notes(job: Job, net: Net) -> list[str]:
     load = job.load
     if load is None:
         return []
-    on_roof = [
-        load.snow,
-        load.pressure,
-        *(zone.get(key) for zone in load.zone.values() for key in LIVE_LOAD_KEYS),
-    ]
+    on_roof = [value for key in LIVE_LOAD_KEYS for value in load.all_values(key)]
     live = any(value is not None and np.any(value) for value in on_roof) or net.load.any()
     return [
         f"[[combination]] {format_list([format_value(one) for one in silent])}: {name} is not among "
@@ -135,11 +131,11 @@ def _omitted_action_notes(job: Job, net: Net) -> list[str]:
     ]
 
 
-def _read_case_wind(job: Job, case: SimpleNamespace, zones: Zones) -> tuple[dict, list[str]]:
+def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict, list[str]]:
     """Return the static wind of a case with its sectors, and notes."""
     if not has_static_wind(case):
         return {}, []
-    wind = static_wind(job.wind or section_defaults("wind"), case)
+    wind = static_wind(job.wind or Wind(), case)
     coefficient, sectors = shape_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
     if "wind.direction" in case.set and wind.sectors is None:
@@ -148,11 +144,11 @@ def _read_case_wind(job: Job, case: SimpleNamespace, zones: Zones) -> tuple[dict
             f"({describe_origin(wind.direction)}): the "
             "shape coefficients do not follow it; wind.sectors = a table gives them by direction"
         )
-    wind = SimpleNamespace(**(vars(wind) | {"shape_coefficient": coefficient}))
+    wind = wind.replaced(shape_coefficient=coefficient)
     return {"wind": wind, "sectors": sectors}, notes
 
 
-def _read_case_pressures(job: Job, case: SimpleNamespace, _) -> tuple[dict, list[str]]:
+def _read_case_pressures(job: Job, case: Case, _) -> tuple[dict, list[str]]:
     """Read the points and pressures of the table of a case; return them and notes. Raises InputError."""
     if case.pressure_table is None:
         return {}, []
@@ -172,7 +168,7 @@ def _read_case_pressures(job: Job, case: SimpleNamespace, _) -> tuple[dict, list
     return {"points": points, "pressure": pressure}, table.notes
 
 
-def _read_case_settlement(job: Job, case: SimpleNamespace, net: Net) -> tuple[dict, list[str]]:
+def _read_case_settlement(job: Job, case: Case, net: Net) -> tuple[dict, list[str]]:
     """Return the settlements of a case. Raises InputError for nodes or axes that are free."""
     if not case.settlement:
         return {}, []

@@ -5,7 +5,6 @@ live loads in steps, and all of them act in the dynamic stage.
 """
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from netfall.job.derived import (
     has_growing_pressure,
 )
 from netfall.job.job import Job
+from netfall.job.models import Load, Wind
 from netfall.loads.wind.coherence import mean_speed
 from netfall.loads.wind.field import WindField
 from netfall.loads.wind.sectors import Sectors, read_sectors
@@ -57,32 +57,32 @@ def make_loading(job: Job, roof: RoofAreas, own: np.ndarray, nodes: np.ndarray) 
     return Loading(permanent, live_load(load, roof, nodes), None, carried)
 
 
-def carried_mass(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
+def carried_mass(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the mass of dead load and snow, (n,) [kg]."""
     dead = roof.zones.spread(load, "dead") * roof.area
     return dead / GRAVITY + roof.zones.spread(load, "snow") * roof.plan_area / GRAVITY
 
 
-def live_load(load: SimpleNamespace, roof: RoofAreas, nodes: np.ndarray) -> np.ndarray:
+def live_load(load: Load, roof: RoofAreas, nodes: np.ndarray) -> np.ndarray:
     """Compute the live load of [load], (n, 3) [N]; nodes : as in `make_loading`."""
     return nodes + snow_load(load, roof) + pressure_load(load, roof)
 
 
-def dead_load(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
+def dead_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the cladding on its surface, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "dead") * roof.area
     return force
 
 
-def snow_load(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
+def snow_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the weight of the snow on the area in plan, (n, 3) [N]."""
     force = np.zeros_like(roof.vector)
     force[:, 2] -= roof.zones.spread(load, "snow") * roof.plan_area
     return force
 
 
-def pressure_load(load: SimpleNamespace, roof: RoofAreas) -> np.ndarray:
+def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
     """Compute the force of the pressure, (n, 3) [N].
 
     A scalar pressure acts against the vector areas, whose sum is exact. A pressure [x, y, z] acts on the
@@ -127,13 +127,12 @@ def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Secto
     if sectors is None:
         return zones.spread(wind, "shape_coefficient") if wind else None, None
     of_roof, of_zone = sectors.at(wind.direction)
-    own = {name: zone[key] for name, zone in wind.zone.items() if (key := "shape_coefficient") in zone}
-    return zones.by_node(of_roof, own | of_zone), sectors
+    return zones.by_node(of_roof, wind.zone_values("shape_coefficient") | of_zone), sectors
 
 
-def wind_with_node_coefficients(job: Job, coefficient: np.ndarray) -> SimpleNamespace:
+def wind_with_node_coefficients(job: Job, coefficient: np.ndarray) -> Wind:
     """Return the section [wind] with the net pressure coefficient (n,) of each node."""
-    return SimpleNamespace(**(vars(job.wind) | {"shape_coefficient": coefficient}))
+    return job.wind.replaced(shape_coefficient=coefficient)
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:

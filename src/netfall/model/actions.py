@@ -6,7 +6,6 @@ the mean wind of [wind] does.
 """
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,9 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
+from netfall.job.entries import Case, Combination
 from netfall.job.job import Job
+from netfall.job.models import Load
 from netfall.loads.loads import dead_load, live_load
 from netfall.loads.wind.field import mean_wind_force
 from netfall.loads.wind.measured import point_weights
@@ -73,10 +74,10 @@ class StaticLoad(NamedTuple):
         )
 
 
-def case_actions(job: Job, model: Model, case: SimpleNamespace) -> Actions:
+def case_actions(job: Job, model: Model, case: Case) -> Actions:
     """Return the actions of a case: the permanent loads and [load], with the values that it sets. Rank 0."""
     load, roof = load_settings(job), model.roof
-    changed = apply_settings(load, "load", case)
+    changed = apply_settings(load, "load", case.set)
     force = model.loading.permanent + live_load(changed, roof, model.net.load)
     if _sets_key(case, "dead"):
         force = force + dead_load(changed, roof) - dead_load(load, roof)
@@ -91,7 +92,7 @@ def case_actions(job: Job, model: Model, case: SimpleNamespace) -> Actions:
     )
 
 
-def combination_actions(job: Job, model: Model, combination: SimpleNamespace) -> Actions:
+def combination_actions(job: Job, model: Model, combination: Combination) -> Actions:
     """Return the actions of a combination. Rank 0."""
     load, net = load_settings(job), model.net
 
@@ -117,21 +118,21 @@ def combination_actions(job: Job, model: Model, combination: SimpleNamespace) ->
     )
 
 
-def _sets_key(case: SimpleNamespace, key: str) -> bool:
+def _sets_key(case: Case, key: str) -> bool:
     """Tell whether a case sets a key of [load], also in a zone."""
     return any(name.startswith("load.") and name.endswith(f".{key}") for name in case.set)
 
 
-def _case_difference(load: SimpleNamespace, model: Model, case: SimpleNamespace) -> np.ndarray:
+def _case_difference(load: Load, model: Model, case: Case) -> np.ndarray:
     """Compute the forces (n, 3) [N] of a case in a combination: its values less those of [load]."""
-    changed, zero = apply_settings(load, "load", case), np.zeros_like(model.net.load)
+    changed, zero = apply_settings(load, "load", case.set), np.zeros_like(model.net.load)
     force = live_load(changed, model.roof, zero) - live_load(load, model.roof, zero)
     force += dead_load(changed, model.roof) - dead_load(load, model.roof)
     pressure = _case_pressure_forces(model, case)
     return force if pressure is None else force + pressure
 
 
-def _case_pressure_forces(model: Model, case: SimpleNamespace) -> np.ndarray | None:
+def _case_pressure_forces(model: Model, case: Case) -> np.ndarray | None:
     """Compute the forces (n, 3) [N] of static wind and pressure table of a case; None: it has neither."""
     inputs, force = model.layout.cases[case.name], None
     if inputs.wind is not None:

@@ -136,7 +136,7 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
     moves_air = wind and (
         has_aerodynamic_damping(job) or (has_fragment_drag(job) and (breaks or job.removes))
     )
-    of_zones = wind and any(map(any, map(dict.values, wind.zone.values())))
+    of_zones = wind and any(any(zone.given().values()) for zone in wind.zone.values())
     if wind and wind.shape_coefficient == 0 and not moves_air and not of_zones:
         yield "[wind]: no effect: shape_coefficient = 0"
     if wind and wind.shape_coefficient is not None and "wind.direction" in given:

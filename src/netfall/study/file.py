@@ -20,9 +20,9 @@ from netfall.job.values import format_value, suggest
 from netfall.results.outcomes import OUTCOME_BY_NAME
 from netfall.study import sections
 from netfall.study.answers.hazard import Hazard
-from netfall.study.answers.measures import FailureCriterion
 from netfall.study.answers.samples import SPEED
 from netfall.study.draws import draw
+from netfall.study.models import DrawSettings, FailureCriterion, RunSettings
 
 FEW = 10  # elements or cables that a message names
 # Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
@@ -130,12 +130,12 @@ class Plan:
 class Sections(NamedTuple):
     """The checked sections of a study file. The removed elements or cables are not determined yet."""
 
-    run: dict
+    run: RunSettings
     failures: tuple[FailureCriterion, ...]
     hazard: Hazard | None
     axes: list[sections.Axis]
     loss: dict | None
-    sample: dict
+    sample: DrawSettings | None
     distributions: dict
 
 
@@ -149,9 +149,8 @@ def read_study_plan(path: Path) -> Plan:
         raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
     content, job = _sections_of(path, data), path.parent / str(data["job"])
     axes, loss = content.axes, content.loss
-    count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST) * content.sample.get(
-        "count", 1
-    )
+    count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST)
+    count *= content.sample.count if content.sample else 1
     if count > sections.MOST:
         raise InputError(f"{path}: asks for {count} runs; at most {sections.MOST} are possible")
     if loss:
@@ -170,7 +169,9 @@ def read_study_plan(path: Path) -> Plan:
         {name for name, each in content.distributions.items() if each["distribution"] == "integer"},
         draws,
         loss,
-        **content.run,
+        content.run.ranks,
+        content.run.keep,
+        content.run.time_limit,
         exposure=job_itself.dynamics.duration if job_itself.dynamics else math.nan,
         failures=content.failures,
         hazard=content.hazard,
@@ -200,14 +201,14 @@ def _sections_of(path: Path, data: dict) -> Sections:
             check.wrong("", f"{name} = {format_value(table)}: expected a section, [{name}]")
             tables[name] = {}
     vary, sample = (_flatten(tables[name], check) for name in ("vary", "sample"))
-    draw_settings = {key.name: sample.pop(key.name) for key in sections.KEYS["sample"] if key.name in sample}
+    draw_settings = {name: sample.pop(name) for name in DrawSettings.model_fields if name in sample}
     sections.check_distributions(sample, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
     if draw_settings and not sample:
         check.wrong("sample", "names no key of the job to draw")
     varied = {*vary, *sample}
     content = Sections(
-        vars(check.table("run", sections.KEYS["run"], tables["run"])),
+        check.table("run", RunSettings, tables["run"]),
         failures,
         sections.hazard_section(tables["hazard"], SPEED in varied, check),
         [sections.read_axis(name, value, check) for name, value in vary.items()],
@@ -224,13 +225,13 @@ def _sections_of(path: Path, data: dict) -> Sections:
 
 def _draws(content: Sections) -> tuple[np.ndarray | None, list[str]]:
     """Return the random values, and notes on them."""
-    if not content.distributions:
+    if not content.distributions or content.sample is None:
         return None, []
-    method, count = content.sample["method"], content.sample["count"]
+    method, count = content.sample.method, content.sample.count
     notes = []
     if method == "sobol" and count & (count - 1):
         notes.append(f"note: [sample] count = {count}: Sobol's points are even for powers of two only")
-    return draw(method, count, content.sample["seed"], list(content.distributions.values())), notes
+    return draw(method, count, content.sample.seed, list(content.distributions.values())), notes
 
 
 def _removable_parts(job, each: str, group: str | list[str] | None, ids: list | None) -> list:

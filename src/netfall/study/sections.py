@@ -3,14 +3,14 @@
 import json
 from dataclasses import dataclass
 
-from netfall.job.entries import LIST_KEYS
-from netfall.job.keys import Key, is_whole, parse_keys
+from netfall.job.entries import Remove
+from netfall.job.fields import is_finite_number, is_whole, keys_of
 from netfall.job.validate import Validator
 from netfall.job.values import format_value, suggest
-from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
+from netfall.results.outcomes import OUTCOME_BY_NAME
 from netfall.study.answers.hazard import Hazard
-from netfall.study.answers.measures import FailureCriterion
 from netfall.study.draws import DISTRIBUTIONS
+from netfall.study.models import HAZARDS, DrawSettings, FailureCriterion
 
 MOST = 10_000_000  # largest number of samples
 TOP_KEYS = ("job", "title", "vary", "sample", "run", "failure", "hazard")
@@ -18,36 +18,6 @@ REMOVE = ("each", "group", "ids", "time", "duration")
 EACH = {"element": "elements", "cable": "cables"}  # kind of removed part: key of [[remove]] that names it
 SUNK_OUTCOME = "sunk_area"  # outcome that needs a depth, `by`
 LOST = "[[remove]]"  # name of the axis of member removals; no key of a job can have this name
-DAMAGE_OUTCOMES = [one.name for one in OUTCOMES if one.measured]
-KEYS = parse_keys(f"""
-[run]
-ranks | integer | >= 1 | 1 | of each run
-keep | choice none broken all | | none | whose result files are kept
-time_limit [s] | number | > 0 | 3600.0 | of a run, after which it counts as failed
-[sample]
-count | integer | >= 1 | required | how many are drawn
-method | choice sobol latin_hypercube random | | sobol | how they are drawn
-seed | integer | >= 0 | 1 | of the draws
-[failure]
-name | text | | required | how the measure is called
-of | choice {" ".join(DAMAGE_OUTCOMES)} | | required | outcome of a run
-above | number | | required | more than it is a failure
-by [m] | number | > 0 | | depth from which a node has sunk
-[gumbel]
-mode [m/s] | number | > 0 | required | of the largest speed of a year
-scale [m/s] | number | > 0 | required | of it
-[weibull]
-shape | number | > 0 | required | of the largest speed of a year
-scale [m/s] | number | > 0 | required | of it
-[en1991]
-basic_speed [m/s] | number | > 0 | required | EN 1991-1-4:2005, eq. 4.2
-K | number | > 0 | 0.2 | shape parameter there
-n | number | > 0 | 0.5 | exponent there
-[hazard]
-years | integer | >= 1 | 50 | over which the probability is told beside that of a year
-""")
-HAZARDS = ("gumbel", "weibull", "en1991")
-NUMBER = Key("", "number", None, "", "")
 
 
 @dataclass(frozen=True)
@@ -80,8 +50,10 @@ def removal_section(value, check: Validator) -> dict:
         check.wrong(place, f"ids = {format_value(ids)}: {expected}")
     elif len(set(ids)) < len(ids):
         check.wrong(place, "ids: one stands in it twice")
-    timing_keys = [key for key in LIST_KEYS["remove"] if key.name in ("time", "duration")]
-    check.table(place, timing_keys, {key.name: value[key.name] for key in timing_keys if key.name in value})
+    times = {name: keys_of(Remove)[name] for name in ("time", "duration")}
+    check.values(place, times, {name: value[name] for name in times if name in value})
+    if "time" not in value:
+        check.wrong(place, f"time: missing; expected {times['time'].expected()}")
     return value
 
 
@@ -110,9 +82,9 @@ def read_axis(name: str, value, check: Validator) -> Axis:
     return Axis(name, value)
 
 
-def sample_section(table: dict, drawn: bool, check: Validator) -> dict:
-    """Return the settings of random draws; {} if nothing is drawn."""
-    return vars(check.table("sample", KEYS["sample"], table)) if table or drawn else {}
+def sample_section(table: dict, drawn: bool, check: Validator) -> DrawSettings | None:
+    """Return the settings of random draws; None if nothing is drawn."""
+    return check.table("sample", DrawSettings, table) if table or drawn else None
 
 
 def check_distributions(distributions: dict, vary: dict, check: Validator) -> None:
@@ -128,7 +100,7 @@ def check_distributions(distributions: dict, vary: dict, check: Validator) -> No
             continue
         names = DISTRIBUTIONS[kind]
         values = [distribution.get(parameter) for parameter in names]
-        if not all(map(NUMBER.fits, values)) or set(distribution) != {"distribution", *names}:
+        if not all(map(is_finite_number, values)) or set(distribution) != {"distribution", *names}:
             check.wrong(place, f"expected numbers {' and '.join(names)}, and nothing else")
         elif kind == "integer" and not all(map(is_whole, values)):
             check.wrong(place, "expected whole numbers from and to")
@@ -142,7 +114,7 @@ def check_distributions(distributions: dict, vary: dict, check: Validator) -> No
 
 def failure_sections(entries, losses: bool, check: Validator) -> tuple[FailureCriterion, ...]:
     """Return the failure criteria of [[failure]] in their order. losses : whether members are removed"""
-    criteria = check.entries("failure", KEYS["failure"], entries)
+    criteria = check.entries("failure", FailureCriterion, entries)
     for criterion in criteria:
         place = f"[[failure]] {criterion.name}:"
         if criterion.of in OUTCOME_BY_NAME and OUTCOME_BY_NAME[criterion.of].needs_removal and not losses:
@@ -155,7 +127,7 @@ def failure_sections(entries, losses: bool, check: Validator) -> tuple[FailureCr
     if len(depths) > 1:
         several = ", ".join(f"{by:g}" for by in sorted(depths))
         check.wrong("[[failure]]", f"by: {several}: expected one depth in a study")
-    return tuple(FailureCriterion(**vars(criterion)) for criterion in criteria)
+    return tuple(criteria)
 
 
 def hazard_section(table: dict, varies: bool, check: Validator) -> Hazard | None:
@@ -174,5 +146,5 @@ def hazard_section(table: dict, varies: bool, check: Validator) -> Hazard | None
         check.wrong("hazard", f"distribution{given} expected {', '.join(HAZARDS)}")
         return None
     given = {name: value for name, value in table.items() if name != "distribution"}
-    values = vars(check.table("hazard", KEYS[kind] + KEYS["hazard"], given))
+    values = dict(check.table("hazard", HAZARDS[kind], given))
     return Hazard(kind, values, values.pop("years"))

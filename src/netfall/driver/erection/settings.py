@@ -7,7 +7,6 @@ A change by a [m] makes each cable longer by a, each of its elements in proporti
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +24,9 @@ from netfall.geometry.net import (
 from netfall.geometry.turned import global_held_axes, settlement_axes
 from netfall.job.cases import action_factor, apply_settings
 from netfall.job.derived import load_settings
+from netfall.job.entries import Stage
 from netfall.job.job import Job
+from netfall.job.models import Load
 from netfall.job.values import counted, format_list, format_value, suggest
 from netfall.loads.loads import dead_load, live_load
 from netfall.model.model import Model
@@ -145,7 +146,7 @@ class StageSetting:
     fixed: np.ndarray
     active: np.ndarray
     moved: np.ndarray
-    load: SimpleNamespace
+    load: Load
     pulls: tuple[Wanted, ...] = ()
     jacks: tuple[Jack, ...] = ()
     clamps: str = "closed"
@@ -177,7 +178,7 @@ def first_setting(job: Job, model: Model) -> StageSetting:
     return StageSetting(model.cut_length, net.fixed, all_elements, no_motion, load_settings(job))
 
 
-def after(previous: StageSetting, stage: SimpleNamespace, net: Net) -> StageSetting:
+def after(previous: StageSetting, stage: Stage, net: Net) -> StageSetting:
     """Return the setting of the stage that follows."""
     groups = None if stage.active is None else [net.group_names.index(name) for name in stage.active]
     active = previous.active if groups is None else np.isin(net.group, groups)
@@ -188,23 +189,23 @@ def after(previous: StageSetting, stage: SimpleNamespace, net: Net) -> StageSett
     fixed[released[parent_ends(net)].any(1) & net.fixed.all(1)] = False
     fixed[_rows(net, stage.hold)] = True
     for name, displacement in (stage.move or {}).items():
-        motion[_rows(net, [int(name)])] = displacement
+        motion[_rows(net, [name])] = displacement
     L0, pulls, jacks = previous.L0, [], []
     for name, change in (stage.lengths or {}).items():
         own_jacks = jacks_of(net, name)
-        if "change" in change:
-            L0 = jack_of(net, name).changed(L0, change["change"])
-        elif "length" in change:
+        if change.change is not None:
+            L0 = jack_of(net, name).changed(L0, change.change)
+        elif change.length is not None:
             for jack in own_jacks:
-                L0 = jack.changed(L0, change["length"] - float(L0[jack.rows].sum()))
+                L0 = jack.changed(L0, change.length - float(L0[jack.rows].sum()))
         else:
             first = len(jacks)
             pulls += [
-                Wanted(f"force of {jack.name}", change["force"], jack.rows, own=first + k)
+                Wanted(f"force of {jack.name}", change.force, jack.rows, own=first + k)
                 for k, jack in enumerate(own_jacks)
             ]
             jacks += own_jacks
-    load, clamps = apply_settings(previous.load, "load", stage), stage.clamps or previous.clamps
+    load, clamps = apply_settings(previous.load, "load", stage.set), stage.clamps or previous.clamps
     motion = extend_to_inner_particles(net, motion, fixed)
     return StageSetting(L0, fixed, active, motion, load, tuple(pulls), tuple(jacks), clamps)
 
@@ -242,20 +243,20 @@ def check_stages(job: Job, model: Model) -> None:
     raise_errors(f"{job.path}: {line}" for line in errors)
 
 
-def _wrong_names(stage: SimpleNamespace, net: Net) -> Iterator[str]:
+def _wrong_names(stage: Stage, net: Net) -> Iterator[str]:
     """Yield errors for names and ids that the net does not have."""
     yield from (f"lengths: {line}" for name in stage.lengths or {} if (line := unknown_name(net, name)))
     names = [name for name in net.group_names if name]
     for name in stage.active or []:
         if name not in net.group_names:
             yield f"active: no group {format_value(name)}; {suggest(name, names) if names else 'none'}"
-    ids = {"hold": stage.hold, "release": stage.release, "move": map(int, stage.move or {})}
+    ids = {"hold": stage.hold, "release": stage.release, "move": stage.move or {}}
     for key, named in ids.items():
         if unknown := sorted(set(named or []) - set(net.node_id.tolist())):
             yield f"{key}: no node {format_list(unknown)}"
 
 
-def _wrong_state(stage: SimpleNamespace, setting: StageSetting, net: Net) -> Iterator[str]:
+def _wrong_state(stage: Stage, setting: StageSetting, net: Net) -> Iterator[str]:
     """Yield errors for moves of free nodes, cables without length, unsupported parts."""
     free = ((setting.moved != 0.0) & ~global_held_axes(net, setting.fixed)).any(1)
     if free.any():

@@ -60,7 +60,7 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
     coefficients = {name: table.numbers(name) for name in (ROOF_COLUMN, *columns) if name in table}
     for name in coefficients:
         table.full(name, 3)
-        if ROOF_COLUMN in job.wind.zone.get(columns.get(name, ""), {}):
+        if columns.get(name) in job.wind.zone_values(ROOF_COLUMN):
             conflict = f"[wind.zone.{columns[name]}] {ROOF_COLUMN} exclude each other; keep one of the two"
             table.wrong(f"column {name} and {conflict}")
     table.finish()

@@ -209,7 +209,7 @@ def default_settings(job: Job) -> list[list[str]]:
     automatic = ["dynamics.time_step=auto"]
     settings = [[]] + [[*automatic, f"dynamics.safety={safety}"] for safety in (0.95, 0.4, 0.2)]
     scaled = automatic
-    if may_break(vars(job.cable) | job.groups):
+    if any(may_break(properties) for properties in (job.cable, *job.groups.values())):
         settings += [[*automatic, f"dynamics.fragment_mass={share}"] for share in (0.0, 0.01, 0.02, 0.1)]
         scaled = [*automatic, "dynamics.fragments=false"]
         settings.append(scaled)

@@ -3,52 +3,54 @@
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.job.keys import parse_keys
+from netfall.job.fields import GroupValues, Section, Tables, Text, Title, key
 from netfall.job.validate import Validator
 from netfall.job.values import suggest
-from netfall.results.cases import COMBINATION_KINDS
 
 SHIPPED = Path(__file__).with_name("codes.toml")
 IN_TENSION, IN_COMPRESSION = ("breaking_load", "yield_force"), ("buckling", "euler_load")
-STRENGTHS = IN_TENSION + IN_COMPRESSION
-KEYS = parse_keys(f"""
-[file]
-check | tables | | required | the checks
-[check]
-name | text | | required | of the check
-title | text | | required | what it is, in reports
-kind | choice {" ".join(COMBINATION_KINDS)} | | "" | of the combinations that it is of; absent: of every state
-resistance | tables | | required | the least one counts
-[check.resistance]
-of | choice {" ".join(STRENGTHS)} | | required | strength that it begins with
-factor | tables | | [] | on that strength
-[factor]
-name | text | | required | of the factor
-use | choice multiply divide | | required | how it acts
-value | number | > 0 | required | the factor
-edition | text | | required | where it stands
-meaning | text | | "" | in words
-groups | values | > 0 | {{}} | values of groups of elements
-""")
 
 
-@dataclass(frozen=True)
-class Factor:
-    """Factor on a strength.
+class CodeFile(Section):
+    """File of checks."""
 
-    groups : values for groups of elements that differ from `value`
-    """
+    check: Tables = key("the checks", ...)
 
-    name: str
-    use: str
-    value: float
-    edition: str
-    meaning: str
-    groups: dict[str, float]
+
+class CheckTable(Section):
+    """Entry [[check]] of a file of checks."""
+
+    name: Text = key("of the check", ...)
+    title: Text = key("what it is, in reports", ...)
+    kind: Literal["ultimate", "service", ""] = key(
+        "of the combinations that it is of; absent: of every state", ""
+    )
+    resistance: Tables = key("the least one counts", ...)
+
+
+class ResistanceTable(Section):
+    """Entry [[check.resistance]] of a file of checks."""
+
+    of: Literal["breaking_load", "yield_force", "buckling", "euler_load"] = key(
+        "strength that it begins with", ...
+    )
+    factor: Tables = key("on that strength", [])
+
+
+class Factor(Section):
+    """Factor on a strength."""
+
+    name: Text = key("of the factor", ...)
+    use: Literal["multiply", "divide"] = key("how it acts", ...)
+    value: float = key("the factor", ..., gt=0.0)
+    edition: Text = key("where it stands", ...)
+    meaning: Title = key("in words", "")
+    groups: GroupValues = key("values of groups of elements", {})
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def read_codes(path: Path | None = None) -> list[Check]:
     validation, tables = Validator(str(path), []), data.get("check")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise InputError(f"{path}: no [[check]]; expected a file in the form of {SHIPPED}")
-    validation.table("", KEYS["file"], data)
+    validation.table("", CodeFile, data)
     checks = [_read_check(table, f"[[check]] {k}:", validation) for k, table in enumerate(tables, 1)]
     if len({check.name for check in checks}) < len(checks):
         validation.wrong("", "two checks have one name; names are unique")
@@ -130,20 +132,16 @@ def check_groups(path: Path | None, checks: list[Check], names: list[str]) -> No
         raise InputError(errors)
 
 
-def _read_factor(table: dict, place: str, validation: Validator) -> Factor:
-    """Read a factor, and collect its errors."""
-    return Factor(**vars(validation.table(f"{place} factor {table.get('name')}:", KEYS["factor"], table)))
-
-
 def _read_check(table: dict, place: str, validation: Validator) -> Check:
     """Read a check, and collect its errors; place : prefix of the messages."""
-    check = validation.table(place, KEYS["check"], table)
-    given = [validation.table(place, KEYS["check.resistance"], item) for item in check.resistance or []]
+    check = validation.table(place, CheckTable, table)
+    given = [validation.table(place, ResistanceTable, item) for item in check.resistance or []]
     if len({item.of in IN_COMPRESSION for item in given if item.of}) > 1:
         names = " beside ".join(repr(item.of) for item in given)
         remedy = "a check is of tension or of compression; make two of it"
         validation.wrong(place, f"of = {names}: {remedy}")
     resistances = [
-        (item.of, [_read_factor(factor, place, validation) for factor in item.factor]) for item in given
+        (item.of, [validation.table(f"{place} factor {t.get('name')}:", Factor, t) for t in item.factor])
+        for item in given
     ]
     return Check(check.name, check.title, check.kind, resistances)

@@ -6,18 +6,10 @@ import numpy as np
 
 from netfall.results.outcomes import OUTCOME_BY_NAME
 from netfall.results.removal_text import REMOVAL_FAILED
+from netfall.study.models import FailureCriterion
 
 JUDGED_STATES = ("finished", "no_rest")  # states of runs that decide whether the roof failed
 LOST_ROOF = (0.0, 0.05, 0.10, 0.25, 0.50)  # lost shares of the roof above which a run counts as failed
-
-
-class FailureCriterion(NamedTuple):
-    """A failure criterion: an outcome, a column of /members, exceeds a value. by : [m], of `sunk_area`"""
-
-    name: str
-    of: str
-    above: float
-    by: float | None = None
 
 
 class Judgement(NamedTuple):

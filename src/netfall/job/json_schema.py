@@ -1,0 +1,58 @@
+"""JSON schema of a job file, with which editors complete keys and mark wrong ones."""
+
+from typing import Any
+
+from pydantic import Field, create_model
+
+from netfall.job.models import Top
+from netfall.job.schema import LISTS, TABLES
+from netfall.job.units import example
+
+REQUIRED_SECTIONS = ("net", "cable")
+QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\D.*$"
+
+
+def job_schema() -> dict[str, Any]:
+    """Return the schema: each section with type, unit, range, default and meaning of its keys."""
+    fields: dict[str, Any] = {}
+    for name, model in TABLES.items():
+        fields[name] = (model, ... if name in REQUIRED_SECTIONS else None)
+    for name, model in LISTS.items():
+        fields[name] = (list[model], Field([], description=f"entries [[{name}]]"))  # type: ignore[valid-type]
+    job = create_model("Job", __base__=Top, __doc__="Job file of netfall.", **fields)
+    return _with_units(job.model_json_schema())
+
+
+def _with_units(node: Any) -> Any:
+    """Return a schema in which each number with a unit may be a text, without titles and without null."""
+    if isinstance(node, list):
+        return [_with_units(item) for item in node if item != {"type": "null"}]
+    if not isinstance(node, dict):
+        return node
+    unit = node["unit"] if isinstance(node.get("unit"), str) else ""
+    dropped = {name for name in ("unit", "title") if isinstance(node.get(name), str)}
+    if node.get("default", "") is None:
+        dropped.add("default")
+    result = {name: _with_units(item) for name, item in node.items() if name not in dropped}
+    if len(result.get("anyOf", ())) == 1:
+        result |= result.pop("anyOf")[0]
+    if unit:
+        result["description"] = f"[{unit}] {result.get('description', '')}"
+        return _number_or_text(result, unit)
+    return result
+
+
+def _number_or_text(node: Any, unit: str) -> Any:
+    """Return a schema in which each number may be a text of a number and a unit."""
+    if isinstance(node, list):
+        return [_number_or_text(item, unit) for item in node]
+    if not isinstance(node, dict):
+        return node
+    if node.get("type") == "number":
+        number = {name: item for name, item in node.items() if name not in ("description", "default")}
+        others = {name: item for name, item in node.items() if name in ("description", "default")}
+        return {
+            "anyOf": [number, {"type": "string", "pattern": QUANTITY_PATTERN, "examples": [example(unit)]}],
+            **others,
+        }
+    return {name: item if name == "default" else _number_or_text(item, unit) for name, item in node.items()}

@@ -1,0 +1,495 @@
+"""Sections of a job file: type, unit, range, default and meaning of each key.
+
+A new key is a new field here. `fields` explains how messages and pages are made from the fields.
+"""
+
+from copy import copy
+from typing import Annotated, Literal, get_type_hints
+
+from pydantic import Field, create_model
+
+from netfall.job.fields import (
+    MAX_INT64,
+    Band,
+    Decay,
+    Ids,
+    Places,
+    Points,
+    Pressure,
+    Section,
+    TablePath,
+    Text,
+    Title,
+    Words,
+    ZonedSection,
+    key,
+)
+
+
+class Top(Section):
+    """Keys outside of sections."""
+
+    title: Title = key("what the job is", "")
+
+
+class Net(Section):
+    """Source of the net: a generator or two tables."""
+
+    generator: Literal["saddle", "stadium", "ring", "wheel", "dome"] | None = key(
+        "a net made from dimensions"
+    )
+    nodes: TablePath | None = key("path of nodes.csv, relative to the job file")
+    elements: TablePath | None = key("path of elements.csv, relative to the job file")
+    unit: Literal["m", "cm", "mm", "ft", "in"] = key(
+        "unit of the coordinates in nodes.csv; everything else is in SI units", "m"
+    )
+    subdivide: int = key(
+        "elements for each net segment; new nodes between two fixed ones are fixed, and go with them",
+        1,
+        ge=1,
+        le=10000,
+    )
+    side: float = key("saddle: side of the square in plan", 73.2, unit="m", ge=0.001, le=1e6)
+    rise: float = key(
+        "saddle, ring: height of the boundary's high points above the middle; ring: 0 is flat",
+        3.66,
+        unit="m",
+        ge=-1e6,
+        le=1e6,
+    )
+    cells: int = key("saddle: cells along a side", 8, ge=2, le=20000)
+    length: float = key("stadium, ring: axis of the ellipse along x", 88.0, unit="m", ge=0.001, le=1e6)
+    width: float = key("stadium, ring: axis of the ellipse along y", 66.0, unit="m", ge=0.001, le=1e6)
+    arch_rise: float = key("stadium: rise of the parabolic arch", 10.0, unit="m", ge=-1e6, le=1e6)
+    spacing: float = key("stadium, ring: distance of the cables", 2.2, unit="m", gt=0.0, le=1e6)
+    halves: int = key("stadium: 1, the half on one side of the arch, or 2, the whole", 1, ge=1, le=2)
+    diameter: float = key(
+        "wheel: of the compression ring; dome: of the supports", 120.0, unit="m", ge=0.001, le=1e6
+    )
+    opening: float = key(
+        "wheel: diameter of the tension rings; dome: of the central ring", 50.0, unit="m", ge=0.001, le=1e6
+    )
+    ring_height: float = key(
+        "wheel: of the upper tension ring above the lower one", 9.0, unit="m", ge=0.001, le=1e6
+    )
+    ring_depth: float = key(
+        "wheel: of the truss that the compression ring is part of", 3.0, unit="m", ge=0.001, le=1e6
+    )
+    dome_height: float = key(
+        "dome: of the central ring's upper nodes above the supports", 12.0, unit="m", ge=0.001, le=1e6
+    )
+    strut: float = key("dome: length of the struts", 8.0, unit="m", ge=0.001, le=1e6)
+    spokes: int = key(
+        "wheel: radial cables of each layer, a multiple of 4; dome: nodes of each ring", 36, ge=4, le=1000000
+    )
+    hoops: int = key(
+        "wheel: rings of cables between the rings, in the upper layer; dome: rings of struts between the "
+        "central ring and the supports",
+        4,
+        ge=0,
+        le=100000,
+    )
+    spoke_force: float = key(
+        "wheel: horizontal force of each radial at the tension ring; dome: of the two ridge cables at "
+        "each node of the central ring, along the radius",
+        1e6,
+        unit="N",
+        ge=1.0,
+        le=1e12,
+    )
+    hoop_force: float = key("wheel: tension of the hoops", 0.0, unit="N", ge=0.0, le=1e12)
+    brace_force: float = key(
+        "wheel: tension of the crossed diagonals between the tension rings; 0: there are none",
+        0.0,
+        unit="N",
+        ge=0.0,
+        le=1e12,
+    )
+    ring_groups: bool = key(
+        "wheel, dome: whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle",
+        False,
+    )
+
+
+class Cable(Section):
+    """Properties of the elements; groups override most of them."""
+
+    kind: Literal["cable", "bar"] = key("cable: tension only; bar: tension and compression", "cable")
+    modulus: float | None = key(
+        "Young's modulus; with area, or axial_stiffness instead", unit="Pa", ge=1.0, le=1e15
+    )
+    area: float | None = key("cross-section", unit="m2", ge=1e-12, le=10000)
+    density: float | None = key(
+        "mass density; with area, or mass_per_length instead", unit="kg/m3", ge=0.001, le=1e6
+    )
+    axial_stiffness: float | None = key("EA, instead of modulus and area", unit="N", ge=1.0, le=1e15)
+    mass_per_length: float | None = key(
+        "mass of a metre of cable, instead of density", unit="kg/m", ge=1e-9, le=1e7
+    )
+    catalogue: TablePath | None = key("path of a table of types, relative to the job file")
+    type: Text | None = key("name of a row of the catalogue, for stiffness, mass and breaking load")
+    prestress: float = key(
+        "axial force to form-find with, tension positive", 0.0, unit="N", ge=-1e12, le=1e12
+    )
+    yield_stress: float | None = key("yield stress; absent: elastic", unit="Pa", gt=0.0, le=1e20)
+    fracture_strain: float | None = key(
+        "total strain at fracture; absent: none breaks by its strain", gt=0.0, le=1e6
+    )
+    breaking_load: float | None = key(
+        "tension at fracture; absent: none breaks by its tension", unit="N", gt=0.0, le=1e20
+    )
+    strength_deviation: float = key(
+        "scatter of strength from cable to cable, share of its mean", 0.0, ge=0.0, le=0.5
+    )
+    length_deviation: float = key(
+        "scatter of the unstressed length of each piece of cable", 0.0, unit="m", ge=0.0, le=10.0
+    )
+    length_seed: int = key(
+        "seed of the drawn errors of length: the same seed draws the same", 1, ge=0, le=MAX_INT64
+    )
+    strength_seed: int = key(
+        "seed of the drawn strengths: the same seed draws the same strengths", 1, ge=0, le=MAX_INT64
+    )
+    second_moment: float | None = key(
+        "of the area of a bar's section, about any axis: Euler's load", unit="m4", gt=0.0, le=10000
+    )
+    buckling_length: float | None = key(
+        "of a bar between what holds it, for Euler's load; absent: the length of the table's element",
+        unit="m",
+        gt=0.0,
+        le=100000,
+    )
+    bending: bool = key("chains of bars resist bending, by second_moment", False)
+    buckling: bool = key(
+        "bars carry at most Euler's load in compression, and break by their strength both ways", False
+    )
+    buckling_curve: Literal["a0", "a", "b", "c", "d"] = key(
+        "of EN 1993-1-1, 6.3.1.2, for the check of a compressed bar", "c"
+    )
+    expansion: float = key(
+        "coefficient of thermal expansion: strain for each K", 12e-6, unit="1/K", ge=-0.001, le=0.001
+    )
+    strain: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
+
+
+def _group_model(without: tuple[str, ...]) -> type[Section]:
+    """Return the model of the keys of [cable] that a group can override, each without a default."""
+    hints, fields = get_type_hints(Cable, include_extras=True), {}
+    for name, field in Cable.model_fields.items():
+        if name not in without:
+            field = copy(field)
+            field.default = None
+            fields[name] = (hints[name] | None, field)
+    return create_model("Group", __base__=Section, __doc__="Properties of a group of elements.", **fields)
+
+
+# Keys that groups cannot override.
+GLOBAL_CABLE_KEYS = ("strain", "catalogue", "strength_seed", "length_seed")
+Group = _group_model(GLOBAL_CABLE_KEYS)
+
+
+class FormFinding(Section):
+    """Form finding before all other stages."""
+
+    method: Literal["fpm", "force_density", "keep"] = key(
+        "fpm: relaxation of particles; force_density: linear; keep: the geometry stays, and carries the "
+        "self-stress nearest to the prestress, equal within a group",
+        "fpm",
+    )
+    loads: Literal["none", "permanent"] = key(
+        "permanent: the form is in equilibrium with self weight and dead load; none: with no load", "none"
+    )
+    start: Literal["given", "force_density"] = key(
+        "fpm: start from the given geometry or from the force-density one", "given"
+    )
+    modulus_factor: float = key("fpm: share of the modulus; 0: constant tension", 0.001, ge=0.0, le=1.0)
+    tolerance: float = key(
+        "largest residual force over the largest prestress of the elements that can move",
+        1e-6,
+        ge=1e-12,
+        le=0.1,
+    )
+    max_iterations: int = key("fpm: iterations after which the run gives up", 200000, ge=1)
+
+
+class LoadZone(Section):
+    """Values of [load.zone.NAME] that differ from those of [load]."""
+
+    dead: float | None = key(
+        "weight of the roof's cladding, downward; its mass moves with the particles",
+        unit="N/m2",
+        ge=0.0,
+        le=1e9,
+    )
+    snow: float | None = key(
+        "snow load on the area in plan, downward; its mass moves with the particles",
+        unit="N/m2",
+        ge=0.0,
+        le=1e9,
+    )
+    pressure: Pressure | None = key(
+        "static load of the roof: positive presses on it, against the upward normal, negative lifts; or "
+        "[x, y, z]",
+        unit="N/m2",
+    )
+    air_mass: float | None = key(
+        "air that moves with the surface: inertia without weight, on which `damping` does not act",
+        unit="kg/m2",
+        ge=0.0,
+        le=1e6,
+    )
+
+
+class Load(ZonedSection):
+    """Static loads, and the search for their equilibria."""
+
+    self_weight: bool = key("weight of the elements", True)
+    dead: float = key(
+        "weight of the roof's cladding, downward; its mass moves with the particles",
+        0.0,
+        unit="N/m2",
+        ge=0.0,
+        le=1e9,
+    )
+    snow: float = key(
+        "snow load on the area in plan, downward; its mass moves with the particles",
+        0.0,
+        unit="N/m2",
+        ge=0.0,
+        le=1e9,
+    )
+    pressure: Pressure | None = key(
+        "static load of the roof: positive presses on it, against the upward normal, negative lifts; or "
+        "[x, y, z]",
+        unit="N/m2",
+    )
+    air_mass: float = key(
+        "air that moves with the surface: inertia without weight, on which `damping` does not act",
+        0.0,
+        unit="kg/m2",
+        ge=0.0,
+        le=1e6,
+    )
+    temperature: float = key(
+        "change of all elements from that of form finding", 0.0, unit="K", ge=-273.0, le=1000.0
+    )
+    breaking: bool = key(
+        "whether a strength that is passed breaks an equilibrium of statics; false: it is reported", False
+    )
+    steps: int | None = key(
+        "load steps of the static analysis; 0: none; absent: 1 if there are neither [dynamics] nor cases "
+        "nor combinations, otherwise 0",
+        ge=0,
+        le=100000,
+    )
+    ramp: float = key(
+        "time over which the pressure grows from zero in the dynamic stage, without load steps; 0: none",
+        0.0,
+        unit="s",
+        ge=0.0,
+        le=1e9,
+    )
+    tolerance: float = key(
+        "estimated error of an equilibrium, of displacements and tensions, as shares of the largest",
+        1e-6,
+        ge=1e-12,
+        le=0.1,
+    )
+    max_iterations: int = key(
+        "iterations after which the run gives up, where an equilibrium has to be relaxed", 500000, ge=1
+    )
+    zone: dict[str, LoadZone] = Field({}, description="values of zones, by name")
+
+
+class Roof(Section):
+    """Surface that carries loads and wind."""
+
+    groups: Words | None = key("groups of elements whose faces carry loads and wind; absent: all")
+    openings: Points = key("x, y of a point in each face that is an opening", [], unit="m")
+    lines: TablePath | None = key(
+        "path of a table start, end: ids of nodes between which a face has an edge without an element"
+    )
+    faces: TablePath | None = key("path of a table of the faces; absent: those of the plan")
+
+
+class WindZone(Section):
+    """Values of [wind.zone.NAME] that differ from those of [wind]."""
+
+    shape_coefficient: float | None = key(
+        "u_s, the pressure coefficient: positive presses on the roof, against the upward normal; negative "
+        "is suction, which lifts",
+        ge=-10000,
+        le=10000,
+    )
+    air_damping: float | None = key(
+        "kappa: a surface that moves along its normal at v is pressed on by kappa rho U v; half the slope "
+        "of the normal force coefficient over the angle of attack; 1: attached flow; 0: no air damping",
+        ge=0.0,
+        le=10.0,
+    )
+
+
+class Wind(ZonedSection):
+    """Wind of the dynamic stage."""
+
+    speed: float | None = key("U0, mean wind speed at 10 m above ground", unit="m/s", ge=0.1, le=200.0)
+    file: TablePath | None = key("path of a table time, speed, instead of a generated wind")
+    points: TablePath | None = key(
+        "path of a table name, x, y, z: where the speeds of file were measured, a column each by name"
+    )
+    pressures: TablePath | None = key(
+        "path of a table of pressures in time at taps, instead of a wind", unit="N/m2"
+    )
+    taps: TablePath | None = key("path of a table name, x, y: where the taps of pressures are")
+    direction: float = key(
+        "where the wind blows to, counted from x towards y: 30 is a wind from 210",
+        0.0,
+        unit="degrees",
+        ge=-360.0,
+        le=360.0,
+    )
+    roughness: float | None = key(
+        "roughness factor k of the gusts, instead of turbulence: their variance is 6 k U0^2; 0: no gusts",
+        ge=0.0,
+        le=0.2,
+    )
+    turbulence: float | None = key(
+        "turbulence intensity I at 10 m; a generated wind needs it or roughness (k = I^2 / 6); 0: no gusts",
+        ge=0.0,
+        le=1.0,
+    )
+    spectrum: Literal["davenport", "kaimal", "von_karman", "en1991"] = key(
+        "spectrum of the gusts along the wind", "davenport"
+    )
+    gust_length: Annotated[float, Field(ge=0.1, le=100000)] | Literal["auto"] = key(
+        "L of the spectrum at 10 m; auto: 1200 (davenport), 56.7 (kaimal), 63.2 (von_karman, en1991)",
+        "auto",
+        unit="m",
+    )
+    shape_coefficient: float | None = key(
+        "u_s, the pressure coefficient: positive presses on the roof, against the upward normal; negative "
+        "is suction, which lifts",
+        ge=-10000,
+        le=10000,
+    )
+    sectors: TablePath | None = key(
+        "path of a table direction, shape_coefficient and columns named as zones are, instead of "
+        "shape_coefficient"
+    )
+    air_density: float = key("density of the air", 1.25, unit="kg/m3", gt=0.0, le=10000)
+    air_damping: float = key(
+        "kappa: a surface that moves along its normal at v is pressed on by kappa rho U v; half the slope "
+        "of the normal force coefficient over the angle of attack; 1: attached flow; 0: no air damping",
+        0.0,
+        ge=0.0,
+        le=10.0,
+    )
+    time_step: float = key("time step of the generated histories", 0.05, unit="s", ge=0.0001, le=60.0)
+    ar_order: int = key("largest number of lags of the autoregressive model of the gusts", 14, ge=1, le=30)
+    seed: int = key("seed of the gusts: the same seed gives the same gusts", 1, ge=0, le=MAX_INT64)
+    control_points: int = key("largest number of points at which histories are generated", 25, ge=1, le=400)
+    gusts: Literal["points", "means"] = key(
+        "of the control points; means: means over the loaded surface around them, with which its load is "
+        "that of the coherence; points: those there, as strong at every node",
+        "means",
+    )
+    coherence_decay: Decay = key(
+        "decay C of Davenport's coherence along the wind, across it and vertically", [8.0, 16.0, 10.0]
+    )
+    profile_exponent: float = key(
+        "exponent of the power law of the mean speed over height", 0.16, ge=0.0, le=1.0
+    )
+    base_height: float = key(
+        "height of z = 0 above ground; it must be given for a generated or a static wind with "
+        "profile_exponent > 0",
+        10.0,
+        unit="m",
+        ge=-1e6,
+        le=1e6,
+    )
+    onset: Literal["static", "sudden"] = key(
+        "static: the roof rests under its loads and the mean wind, then the gusts grow in; sudden: all of "
+        "the wind at t = 0",
+        "static",
+    )
+    ramp: float = key(
+        "time over which the gusts grow in after a static onset; 0: at once", 2.0, unit="s", ge=0.0, le=1e9
+    )
+    after_fracture: Literal["detached", "particle", "panels", "all", "none"] = key(
+        "on what the wind no longer acts after a fracture; particle: the node where an element broke; "
+        "detached: as particle, and parts that no unbroken elements connect to a support, which the "
+        "relative wind w drags along instead with rho A w^2 / 2 (not with `pressures` and no `speed`); "
+        "panels: the torn faces, which leave with the weight and mass of their loads; all: the whole "
+        "roof; none: it acts on as before",
+        "detached",
+    )
+    zone: dict[str, WindZone] = Field({}, description="values of zones, by name")
+
+
+class CaseWind(Wind):
+    """Static wind of a case."""
+
+    pressure_factor: float = key("of the pressure of a static wind", 1.0, ge=-1e3, le=1e3)
+
+
+class Dynamics(Section):
+    """Dynamic stage."""
+
+    duration: float = key("simulated time", ..., unit="s", gt=0.0, le=1e9)
+    time_step: Annotated[float, Field(gt=0.0, le=1e9)] | Literal["auto"] = key(
+        "time step of the dynamic stage; auto: from the stable step of the net as it is", "auto", unit="s"
+    )
+    safety: float = key('share of the stable step that time_step = "auto" takes', 0.8, gt=0.0, le=1.0)
+    damping: float = key("mass-proportional damping zeta", 0.0, unit="1/s", ge=0.0, le=1e9)
+    damping_ratio: float | None = key("damping of axial strain, share of the critical", gt=0.0, le=0.2)
+    damping_band: Band | None = key("over which it has that ratio", unit="Hz")
+    fragment_mass: float = key(
+        "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if "
+        "the step needs it; 0: its half element alone, as in the paper",
+        0.05,
+        ge=0.0,
+        le=0.5,
+    )
+    fragments: bool = key(
+        "whether a particle splits off where an element breaks, as in the paper; false: the element is "
+        "taken out of the net, its mass stays with its ends",
+        True,
+    )
+    mass_scaling: float = key(
+        "largest share of the moving mass that is added, as inertia alone, where the stiffest elements "
+        "ask for a short step; with fracture only without fragments",
+        0.0,
+        ge=0.0,
+        le=1.0,
+    )
+
+
+class Limits(Section):
+    """Limits of serviceability."""
+
+    displacement: float | None = key(
+        "of a node, in combinations for service; absent: no limit", unit="m", gt=0.0, le=1e6
+    )
+    slack: int | None = key(
+        "cables that may be slack, in combinations for service; absent: no limit", ge=0, le=1000000000
+    )
+
+
+class Output(Section):
+    """Datasets that a run writes."""
+
+    frames: int = key("states written over the duration", 120, ge=1, le=1000000)
+    history: float = key("time between rows of /history", 0.01, unit="s", gt=0.0, le=1e9)
+    energy: bool = key(
+        "audit of the energies; false saves its cost, and leaves the works and both errors of /history nan",
+        True,
+    )
+    probes: Places = key("[x, y], [x, y, z] or ids of nodes whose histories are kept", [], unit="m")
+    elements: Ids | None = key("ids of elements whose tensions are kept")
+    checkpoint: float = key("simulated time between checkpoints; 0: none", 0.0, unit="s", ge=0.0, le=1e9)
+    modes: int = key(
+        "natural modes and frequencies where dynamics begins: how many, lowest first; 0: none",
+        0,
+        ge=0,
+        le=1000,
+    )

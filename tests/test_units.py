@@ -1,0 +1,135 @@
+"""Numbers with a unit: in the job file, in overrides and in tables."""
+
+import json
+import tomllib
+from decimal import Decimal
+
+import jsonschema
+import pytest
+from conftest import ROOT
+
+from netfall.core.errors import InputError
+from netfall.geometry.tables import read_tables
+from netfall.job.fields import keys_of
+from netfall.job.json_schema import job_schema
+from netfall.job.read import read_job
+from netfall.job.schema import LIST_KEYS, LISTS, SECTIONS, TABLES
+from netfall.job.units import EXAMPLES, QUANTITY, UnitError, factor, to_unit
+
+JOB = """
+[net]
+nodes = "nodes.csv"
+elements = "elements.csv"
+[cable]
+modulus = "160 GPa"
+area = "4 cm2"
+density = "7.85 t/m3"
+prestress = "60 kN"
+[load]
+pressure = ["0.1 kN/m2", "0 N/m2", "-0.3 kN/m2"]
+temperature = "-20 K"
+"""
+NODES = "id,x,y,z,fixed,load_z\n-,mm,mm,mm,-,kN\n1,0,0,0,1,\n2,10000,0,-1200.3,0,-12.1\n3,20000,0,0,1,\n"
+ELEMENTS = "start,end,area,prestress\n,,mm2,kN\n1,2,400,50\n2,3,403.1,50\n"
+
+
+@pytest.fixture
+def tables(tmp_path):
+    """A job whose numbers have units, and its tables with a row of units."""
+    (tmp_path / "nodes.csv").write_text(NODES)
+    (tmp_path / "elements.csv").write_text(ELEMENTS)
+    path = tmp_path / "roof.toml"
+    path.write_text(JOB)
+    return path
+
+
+def errors(path, overrides=()):
+    """The lines of the error that reading a job and its tables raises."""
+    with pytest.raises(InputError) as raised:
+        read_tables(read_job(path, list(overrides)))
+    return raised.value.lines
+
+
+def test_texts_with_units_give_the_same_bits_as_numbers(tables):
+    """Decimal factors are exact, so that a unit changes no bit of a result."""
+    job = read_job(tables)
+    assert (job.cable.modulus, job.cable.area, job.cable.density) == (1.6e11, 4e-4, 7850.0)
+    assert job.cable.prestress == 60e3 and job.load.temperature == -20.0
+    assert job.load.pressure == [100.0, 0.0, -300.0]
+    bare = {"modulus": 1.6e11, "area": 4e-4, "density": 7850.0, "prestress": 60e3}
+    text = JOB
+    for name, value in bare.items():
+        line = next(line for line in JOB.splitlines() if line.startswith(f"{name} "))
+        text = text.replace(line, f"{name} = {value!r}")
+    (other := tables.with_name("bare.toml")).write_text(text)
+    assert read_job(other).cable == job.cable
+
+
+def test_a_row_of_units_converts_the_columns_of_a_table(tables):
+    """Values equal the SI literals to the last bit."""
+    net, columns = read_tables(read_job(tables))
+    assert net.x[1].tolist() == [10.0, 0.0, -1.2003] and net.load[1].tolist() == [0.0, 0.0, -12100.0]
+    assert columns["area"].tolist() == [400e-6, 403.1e-6] and columns["prestress"].tolist() == [50e3, 50e3]
+
+
+@pytest.mark.parametrize(
+    "override, words",
+    [
+        ('cable.area="3 kN"', ("[cable] area", "another dimension", "m2")),
+        ('cable.modulus="160 GQa"', ("[cable] modulus", "not a known unit", "160 GPa")),
+        ('load.temperature="3 degC"', ("[load] temperature", "difference")),
+        ('load.snow="fast"', ("[load] snow", "expected a number of N/m2")),
+        ('cable.area="-400 mm2"', ("[cable] area", ">= 1e-12")),
+        ('net.unit="mm"', ("nodes.csv", "[net] unit")),
+    ],
+)
+def test_a_wrong_unit_is_an_error_that_names_the_expected_one(tables, override, words):
+    (line,) = errors(tables, [override])
+    assert all(word in line for word in words)
+
+
+@pytest.mark.parametrize("units, words", [("-,mm,kN,mm,-,kN", "dimension"), ("m,mm,mm,mm,m,kN", "no unit")])
+def test_a_wrong_unit_of_a_column_is_an_error(tables, units, words):
+    (tables.parent / "nodes.csv").write_text(NODES.replace("-,mm,mm,mm,-,kN", units))
+    assert any("nodes.csv" in line and words in line for line in errors(tables))
+
+
+def test_each_unit_of_a_key_has_an_example_that_converts():
+    """Messages show the example, so it must be right."""
+    every = {
+        key.unit for keys in (*SECTIONS.values(), *LIST_KEYS.values()) for key in keys if key.takes_units
+    }
+    for unit in every:
+        number, given = QUANTITY.fullmatch(EXAMPLES.get(unit, f"1.5 {unit}")).groups()
+        assert factor(given, unit) > 0 and Decimal(number)
+
+
+def test_words_that_are_no_quantities_stay():
+    assert to_unit(["auto", "1e5", "40", 3, {"a": "1/s"}], "s") == ["auto", "1e5", "40", 3, {"a": "1/s"}]
+    with pytest.raises(UnitError):
+        to_unit("3 parsnips", "m")
+
+
+# --- the schema of the job file
+
+
+def test_the_schema_accepts_every_shipped_job_and_shows_a_wrong_key():
+    """Editors use it to complete and to mark keys."""
+    schema = job_schema()
+    validator = jsonschema.Draft202012Validator(schema)
+    for path in sorted((ROOT / "jobs").glob("*.toml")):
+        data = tomllib.loads(path.read_text())
+        assert not [error.message for error in validator.iter_errors(data)], path.name
+    wrong = {"net": {"generator": "saddle"}, "cable": {"area": "400 mm2", "aera": 1.0, "modulus": True}}
+    messages = " ".join(error.message for error in validator.iter_errors(wrong))
+    assert "aera" in messages and "True" in messages and "400 mm2" not in messages
+
+
+def test_the_schema_has_each_key_with_meaning_and_unit():
+    text = job_schema()["$defs"]
+    for model in (*TABLES.values(), *LISTS.values()):
+        properties = text[model.__name__]["properties"]
+        for name, key in keys_of(model).items():
+            description = properties[name]["description"]
+            assert key.meaning in description and f"[{key.unit}]" in f"{description}[]", name
+    assert json.dumps(job_schema())
