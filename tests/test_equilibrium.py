@@ -15,12 +15,12 @@ from netfall.core.stop import NEVER_STOP
 from netfall.core.timings import PhaseTimes
 from netfall.driver import check, statics
 from netfall.driver.check import check_job
-from netfall.driver.equilibrium import restore_saved, save_state
 from netfall.driver.erection.settings import jack_of
-from netfall.driver.setup import prepare_scene
+from netfall.driver.setup import prepare_problem
 from netfall.geometry.net import GRAVITY
 from netfall.job.read import read_job
 from netfall.physics.slip.law import set_slipless_lengths
+from netfall.physics.state import restore_saved, save_state
 from netfall.statics import interior_point, newton, relaxation_stages
 from netfall.statics.newton import NoConvergence
 from netfall.statics.relaxation import Paused
@@ -131,7 +131,7 @@ class Statics:
 
     def __init__(self, job):
         self.job, self.seen = read_job(job), []
-        self.scene, _ = prepare_scene(MPI.COMM_SELF, self.job, PhaseTimes())
+        self.scene, _ = prepare_problem(MPI.COMM_SELF, self.job, PhaseTimes())
 
     def find(self, stop=NEVER_STOP, path=None, resume=None):
         """All equilibria; positions of the last. Raises Paused."""
@@ -194,7 +194,7 @@ def hung(workshop, strain, yields):
     elements = "start,end,unstressed_length\n1,3,12\n2,3,12\n3,4,60\n"
     text = HUNG.format(strain=strain, yields="yield_stress = 1e9" if yields else "")
     job = workshop.job(text, nodes, elements)
-    scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
+    scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
     low, high = SIDE, 4 * SIDE
     for _ in range(100):
         L = 0.5 * (low + high)
@@ -246,7 +246,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
     for steps, tolerance in ((interior_point.MOST_STEPS, 1e-6), (0, 1e-9)):
         monkeypatch.setattr(interior_point, "MOST_STEPS", steps)
         job = read_job(workshop.job(text + f"tolerance = {tolerance}\nmax_iterations = 1000000\n"))
-        scene, _ = prepare_scene(MPI.COMM_SELF, job, PhaseTimes())
+        scene, _ = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())
         load = scene.model.loading.permanent
         with monkeypatch.context() as only:
             if steps:
@@ -264,7 +264,7 @@ def test_what_is_far_from_rest_and_slack_at_last_is_not_relaxed(workshop, monkey
 
 def given(workshop, cells):
     """Newton's method for the saddle as given, which is far from rest, and the state."""
-    scene, _ = prepare_scene(MPI.COMM_SELF, read_job(workshop.job(GIVEN.format(cells=cells))), PhaseTimes())
+    scene, _ = prepare_problem(MPI.COMM_SELF, read_job(workshop.job(GIVEN.format(cells=cells))), PhaseTimes())
     return scene.finder.newton(scene.model.loading.permanent), scene.state
 
 
@@ -322,7 +322,7 @@ def hung_wheel():
     """
     changes = ["net.spokes=8", "net.hoops=1"]
     job = replace(read_job(ROOT / "jobs" / "wheel_erection.toml", changes), stages=(), cases=())
-    scene, _ = prepare_scene(MPI.COMM_SELF, job, PhaseTimes())
+    scene, _ = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())
     L0 = scene.model.cut_length
     for name in ("upper", "lower"):
         L0 = jack_of(scene.model.net, name).changed(L0, 0.35)

@@ -13,7 +13,7 @@ from nets import along, pulls
 
 from netfall.core.errors import Interrupted
 from netfall.core.timings import PhaseTimes
-from netfall.driver.setup import prepare_scene
+from netfall.driver.setup import prepare_problem
 from netfall.job.read import read_job
 from netfall.statics import newton
 from netfall.statics.form import tensions
@@ -179,12 +179,12 @@ NEVER_LARGE = 10**9
 @pytest.fixture
 def form_of(monkeypatch):
     """The form of a job: as of a net that is large from so many particles on; options : of
-    `prepare_scene`."""
+    `prepare_problem`."""
 
     def find(job, large, *settings, **options):
         monkeypatch.setattr(tensions, "MANY", large)
         job = read_job(JOBS / f"{job}.toml", list(settings))
-        return prepare_scene(MPI.COMM_SELF, job, PhaseTimes(), **options)[0].form
+        return prepare_problem(MPI.COMM_SELF, job, PhaseTimes(), **options)[0].form
 
     return find
 

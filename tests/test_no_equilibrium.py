@@ -14,7 +14,7 @@ from netfall.core.stop import NEVER_STOP
 from netfall.core.timings import PhaseTimes
 from netfall.driver import equilibrium as settling
 from netfall.driver.run import run_job
-from netfall.driver.setup import prepare_scene
+from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import StaticPath, find_equilibria
 from netfall.job.read import read_job
 from netfall.statics import interior_point, relaxation_stages
@@ -193,7 +193,7 @@ def test_what_swings_far_on_the_way_is_not_lost(workshop, monkeypatch, steps):
     job = workshop.job(PLASTIC.format(steps=1), SIDEWAYS.format(load=3.0 * YIELD), ROPE)
     with monkeypatch.context() as only:
         only.setattr(interior_point, "MOST_STEPS", steps)
-        scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
+        scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
         path = StaticPath()
         find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     assert path.steps[-1]["load_factor"] == pytest.approx(1.0 / 3.0, rel=4e-3)
@@ -217,7 +217,7 @@ def test_nothing_gives_way_in_what_is_told_to_be_borne(workshop, times):
     loads = (round(times * load) for load in (120.8e3, 2.4e3, 38.9e3, 106.9e3, -11.3e3, 36.1e3))
     ends = "id,start,end,area\n" + "".join(f"{i},{i},{i + 1},{A}\n" for i, A in enumerate(AREAS, 1))
     text = PLASTIC.format(steps=1).replace("1e9", "1e8").replace("2e11", '1.6e11\nstrain = "logarithmic"')
-    scene, _ = prepare_scene(
+    scene, _ = prepare_problem(
         MPI.COMM_SELF, read_job(workshop.job(text, LINE.format(*loads), ends)), PhaseTimes()
     )
     path = StaticPath()
@@ -236,7 +236,7 @@ def by_work(monkeypatch, job, works=True, **instead):
             only.setattr(EquilibriumFinder, "has_limit_load", lambda own: False)
         for name, function in (({"_by_trials": None} if works else {}) | instead).items():
             only.setattr(settling, name, function)
-        scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
+        scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
         path = StaticPath()
         find_equilibria(scene, Mock(stop=NEVER_STOP), path)
     return scene, path.steps[-1], asked
@@ -342,7 +342,7 @@ def test_a_pause_in_work_control_changes_no_bit(workshop, monkeypatch, looks):
 def test_how_far_a_step_turns_cables(workshop):
     """By what moves one end of a cable past the other, in its lengths: two cables that share a node."""
     job = workshop.job(CABLES.format(steps=1), nodes(borne()), ENDS)
-    scene, _ = prepare_scene(MPI.COMM_SELF, read_job(job), PhaseTimes())
+    scene, _ = prepare_problem(MPI.COMM_SELF, read_job(job), PhaseTimes())
     state, u = scene.state, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 3.0, -4.0]])
     L = state.present_element_state().L
     by_hand = max(5.0 / L[0], np.sqrt(26.0) / L[1])

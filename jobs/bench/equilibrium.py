@@ -24,7 +24,7 @@ from scipy.sparse.linalg import splu
 from netfall.core.stop import NEVER_STOP
 from netfall.core.timings import PhaseTimes
 from netfall.driver.load_sequence import equilibria, loaded
-from netfall.driver.setup import prepare_scene
+from netfall.driver.setup import prepare_problem
 from netfall.driver.statics import StaticPath, find_equilibria
 from netfall.job.read import read_job
 
@@ -131,7 +131,7 @@ def job_of(cells: int):
 def measure(comm: MPI.Comm, cells: int) -> str:
     """A row of the table: elements, seconds, iterations; seconds of the direct solver, error. Collective."""
     job = job_of(cells)
-    scene, _ = prepare_scene(comm, job, PhaseTimes())
+    scene, _ = prepare_problem(comm, job, PhaseTimes())
     gather, found, path = scene.distribution.gather_particles, [], StaticPath()
     began = time.perf_counter()
     find_equilibria(scene, Mock(stop=NEVER_STOP), path, seen=found)
@@ -181,7 +181,7 @@ def overload(comm: MPI.Comm, cells: int) -> str:
     pressure, seconds = pressure * cells / 8, []
     for _ in range(2):
         keys = [f"net.cells={cells}", "load.steps=1", f"load.pressure=[0, 0, {pressure}]", *more]
-        scene, _ = prepare_scene(comm, read_job(JOB, keys), PhaseTimes())
+        scene, _ = prepare_problem(comm, read_job(JOB, keys), PhaseTimes())
         path, began = StaticPath(), time.perf_counter()
         find_equilibria(scene, Mock(stop=NEVER_STOP), path)
         seconds.append(time.perf_counter() - began)

@@ -14,7 +14,7 @@ from netfall.driver.messages.wind import wind_lines
 from netfall.driver.modes import mode_lines
 from netfall.driver.problem import Problem
 from netfall.driver.ranks import ranks_line, steps_time
-from netfall.driver.setup import prepare_scene
+from netfall.driver.setup import prepare_problem
 from netfall.geometry.areas import GIVEN_AREAS_NOTE, areas_are_given, largest_face, normals
 from netfall.geometry.build import build_net
 from netfall.job.cache import ResultCache
@@ -73,29 +73,29 @@ def _check_lines(job: Job, folder: Path | None) -> Iterator[str]:
     memory = ResultCache(1)
     if folder:
         yield f"picture: {plot_job_net(job, make_layout(checked_job, 1, memory), folder)}"
-    scene = prepare_scene(MPI.COMM_SELF, checked_job, PhaseTimes(), memory=memory)[0]
-    if scene.failure:
-        raise scene.failure
-    model = scene.model
+    problem = prepare_problem(MPI.COMM_SELF, checked_job, PhaseTimes(), memory=memory)[0]
+    if problem.failure:
+        raise problem.failure
+    model = problem.model
     yield f"{job.path}: {job.title or job.name}: valid"
-    yield from _net_lines(scene)
-    if scene.form:
-        yield from (run.form_line(scene), *run.form_change_lines(scene))
-    yield from run.start_notes(scene)
+    yield from _net_lines(problem)
+    if problem.form:
+        yield from (run.form_line(problem), *run.form_change_lines(problem))
+    yield from run.start_notes(problem)
     yield "stages: " + ", ".join(run.stages(job))
     yield f"the scene has: {run.feature_text(job, model)}"
     yield from wind_lines(job, model)
-    if scene.schedule:
-        yield from (run.limit_line(limit, model) for limit in scene.limits.values())
-        yield f"steps: {describe_steps(scene.schedule)}" + " (auto)" * (job.dynamics.time_step == "auto")
-        yield from run.dynamic_remarks(scene)
-    yield from (run_time_line(scene), ranks_line(scene), memory_line(scene))
-    yield from mode_lines(checked_job, scene)
+    if problem.schedule:
+        yield from (run.limit_line(limit, model) for limit in problem.limits.values())
+        yield f"steps: {describe_steps(problem.schedule)}" + " (auto)" * (job.dynamics.time_step == "auto")
+        yield from run.dynamic_remarks(problem)
+    yield from (run_time_line(problem), ranks_line(problem), memory_line(problem))
+    yield from mode_lines(checked_job, problem)
 
 
-def _net_lines(scene: Problem) -> Iterator[str]:
+def _net_lines(problem: Problem) -> Iterator[str]:
     """Yield lines on the net, its masses and its roof."""
-    model, net = scene.model, scene.model.net
+    model, net = problem.model, problem.model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
     yield f"{run.net_line(model)} in groups {', '.join(groups)}"
     L0, N = model.L0, model.N
@@ -118,21 +118,21 @@ def _net_lines(scene: Problem) -> Iterator[str]:
             f"largest face: {area:.4g} m2 in plan around [{x:.4g}, {y:.4g}], the usual one has {usual:.4g} "
             f"m2; if it is an opening, leave it out with [roof] openings = [[{x:.4g}, {y:.4g}]]"
         )
-    yield from run.job_remarks(model, scene.job)
+    yield from run.job_remarks(model, problem.job)
 
 
-def run_time_line(scene: Problem) -> str:
+def run_time_line(problem: Problem) -> str:
     """Return a line on the expected run time on one core, with its parts."""
-    job, schedule, m = scene.job, scene.schedule, scene.model.net.m
+    job, schedule, m = problem.job, problem.schedule, problem.model.net.m
     parts, remark = {"start, net and form": START_S + NET_S * m}, ""
     if job.stages or job.targets:
         parts["erection"] = STAGE_S * m * (len(job.stages) + TARGET_EQUILIBRIA * bool(job.targets))
         remark = RELAXED
     if has_statics(job):
-        parts["equilibria"], unknown = equilibria_time(scene)
+        parts["equilibria"], unknown = equilibria_time(problem)
         remark += unknown
     if schedule:
-        parts["steps"] = steps_time(scene)
+        parts["steps"] = steps_time(problem)
         parts["output"] = ROW_S * len(schedule.history) + FRAME_S * len(schedule.frames)
         if len(schedule.checkpoints):
             parts["checkpoints"] = len(schedule.checkpoints) * (CHECKPOINT_S + CHECKPOINT_ELEMENT_S * m)
@@ -146,21 +146,23 @@ def run_time_line(scene: Problem) -> str:
     )
 
 
-def equilibria_time(scene: Problem) -> tuple[float, str]:
+def equilibria_time(problem: Problem) -> tuple[float, str]:
     """Estimate the time of all equilibria on one core [s], and a remark on its uncertainty. Collective.
 
     For a large net it depends on whether the tangent predicts the last and the first equilibrium.
     """
-    job, m, wanted = scene.job, scene.distribution.m, equilibria(scene)
+    job, m, wanted = problem.job, problem.distribution.m, equilibria(problem)
     count = len(wanted) + len(job.removes) * bool(job.dynamics)  # one equilibrium after each member removal
-    if scene.distribution.n < FEWEST:
+    if problem.distribution.n < FEWEST:
         return EQUILIBRIUM_S * m * count, ""
-    if job.form_finding and scene.form is None:
+    if job.form_finding and problem.form is None:
         return PREDICTED_S * m * count, "; what goes slack or yields takes up to ten times as long at rest"
-    if _is_predicted(scene, wanted[-1]):
+    if _is_predicted(problem, wanted[-1]):
         return PREDICTED_S * m * count, ""
-    predicted = sum(each.kind == "permanent" for each, _ in wanted) if _is_predicted(scene, wanted[0]) else 0
-    limits = scene.state.features.plastic or scene.state.features.fracture
+    predicted = (
+        sum(each.kind == "permanent" for each, _ in wanted) if _is_predicted(problem, wanted[0]) else 0
+    )
+    limits = problem.state.features.plastic or problem.state.features.fracture
     remark = (
         f"; where a load is not borne, up to {LIMIT_LOAD_SEARCH_RATIO} times its equilibrium"
         if limits
@@ -169,18 +171,18 @@ def equilibria_time(scene: Problem) -> tuple[float, str]:
     return m * (PREDICTED_S * predicted + UNPREDICTED_S * (count - predicted)), UNPREDICTED + remark
 
 
-def _is_predicted(scene: Problem, want: EquilibriumRequest) -> bool:
+def _is_predicted(problem: Problem, want: EquilibriumRequest) -> bool:
     """Return whether the tangent stiffness predicts an equilibrium well. Collective."""
-    return scene.finder.converges_quickly(loaded(scene, want).load)
+    return problem.finder.converges_quickly(loaded(problem, want).load)
 
 
-def memory_line(scene: Problem) -> str:
+def memory_line(problem: Problem) -> str:
     """Return a line on the memory and disk space of a run."""
-    m, state = scene.model.net.m, scene.state
+    m, state = problem.model.net.m, problem.state
     size = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
-    least, extra = result_bytes(scene)
+    least, extra = result_bytes(problem)
     up_to = f", up to {(least + extra) / 1e6:.3g} MB where elements break until the end" if extra else ""
-    more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(scene.job) else ""
+    more = f"{EQUILIBRIUM_BYTES * m / 1e6:.3g} MB for its equilibria, " if has_statics(problem.job) else ""
     return (
         f"memory: {size / 1e6:.3g} MB for the state ({size / m:.0f} bytes an element), {more}and some "
         f"{SETUP_BYTES * m / 1e6:.3g} MB on rank 0 at set-up, beside some {RANK_BYTES / 1e6:.0f} MB for "
@@ -188,28 +190,28 @@ def memory_line(scene: Problem) -> str:
     )
 
 
-def result_bytes(scene: Problem) -> tuple[float, float]:
+def result_bytes(problem: Problem) -> tuple[float, float]:
     """Estimate the size of the result file without fractures, and the increase due to fractures.
 
     The increase assumes that elements break before every frame.
     """
-    job, model, net = scene.job, scene.model, scene.model.net
+    job, model, net = problem.job, problem.model, problem.model.net
 
     def size(entity_bytes: tuple[int, int]) -> float:
         of_particle, of_element = entity_bytes
         return float(net.n * of_particle + net.m * of_element)
 
-    least = FILE_BYTES + size(STATIC_DATA_BYTES) + len(equilibria(scene)) * size(STATE_BYTES)
+    least = FILE_BYTES + size(STATIC_DATA_BYTES) + len(equilibria(problem)) * size(STATE_BYTES)
     least += CHUNK_BYTES if load_steps(job) else 0
-    frames = job.output.frames if scene.schedule else 0
+    frames = job.output.frames if problem.schedule else 0
     least += size(CONNECTIVITY_BYTES) + (frames + 1) * size(FRAME_BYTES)
-    if scene.schedule:
+    if problem.schedule:
         probes, field = model.layout.probes, model.wind_field
         row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
-        least += row * len(scene.schedule.history)
+        least += row * len(problem.schedule.history)
         if field is not None and field.model is not None:
             least += 8 * (1 + len(field.control_point)) * job.dynamics.duration / job.wind.time_step
-    return least, frames * size(CONNECTIVITY_BYTES) if scene.state.features.fracture else 0.0
+    return least, frames * size(CONNECTIVITY_BYTES) if problem.state.features.fracture else 0.0
 
 
 def plot_job_net(job: Job, layout: Layout, folder: Path) -> Path:

@@ -28,14 +28,14 @@ class DetachedParts:
     evaluated : step of the last evaluation; broken : elements broken or removed by then, -1: not known
     """
 
-    def __init__(self, scene: Problem):
+    def __init__(self, problem: Problem):
         """Collective."""
-        job, model = scene.job, scene.model
-        self.comm, self.distribution, self.model = scene.comm, scene.distribution, model
-        self.dt, self.step_at = scene.schedule.dt, scene.schedule.step_at
+        job, model = problem.job, problem.model
+        self.comm, self.distribution, self.model = problem.comm, problem.distribution, model
+        self.dt, self.step_at = problem.schedule.dt, problem.schedule.step_at
         self.ends_wind = job.wind is not None and job.wind.after_fracture == "detached"
-        self.least = scene.comm.bcast(model and LARGE * float(model.own_mass[model.net.moves].sum()))
-        self.part = np.full(scene.state.first_split, ATTACHED)
+        self.least = problem.comm.bcast(model and LARGE * float(model.own_mass[model.net.moves].sum()))
+        self.part = np.full(problem.state.first_split, ATTACHED)
         self.large = np.zeros(0, np.int64)  # the lowest particle of each part that is followed
         self.evaluated, self.broken = -1, 0
         self.rows: list[tuple] = []  # time, lowest particle, mass, velocity of each, at each evaluation

@@ -54,21 +54,27 @@ def required(job: Job) -> bool:
     return job.dynamics is not None
 
 
-def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Run the dynamic stage; result : the `Simulation`. Collective."""
-    losses, removal, start, state, schedule = planned_removals(scene), None, None, scene.state, scene.schedule
-    if scene.job.removes:
-        removal = MemberRemoval(scene, losses, outcomes[removed_equilibria.NAME].result, context.log)
+    losses, removal, start, state, schedule = (
+        planned_removals(problem),
+        None,
+        None,
+        problem.state,
+        problem.schedule,
+    )
+    if problem.job.removes:
+        removal = MemberRemoval(problem, losses, outcomes[removed_equilibria.NAME].result, context.log)
     with context.phases.phase("wind"):
-        loads = varying_loads(scene) + (list(removal.fades.values()) if removal else [])
-    context.progress.say(f"dynamics: {scene.job.dynamics.duration:g} s in {describe_steps(schedule)}")
+        loads = varying_loads(problem) + (list(removal.fades.values()) if removal else [])
+    context.progress.say(f"dynamics: {problem.job.dynamics.duration:g} s in {describe_steps(schedule)}")
     if context.saver.stage != NAME:
         if state.features.sliding:
-            set_slip_inertia(scene)
-        start = total_energies(scene.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
+            set_slip_inertia(problem)
+        start = total_energies(problem.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
         if state.features.band:
             relax_branches(state)
-    simulation = Simulation(scene, context, loads, removal)
+    simulation = Simulation(problem, context, loads, removal)
     if start:
         simulation.begin(start)
     simulation.register()
@@ -79,18 +85,18 @@ def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
         simulation.halo.free()
         raise
     attributes = {"steps": simulation.made, "time_step": schedule.long_dt, "shortest_time_step": schedule.dt}
-    return Outcome(simulation, sections=sections(scene, simulation), attributes=attributes)
+    return Outcome(simulation, sections=sections(problem, simulation), attributes=attributes)
 
 
-def set_slip_inertia(scene: Problem) -> None:
+def set_slip_inertia(problem: Problem) -> None:
     """Set the inertia of slips and the weight that goes with them, constant in the dynamic stage.
 
     Collective.
     """
-    state, places = scene.state, scene.state.places
-    scene.finder.slips.freeze_weights(permanent_weight_factor(scene.job))
+    state, places = problem.state, problem.state.places
+    problem.finder.slips.freeze_weights(permanent_weight_factor(problem.job))
     stiffness = beside(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
-    inertia = slip_inertia(beside(places, state.half_mass), stiffness, scene.schedule.long_dt)
+    inertia = slip_inertia(beside(places, state.half_mass), stiffness, problem.schedule.long_dt)
     state.slip_mass[places.node, places.column] = inertia
 
 
@@ -101,11 +107,13 @@ def relax_branches(state) -> None:
         branch[:] = alpha * N
 
 
-def sections(scene: Problem, simulation) -> dict[str, dict[str, np.ndarray]]:
+def sections(problem: Problem, simulation) -> dict[str, dict[str, np.ndarray]]:
     """Return the datasets of history, events, removals and wind, on rank 0."""
-    model = scene.model
+    model = problem.model
     locked_at = (
-        scene.distribution.gather_particles(scene.state.slip_locked) if scene.state.features.sliding else None
+        problem.distribution.gather_particles(problem.state.slip_locked)
+        if problem.state.features.sliding
+        else None
     )
     if model is None:
         return {}
@@ -122,7 +130,7 @@ def sections(scene: Problem, simulation) -> dict[str, dict[str, np.ndarray]]:
     if simulation.detaching and (parts := simulation.detaching.columns(simulation.wind)):
         datasets["detached"] = parts
     if simulation.wind:
-        datasets["wind"] = wind_section(scene.job, model, *simulation.wind.record_until(simulation.time))
+        datasets["wind"] = wind_section(problem.job, model, *simulation.wind.record_until(simulation.time))
     return datasets
 
 
@@ -143,23 +151,23 @@ class Simulation(Stepper):
     stop flag at the same steps.
     """
 
-    def __init__(self, scene: Problem, context: RunContext, loads: list, removal: MemberRemoval | None):
+    def __init__(self, problem: Problem, context: RunContext, loads: list, removal: MemberRemoval | None):
         """Collective. loads : that vary, see `varying`; removal : of members, None: none"""
-        probes = scene.comm.bcast(scene.model and scene.model.layout.probes)
-        self.envelope = DynamicEnvelope(scene.distribution, scene.state.joints is not None)
-        self.history = History(probes, scene.state.features)
-        schedule, subdomain = scene.schedule, scene.distribution.subdomain
-        slips = scene.finder.slips.numbers() if scene.state.features.sliding else None
+        probes = problem.comm.bcast(problem.model and problem.model.layout.probes)
+        self.envelope = DynamicEnvelope(problem.distribution, problem.state.joints is not None)
+        self.history = History(probes, problem.state.features)
+        schedule, subdomain = problem.schedule, problem.distribution.subdomain
+        slips = problem.finder.slips.numbers() if problem.state.features.sliding else None
         widen_every, due = ENVELOPE_STEPS * schedule.stride, schedule.history
-        rows = RowTable(scene.state, due, schedule.dt, widen_every, subdomain, probes, self.envelope, slips)
-        super().__init__(scene, context, loads, rows)
+        rows = RowTable(problem.state, due, schedule.dt, widen_every, subdomain, probes, self.envelope, slips)
+        super().__init__(problem, context, loads, rows)
         self.removal = removal
-        self.detaching = DetachedParts(scene) if scene.state.features.detaches else None
+        self.detaching = DetachedParts(problem) if problem.state.features.detaches else None
         self.result, self.progress, self.saver = context.result, context.progress, context.saver
         self.wind = next((load for load in loads if isinstance(load, WindLoad)), None)
         self.start_strain = self.start_plastic = 0.0  # J, from which energies count
         self.largest_work = 0.0
-        check_steps = min(LOOK_STEPS, MAX_CHECK_WORK // max(1, scene.distribution.m)) // schedule.stride
+        check_steps = min(LOOK_STEPS, MAX_CHECK_WORK // max(1, problem.distribution.m)) // schedule.stride
         self.look_every = max(1, check_steps) * schedule.stride  # steps
 
     def begin(self, energies: Energies) -> None:

@@ -1,4 +1,4 @@
-"""Search for one equilibrium of a scene, for its limit load factor, and interruption of the search."""
+"""Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
 from functools import partial
 from typing import NamedTuple
@@ -7,6 +7,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError, Interrupted, interruption_error
 from netfall.core.stop import StopFlag
+from netfall.driver.equilibrium_record import equilibrium_record, initial_equilibrium_record
 from netfall.driver.problem import Problem, RunContext
 from netfall.driver.static_outcome import (
     EQUILIBRIUM,
@@ -17,7 +18,7 @@ from netfall.driver.static_outcome import (
     Equilibrium,
     StaticOutcome,
 )
-from netfall.explicit.energy import Snapshot, take_snapshot
+from netfall.explicit.energy import Snapshot
 from netfall.job.derived import breaks_equilibrium, load_settings
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import union_of_ranks
@@ -26,7 +27,6 @@ from netfall.physics.slip.law import set_slipless_lengths
 from netfall.physics.state import State, restore_saved, save_state
 from netfall.results.saver import CheckpointWriter, Record
 from netfall.results.warning_text import INSTABILITY_TEXT
-from netfall.statics.at_limit import beyond_euler, elements_at_limits
 from netfall.statics.limit_load import (
     BREAKS,
     LOAD_POWER,
@@ -40,8 +40,7 @@ from netfall.statics.limit_load import (
     search_limit,
 )
 from netfall.statics.limit_point import LimitPoint, LoadPath, has_compression, load_on_path
-from netfall.statics.newton import UNKNOWN, NoConvergence, Solution, StopRequested
-from netfall.statics.reactions import Balance, compute_balance, unknown
+from netfall.statics.newton import NoConvergence, Solution, StopRequested
 from netfall.statics.relaxation import (
     RELAXATION,
     Paused,
@@ -54,7 +53,6 @@ from netfall.statics.relaxation import (
 )
 from netfall.statics.slip import find_with_slip
 
-NOT_FOUND = Solution(0, np.nan, np.nan, np.nan, False, UNKNOWN)
 FULLY_CARRIED = 1.0, NO_UTILISATION, None
 ROUGH_TOLERANCE = 1e-3  # estimated error [-] of trials in the search for the limit load factor
 FEW = 20_000  # iterations of a relaxation in the search for the limit load factor
@@ -78,9 +76,9 @@ class Effort(NamedTuple):
     gives_up: bool = False
 
 
-def _full_effort(scene: Problem, max_iterations: int | None = None) -> Effort:
+def _full_effort(problem: Problem, max_iterations: int | None = None) -> Effort:
     """Return the full effort that the job allows. max_iterations : None: as the job sets them"""
-    settings = load_settings(scene.job)
+    settings = load_settings(problem.job)
     return Effort(min(max_iterations or np.inf, settings.max_iterations), settings.tolerance)
 
 
@@ -91,7 +89,7 @@ def resumed_relaxation(distribution: Distribution, saver: CheckpointWriter) -> R
 
 
 def paused(
-    scene: Problem,
+    problem: Problem,
     context: RunContext,
     stage: str,
     words: str,
@@ -104,22 +102,27 @@ def paused(
     before : iterations of the equilibria before it; stage_records : records of the stage, by name
     """
     step = before + pause.at.total + pause.at.iteration
-    records = {RELAXATION: relaxation_record(scene.distribution, pause.at)} | (stage_records or {})
-    return interruption_error(f"in statics, {words}", context.saver.save(stage, step, scene.state, records))
+    records = {RELAXATION: relaxation_record(problem.distribution, pause.at)} | (stage_records or {})
+    return interruption_error(f"in statics, {words}", context.saver.save(stage, step, problem.state, records))
 
 
-def reference_force(scene: Problem, last: StaticLoad) -> float:
+def reference_force(problem: Problem, last: StaticLoad) -> float:
     """Return the largest tension and nodal load [N] of what can move, the reference of the tolerance.
 
     Collective.
     """
-    state = scene.state
+    state = problem.state
     N, load = state.present_element_state().N, last.load[: state.n_owned]
-    return largest_force(scene.comm, N, state.ends, state.free, load)
+    return largest_force(problem.comm, N, state.ends, state.free, load)
 
 
 def settle(
-    scene: Problem, load_case: StaticLoad, reference: float, stop: StopFlag, resume=None, max_iterations=None
+    problem: Problem,
+    load_case: StaticLoad,
+    reference: float,
+    stop: StopFlag,
+    resume=None,
+    max_iterations=None,
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, and update plastic strains. Collective.
 
@@ -130,21 +133,21 @@ def settle(
     state. An equilibrium has no fractures, except after member removal: there the elements beyond their
     strength are reported. Raises Paused if asked to stop.
     """
-    start = save_state(scene.state)
+    start = save_state(problem.state)
     if resume is not None and resume.start is not None:
         start["x"][:] = resume.start
-    has_limit_load = load_case.kind in LIMIT_LOAD_KINDS and scene.finder.has_limit_load()
-    effort = _full_effort(scene, max_iterations)._replace(
+    has_limit_load = load_case.kind in LIMIT_LOAD_KINDS and problem.finder.has_limit_load()
+    effort = _full_effort(problem, max_iterations)._replace(
         relaxes=not has_limit_load, gives_up=load_case.kind in LIMIT_LOAD_KINDS
     )
-    full_load, equilibrium = _try_load(scene, load_case, reference, stop, effort, resume)
+    full_load, equilibrium = _try_load(problem, load_case, reference, stop, effort, resume)
     if not full_load.reason:
-        return _outcome_with_limit_point(scene, load_case, reference, start, equilibrium, stop)
+        return _outcome_with_limit_point(problem, load_case, reference, start, equilibrium, stop)
     if load_case.kind in LIMIT_LOAD_KINDS or full_load.reason == BREAKS:
-        return _limit_load_outcome(scene, load_case, reference, start, full_load, has_limit_load, stop)
-    restore_saved(scene.state, start)
-    reason, elements = _reason_text(scene, full_load), full_load.elements[:MAX_LISTED_ELEMENTS]
-    state, record = _state_without_equilibrium(full_load), initial_equilibrium_record(scene)
+        return _limit_load_outcome(problem, load_case, reference, start, full_load, has_limit_load, stop)
+    restore_saved(problem.state, start)
+    reason, elements = _reason_text(problem, full_load), full_load.elements[:MAX_LISTED_ELEMENTS]
+    state, record = _state_without_equilibrium(full_load), initial_equilibrium_record(problem)
     return StaticOutcome(state, load_case.reached(0.0), reason, elements, record)
 
 
@@ -154,32 +157,34 @@ def _state_without_equilibrium(*tried: LimitUtilisation) -> str:
 
 
 def _try_load(
-    scene: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
+    problem: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
 ) -> tuple[LimitUtilisation, Equilibrium | None]:
     """Return the utilisation under a load and its equilibrium, None if none was found. Collective.
 
     The state is then the last one of the search. Raises Paused.
     """
     try:
-        equilibrium = _find(scene, load_case, reference, stop, effort, resume)
+        equilibrium = _find(problem, load_case, reference, stop, effort, resume)
     except LimitReached as reached:
         return reached.there, None
     except DivergedError as error:
-        return _utilisation_at_failure(scene, load_case, error), None
-    return (NO_UTILISATION if load_case.kind == "loss" else _limit_utilisation(scene, load_case)), equilibrium
+        return _utilisation_at_failure(problem, load_case, error), None
+    return (
+        NO_UTILISATION if load_case.kind == "loss" else _limit_utilisation(problem, load_case)
+    ), equilibrium
 
 
-def _carried_outcome(scene: Problem, load_case: StaticLoad, equilibrium: Equilibrium) -> StaticOutcome:
+def _carried_outcome(problem: Problem, load_case: StaticLoad, equilibrium: Equilibrium) -> StaticOutcome:
     """Return the outcome of an equilibrium under the whole load; update plastic strains. Collective."""
-    _update_plastic_strains(scene.state, equilibrium.snapshot)
+    _update_plastic_strains(problem.state, equilibrium.snapshot)
     state, elements = EQUILIBRIUM, ()
     if equilibrium.solution.unstable_at >= 0:
-        state, elements = UNSTABLE, _compressed_elements(scene, equilibrium.solution.unstable_at)
+        state, elements = UNSTABLE, _compressed_elements(problem, equilibrium.solution.unstable_at)
     return StaticOutcome(state, load_case.factor, INSTABILITY_TEXT if elements else "", elements, equilibrium)
 
 
 def _outcome_with_limit_point(
-    scene: Problem,
+    problem: Problem,
     load_case: StaticLoad,
     reference: float,
     start: dict,
@@ -190,12 +195,12 @@ def _outcome_with_limit_point(
 
     start : the state without the load, as of `save_state`. Raises Paused.
     """
-    limit, equilibrium = _find_limit_point(scene, load_case, reference, start, equilibrium, stop)
-    return _carried_outcome(scene, load_case, equilibrium)._replace(limit=limit)
+    limit, equilibrium = _find_limit_point(problem, load_case, reference, start, equilibrium, stop)
+    return _carried_outcome(problem, load_case, equilibrium)._replace(limit=limit)
 
 
 def _find_limit_point(
-    scene: Problem,
+    problem: Problem,
     load_case: StaticLoad,
     reference: float,
     start: dict,
@@ -212,22 +217,22 @@ def _find_limit_point(
     """
     if (
         load_case.kind not in LIMIT_POINT_KINDS
-        or scene.finder.slips is not None
-        or not has_compression(scene.comm, scene.state)
+        or problem.finder.slips is not None
+        or not has_compression(problem.comm, problem.state)
     ):
         return None, equilibrium
     is_unstable = equilibrium.solution.unstable_at >= 0
     if is_unstable and load_case.kind == "stage":
         return None, equilibrium
-    state, end, tolerance = scene.state, save_state(scene.state), load_settings(scene.job).tolerance
+    state, end, tolerance = problem.state, save_state(problem.state), load_settings(problem.job).tolerance
     restore_saved(state, start)
-    load_at = load_on_path(scene.finder, load_case.load, load_case.before or start, start, carried)
+    load_at = load_on_path(problem.finder, load_case.load, load_case.before or start, start, carried)
 
     def find(factor: float) -> Solution:
-        return scene.finder.find(load_at(factor), tolerance, reference, FEW, load_case.words, stop)
+        return problem.finder.find(load_at(factor), tolerance, reference, FEW, load_case.words, stop)
 
     path = LoadPath(
-        state, lambda factor: scene.finder.newton(load_at(factor)), find, load_case.kind == "stage"
+        state, lambda factor: problem.finder.newton(load_at(factor)), find, load_case.kind == "stage"
     )
     try:
         limit, x = path.limit_point((load_case.before or start)["x"], None if is_unstable else end["x"])
@@ -235,7 +240,7 @@ def _find_limit_point(
         if limit is None and not is_unstable and x is not end["x"]:
             state.x[:] = x
             equilibrium = _find(
-                scene, load_case._replace(load=load_at(1.0)), reference, stop, _full_effort(scene)
+                problem, load_case._replace(load=load_at(1.0)), reference, stop, _full_effort(problem)
             )
     except Paused:
         restore_saved(state, start)
@@ -248,46 +253,52 @@ def _find_limit_point(
     ), equilibrium
 
 
-def _limit_utilisation(scene: Problem, load_case: StaticLoad) -> LimitUtilisation:
+def _limit_utilisation(problem: Problem, load_case: StaticLoad) -> LimitUtilisation:
     """Return the utilisation of the state under a load. Collective."""
     return limit_utilisation_of(
-        scene.comm,
-        scene.distribution,
-        scene.state,
-        breaks_equilibrium(scene.job, load_case.kind, load_case.factor),
+        problem.comm,
+        problem.distribution,
+        problem.state,
+        breaks_equilibrium(problem.job, load_case.kind, load_case.factor),
     )
 
 
-def _stop_if_breaking(scene: Problem, load_case: StaticLoad) -> None:
+def _stop_if_breaking(problem: Problem, load_case: StaticLoad) -> None:
     """Raise GivesWay if an element will surely break. Collective."""
-    utilisation = _limit_utilisation(scene, load_case)
+    utilisation = _limit_utilisation(problem, load_case)
     if utilisation.reason == BREAKS and utilisation.most > SURE_STRAIN:
         raise LimitReached(utilisation)
 
 
-def _utilisation_at_failure(scene: Problem, load_case: StaticLoad, error: DivergedError) -> LimitUtilisation:
+def _utilisation_at_failure(
+    problem: Problem, load_case: StaticLoad, error: DivergedError
+) -> LimitUtilisation:
     """Return the utilisation of a net without an equilibrium; known only if displacements are unbounded."""
     if isinstance(error, UnboundedDisplacement):
-        return limit_utilisation_of(scene.comm, scene.distribution, scene.state, False)._replace(most=np.inf)
+        return limit_utilisation_of(problem.comm, problem.distribution, problem.state, False)._replace(
+            most=np.inf
+        )
     return LimitUtilisation(np.inf, (), str(error).removeprefix(f"{load_case.words}: "))
 
 
-def _reason_text(scene: Problem, utilisation: LimitUtilisation) -> str:
+def _reason_text(problem: Problem, utilisation: LimitUtilisation) -> str:
     """Return the reason why there is no equilibrium, with elements by their ids. Collective."""
     if not utilisation.elements:
         return utilisation.reason
-    name = scene.comm.bcast(scene.model and scene.model.element_id_of(utilisation.elements[0]))
+    name = problem.comm.bcast(problem.model and problem.model.element_id_of(utilisation.elements[0]))
     return f"element {name} {utilisation.reason}"
 
 
-def _find(scene: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None) -> Equilibrium:
+def _find(
+    problem: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
+) -> Equilibrium:
     """Find the equilibrium, without an update of plastic strains.
 
     Collective. Raises DivergedError, Paused.
     """
     iterations, tolerance, relaxes, gives_up = effort
-    watch = partial(_stop_if_breaking, scene, load_case) if gives_up else None
-    finder, name = scene.finder, load_case.words
+    watch = partial(_stop_if_breaking, problem, load_case) if gives_up else None
+    finder, name = problem.finder, load_case.words
 
     def find() -> Solution:
         return finder.find(
@@ -299,43 +310,7 @@ def _find(scene: Problem, load_case: StaticLoad, reference, stop, effort: Effort
     else:
         finder.slips.weights = load_case.weights
         solution = find_with_slip(finder, find, tolerance, name)
-    return _equilibrium_record(scene, solution, load_case.load)
-
-
-def _equilibrium_record(scene: Problem, solution: Solution, load: np.ndarray) -> Equilibrium:
-    """Build the record of the present equilibrium under a load (n, 3) [N]. Collective."""
-    slips = scene.finder.slips
-    snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    balance = _balance(scene, snapshot, solution, load)
-    slack = scene.comm.allreduce(snapshot.slack)
-    at_limit = elements_at_limits(scene.comm, scene.distribution, scene.state, snapshot)
-    at_limit |= beyond_euler(scene.comm, scene.job, scene.distribution, scene.state, scene.model, snapshot.N)
-    stopped = slips.stopped() if slips is not None else ()
-    return Equilibrium(snapshot, slack, solution, balance, at_limit, _slips(scene), stopped)
-
-
-def with_reactions(scene: Problem, outcome: StaticOutcome, load: np.ndarray) -> StaticOutcome:
-    """Return the outcome with reactions under a load (n, 3) [N] that hardly differs. Collective."""
-    equilibrium = outcome.equilibrium
-    balance = _balance(scene, equilibrium.snapshot, equilibrium.solution, load)
-    return outcome._replace(equilibrium=equilibrium._replace(balance=balance))
-
-
-def _slips(scene: Problem) -> list[float] | None:
-    """Return the slips of all slip points, None if no cable slides."""
-    return scene.finder.slips and scene.finder.slips.s.tolist()
-
-
-def initial_equilibrium_record(scene: Problem) -> Equilibrium:
-    """Build the record of a state from which no equilibrium was found. Collective."""
-    snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-    slack, balance = scene.comm.allreduce(snapshot.slack), unknown(scene.state)
-    return Equilibrium(snapshot, slack, NOT_FOUND, balance, {}, _slips(scene))
-
-
-def _balance(scene: Problem, snapshot: Snapshot, solution: Solution, load: np.ndarray) -> Balance:
-    tolerance, slips = load_settings(scene.job).tolerance, scene.finder.slips
-    return compute_balance(scene.comm, scene.state, snapshot, load, solution.residual, tolerance, slips)
+    return equilibrium_record(problem, solution, load_case.load)
 
 
 def _update_plastic_strains(state: State, snapshot: Snapshot) -> None:
@@ -345,7 +320,7 @@ def _update_plastic_strains(state: State, snapshot: Snapshot) -> None:
 
 
 def _limit_load_outcome(
-    scene: Problem,
+    problem: Problem,
     load_case: StaticLoad,
     reference: float,
     start: dict,
@@ -358,36 +333,36 @@ def _limit_load_outcome(
     start : the state without the load, as of `save_state`; full_load : utilisation under the full load
     has_limit_load : whether work control applies. Collective. Raises Paused.
     """
-    restore_saved(scene.state, start)
-    missing_load = scene.finder.residual(load_case.load)
+    restore_saved(problem.state, start)
+    missing_load = problem.finder.residual(load_case.load)
 
     def say(low: float, high: float) -> None:
-        scene.finder.report(f"{load_case.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
+        problem.finder.report(f"{load_case.words}: not borne whole, searching {low:.3g} to {high:.3g} of it")
 
     try:
-        limit = _limit(scene, load_case, missing_load, stop, say) if has_limit_load else None
+        limit = _limit(problem, load_case, missing_load, stop, say) if has_limit_load else None
         if limit is FULLY_CARRIED or (has_limit_load and limit is None and not full_load.is_decided):
-            restore_saved(scene.state, start)
-            full_load, equilibrium = _try_load(scene, load_case, reference, stop, _full_effort(scene))
+            restore_saved(problem.state, start)
+            full_load, equilibrium = _try_load(problem, load_case, reference, stop, _full_effort(problem))
             if not full_load.reason:
-                return _outcome_with_limit_point(scene, load_case, reference, start, equilibrium, stop)
+                return _outcome_with_limit_point(problem, load_case, reference, start, equilibrium, stop)
             limit = None
-        limit = limit or _by_trials(scene, load_case, missing_load, reference, start, full_load, stop, say)
+        limit = limit or _by_trials(problem, load_case, missing_load, reference, start, full_load, stop, say)
     except Paused:
-        restore_saved(scene.state, start)
+        restore_saved(problem.state, start)
         raise Paused(initial_relaxation(start["x"])) from None
     share, beyond, equilibrium = limit
     if share == 1.0:
-        return _outcome_with_limit_point(scene, load_case, reference, start, equilibrium, stop)
+        return _outcome_with_limit_point(problem, load_case, reference, start, equilibrium, stop)
     limit_point = None
     if share > 0.0:
         limit_point, equilibrium = _find_limit_point(
-            scene, load_case, reference, start, equilibrium, stop, share
+            problem, load_case, reference, start, equilibrium, stop, share
         )
-    _update_plastic_strains(scene.state, equilibrium.snapshot)
+    _update_plastic_strains(problem.state, equilibrium.snapshot)
     state = _state_without_equilibrium(beyond, full_load)
     beyond = beyond if beyond.is_decided else full_load
-    reason = _reason_text(scene, beyond) + f" at {share:.4g} of them" * (
+    reason = _reason_text(problem, beyond) + f" at {share:.4g} of them" * (
         load_case.kind == "permanent" and state == NO_EQUILIBRIUM
     )
     return StaticOutcome(
@@ -400,7 +375,7 @@ def _limit_load_outcome(
     )
 
 
-def _limit(scene: Problem, load_case: StaticLoad, missing_load: np.ndarray, stop, say) -> tuple | None:
+def _limit(problem: Problem, load_case: StaticLoad, missing_load: np.ndarray, stop, say) -> tuple | None:
     """Find the limit load factor by work control. Collective. Raises Paused.
 
     missing_load : (n, 3) [N], not yet applied; say(low, high) : receives the bracket of the factor
@@ -408,25 +383,25 @@ def _limit(scene: Problem, load_case: StaticLoad, missing_load: np.ndarray, stop
     Returns the factor, `LimitUtilisation` beyond it, and `Equilibrium`; None: not found; `FULLY_CARRIED`: the
     whole load is carried.
     """
-    tolerance = load_settings(scene.job).tolerance
+    tolerance = load_settings(problem.job).tolerance
     tolerances = max(tolerance, ROUGH_TOLERANCE), tolerance
-    strained_now = partial(_limit_utilisation, scene, load_case)
+    strained_now = partial(_limit_utilisation, problem, load_case)
     try:
-        limit, solution = scene.finder.limit_load(
+        limit, solution = problem.finder.limit_load(
             load_case.load - missing_load, missing_load, strained_now, tolerances, stop, say
         )
     except NoConvergence:
         return None
     except StopRequested:
-        raise Paused(initial_relaxation(scene.state.x)) from None
+        raise Paused(initial_relaxation(problem.state.x)) from None
     if not limit.beyond.reason:
         return FULLY_CARRIED
     carried_load = load_case.load - (1.0 - limit.factor) * missing_load
-    return limit.factor, limit.beyond, _equilibrium_record(scene, solution, carried_load)
+    return limit.factor, limit.beyond, equilibrium_record(problem, solution, carried_load)
 
 
 def _by_trials(
-    scene: Problem,
+    problem: Problem,
     load_case: StaticLoad,
     missing_load: np.ndarray,
     reference,
@@ -441,10 +416,10 @@ def _by_trials(
     end of the bracket. If bars carry compression or cables slip with friction, the equilibrium depends on the
     path, so the load only grows.
     """
-    state, full = scene.state, _full_effort(scene)
-    from_above = scene.finder.slips is None and not has_compression(scene.comm, state)
+    state, full = problem.state, _full_effort(problem)
+    from_above = problem.finder.slips is None and not has_compression(problem.comm, state)
     effort = Effort(min(FEW, full.iterations), max(ROUGH_TOLERANCE, full.tolerance))
-    best, above, equilibrium = (0.0, start), None, initial_equilibrium_record(scene)
+    best, above, equilibrium = (0.0, start), None, initial_equilibrium_record(problem)
 
     def under(share: float) -> StaticLoad:
         return load_case._replace(load=load_case.load - (1.0 - share) * missing_load)
@@ -453,7 +428,7 @@ def _by_trials(
         nonlocal best, above, equilibrium
         is_nearer = above is not None and above[0] - share < share - best[0]
         restore_saved(state, above[1] if is_nearer else best[1])
-        utilisation, trial_equilibrium = _try_load(scene, under(share), reference, stop, effort)
+        utilisation, trial_equilibrium = _try_load(problem, under(share), reference, stop, effort)
         if not utilisation.reason:
             best, equilibrium = (share, save_state(state)), trial_equilibrium
         elif from_above and utilisation.reason == BREAKS:
@@ -464,25 +439,25 @@ def _by_trials(
     restore_saved(state, best[1])
     if low.factor > 0.0:
         try:
-            equilibrium = _find(scene, under(low.factor), reference, stop, full)
+            equilibrium = _find(problem, under(low.factor), reference, stop, full)
         except DivergedError:  # the estimated error of the trial stays in the result
             restore_saved(state, best[1])
     return low.factor, high.there, equilibrium
 
 
-def _compressed_elements(scene: Problem, particle: int) -> tuple[int, ...]:
+def _compressed_elements(problem: Problem, particle: int) -> tuple[int, ...]:
     """List global numbers of compressed elements at the particle that moves most in buckling. Collective."""
-    d, state = scene.distribution.subdomain, scene.state
+    d, state = problem.distribution.subdomain, problem.state
     is_compressed = (d.particle_gid[state.ends] == particle).any(1) & (state.present_element_state().N < 0.0)
-    return union_of_ranks(scene.comm, d.element_gid[is_compressed].tolist())[:MAX_LISTED_ELEMENTS]
+    return union_of_ranks(problem.comm, d.element_gid[is_compressed].tolist())[:MAX_LISTED_ELEMENTS]
 
 
-def yielded(scene: Problem) -> tuple[int, ...]:
+def yielded(problem: Problem) -> tuple[int, ...]:
     """List global numbers of the elements that have yielded so far. Collective."""
-    if not scene.state.features.plastic:
+    if not problem.state.features.plastic:
         return ()
     return union_of_ranks(
-        scene.comm, scene.distribution.subdomain.element_gid[scene.state.eps_p != 0.0].tolist()
+        problem.comm, problem.distribution.subdomain.element_gid[problem.state.eps_p != 0.0].tolist()
     )
 
 

@@ -41,7 +41,7 @@ def gather_extremes(distribution: Distribution, state: State, rows: Extremes) ->
     )
 
 
-def extremes_of_motion(scene: Problem, simulation) -> Extremes:
+def extremes_of_motion(problem: Problem, simulation) -> Extremes:
     """Return the extremes of a dynamic stage. Collective.
 
     The plastic strain of a cable never decreases, so that the last value is the largest.
@@ -52,7 +52,7 @@ def extremes_of_motion(scene: Problem, simulation) -> Extremes:
     compressed = -np.minimum(0.0, elastic_strain(least, state.EA) + plastic)
     displacement, sunk = simulation.envelope.displacement[0], state.x_start[:n, 2] - state.x[:n, 2]
     return gather_extremes(
-        scene.distribution, state, Extremes(tension, strain, compressed, displacement, sunk)
+        problem.distribution, state, Extremes(tension, strain, compressed, displacement, sunk)
     )
 
 

@@ -27,12 +27,12 @@ class EquilibriumRequest(NamedTuple):
     actions_of: Callable[[Model], Actions]
 
 
-def equilibria(scene: Problem) -> list[EquilibriumRequest]:
+def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     """List the equilibria that the job needs, in their order.
 
     Permanent loads come first, then cases, combinations, load steps, and the final equilibrium.
     """
-    job = scene.job
+    job = problem.job
     steps, final_wind = load_steps(job), starts_in_mean_wind(job)
     apart = [
         *((case, case_actions) for case in job.cases),
@@ -74,11 +74,11 @@ def equilibria(scene: Problem) -> list[EquilibriumRequest]:
     return requests
 
 
-def loaded(scene: Problem, request: EquilibriumRequest) -> StaticLoad:
+def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     """Return the load of an equilibrium with its arrays on this rank. Collective."""
-    distribution = scene.distribution
-    actions = request.actions_of(scene.model) if scene.model else None
-    names = scene.comm.bcast(
+    distribution = problem.distribution
+    actions = request.actions_of(problem.model) if problem.model else None
+    names = problem.comm.bcast(
         actions and {name for name, values in vars(actions).items() if values is not None}
     )
     parts = {}

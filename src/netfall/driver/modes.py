@@ -17,7 +17,7 @@ import numpy as np
 
 from netfall.core.rotation import from_rotated_axes, to_rotated_axes
 from netfall.core.stop import NEVER_STOP
-from netfall.driver.equilibrium import reference_force, restore_saved, save_state, settle
+from netfall.driver.equilibrium import reference_force, settle
 from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.geometry.net import GRAVITY, Net
@@ -30,6 +30,7 @@ from netfall.physics.air import damping_vectors
 from netfall.physics.law.branches import band_branches
 from netfall.physics.law.limits import REACHED_SHARE
 from netfall.physics.law.measures import elastic_stiffness
+from netfall.physics.state import restore_saved, save_state
 from netfall.statics.multigrid.joints import joint_tangent, with_joints
 from netfall.statics.multigrid.tangent import block_matrix, incidence_of
 from netfall.statics.slip import SlipTangent
@@ -226,21 +227,21 @@ def required(job: Job) -> bool:
     return bool(job.output.modes)
 
 
-def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the modes about the last equilibrium of the statics and write /modes. Collective."""
     if not context.saver.is_completed(NAME):
         with context.phases.phase(NAME):
-            modes = current_modes(scene, scene.job.output.modes)
-            context.result.write_whole(NAME, modes and modes_section(scene.job, scene.model, modes))
+            modes = current_modes(problem, problem.job.output.modes)
+            context.result.write_whole(NAME, modes and modes_section(problem.job, problem.model, modes))
     return Outcome()
 
 
-def current_modes(scene: Problem, count: int) -> Modes | None:
+def current_modes(problem: Problem, count: int) -> Modes | None:
     """Compute the lowest modes of the net in its present state, on rank 0, None elsewhere. Collective."""
-    gather, state, model = scene.distribution.gather_elements, scene.state, scene.model
-    x = scene.distribution.gather_particles(state.x)
+    gather, state, model = problem.distribution.gather_elements, problem.state, problem.model
+    x = problem.distribution.gather_particles(state.x)
     N, L0, EA = gather(state.present_element_state().N), gather(state.L0), gather(state.EA)
-    slip = scene.finder.slips and scene.finder.slips.pulley_tangent()
+    slip = problem.finder.slips and problem.finder.slips.pulley_tangent()
     if model is None:
         return None
     # otherwise taken out in a stage of erection, or buckled
@@ -261,37 +262,37 @@ def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]
     return section
 
 
-def mode_lines(job: Job, scene: Problem) -> list[str]:
+def mode_lines(job: Job, problem: Problem) -> list[str]:
     """Return the text of `check` on modes and damping. Changes the state. One rank."""
-    if scene.model.net.m > MAX_CHECK_ELEMENTS:
+    if problem.model.net.m > MAX_CHECK_ELEMENTS:
         return [f"modes: left out, for the net has more than {MAX_CHECK_ELEMENTS} elements"]
-    place = go_to_equilibrium(job, scene)
-    modes = current_modes(scene, MODES)
+    place = go_to_equilibrium(job, problem)
+    modes = current_modes(problem, MODES)
     if not len(modes.period):
         return []
-    lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(scene.model, modes)
-    return lines + (_damping_lines(job, scene.model, modes) if job.dynamics else [])
+    lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(problem.model, modes)
+    return lines + (_damping_lines(job, problem.model, modes) if job.dynamics else [])
 
 
-def go_to_equilibrium(job: Job, scene: Problem) -> str:
+def go_to_equilibrium(job: Job, problem: Problem) -> str:
     """Bring the state to the last equilibrium of the run, if it has one; return its name. One rank.
 
     The full load is applied at once, in contrast to the steps of a run.
     """
     requests = (
-        [request for request in equilibria(scene) if request.each.kind in LOAD_NAMES]
+        [request for request in equilibria(problem) if request.each.kind in LOAD_NAMES]
         if has_statics(job)
         else []
     )
     if not requests:
         return "in the initial state, without loads"
-    last = loaded(scene, requests[-1])
+    last = loaded(problem, requests[-1])
     start, loads = (
-        save_state(scene.state),
+        save_state(problem.state),
         "all loads" if starts_loaded_for_removal(job) else LOAD_NAMES[last.kind],
     )
-    if not settle(scene, last, reference_force(scene, last), NEVER_STOP).carries:
-        restore_saved(scene.state, start)
+    if not settle(problem, last, reference_force(problem, last), NEVER_STOP).carries:
+        restore_saved(problem.state, start)
         return f"in the initial state (no rest was found under {loads})"
     return f"at rest under {loads}"
 

@@ -34,34 +34,34 @@ ERECTION_STEP_OFFSET = (
 
 
 def solve_initial_state(
-    scene: Problem, result: Path, restart: Path | None, checkpoint, stop: StopFlag
+    problem: Problem, result: Path, restart: Path | None, checkpoint, stop: StopFlag
 ) -> Problem:
-    """Return the scene in equilibrium after targets, length errors and stages of erection. Collective.
+    """Return the problem in equilibrium after targets, length errors and stages of erection. Collective.
 
     result, restart, checkpoint, stop : as in `prepare`. Raises InputError, DivergedError, Interrupted.
     """
-    parts = scene.comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
-    build_up = BuildUp(base=scene.model)
-    if scene.job.targets:
-        scene, build_up = _solve_targets(scene, build_up, _record(checkpoint, parts, TARGETS))
+    parts = problem.comm.bcast(checkpoint and set(checkpoint.record["parts"])) or set()
+    build_up = BuildUp(base=problem.model)
+    if problem.job.targets:
+        problem, build_up = _solve_targets(problem, build_up, _record(checkpoint, parts, TARGETS))
     if build_up.failure:
-        return replace(scene, build_up=build_up)
-    if scene.comm.bcast(scene.model and bool(scene.model.net.length_error.any())):
-        scene, build_up = _apply_length_errors(scene, build_up, _record(checkpoint, parts, DEVIATION))
-    if build_up.failure or not scene.job.stages:
-        return replace(scene, build_up=build_up)
-    on_root(scene.comm, lambda: check_stages(scene.job, scene.model))
+        return replace(problem, build_up=build_up)
+    if problem.comm.bcast(problem.model and bool(problem.model.net.length_error.any())):
+        problem, build_up = _apply_length_errors(problem, build_up, _record(checkpoint, parts, DEVIATION))
+    if build_up.failure or not problem.job.stages:
+        return replace(problem, build_up=build_up)
+    on_root(problem.comm, lambda: check_stages(problem.job, problem.model))
     erection = Erection()
     if record := _record(checkpoint, parts, ERECTION):
         small, arrays = record
-        erection = restored_erection(scene, scene.comm.bcast(small), arrays)
+        erection = restored_erection(problem, problem.comm.bcast(small), arrays)
     try:
-        erect(scene, erection, stop)
+        erect(problem, erection, stop)
     except Paused:
-        path = _write_pause_checkpoint(replace(scene, build_up=build_up), erection, result, restart)
-        words = f"in stage {scene.job.stages[erection.done].name}, from whose start it goes on"
+        path = _write_pause_checkpoint(replace(problem, build_up=build_up), erection, result, restart)
+        words = f"in stage {problem.job.stages[erection.done].name}, from whose start it goes on"
         raise interruption_error(words, path) from None
-    return _after_erection(scene, build_up, erection)
+    return _after_erection(problem, build_up, erection)
 
 
 def _record(checkpoint, parts: set[str], name: str) -> tuple | None:
@@ -71,90 +71,96 @@ def _record(checkpoint, parts: set[str], name: str) -> tuple | None:
     return checkpoint.part(name) if checkpoint else (None, None)
 
 
-def _solve_targets(scene: Problem, build_up: BuildUp, record: tuple | None) -> tuple[Problem, BuildUp]:
-    """Return the scene in the form that meets its targets, or comes nearest to them. Collective.
+def _solve_targets(problem: Problem, build_up: BuildUp, record: tuple | None) -> tuple[Problem, BuildUp]:
+    """Return the problem in the form that meets its targets, or comes nearest to them. Collective.
 
     record : of an earlier run, None without one
     """
-    reason, comm = "", scene.comm
+    reason, comm = "", problem.comm
     if record is None:
-        new_scene, reached = _iterate_targets(scene)
+        new_problem, reached = _iterate_targets(problem)
         reason = comm.bcast(reached and reached.failed)
         record = ({"lines": reached.lines}, reached.arrays()) if reached else ({}, {})
     else:
-        new_scene = _with_geometry(scene, record[1])
+        new_problem = _with_geometry(problem, record[1])
     small, arrays = record
-    residual = _residual(new_scene)
-    form = scene.form or Form(None, None, 0, residual, scene.reference)  # targets give a net as given a form
-    new_scene = replace(new_scene, form=form, residual=residual)
-    if scene.model:
+    residual = _residual(new_problem)
+    form = problem.form or Form(
+        None, None, 0, residual, problem.reference
+    )  # targets give a net as given a form
+    new_problem = replace(new_problem, form=form, residual=residual)
+    if problem.model:
         form = {f"target_{name}": arrays[name] for name in ("change", "influence")}
         labels = {"form_finding": {"state": NO_EQUILIBRIUM, "reason": reason}} if reason else {}
         build_up = replace(build_up, form_sections=form, lines=small["lines"], labels=labels)
     failure = DivergedError(reason) if reason else None
     records = {TARGETS: (comm.bcast(small), arrays or {})}
-    return new_scene, replace(build_up, records=records, failure=failure)
+    return new_problem, replace(build_up, records=records, failure=failure)
 
 
-def _iterate_targets(scene: Problem) -> tuple[Problem, TargetResult | None]:
-    """Return the scene with unstressed lengths that meet the targets, and these lengths. Collective.
+def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
+    """Return the problem with unstressed lengths that meet the targets, and these lengths. Collective.
 
     The permanent load depends on the lengths. Lengths and load are therefore iterated until the form is in
     equilibrium.
     """
-    new_scene, reached, tolerance = scene, None, np.inf
-    if carries_permanent(scene.job):
-        tolerance = scene.job.form_finding.tolerance * scene.form.reference
+    new_problem, reached, tolerance = problem, None, np.inf
+    if carries_permanent(problem.job):
+        tolerance = problem.job.form_finding.tolerance * problem.form.reference
     for _ in range(MOST_TURNS):
-        reached = reach_targets(new_scene, scene.model and scene.model.cut_length, reached)
-        if scene.comm.bcast(reached and reached.failed):
-            new_scene.state.x_start[:] = new_scene.state.x
-            return _with_final_state(new_scene, reached), reached
-        new_scene = _with_geometry(scene, reached and reached.arrays())
-        residual = _residual(new_scene)
+        reached = reach_targets(new_problem, problem.model and problem.model.cut_length, reached)
+        if problem.comm.bcast(reached and reached.failed):
+            new_problem.state.x_start[:] = new_problem.state.x
+            return _with_final_state(new_problem, reached), reached
+        new_problem = _with_geometry(problem, reached and reached.arrays())
+        residual = _residual(new_problem)
         if not residual > tolerance:
-            return new_scene, reached
+            return new_problem, reached
     line = f"targets: the permanent load changes with lengths: {residual:.3g} N are left"
-    return new_scene, reached and reached._replace(lines=[*reached.lines, line])
+    return new_problem, reached and reached._replace(lines=[*reached.lines, line])
 
 
-def _with_geometry(scene: Problem, arrays: dict | None) -> Problem:
-    """Return the scene with nodes and lengths of a record of `TargetResult` or `LengthErrors`. Collective."""
-    return _with_model(scene, lambda: _with_lengths(scene.job, scene.model, arrays["x"], arrays["L0"]))
+def _with_geometry(problem: Problem, arrays: dict | None) -> Problem:
+    """Return the problem with the geometry of a record of `TargetResult` or `LengthErrors`. Collective."""
+    return _with_model(problem, lambda: _with_lengths(problem.job, problem.model, arrays["x"], arrays["L0"]))
 
 
-def _with_final_state(scene: Problem, outcome: TargetResult | LengthErrors | None) -> Problem:
-    """Return the scene with the model in the final state, for the result file only. Collective."""
-    N = scene.distribution.gather_elements(
-        scene.state.present_element_state().N, scene.state.owned.astype(bool)
+def _with_final_state(problem: Problem, outcome: TargetResult | LengthErrors | None) -> Problem:
+    """Return the problem with the model in the final state, for the result file only. Collective."""
+    N = problem.distribution.gather_elements(
+        problem.state.present_element_state().N, problem.state.owned.astype(bool)
     )
-    return replace(scene, model=scene.model and replace(scene.model, x=outcome.x, N=N, cut_length=outcome.L0))
+    return replace(
+        problem, model=problem.model and replace(problem.model, x=outcome.x, N=N, cut_length=outcome.L0)
+    )
 
 
-def _residual(scene: Problem) -> float:
+def _residual(problem: Problem) -> float:
     """Compute the largest residual [N] of the form under its load. Collective."""
-    return state_residual(scene.comm, scene.state, form_load(scene, "target", "the targets").load)
+    return state_residual(problem.comm, problem.state, form_load(problem, "target", "the targets").load)
 
 
-def _apply_length_errors(scene: Problem, build_up: BuildUp, record: tuple | None) -> tuple[Problem, BuildUp]:
-    """Return the scene with length errors; record : as in `_solve_targets`. Collective."""
+def _apply_length_errors(
+    problem: Problem, build_up: BuildUp, record: tuple | None
+) -> tuple[Problem, BuildUp]:
+    """Return the problem with length errors; record : as in `_solve_targets`. Collective."""
     reason, deviated = "", None
     if record is None:
-        deviated = apply_length_errors(scene)
-        reason = scene.comm.bcast(deviated and deviated.failed)
+        deviated = apply_length_errors(problem)
+        reason = problem.comm.bcast(deviated and deviated.failed)
         record = ({"lines": deviated.lines}, deviated.arrays()) if deviated else ({}, {})
     small, arrays = record
-    new_scene = _with_final_state(scene, deviated) if reason else _with_geometry(scene, arrays)
+    new_problem = _with_final_state(problem, deviated) if reason else _with_geometry(problem, arrays)
     if reason:
-        build_up = replace(build_up, form=scene.model)
-    if scene.model:
+        build_up = replace(build_up, form=problem.model)
+    if problem.model:
         deviations = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
         lines = [*build_up.lines, *small["lines"]]
         labels = {"deviation": {"state": deviated.state, "reason": reason}} if reason else {}
         build_up = replace(build_up, sections={"deviation": deviations}, lines=lines, labels=labels)
-    records = build_up.records | {DEVIATION: (scene.comm.bcast(small), arrays or {})}
-    failure = _search_error(reason, scene.comm.bcast(deviated and deviated.state)) if reason else None
-    return new_scene, replace(build_up, records=records, failure=failure)
+    records = build_up.records | {DEVIATION: (problem.comm.bcast(small), arrays or {})}
+    failure = _search_error(reason, problem.comm.bcast(deviated and deviated.state)) if reason else None
+    return new_problem, replace(build_up, records=records, failure=failure)
 
 
 def _search_error(reason: str, state: str) -> DivergedError:
@@ -162,37 +168,39 @@ def _search_error(reason: str, state: str) -> DivergedError:
     return (UndecidedError if state == UNDECIDED else DivergedError)(reason)
 
 
-def _after_erection(scene: Problem, build_up: BuildUp, erection: Erection) -> Problem:
-    """Return the scene at the end of the last stage, or of the stage that has no equilibrium. Collective."""
+def _after_erection(problem: Problem, build_up: BuildUp, erection: Erection) -> Problem:
+    """Return the problem after the last stage, or in the stage that has no equilibrium. Collective."""
     setting, x = erection.setting, erection.x
     if erection.failed:
-        new_scene = replace(scene, model=scene.model and _model_at_failure(scene.model, x, setting))
-        new_scene.state.x_start[:] = new_scene.state.x
+        new_problem = replace(problem, model=problem.model and _model_at_failure(problem.model, x, setting))
+        new_problem.state.x_start[:] = new_problem.state.x
     else:
-        new_scene = _with_model(scene, lambda: _model_after_erection(scene.job, scene.model, x, setting))
-        active = scene.distribution.elements(setting and setting.active)
-        new_scene.state.EA[~active], new_scene.state.broken[~active] = 0.0, REMOVED_BY_ERECTION
-    ids = scene.model and scene.model.net.element_id
+        new_problem = _with_model(
+            problem, lambda: _model_after_erection(problem.job, problem.model, x, setting)
+        )
+        active = problem.distribution.elements(setting and setting.active)
+        new_problem.state.EA[~active], new_problem.state.broken[~active] = 0.0, REMOVED_BY_ERECTION
+    ids = problem.model and problem.model.net.element_id
     build_up = replace(
         build_up,
-        form=build_up.form or scene.model,
+        form=build_up.form or problem.model,
         sections=build_up.sections | erection.sections,
-        labels=scene.model
+        labels=problem.model
         and {group: with_element_ids(attributes, ids) for group, attributes in erection.labels.items()},
         lines=[*build_up.lines, *erection.lines],
         records=build_up.records | {ERECTION: erection.record()},
         failure=_search_error(erection.failed, erection.last_state) if erection.failed else None,
     )
-    return replace(new_scene, build_up=build_up)
+    return replace(new_problem, build_up=build_up)
 
 
-def _with_model(scene: Problem, make) -> Problem:
-    """Return the scene with another model, which `make` returns on rank 0. Collective."""
-    model = on_root(scene.comm, make)
-    features = scene.comm.bcast(model and make_features(scene.job, model.layout.net, model.layout.slides))
-    state = make_state(scene.distribution, model, features)
-    finder = EquilibriumFinder(scene.comm, scene.halo, scene.distribution, state)
-    return replace(scene, model=model, state=state, finder=finder)
+def _with_model(problem: Problem, make) -> Problem:
+    """Return the problem with another model, which `make` returns on rank 0. Collective."""
+    model = on_root(problem.comm, make)
+    features = problem.comm.bcast(model and make_features(problem.job, model.layout.net, model.layout.slides))
+    state = make_state(problem.distribution, model, features)
+    finder = EquilibriumFinder(problem.comm, problem.halo, problem.distribution, state)
+    return replace(problem, model=model, state=state, finder=finder)
 
 
 def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **columns) -> Model:
@@ -224,9 +232,9 @@ def _model_after_erection(job: Job, model: Model, x: np.ndarray, setting: StageS
     return replace(new_model, cut_length=setting.L0)
 
 
-def _write_pause_checkpoint(scene: Problem, erection: Erection, result: Path, given: Path | None) -> Path:
+def _write_pause_checkpoint(problem: Problem, erection: Erection, result: Path, given: Path | None) -> Path:
     """Write a checkpoint of an erection between two stages, and return its path. Collective."""
-    initial = initial_record(scene.form, scene.build_up.base)
-    parts = scene.build_up.records | {INITIAL: initial, ERECTION: erection.record()}
+    initial = initial_record(problem.form, problem.build_up.base)
+    parts = problem.build_up.records | {INITIAL: initial, ERECTION: erection.record()}
     step = ERECTION_STEP_OFFSET + erection.done
-    return write_before_stages(scene.comm, scene.job, result, scene.digest, step, parts, given)
+    return write_before_stages(problem.comm, problem.job, result, problem.digest, step, parts, given)

@@ -83,12 +83,12 @@ class Problem:
         return self.build_up and self.build_up.failure
 
 
-def set_up_slip(scene: Problem) -> None:
-    """Set up sliding cables for the equilibria of the scene, if there are any. Collective."""
-    if scene.state.features.slip:
-        layout = scene.model and scene.model.layout
-        chains = scene.comm.bcast(layout and build_slip_chains(layout.slides, layout.net.own_weight))
-        scene.finder.slips = Slips(scene.distribution, scene.state, chains)
+def set_up_slip(problem: Problem) -> None:
+    """Set up sliding cables for the equilibria of the problem, if there are any. Collective."""
+    if problem.state.features.slip:
+        layout = problem.model and problem.model.layout
+        chains = problem.comm.bcast(layout and build_slip_chains(layout.slides, layout.net.own_weight))
+        problem.finder.slips = Slips(problem.distribution, problem.state, chains)
 
 
 @dataclass(frozen=True)

@@ -43,15 +43,15 @@ def _is_constant(values: np.ndarray) -> bool:
     return bool(((values == values[:1]) | (np.isnan(values) & np.isnan(values[:1]))).all())
 
 
-def provenance_values(scene: Problem) -> dict:
+def provenance_values(problem: Problem) -> dict:
     """Return the attributes and texts of /provenance; complete on rank 0."""
-    job, model = scene.job, scene.model
+    job, model = problem.job, problem.model
     values = {
         "job": job.text,
         "job_name": job.name,
         "job_folder": str(job.path.parent.resolve()),
         "overrides": "\n".join(job.overrides),
-        "job_digest": scene.digest,
+        "job_digest": problem.digest,
         "title": job.title,
         "strain": job.cable.strain,
         "netfall": netfall.__version__,
@@ -63,7 +63,7 @@ def provenance_values(scene: Problem) -> dict:
         "hdf5": h5py.version.hdf5_version,
         "mpi": MPI.Get_library_version().split("\n")[0].strip("\x00 "),
         "writing": library_text(),
-        "ranks": scene.comm.size,
+        "ranks": problem.comm.size,
         "exit_state": "finished",
     }
     if model is None:
@@ -73,13 +73,13 @@ def provenance_values(scene: Problem) -> dict:
         "metis_seed": partition.SEED,
         "edge_cut": partition.edge_cut(model.net.elements, model.layout.part),
         "net": net_record(model),
-        "notes": "\n".join(run_notes(scene)),
+        "notes": "\n".join(run_notes(problem)),
     }
-    if scene.form:
-        values["form"] = "\n".join(form_change_lines(scene))
+    if problem.form:
+        values["form"] = "\n".join(form_change_lines(problem))
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
-    if scene.schedule:
-        for name, limit in scene.limits.items():
+    if problem.schedule:
+        for name, limit in problem.limits.items():
             values |= {f"limit_{name}": limit.dt, f"limit_{name}_element": limit.element}
     return values

@@ -13,28 +13,28 @@ RANK_START_S = 0.8  # s to start a second rank (0.5 to 1.2)
 ELEMENTS_PER_RANK = 8_000  # per rank: with fewer, network messages take longer than the computation
 
 
-def steps_time(scene: Problem) -> float:
+def steps_time(problem: Problem) -> float:
     """Estimate the time of all steps on one core [s]."""
-    if not scene.schedule:
+    if not problem.schedule:
         return 0.0
-    steps = scene.schedule.steps // scene.schedule.stride
-    return steps * (scene.distribution.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
+    steps = problem.schedule.steps // problem.schedule.stride
+    return steps * (problem.distribution.m * STEP_NS * 1e-9 + STEP_US * 1e-6)
 
 
-def saved_by_second(scene: Problem) -> float | None:
+def saved_by_second(problem: Problem) -> float | None:
     """Estimate the time [s] that a second rank saves in a small net, less its start.
 
     None for a large net.
     """
-    m = scene.distribution.m
+    m = problem.distribution.m
     if m >= SMALL_NET_ELEMENTS:
         return None
-    return (SECOND_RANK_SAVING * steps_time(scene) if m >= FEWEST else 0.0) - RANK_START_S
+    return (SECOND_RANK_SAVING * steps_time(problem) if m >= FEWEST else 0.0) - RANK_START_S
 
 
-def ranks_line(scene: Problem) -> str:
+def ranks_line(problem: Problem) -> str:
     """Return a line on the fastest number of ranks."""
-    saved = saved_by_second(scene)
+    saved = saved_by_second(problem)
     if saved is None:
         return (
             f"ranks: two are faster than one; many are, with {ELEMENTS_PER_RANK} elements for each and more"
@@ -44,13 +44,13 @@ def ranks_line(scene: Problem) -> str:
     return f"ranks: two save about {saved:.2g} s of the steps; equilibria of so small a net are no faster"
 
 
-def ranks_notes(scene: Problem) -> list[str]:
+def ranks_notes(problem: Problem) -> list[str]:
     """Return a note if a run has more ranks than are useful."""
-    saved = saved_by_second(scene)
-    if scene.comm.size == 1 or saved is None or saved >= 0.0:
+    saved = saved_by_second(problem)
+    if problem.comm.size == 1 or saved is None or saved >= 0.0:
         return []
-    m, size = scene.distribution.m, scene.comm.size
+    m, size = problem.distribution.m, problem.comm.size
     return [
-        f"note: {size} ranks: slower than one for {m} elements and about {steps_time(scene):.2g} s of steps. "
-        "Use netfall run without mpirun."
+        f"note: {size} ranks: slower than one for {m} elements and about {steps_time(problem):.2g} s of "
+        "steps. Use netfall run without mpirun."
     ]

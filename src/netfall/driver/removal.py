@@ -39,10 +39,10 @@ MIN_TENSION_CHANGE = 1e-3  # of the largest tension [-]: a smaller change has no
 class MemberRemoval:
     """Member removals of a run, and the tensions around them; these on rank 0."""
 
-    def __init__(self, scene: Problem, losses: list[Loss], after: RemovalEquilibria | None, log: EventLog):
+    def __init__(self, problem: Problem, losses: list[Loss], after: RemovalEquilibria | None, log: EventLog):
         """after : of the stage `rests`, None: in a resumed run"""
-        self.distribution, self.losses, self.job = scene.distribution, losses, scene.job
-        self.model, self.log, self.dt, self.done = scene.model, log, scene.schedule.dt, 0
+        self.distribution, self.losses, self.job = problem.distribution, losses, problem.job
+        self.model, self.log, self.dt, self.done = problem.model, log, problem.schedule.dt, 0
         self.rests = after.rests if after else []
         # m2, (n,) on rank 0, with areas redistributed so far
         self.area = self.model and self.model.roof.area.copy()

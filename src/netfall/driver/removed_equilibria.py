@@ -8,9 +8,7 @@ import numpy as np
 from netfall.driver.equilibrium import (
     paused,
     reference_force,
-    restore_saved,
     resumed_relaxation,
-    save_state,
     settle,
 )
 from netfall.driver.problem import Outcome, Problem, RunContext
@@ -22,6 +20,7 @@ from netfall.loads.removal import Loss, is_unsupported, make_removals
 from netfall.model.actions import StaticLoad
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
+from netfall.physics.state import restore_saved, save_state
 from netfall.results.removal_text import SOMETHING_BREAKS
 from netfall.results.warning_text import error_text, force_balance_warnings
 from netfall.statics.newton import STABLE
@@ -67,9 +66,9 @@ class RemovalSearch:
     rests: list[RemovalOutcome] = field(default_factory=list)
     tension: list[np.ndarray | None] = field(default_factory=list)
 
-    def record(self, scene: Problem) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self, problem: Problem) -> tuple[dict, dict[str, np.ndarray]]:
         """Return the record that `restore` needs; arrays by global numbers on rank 0. Collective."""
-        distribution, is_owned = scene.distribution, scene.state.owned.astype(bool)
+        distribution, is_owned = problem.distribution, problem.state.owned.astype(bool)
         gathered = {
             name: (
                 distribution.gather_particles(rows)
@@ -79,14 +78,14 @@ class RemovalSearch:
             for name, rows in self.best.items()
         }
         small = {"total": self.total, "rests": self.rests}
-        return small, gathered | {"tension": np.array(self.tension)} if scene.model else {}
+        return small, gathered | {"tension": np.array(self.tension)} if problem.model else {}
 
-    def restore(self, scene: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
+    def restore(self, problem: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         self.total = small["total"]
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
-        self.tension = list(arrays["tension"]) if scene.model else [None] * (1 + len(self.rests))
-        distribution = scene.distribution
+        self.tension = list(arrays["tension"]) if problem.model else [None] * (1 + len(self.rests))
+        distribution = problem.distribution
         self.best = {
             name: (distribution.particles if name in PARTICLE_FIELDS else distribution.elements)(
                 arrays and arrays[name]
@@ -100,57 +99,57 @@ def required(job: Job) -> bool:
     return bool(job.removes and job.dynamics)
 
 
-def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the equilibrium after each member removal. Collective. Raises Interrupted if asked to stop.
 
     The result is a `RemovalEquilibria`, None if nothing is removed in time. Each search starts from the
     initial state of the dynamic stage, with the removals so far. All constant loads and the mean wind act.
     The state is restored at the end.
     """
-    losses = planned_removals(scene)
+    losses = planned_removals(problem)
     if context.saver.is_completed(NAME) or not losses:
         return Outcome()
     with context.phases.phase("statics"):
-        return Outcome(find_removal_equilibria(scene, context, losses))
+        return Outcome(find_removal_equilibria(problem, context, losses))
 
 
-def planned_removals(scene: Problem) -> list[Loss]:
+def planned_removals(problem: Problem) -> list[Loss]:
     """List the member removals of the dynamic stage, on every rank. Collective."""
-    if not required(scene.job):
+    if not required(problem.job):
         return []
-    return scene.comm.bcast(scene.model and make_removals(scene.job, scene.model, scene.schedule))
+    return problem.comm.bcast(problem.model and make_removals(problem.job, problem.model, problem.schedule))
 
 
-def find_removal_equilibria(scene: Problem, context: RunContext, losses: list[Loss]) -> RemovalEquilibria:
+def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[Loss]) -> RemovalEquilibria:
     """Compute the result of `run`. Collective."""
-    state, distribution, model = scene.state, scene.distribution, scene.model
+    state, distribution, model = problem.state, problem.distribution, problem.model
     loads = loads_after_removals(model, losses) if model else [None] * (len(losses) + 1)
     start, EA, broken = save_state(state), state.EA.copy(), state.broken.copy()
-    unsupported = scene.comm.bcast(unsupported_after_removals(model, losses, loads) if model else None)
-    reference = reference_force(scene, StaticLoad("loss", "", distribution.particles(loads[0])))
+    unsupported = problem.comm.bcast(unsupported_after_removals(model, losses, loads) if model else None)
+    reference = reference_force(problem, StaticLoad("loss", "", distribution.particles(loads[0])))
 
     def gather_owned(tension: np.ndarray) -> np.ndarray | None:
         return distribution.gather_elements(tension, state.owned.astype(bool))
 
     search = RemovalSearch(start, tension=[gather_owned(state.present_element_state().N)])
-    resume = _resume_search(scene, context, search)
+    resume = _resume_search(problem, context, search)
     for k, (loss, is_loose, new_load) in enumerate(zip(losses, unsupported, loads[1:])):
         rows = rows_of(distribution.subdomain.element_gid, loss.elements)
         rows = rows[rows >= 0]
         state.EA[rows], state.broken[rows] = 0.0, 1  # removed, not slack
         if k < len(search.rests):
             continue
-        scene.finder.reset_structure()
+        problem.finder.reset_structure()
         restore_saved(state, search.best)
         load = distribution.particles(new_load)
-        words = f"the net without {removed_names(scene.job, loss)}"
+        words = f"the net without {removed_names(problem.job, loss)}"
         tension, rest = np.full(state.m, np.nan), RemovalOutcome("no_equilibrium")
         lines = [f"no rest: a part of {words} is connected to no support"]
         if not is_loose:
             try:
-                load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(scene.job))
+                load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(problem.job))
                 tension, rest, lines, iterations = _removal_equilibrium(
-                    scene, load_case, reference, context.stop, resume
+                    problem, load_case, reference, context.stop, resume
                 )
                 search.total += iterations
                 search.best = save_state(state) if rest.state == "equilibrium" else search.best
@@ -158,40 +157,40 @@ def find_removal_equilibria(scene: Problem, context: RunContext, losses: list[Lo
                 pause.at.x = pause.at.x.copy(order="K")  # a copy, since it may be the array of the state
                 restore_saved(state, start)
                 state.EA[:], state.broken[:] = EA, broken
-                records = {NAME: search.record(scene)}
-                raise paused(scene, context, NAME, words, search.total, pause, records) from None
+                records = {NAME: search.record(problem)}
+                raise paused(problem, context, NAME, words, search.total, pause, records) from None
         resume = None
         context.progress.say(*lines)
         search.rests.append(rest)
         search.tension.append(gather_owned(tension))
     restore_saved(state, start)
     state.EA[:], state.broken[:] = EA, broken
-    scene.finder.reset_structure()
+    problem.finder.reset_structure()
     return RemovalEquilibria(search.rests, np.array(search.tension) if model else None)
 
 
-def _resume_search(scene: Problem, context: RunContext, search: RemovalSearch) -> Relaxation | None:
+def _resume_search(problem: Problem, context: RunContext, search: RemovalSearch) -> Relaxation | None:
     """Restore a search that an earlier run was interrupted in; return its relaxation. Collective."""
     record = context.saver.taken_up(NAME)
     if record is None:
         return None
-    search.restore(scene, *record)
-    return resumed_relaxation(scene.distribution, context.saver)
+    search.restore(problem, *record)
+    return resumed_relaxation(problem.distribution, context.saver)
 
 
 def _removal_equilibrium(
-    scene: Problem, load_case: StaticLoad, reference: float, stop, resume: Relaxation | None
+    problem: Problem, load_case: StaticLoad, reference: float, stop, resume: Relaxation | None
 ) -> tuple[np.ndarray, RemovalOutcome, list[str], int]:
     """Find the equilibrium after a member removal. Collective.
 
     Returns the tensions (m,) [N] of this rank's elements, the outcome, messages, and iterations.
     """
     max_iterations = (
-        min(MAX_REMOVAL_ITERATIONS, scene.job.load.max_iterations)
-        if scene.job.load
+        min(MAX_REMOVAL_ITERATIONS, problem.job.load.max_iterations)
+        if problem.job.load
         else MAX_REMOVAL_ITERATIONS
     )
-    outcome = settle(scene, load_case, reference, stop, resume, max_iterations)
+    outcome = settle(problem, load_case, reference, stop, resume, max_iterations)
     equilibrium = outcome.equilibrium
     if not outcome.carries:
         line = f"no rest: {load_case.words}: {outcome.reason}"
@@ -205,7 +204,7 @@ def _removal_equilibrium(
         )
     solution, N = equilibrium.solution, equilibrium.snapshot.N
     if solution.unstable_at >= 0:
-        node = scene.comm.bcast(scene.model and scene.model.net.node_id[solution.unstable_at])
+        node = problem.comm.bcast(problem.model and problem.model.net.node_id[solution.unstable_at])
         line = f"no rest of {load_case.words}: not stable at node {node}"
         return np.full_like(N, np.nan), RemovalOutcome("unstable"), [line], solution.iterations
     line = f"rest of {load_case.words}: {error_text(solution.displacement_error, solution.tension_error)}"
@@ -213,7 +212,9 @@ def _removal_equilibrium(
     line += f", residual {solution.residual:.3g} N, slack {equilibrium.slack}{remark}"
 
     def names_of(rows: tuple[int, ...]) -> str:
-        return scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(rows)]))
+        return problem.comm.bcast(
+            problem.model and counted("element", problem.model.net.element_id[list(rows)])
+        )
 
     if equilibrium.stopped:
         line += f"; ends of cables stop in {names_of(equilibrium.stopped)}"

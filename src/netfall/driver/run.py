@@ -19,7 +19,7 @@ from netfall.driver.problem import BuildUp, Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.ranks import ranks_notes
 from netfall.driver.restart import register_result, restore_state
-from netfall.driver.setup import prepare_scene
+from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.explicit.energy import take_snapshot
 from netfall.job.cache import NO_CACHE, ResultCache
@@ -71,13 +71,13 @@ def run_job(
                 f"form finding: iteration {iteration}, largest residual {residual:.3g} N"
             )
 
-        scene, checkpoint = prepare_scene(comm, job, phases, report, path, restart, stop)
-        report_problem(scene, progress)
-        progress.say(*ranks_notes(scene))
-        context = make_context(scene, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
-        outcomes = run_stages(scene, context)
+        problem, checkpoint = prepare_problem(comm, job, phases, report, path, restart, stop)
+        report_problem(problem, progress)
+        progress.say(*ranks_notes(problem))
+        context = make_context(problem, path, progress, phases, stop, given=restart, checkpoint=checkpoint)
+        outcomes = run_stages(problem, context)
         progress.end()
-        report_outcome(scene, context, outcomes, path)
+        report_outcome(problem, context, outcomes, path)
         raise_failure(context, outcomes)
     finally:
         if lock:
@@ -85,7 +85,7 @@ def run_job(
 
 
 def make_context(
-    scene: Problem,
+    problem: Problem,
     path: Path | None,
     progress: Progress,
     phases: PhaseTimes,
@@ -99,10 +99,10 @@ def make_context(
     path : of the result file, None: none is written
     given : the checkpoint to resume; checkpoint : its contents, on rank 0
     """
-    log, net, job = EventLog(scene.distribution.n), scene.model and scene.model.net, scene.job
-    result = Result(scene.comm, path, scene.distribution, net, log) if path else NullResult(scene.comm)
+    log, net, job = EventLog(problem.distribution.n), problem.model and problem.model.net, problem.job
+    result = Result(problem.comm, path, problem.distribution, net, log) if path else NullResult(problem.comm)
     saver = CheckpointWriter(
-        scene.comm, result, job.title or job.name, scene.digest, STAGE_NAMES, given, checkpoint
+        problem.comm, result, job.title or job.name, problem.digest, STAGE_NAMES, given, checkpoint
     )
     return RunContext(log, result, saver, progress, phases, stop, memory)
 
@@ -122,31 +122,31 @@ class NullResult:
     write_envelope = write_final = close = discard = discard_all = discard_after = _nothing
 
 
-def run_stages(scene: Problem, context: RunContext) -> dict[str, Outcome]:
+def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
     """Run the stages after form finding and write the result file. Return the outcomes by name. Collective.
 
     The last outcome may have a `failure`: the file then contains the results until there.
     """
-    outcomes = {FORM: of_form(scene)}
+    outcomes = {FORM: of_form(problem)}
     try:
         context.progress.say(*outcomes[FORM].lines)
-        register_state(scene, context)
+        register_state(problem, context)
         for stage in STAGES:
-            if stage.required(scene.job) and not scene.failure:
-                outcomes[stage.NAME] = stage.run(scene, context, outcomes)
+            if stage.required(problem.job) and not problem.failure:
+                outcomes[stage.NAME] = stage.run(problem, context, outcomes)
                 context.progress.say(*outcomes[stage.NAME].lines)
                 if outcomes[stage.NAME].failure:
                     break
         if dynamics.NAME not in outcomes:
-            snapshot = take_snapshot(scene.state, 0.0, 1.0, 0.0, 0.0)
-            context.result.write_frame(0.0, scene.state, snapshot)
-            context.result.write_final(scene.state, snapshot)
-        provenance = provenance_values(scene) if context.result.kept else {}
+            snapshot = take_snapshot(problem.state, 0.0, 1.0, 0.0, 0.0)
+            context.result.write_frame(0.0, problem.state, snapshot)
+            context.result.write_final(problem.state, snapshot)
+        provenance = provenance_values(problem) if context.result.kept else {}
         sections, attributes, labels = (
             {name: value for outcome in outcomes.values() for name, value in getattr(outcome, kind).items()}
             for kind in ("sections", "attributes", "labels")
         )
-        times = context.phases.over_ranks(scene.comm)
+        times = context.phases.over_ranks(problem.comm)
         context.result.close(sections, provenance | attributes, times, labels)
     except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same
         context.result.file.discard_all()
@@ -169,23 +169,23 @@ def raise_failure(context: RunContext, outcomes: dict[str, Outcome]) -> None:
             raise context.saver.with_last_checkpoint(outcome.failure)
 
 
-def register_state(scene: Problem, context: RunContext) -> None:
+def register_state(problem: Problem, context: RunContext) -> None:
     """Register the states that belong to no stage, and restore those of a resumed run. Collective."""
     if context.saver.given:
         context.progress.say(f"going on from {context.saver.given}")
-    built = scene.build_up or BuildUp(scene.model)
-    for name, record in {INITIAL: initial_record(scene.form, built.base), **built.records}.items():
-        # `prepare_scene` has restored the record of a resumed run.
+    built = problem.build_up or BuildUp(problem.model)
+    for name, record in {INITIAL: initial_record(problem.form, built.base), **built.records}.items():
+        # `prepare_problem` has restored the record of a resumed run.
         context.saver.register(name, lambda record=record: record, lambda *_: None)
-    register_result(scene.comm, context.result, context.saver)
+    register_result(problem.comm, context.result, context.saver)
     if context.saver.stage not in (None, FORM):
-        restore_state(scene.distribution, scene.state, context.saver.checkpoint)
+        restore_state(problem.distribution, problem.state, context.saver.checkpoint)
 
 
-def of_form(scene: Problem) -> Outcome:
+def of_form(problem: Problem) -> Outcome:
     """Return the outcome of form finding, targets and stages of erection."""
-    built, failure, notes = scene.build_up or BuildUp(scene.model), scene.failure, []
-    balance = form_balance(scene) if scene.model and scene.form else None
+    built, failure, notes = problem.build_up or BuildUp(problem.model), problem.failure, []
+    balance = form_balance(problem) if problem.model and problem.form else None
     if balance and "form_finding" not in built.labels:
         notes = force_balance_warnings([("form", balance.unexplained)])
     attributes = (
@@ -193,27 +193,27 @@ def of_form(scene: Problem) -> Outcome:
         if failure
         else {}
     )
-    labels = built.labels if scene.model else {}
-    return Outcome(None, notes, initial_sections(scene, built, balance), attributes, labels, failure)
+    labels = built.labels if problem.model else {}
+    return Outcome(None, notes, initial_sections(problem, built, balance), attributes, labels, failure)
 
 
-def form_balance(scene: Problem) -> Balance:
+def form_balance(problem: Problem) -> Balance:
     """Compute the balance of the form under its load. Rank 0."""
-    model, tolerance = form_found_model(scene), load_settings(scene.job).tolerance
-    if scene.job.form_finding:
-        tolerance = max(tolerance, scene.job.form_finding.tolerance)
-    load = model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x)
-    return compute_form_balance(model, load, scene.residual, tolerance)
+    model, tolerance = form_found_model(problem), load_settings(problem.job).tolerance
+    if problem.job.form_finding:
+        tolerance = max(tolerance, problem.job.form_finding.tolerance)
+    load = model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x)
+    return compute_form_balance(model, load, problem.residual, tolerance)
 
 
-def initial_sections(scene: Problem, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
+def initial_sections(problem: Problem, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
     """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
-    model, form = scene.model, scene.form
+    model, form = problem.model, problem.form
     if model is None:
         return {}
     net = replace(model.net, density=build_up.base.net.density)  # erection sets 0 for removed elements
     sections = {"net": net_section(net, model.roof, model.cut_length)}
-    sections["load"] = load_datasets(scene.job, model.roof.zones)
+    sections["load"] = load_datasets(problem.job, model.roof.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
     if model.layout.slides:
@@ -223,7 +223,7 @@ def initial_sections(scene: Problem, build_up: BuildUp, balance: Balance | None)
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
             "residual": _relative(form.residual, form.reference),
-            "residual_real_material": _relative(scene.residual, form.reference),
+            "residual_real_material": _relative(problem.residual, form.reference),
             "position": model.x,
             "tension": model.N,
             "unstressed_length": model.cut_length,

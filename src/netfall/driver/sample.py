@@ -14,7 +14,7 @@ from netfall.driver import dynamics, statics
 from netfall.driver.extremes import EquilibriumExtremes, Extremes, extremes_of_motion
 from netfall.driver.problem import Problem
 from netfall.driver.run import make_context, raise_failure, run_stages
-from netfall.driver.setup import prepare_scene
+from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.geometry.net import Net
@@ -81,40 +81,40 @@ def _run_outcomes(
     if path:
         on_root(comm, lambda: check_output_path(path))
         check_one_folder(comm, path)
-    scene = prepare_scene(comm, job, phases, memory=memory)[0]
-    context, watched = make_context(scene, path, Progress(False), phases, memory=memory), None
+    problem = prepare_problem(comm, job, phases, memory=memory)[0]
+    context, watched = make_context(problem, path, Progress(False), phases, memory=memory), None
     if job.dynamics is None:
-        watched = EquilibriumExtremes(scene.distribution)
+        watched = EquilibriumExtremes(problem.distribution)
         context = replace(context, watch=watched.take_in)
     try:
-        outcomes = run_stages(scene, context)
-        if job.dynamics or scene.failure:
+        outcomes = run_stages(problem, context)
+        if job.dynamics or problem.failure:
             raise_failure(context, outcomes)
     except (InputError, DivergedError):  # every rank raises the same
-        scene.halo.free()
+        problem.halo.free()
         raise
-    scene.halo.free()
+    problem.halo.free()
     if watched:
         measured = _static_outcomes(
-            scene, watched.extremes(scene.state), outcomes[statics.NAME].result, depth
+            problem, watched.extremes(problem.state), outcomes[statics.NAME].result, depth
         )
         return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
-    extremes = extremes_of_motion(scene, simulation)
+    extremes = extremes_of_motion(problem, simulation)
     if comm.rank > 0:
         return None
-    run_outcomes = NOTHING | _dynamic_outcomes(scene.model, simulation, extremes, depth)
+    run_outcomes = NOTHING | _dynamic_outcomes(problem.model, simulation, extremes, depth)
     return run_outcomes | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
-def _static_outcomes(scene: Problem, extremes: Extremes, path: statics.StaticPath, depth: float | None):
+def _static_outcomes(problem: Problem, extremes: Extremes, path: statics.StaticPath, depth: float | None):
     """Return the outcomes of a run without a dynamic stage, on rank 0.
 
     If a case has no equilibrium, the state is "no_rest" or "undecided".
     """
-    if scene.model is None:
+    if problem.model is None:
         return None
-    outcomes = NOTHING | _of_net(scene.model.net, scene.model.roof.area, extremes, depth)
+    outcomes = NOTHING | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
     groups = path.labels.items()
     reasons = {
         state: [f"{group}: {label['reason']}" for group, label in groups if label["state"] == state]
@@ -126,7 +126,7 @@ def _static_outcomes(scene: Problem, extremes: Extremes, path: statics.StaticPat
             "state": state,
             "reason": path.failed or "; ".join(reasons[NO_EQUILIBRIUM] or reasons[UNDECIDED]),
         }
-    return outcomes | {"roof_lost": 0.0, "utilisation_before_break": utilisation(scene.model, extremes)}
+    return outcomes | {"roof_lost": 0.0, "utilisation_before_break": utilisation(problem.model, extremes)}
 
 
 def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None) -> dict:
@@ -196,13 +196,13 @@ def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> d
     None if the job has no form.
     """
     try:
-        scene = prepare_scene(comm, read(), PhaseTimes(), memory=memory)[0]
+        problem = prepare_problem(comm, read(), PhaseTimes(), memory=memory)[0]
     except (InputError, DivergedError):
         return None
-    scene.halo.free()
+    problem.halo.free()
     if comm.rank > 0:
         return None
-    model, names = scene.model, ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
+    model, names = problem.model, ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
     net = net_section(model.net, model.roof, model.cut_length)
     datasets = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
     return datasets | {name: net[name] for name in names}

@@ -36,7 +36,7 @@ from netfall.statics.solver import EquilibriumFinder
 MAX_SHARP_LIMIT_ELEMENTS = 50_000
 
 
-def prepare_scene(
+def prepare_problem(
     comm: MPI.Comm,
     job: Job,
     phases: PhaseTimes,
@@ -48,8 +48,8 @@ def prepare_scene(
 ) -> tuple[Problem, Checkpoint | None]:
     """Return the job in its initial state (form, prestress, load), and on rank 0 the checkpoint. Collective.
 
-    If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The scene then
-    has no limits and no schedule.
+    If targets are not met or a stage of erection has no equilibrium, `Problem.failure` is set. The problem
+    then has no limits and no schedule.
     result : path of the result file, next to which an interrupted form finding leaves a checkpoint
     restart : the checkpoint to resume; memory : cache of earlier runs
 
@@ -87,30 +87,32 @@ def prepare_scene(
         if form is not None and job.form_finding:
             _check_form(job, max(form.reference, reference), residual)
     finder = EquilibriumFinder(comm, halo, distribution, state)
-    scene = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
+    problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
         with phases.phase("erection"):
-            scene = solve_initial_state(scene, result, restart, checkpoint, stop)
-    if scene.failure:
-        return scene, checkpoint
+            problem = solve_initial_state(problem, result, restart, checkpoint, stop)
+    if problem.failure:
+        return problem, checkpoint
     with phases.phase("state"):
-        set_up_slip(scene)
+        set_up_slip(problem)
         if job.load and job.load.temperature:
-            if model := scene.model:
+            if model := problem.model:
                 L0 = heated_length(model.cut_length, model.net.expansion, job.load.temperature)
-                scene = replace(scene, model=replace(model, L0=L0))
-            set_slipless_lengths(scene.state, distribution.elements(scene.model and scene.model.L0))
+                problem = replace(problem, model=replace(model, L0=L0))
+            set_slipless_lengths(problem.state, distribution.elements(problem.model and problem.model.L0))
         if job.stages:
-            scene = replace(scene, build_up=replace(scene.build_up, left=_residual_after_erection(scene)))
-        limits = _step_limits(scene)
-        schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, scene.model))
-        return replace(scene, limits=limits, schedule=comm.bcast(schedule)), checkpoint
+            problem = replace(
+                problem, build_up=replace(problem.build_up, left=_residual_after_erection(problem))
+            )
+        limits = _step_limits(problem)
+        schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.model))
+        return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
 
 
-def _residual_after_erection(scene: Problem) -> tuple[float, float]:
+def _residual_after_erection(problem: Problem) -> tuple[float, float]:
     """Return the largest residual and tension [N] under [load] after the last stage. Collective."""
-    state, comm = scene.state, scene.comm
-    load = scene.distribution.particles(scene.model and scene.model.load)
+    state, comm = problem.state, problem.comm
+    load = problem.distribution.particles(problem.model and problem.model.load)
     largest = comm.allreduce(float(np.abs(state.present_element_state().N).max(initial=0.0)), MPI.MAX)
     return state_residual(comm, state, load), largest
 
@@ -136,16 +138,16 @@ def _check_form(job: Job, reference: float, residual: float) -> None:
         )
 
 
-def _step_limits(scene: Problem) -> dict[str, Limit]:
+def _step_limits(problem: Problem) -> dict[str, Limit]:
     """Compute the time step limits by name. Collective."""
-    comm, job, model, distribution = scene.comm, scene.job, scene.model, scene.distribution
+    comm, job, model, distribution = problem.comm, problem.job, problem.model, problem.distribution
     share = job.dynamics.fragment_mass if job.dynamics else 0.0
-    limits = comm.bcast(step_limits(model, scene.state.features, share) if model else None)
+    limits = comm.bcast(step_limits(model, problem.state.features, share) if model else None)
     time_step = job.dynamics.time_step if job.dynamics else "auto"
     needs_sharp = distribution.m <= MAX_SHARP_LIMIT_ELEMENTS or (
         time_step != "auto" and time_step > limits["any_shape"].dt
     )
     if job.dynamics and needs_sharp:
         element_gid = distribution.subdomain.element_gid
-        limits["assembled"] = assembled_limit(comm, scene.state, element_gid, scene.halo)
-    return scale_limits_for_slip(limits) if scene.state.features.sliding else limits
+        limits["assembled"] = assembled_limit(comm, problem.state, element_gid, problem.halo)
+    return scale_limits_for_slip(limits) if problem.state.features.sliding else limits

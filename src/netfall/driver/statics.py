@@ -20,9 +20,7 @@ from netfall.driver.equilibrium import (
     apply_actions,
     paused,
     reference_force,
-    restore_saved,
     resumed_relaxation,
-    save_state,
     settle,
 )
 from netfall.driver.load_sequence import equilibria, loaded
@@ -49,6 +47,7 @@ from netfall.job.derived import (
 from netfall.job.job import Job
 from netfall.model.actions import StaticLoad
 from netfall.physics.slip.law import set_slipless_lengths
+from netfall.physics.state import restore_saved, save_state
 from netfall.results import warning_text
 from netfall.results.writer import text_dataset
 from netfall.statics.at_limit import largest_torsion
@@ -100,27 +99,27 @@ def required(job: Job) -> bool:
     return has_statics(job)
 
 
-def run(scene: Problem, context: RunContext, outcomes: dict) -> Outcome:
+def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the equilibria that the job needs, or resume an interrupted run. Collective."""
-    path, saver, steps = StaticPath(), context.saver, load_steps(scene.job)
+    path, saver, steps = StaticPath(), context.saver, load_steps(problem.job)
     saver.register(NAME, path.record, path.restore)
     if saver.is_completed(NAME):
-        return Outcome(path, sections=sections(path), labels=group_labels(path, scene))
+        return Outcome(path, sections=sections(path), labels=group_labels(path, problem))
     if steps:
         context.progress.say(f"statics: {steps} load steps")
     with context.phases.phase(NAME):
         try:
             if saver.stage == NAME:
-                find_equilibria(scene, context, path, resumed_relaxation(scene.distribution, saver))
+                find_equilibria(problem, context, path, resumed_relaxation(problem.distribution, saver))
             else:
-                find_or_reuse_equilibria(scene, context, path)
+                find_or_reuse_equilibria(problem, context, path)
         except Paused as pause:
-            name = equilibria(scene)[path.done].each.words
-            raise paused(scene, context, NAME, name, path.total, pause) from None
+            name = equilibria(problem)[path.done].each.words
+            raise paused(problem, context, NAME, name, path.total, pause) from None
     attributes = {} if not path.failed else {"exit_state": failure_state(path)}
-    labels = group_labels(path, scene)
+    labels = group_labels(path, problem)
     return Outcome(
-        path, lines(path, scene), sections(path), attributes, labels, static_failure(scene.job, path)
+        path, lines(path, problem), sections(path), attributes, labels, static_failure(problem.job, path)
     )
 
 
@@ -141,39 +140,39 @@ def failure_state(path: StaticPath) -> str:
     return UNDECIDED if path.undecided else NO_EQUILIBRIUM
 
 
-def find_or_reuse_equilibria(scene: Problem, context: RunContext, path: StaticPath) -> None:
+def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: StaticPath) -> None:
     """Call `find_equilibria`, or recall its results from an earlier run of this process. Collective."""
     if not context.memory.most:
-        find_equilibria(scene, context, path)
+        find_equilibria(problem, context, path)
         return
     seen = []
 
     def find() -> list[tuple[StaticOutcome, dict, str]]:
-        find_equilibria(scene, context, path, seen=seen)
+        find_equilibria(problem, context, path, seen=seen)
         return seen
 
-    key = scene.comm.bcast(cache_key(scene.job) if scene.comm.rank == 0 else None)
+    key = problem.comm.bcast(cache_key(problem.job) if problem.comm.rank == 0 else None)
     results = context.memory.get_or_compute("statics", key, find)
     if results is not seen:
-        _replay(scene, context, path, results)
+        _replay(problem, context, path, results)
 
 
 def _replay(
-    scene: Problem, context: RunContext, path: StaticPath, results: list[tuple[StaticOutcome, dict, str]]
+    problem: Problem, context: RunContext, path: StaticPath, results: list[tuple[StaticOutcome, dict, str]]
 ) -> None:
     """Repeat the output of `find_equilibria` for results of an earlier run. Collective."""
-    for request, (outcome, arrays, failed) in zip(equilibria(scene), results):
-        restore_saved(scene.state, arrays)
-        note(scene, context, path, loaded(scene, request), outcome)
+    for request, (outcome, arrays, failed) in zip(equilibria(problem), results):
+        restore_saved(problem.state, arrays)
+        note(problem, context, path, loaded(problem, request), outcome)
         path.failed, path.undecided = failed, bool(failed) and outcome.state == UNDECIDED
     if path.failed:
-        _record_unstarted_cases(scene, context, path, outcome)
+        _record_unstarted_cases(problem, context, path, outcome)
     if request.each.kind in APART:
-        restore_initial_state(scene)
+        restore_initial_state(problem)
 
 
 def find_equilibria(
-    scene: Problem,
+    problem: Problem,
     context: RunContext,
     path: StaticPath,
     resume: Relaxation | None = None,
@@ -188,43 +187,43 @@ def find_equilibria(
     A case without an equilibrium is recorded and the search continues. Any other load without one ends it,
     see `path.failed`. Raises Paused if asked to stop.
     """
-    state, requests, base = scene.state, equilibria(scene), None
+    state, requests, base = problem.state, equilibria(problem), None
     if path.reference is None:
-        path.reference = reference_force(scene, loaded(scene, requests[-1]))
+        path.reference = reference_force(problem, loaded(problem, requests[-1]))
     elif path.done > 0 and any(load_case.from_permanent for load_case, _ in requests[path.done :]):
-        base = recompute_permanent(scene, loaded(scene, requests[0]), path.reference)
+        base = recompute_permanent(problem, loaded(problem, requests[0]), path.reference)
     context.progress.start()
-    scene.finder.report = context.progress.show_task
+    problem.finder.report = context.progress.show_task
     for request in requests[path.done :]:
-        load_case = loaded(scene, request)
+        load_case = loaded(problem, request)
         if load_case.from_permanent and base:
             restore_saved(state, base)
         if load_case.L0 is not None or load_case.settlement is not None:
             load_case = load_case._replace(before=save_state(state))
         apply_actions(state, load_case)
-        outcome = settle(scene, load_case, path.reference, context.stop, resume)
+        outcome = settle(problem, load_case, path.reference, context.stop, resume)
         resume = None
         if not outcome.carries and load_case.kind not in APART:
-            path.failed = no_equilibrium(scene.job, load_case, outcome)
+            path.failed = no_equilibrium(problem.job, load_case, outcome)
             path.undecided = outcome.state == UNDECIDED
-            if load_case.kind == "rest" and starts_in_mean_wind(scene.job) and not path.undecided:
-                path.failed += f"; {_carried_wind_text(scene.job, outcome.load_factor)}"
+            if load_case.kind == "rest" and starts_in_mean_wind(problem.job) and not path.undecided:
+                path.failed += f"; {_carried_wind_text(problem.job, outcome.load_factor)}"
         if load_case.kind == "permanent":
             base = save_state(state)
         if seen is not None:
             seen.append((outcome, save_state(state), path.failed))
-        note(scene, context, path, load_case, outcome)
+        note(problem, context, path, load_case, outcome)
         if path.failed:
-            _record_unstarted_cases(scene, context, path, outcome)
+            _record_unstarted_cases(problem, context, path, outcome)
             return
         share, slack = path.done / len(requests), f"slack {outcome.equilibrium.slack}"
         context.progress.at(share, load_case.words, path.total, "iterations", slack, even=False)
     if requests[-1].each.kind in APART:  # what follows starts as if there were no cases
-        restore_initial_state(scene)
+        restore_initial_state(problem)
 
 
 def _record_unstarted_cases(
-    scene: Problem, context: RunContext, path: StaticPath, last: StaticOutcome
+    problem: Problem, context: RunContext, path: StaticPath, last: StaticOutcome
 ) -> None:
     """Record the cases that cannot start because the permanent loads have no equilibrium. Collective.
 
@@ -233,64 +232,64 @@ def _record_unstarted_cases(
     verb = "are undecided" if last.state == UNDECIDED else "have no equilibrium"
     reason = f"the permanent loads, with which it begins, {verb}: {last.reason}"
     outcome = last._replace(load_factor=math.nan, reason=reason)
-    for request in equilibria(scene)[path.done :]:
+    for request in equilibria(problem)[path.done :]:
         if request.each.kind in APART:
-            keep(scene, context, path, loaded(scene, request), outcome)
+            keep(problem, context, path, loaded(problem, request), outcome)
 
 
 def note(
-    scene: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
+    problem: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
 ) -> None:
     """Write and count an outcome. Collective."""
-    keep(scene, context, path, load_case, outcome)
+    keep(problem, context, path, load_case, outcome)
     if outcome.limit is not None:
         p = outcome.limit.particle
-        node = scene.comm.bcast(scene.model and scene.model.net.node_id[p])
+        node = problem.comm.bcast(problem.model and problem.model.net.node_id[p])
         path.limits.append(limit_warning(load_case, outcome.limit, node))
     path.done += 1
     path.total += outcome.equilibrium.solution.iterations
 
 
-def recompute_permanent(scene: Problem, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
+def recompute_permanent(problem: Problem, permanent: StaticLoad, reference: float) -> dict[str, np.ndarray]:
     """Recompute the state under the permanent loads, in a resumed run. Collective."""
-    state = scene.state
+    state = problem.state
     present = save_state(state)
-    restore_initial_state(scene)
-    settle(scene, permanent, reference, NEVER_STOP)
+    restore_initial_state(problem)
+    settle(problem, permanent, reference, NEVER_STOP)
     base = save_state(state)
     restore_saved(state, present)
     return base
 
 
-def restore_initial_state(scene: Problem) -> None:
+def restore_initial_state(problem: Problem) -> None:
     """Restore the initial state, without displacements or plastic strains. Collective."""
-    state, model = scene.state, scene.model
-    state.x[:] = scene.distribution.particles(model.x if model else None)
+    state, model = problem.state, problem.model
+    state.x[:] = problem.distribution.particles(model.x if model else None)
     if state.slip is not None:
         state.slip[:] = 0.0
-    set_slipless_lengths(state, scene.distribution.elements(model.L0 if model else None))
+    set_slipless_lengths(state, problem.distribution.elements(model.L0 if model else None))
     if state.features.springs:
-        state.spring_rest[:] = scene.distribution.particles(model.spring_rest if model else None)
+        state.spring_rest[:] = problem.distribution.particles(model.spring_rest if model else None)
     if state.features.plastic:
         state.eps_p[:] = state.dissipated[:] = 0.0
 
 
 def keep(
-    scene: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
+    problem: Problem, context: RunContext, path: StaticPath, load_case: StaticLoad, outcome: StaticOutcome
 ) -> None:
     """Record an outcome and write it. Collective."""
-    state, snapshot = scene.state, outcome.equilibrium.snapshot
+    state, snapshot = problem.state, outcome.equilibrium.snapshot
     unexplained = outcome.equilibrium.balance.unexplained if outcome.carries else 0.0
     numbers = outcome.equilibrium.numbers() | {
-        "moved": most_displaced_particle(scene),
+        "moved": most_displaced_particle(problem),
         "unexplained": unexplained,
     }
     if state.joints is not None:
-        chains = scene.model and scene.model.layout.chains
-        numbers |= {"torsion": largest_torsion(scene.distribution, state, chains)}
-    tolerance, errors = load_settings(scene.job).tolerance, outcome.equilibrium.solution[2:4]
+        chains = problem.model and problem.model.layout.chains
+        numbers |= {"torsion": largest_torsion(problem.distribution, state, chains)}
+    tolerance, errors = load_settings(problem.job).tolerance, outcome.equilibrium.solution[2:4]
     if max(errors) > tolerance:
-        newton = scene.finder.newton(load_case.load)
+        newton = problem.finder.newton(load_case.load)
         numbers |= {"rounding": newton.rounding(newton.tangent())}
     numbers |= {"stopped": outcome.equilibrium.stopped} if state.slip is not None else {}
     group = (
@@ -300,7 +299,7 @@ def keep(
         if load_case.kind == "rest"
         else "statics"
     )
-    if group == "statics" and (load_case.kind == "at once" or not load_steps(scene.job)):
+    if group == "statics" and (load_case.kind == "at once" or not load_steps(problem.job)):
         return
     reaction = outcome.equilibrium.balance.reaction
     if not outcome.carries:  # the state balances less than the whole load
@@ -319,13 +318,13 @@ def keep(
         path.labels[group] = path.labels.get(group, {}) | outcome.labels()
 
 
-def most_displaced_particle(scene: Problem) -> tuple[float, int]:
+def most_displaced_particle(problem: Problem) -> tuple[float, int]:
     """Return the largest displacement [m] from the initial state and the particle that has it. Collective."""
-    state, gid = scene.state, scene.distribution.subdomain.particle_gid
+    state, gid = problem.state, problem.distribution.subdomain.particle_gid
     displacements = lengths(state.x[: state.n_owned] - state.x_start[: state.n_owned])
     p = int(np.argmax(displacements)) if len(displacements) else -1
     candidate = (float(displacements[p]), int(gid[p])) if p >= 0 else (0.0, 0)
-    return max(scene.comm.allgather(candidate), key=lambda entry: (entry[0], -entry[1]))
+    return max(problem.comm.allgather(candidate), key=lambda entry: (entry[0], -entry[1]))
 
 
 def _carried_wind_text(job: Job, share: float) -> str:
@@ -340,16 +339,16 @@ def _carried_wind_text(job: Job, share: float) -> str:
     return f'{text}; lower the {quantity}, or set [wind] onset = "sudden" to let it act at once'
 
 
-def lines(path: StaticPath, scene: Problem) -> list[str]:
+def lines(path: StaticPath, problem: Problem) -> list[str]:
     """Return the messages of the static stage."""
-    combined = {entry.name for entry in scene.job.combinations}
+    combined = {entry.name for entry in problem.job.combinations}
     called = {name: f"{'combination' if name in combined else 'case'} {name}" for name in path.cases}
     final = [(f"cases/{name}", called[name], numbers) for name, numbers in path.cases.items()]
     if path.steps:
         final.append(("statics", "statics", path.steps[-1]))
     if path.rest:
-        final.append(("rest", final_equilibrium_name(scene.job), path.rest))
-    elements = scene.distribution.m
+        final.append(("rest", final_equilibrium_name(problem.job), path.rest))
+    elements = problem.distribution.m
     lines = [
         f"{title}: {_equilibrium_text(entry, path.labels[group], elements)}" for group, title, entry in final
     ]
@@ -357,11 +356,11 @@ def lines(path: StaticPath, scene: Problem) -> list[str]:
         count = sum(path.labels[f"cases/{name}"]["state"] == state for name in path.cases)
         if count:
             lines.append(f"warning: {count} of {len(path.cases)} cases {verb}")
-    if scene.model is None:
+    if problem.model is None:
         return lines
     steps = [("statics", f"statics, load factor {step['load_factor']:.4g}", step) for step in path.steps[:-1]]
     entries = [entry for entry in steps + final if not math.isnan(entry[2]["residual"])]
-    node_id, element_id = scene.model.net.node_id, scene.model.net.element_id
+    node_id, element_id = problem.model.net.node_id, problem.model.net.element_id
     lines += [
         _unstable(title, entry["unstable_at"], node_id)
         for _, title, entry in entries
@@ -377,7 +376,7 @@ def lines(path: StaticPath, scene: Problem) -> list[str]:
             for _, title, entry in entries
             if "rounding" in entry
         ],
-        load_settings(scene.job).tolerance,
+        load_settings(problem.job).tolerance,
     )
     stopped = [(title, entry["stopped"]) for _, title, entry in entries if "stopped" in entry]
     lines += warning_text.slip_end_notes(stopped, element_id)
@@ -387,7 +386,7 @@ def lines(path: StaticPath, scene: Problem) -> list[str]:
         [(title, entry["unexplained"]) for _, title, entry in entries]
     )
     moved = [(title, entry["moved"][0], node_id[entry["moved"][1]]) for _, title, entry in entries]
-    return lines + warning_text.displacement_notes(moved, scene.model.x)
+    return lines + warning_text.displacement_notes(moved, problem.model.x)
 
 
 def final_equilibrium_name(job: Job) -> str:
@@ -410,14 +409,14 @@ def sections(path: StaticPath) -> dict[str, dict[str, np.ndarray]]:
     return datasets
 
 
-def group_labels(path: StaticPath, scene: Problem) -> dict[str, dict]:
+def group_labels(path: StaticPath, problem: Problem) -> dict[str, dict]:
     """Return the attributes of the groups of the file, on rank 0: elements by their ids."""
-    if scene.model is None:
+    if problem.model is None:
         return {}
     labels = {
-        group: with_element_ids(entry, scene.model.net.element_id) for group, entry in path.labels.items()
+        group: with_element_ids(entry, problem.model.net.element_id) for group, entry in path.labels.items()
     }
-    for entry in scene.job.combinations:
+    for entry in problem.job.combinations:
         if f"cases/{entry.name}" in labels:
             labels[f"cases/{entry.name}"] |= {"kind": entry.kind, "factors": json.dumps(entry.factors)}
     return labels | ({"cases": {"order": text_dataset(list(path.cases))}} if path.cases else {})

@@ -29,15 +29,15 @@ class Stepper:
     made : steps so far, long or short; calm : number from which on a step may be long again
     """
 
-    def __init__(self, scene: Problem, context: RunContext, loads: list, rows: RowTable):
+    def __init__(self, problem: Problem, context: RunContext, loads: list, rows: RowTable):
         """Collective. loads : that vary, see `varying`; rows : of the history"""
-        job, schedule, distribution = scene.job, scene.schedule, scene.distribution
-        self.comm, self.state, self.schedule = scene.comm, scene.state, schedule
-        self.log, self.model = context.log, scene.model
+        job, schedule, distribution = problem.job, problem.schedule, problem.distribution
+        self.comm, self.state, self.schedule = problem.comm, problem.state, schedule
+        self.log, self.model = context.log, problem.model
         self.phases, self.stop = context.phases, context.stop
         self.loads = VaryingLoads(self.state, loads, schedule.step_at)
         self.zeta = job.dynamics.damping
-        self.ground = ground_of(scene.comm, self.model, self.state)
+        self.ground = ground_of(problem.comm, self.model, self.state)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         stable_dt = schedule.stable_dt  # Maxwell branches stiffen elements, so this one is longer
         if self.state.features.band:
@@ -57,14 +57,14 @@ class Stepper:
             stable_dt=stable_dt if self.state.features.fragments else np.nan,
         )
         self.subdomain, self.rows = distribution.subdomain, rows
-        self.halo = Halo(scene.comm, self.subdomain, halo_width(self.state))
+        self.halo = Halo(problem.comm, self.subdomain, halo_width(self.state))
         self.plan = StepPlan(self.state, self.halo, rules if breaks else None, rows, self.ground)
         self.n, self.made, self.before_dt = 0, 0, 0.0
         self.stride, self.calm = schedule.stride, 0
         self.slack, self.stopping = 0, False
         self.tearing = None
         if self.after_fracture == "panels":
-            self.tearing = PanelTearing(scene.comm, distribution, self.model, self.log.broken, stable_dt)
+            self.tearing = PanelTearing(problem.comm, distribution, self.model, self.log.broken, stable_dt)
         with self.phases.phase("time loop"):  # compiles or loads the kernels
             self.plan.run(Interval(0, 0, 0.0, schedule.dt, self.zeta, 0.0, 1.0), self.phases.of_steps)
 

@@ -32,14 +32,14 @@ from netfall.physics.state import State
 SAMPLES_PER_BROADCAST = 64  # samples of the history that rank 0 sends at once
 
 
-def varying_loads(scene: Problem) -> list:
+def varying_loads(problem: Problem) -> list:
     """Create the varying loads, except those that fade after a member removal. Collective."""
-    loads, job, model, distribution = [], scene.job, scene.model, scene.distribution
+    loads, job, model, distribution = [], problem.job, problem.model, problem.distribution
     if job.wind:
         field = model.wind_field if model else None
         ramp = job.wind.ramp if starts_in_mean_wind(job) else 0.0
         gusts = GrowingGusts(model.history, ramp) if model else None
-        loads.append(WindLoad(scene.comm, distribution, field, gusts))
+        loads.append(WindLoad(problem.comm, distribution, field, gusts))
     if has_growing_pressure(job):
         loads.append(RampLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
     return loads

@@ -48,25 +48,27 @@ def cable_shares(net: Net, L0: np.ndarray) -> np.ndarray:
     return L0 / np.bincount(net.cable, L0)[net.cable]
 
 
-def apply_length_errors(scene: Problem) -> LengthErrors | None:
+def apply_length_errors(problem: Problem) -> LengthErrors | None:
     """Draw random errors of length and find the equilibrium with them. Collective.
 
     Without form finding the given geometry is not in equilibrium without load, so nodes are not moved.
     Returns the result on rank 0, None elsewhere.
     """
-    model, distribution, failed, state = scene.model, scene.distribution, "", EQUILIBRIUM
-    load_case = form_load(scene, "deviation", "errors of length")
-    tension, effect = _influence(scene, load_case.load)
+    model, distribution, failed, state = problem.model, problem.distribution, "", EQUILIBRIUM
+    load_case = form_load(problem, "deviation", "errors of length")
+    tension, effect = _influence(problem, load_case.load)
     L0 = model and model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
-    set_slipless_lengths(scene.state, distribution.elements(L0))
-    if scene.form is not None:
-        outcome = elastic(scene, settle(scene, load_case, reference_force(scene, load_case), NEVER_STOP))
+    set_slipless_lengths(problem.state, distribution.elements(L0))
+    if problem.form is not None:
+        outcome = elastic(
+            problem, settle(problem, load_case, reference_force(problem, load_case), NEVER_STOP)
+        )
         state = outcome.state
         if state == UNDECIDED:
             failed = undecided(load_case.words, outcome)
         elif state == NO_EQUILIBRIUM:
             failed = f"{load_case.words}: there is no equilibrium with them: {outcome.reason}"
-    x = distribution.gather_particles(scene.state.x)
+    x = distribution.gather_particles(problem.state.x)
     if model is None:
         return None
     largest = np.argsort(-effect, kind="stable")[:MAX_LISTED_CABLES]
@@ -80,19 +82,19 @@ def apply_length_errors(scene: Problem) -> LengthErrors | None:
     return LengthErrors(x, L0, tension, effect, lines, failed, state)
 
 
-def _influence(scene: Problem, load: np.ndarray) -> tuple:
+def _influence(problem: Problem, load: np.ndarray) -> tuple:
     """Compute standard deviations (m,) [N] of tensions and effects (k,) [N] of cables, on rank 0.
 
     Collective.
     """
-    net = scene.model and scene.model.net
-    deviation = scene.comm.bcast(net and _cable_deviations(net))
-    square, effect = np.zeros(scene.distribution.m), np.zeros(len(deviation))
+    net = problem.model and problem.model.net
+    deviation = problem.comm.bcast(net and _cable_deviations(net))
+    square, effect = np.zeros(problem.distribution.m), np.zeros(len(deviation))
     drawn = np.flatnonzero(deviation)
-    respond = gathered_responses(scene, load)
+    respond = gathered_responses(problem, load)
     for k in drawn:
-        change = net and np.where(net.cable == k, cable_shares(net, scene.model.cut_length), 0.0)
-        _, N = respond(scene.distribution.elements(change))
+        change = net and np.where(net.cable == k, cable_shares(net, problem.model.cut_length), 0.0)
+        _, N = respond(problem.distribution.elements(change))
         if net:
             square += (deviation[k] * N) ** 2
             effect[k] = deviation[k] * np.abs(N).max()

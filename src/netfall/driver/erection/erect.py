@@ -8,6 +8,7 @@ import numpy as np
 from netfall.core.functions import lengths
 from netfall.core.stop import StopFlag
 from netfall.driver import equilibrium
+from netfall.driver.equilibrium_record import with_reactions
 from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
 from netfall.driver.erection.tension import elastic, tension_to_targets
 from netfall.driver.problem import Problem, set_up_slip
@@ -64,14 +65,14 @@ class Erection:
         return small, arrays
 
 
-def restored_erection(scene: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
+def restored_erection(problem: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
     """Restore the erection of a record; arrays : on rank 0."""
     erection = Erection(small["done"], labels=small["labels"], lines=small["lines"])
-    if scene.model is None or not small["done"]:
+    if problem.model is None or not small["done"]:
         return erection
-    setting = first_setting(scene.job, scene.model)
-    for stage in scene.job.stages[: small["done"]]:  # for the loads, which are not in the record
-        setting = after(setting, stage, scene.model.net)
+    setting = first_setting(problem.job, problem.model)
+    for stage in problem.job.stages[: small["done"]]:  # for the loads, which are not in the record
+        setting = after(setting, stage, problem.model.net)
     erection.setting = replace(setting, **{name: arrays[name] for name in ("L0", "fixed", "active")})
     erection.x = arrays["x"]
     for k, group in enumerate(small["groups"]):
@@ -82,28 +83,28 @@ def restored_erection(scene: Problem, small: dict, arrays: dict[str, np.ndarray]
     return erection
 
 
-def erect(scene: Problem, erection: Erection, stop: StopFlag) -> None:
+def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
     """Compute the remaining stages and add their results to `erection`. Collective.
 
-    scene : in its initial state, without limits and schedule; its state is then the last equilibrium.
+    problem : in its initial state, without limits and schedule; its state is then the last equilibrium.
 
     A stage without an equilibrium is the last one. Raises Paused if asked to stop: `erection` then has the
     stages before.
     """
-    model = scene.model
-    set_up_slip(scene)
+    model = problem.model
+    set_up_slip(problem)
     setting, x = erection.setting, erection.x
     if model and setting is None:
-        setting, x = first_setting(scene.job, model), model.x
-    for stage in scene.job.stages[erection.done :]:
+        setting, x = first_setting(problem.job, model), model.x
+    for stage in problem.job.stages[erection.done :]:
         setting = model and after(setting, stage, model.net)
-        before = equilibrium.save_state(scene.state)
-        load = _prepare_stage(scene, setting, x)
-        words, weights = f"stage {stage.name}", permanent_weight_factor(scene.job)
+        before = equilibrium.save_state(problem.state)
+        load = _prepare_stage(problem, setting, x)
+        words, weights = f"stage {stage.name}", permanent_weight_factor(problem.job)
         load_case = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
-        outcome, setting = _equilibrium(scene, load_case, setting, stop)
-        x = scene.distribution.gather_particles(scene.state.x)
-        _record_stage(scene, erection, stage, setting, x, outcome)
+        outcome, setting = _equilibrium(problem, load_case, setting, stop)
+        x = problem.distribution.gather_particles(problem.state.x)
+        _record_stage(problem, erection, stage, setting, x, outcome)
         erection.done, erection.x, erection.setting = erection.done + 1, x, setting
         if not outcome.carries:
             erection.failed = _failure(load_case.words, outcome)
@@ -118,9 +119,9 @@ def _failure(words: str, outcome: StaticOutcome) -> str:
     return f"{reason}; change lengths in smaller stages, or hold more nodes"
 
 
-def _prepare_stage(scene: Problem, setting: StageSetting | None, x: np.ndarray | None) -> np.ndarray:
+def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray | None) -> np.ndarray:
     """Set the state for the start of a stage; return its loads (n, 3) [N] of this rank. Collective."""
-    state, distribution, model = scene.state, scene.distribution, scene.model
+    state, distribution, model = problem.state, problem.distribution, problem.model
 
     def on_root(make: Callable[[], np.ndarray]) -> np.ndarray | None:
         return None if model is None else make()
@@ -138,35 +139,37 @@ def _prepare_stage(scene: Problem, setting: StageSetting | None, x: np.ndarray |
     state.EA[:] = distribution.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
     removed = on_root(lambda: np.where(setting.active, 0, REMOVED_BY_ERECTION).astype(np.uint8))
     state.broken[:] = distribution.elements(removed)
-    if scene.finder.slips:
+    if problem.finder.slips:
         state.slip[:] = 0.0  # lengths include the slip of earlier stages
-        scene.finder.slips.open_clamps(scene.comm.bcast(setting and setting.clamps) == "open")
+        problem.finder.slips.open_clamps(problem.comm.bcast(setting and setting.clamps) == "open")
     set_slipless_lengths(
-        state, distribution.elements(on_root(lambda: warm_length_function(scene, setting)(setting.L0)))
+        state, distribution.elements(on_root(lambda: warm_length_function(problem, setting)(setting.L0)))
     )
-    scene.finder.reset_structure()
+    problem.finder.reset_structure()
     return distribution.particles(on_root(lambda: setting.forces(model)))
 
 
-def warm_length_function(scene: Problem, setting: StageSetting | None):
+def warm_length_function(problem: Problem, setting: StageSetting | None):
     """Return a function from cold unstressed lengths (m,) [m] to those at the temperature of a stage."""
-    return lambda L0: heated_length(L0, scene.model.net.expansion, setting.load.temperature)
+    return lambda L0: heated_length(L0, problem.model.net.expansion, setting.load.temperature)
 
 
-def _equilibrium(scene: Problem, load_case: StaticLoad, setting: StageSetting | None, stop) -> tuple:
+def _equilibrium(problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop) -> tuple:
     """Find the equilibrium of a stage, with forces at jacks if it has any; return it and the new setting.
 
     Collective.
     """
-    if scene.comm.bcast(setting and len(setting.pulls) > 0):
-        outcome, setting = _equilibrium_with_jacks(scene, load_case, setting, stop)
+    if problem.comm.bcast(setting and len(setting.pulls) > 0):
+        outcome, setting = _equilibrium_with_jacks(problem, load_case, setting, stop)
     else:
-        outcome = equilibrium.settle(scene, load_case, equilibrium.reference_force(scene, load_case), stop)
-    return elastic(scene, outcome), _with_slipped_lengths(scene, setting)
+        outcome = equilibrium.settle(
+            problem, load_case, equilibrium.reference_force(problem, load_case), stop
+        )
+    return elastic(problem, outcome), _with_slipped_lengths(problem, setting)
 
 
 def _equilibrium_with_jacks(
-    scene: Problem, load_case: StaticLoad, setting: StageSetting | None, stop
+    problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop
 ) -> tuple:
     """Find the equilibrium with the forces of the jacks; return it and the setting with its lengths.
 
@@ -175,43 +178,43 @@ def _equilibrium_with_jacks(
     Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
     """
     pulls, jacks = setting and list(setting.pulls), setting and list(setting.jacks)
-    warm = warm_length_function(scene, setting)
-    tolerance = load_settings(scene.job).tolerance
+    warm = warm_length_function(problem, setting)
+    tolerance = load_settings(problem.job).tolerance
     for _ in range(MOST_TURNS):
-        tensioned = tension_to_targets(scene, load_case, pulls, jacks, setting and setting.L0, warm, stop)
+        tensioned = tension_to_targets(problem, load_case, pulls, jacks, setting and setting.L0, warm, stop)
         setting = setting and replace(setting, L0=tensioned.L0, pulls=(), jacks=())
-        load = scene.distribution.particles(setting and setting.forces(scene.model))
-        change = max(scene.comm.allgather(np.abs(load - load_case.load).max(initial=0.0)))
+        load = problem.distribution.particles(setting and setting.forces(problem.model))
+        change = max(problem.comm.allgather(np.abs(load - load_case.load).max(initial=0.0)))
         if not tensioned.outcome.carries or change <= tolerance * equilibrium.reference_force(
-            scene, load_case
+            problem, load_case
         ):
-            return equilibrium.with_reactions(scene, tensioned.outcome, load), setting
+            return with_reactions(problem, tensioned.outcome, load), setting
         load_case = load_case._replace(load=load)
     reason = f"not reached in {MOST_TURNS} turns: the weight still changes with lengths, by {change:.3g} N"
     return tensioned.outcome._replace(state=NO_EQUILIBRIUM, reason=reason), setting
 
 
-def _with_slipped_lengths(scene: Problem, setting: StageSetting | None) -> StageSetting | None:
+def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> StageSetting | None:
     """Return the setting with the lengths after slip. Collective."""
-    state, distribution = scene.state, scene.distribution
-    if not scene.finder.slips:
+    state, distribution = problem.state, problem.distribution
+    if not problem.finder.slips:
         return setting
     slipped = distribution.gather_elements(state.L0 - state.strand, state.owned.astype(bool))
-    return setting and replace(setting, L0=setting.L0 + slipped / warm_length_function(scene, setting)(1.0))
+    return setting and replace(setting, L0=setting.L0 + slipped / warm_length_function(problem, setting)(1.0))
 
 
 def _record_stage(
-    scene: Problem, erection: Erection, stage, setting: StageSetting | None, x, outcome: StaticOutcome
+    problem: Problem, erection: Erection, stage, setting: StageSetting | None, x, outcome: StaticOutcome
 ) -> None:
     """Record the result of a stage and its messages. Collective."""
-    state, equilibrium, model = scene.state, outcome.equilibrium, scene.model
+    state, equilibrium, model = problem.state, outcome.equilibrium, problem.model
     is_owned = state.owned.astype(bool)
-    N = scene.distribution.gather_elements(equilibrium.snapshot.N, is_owned)
+    N = problem.distribution.gather_elements(equilibrium.snapshot.N, is_owned)
     moments = None if state.joints is None else state.bending_moments()
     moment_datasets = (
-        {} if moments is None else {"bending_moment": scene.distribution.gather_elements(moments, is_owned)}
+        {} if moments is None else {"bending_moment": problem.distribution.gather_elements(moments, is_owned)}
     )
-    reaction = scene.distribution.gather_particles(equilibrium.balance.reaction)
+    reaction = problem.distribution.gather_particles(equilibrium.balance.reaction)
     numbers = {name: np.array(value) for name, value in equilibrium.numbers().items()}
     numbers["stable"] = numbers.pop("unstable_at") == STABLE
     group = f"stages/{stage.name}"

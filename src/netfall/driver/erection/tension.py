@@ -14,6 +14,7 @@ from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.driver import equilibrium
+from netfall.driver.equilibrium_record import initial_equilibrium_record
 from netfall.driver.erection.settings import (
     Jack,
     Wanted,
@@ -54,15 +55,15 @@ class Tensioned(NamedTuple):
     equilibria: int
 
 
-def form_load(scene: Problem, kind: str, words: str) -> StaticLoad:
+def form_load(problem: Problem, kind: str, words: str) -> StaticLoad:
     """Return the load that the form carries: the permanent load, or nothing; words : for messages."""
-    model = scene.model
-    load = model and (model.loading.permanent if carries_permanent(scene.job) else np.zeros_like(model.x))
-    return StaticLoad(kind, words, scene.distribution.particles(load), 1.0)
+    model = problem.model
+    load = model and (model.loading.permanent if carries_permanent(problem.job) else np.zeros_like(model.x))
+    return StaticLoad(kind, words, problem.distribution.particles(load), 1.0)
 
 
 def tension_to_targets(
-    scene: Problem,
+    problem: Problem,
     load_case: StaticLoad,
     targets: list[Wanted],
     jacks: list[Jack],
@@ -79,12 +80,14 @@ def tension_to_targets(
     If the targets are not reached, the state is the last equilibrium on the way. Raises Paused if asked to
     stop.
     """
-    comm, influence, best, last_state, step = scene.comm, None, np.inf, None, np.zeros(0)
-    reference = equilibrium.reference_force(scene, load_case)
+    comm, influence, best, last_state, step = problem.comm, None, np.inf, None, np.zeros(0)
+    reference = equilibrium.reference_force(problem, load_case)
     for count in range(1, MAX_TARGET_EQUILIBRIA + 1):
-        set_slipless_lengths(scene.state, scene.distribution.elements(warm(L0) if scene.model else None))
-        outcome = equilibrium.settle(scene, load_case, reference, stop)
-        measured = _measure(scene, targets) if outcome.carries else None
+        set_slipless_lengths(
+            problem.state, problem.distribution.elements(warm(L0) if problem.model else None)
+        )
+        outcome = equilibrium.settle(problem, load_case, reference, stop)
+        measured = _measure(problem, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
         if size <= REACHED:
             return Tensioned(L0, influence, outcome, count)
@@ -93,34 +96,36 @@ def tension_to_targets(
             state = NO_EQUILIBRIUM if outcome.carries else outcome.state
             return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
         if size > DIVERGENCE_FACTOR * best or size == np.inf:
-            equilibrium.restore_saved(scene.state, last_state[0])
+            equilibrium.restore_saved(problem.state, last_state[0])
             step = 0.5 * step
-            L0 = scene.model and _changed(jacks, last_state[1], step)
+            L0 = problem.model and _changed(jacks, last_state[1], step)
             continue
-        best, last_state = min(best, size), (equilibrium.save_state(scene.state), L0)
-        influence = influences(scene, load_case.load, targets, jacks, L0)
-        if scene.model:
-            step = _step(scene, measured, targets, jacks, L0, influence)
+        best, last_state = min(best, size), (equilibrium.save_state(problem.state), L0)
+        influence = influences(problem, load_case.load, targets, jacks, L0)
+        if problem.model:
+            step = _step(problem, measured, targets, jacks, L0, influence)
             L0 = _changed(jacks, L0, step)
-        if comm.bcast(scene.model and not step.any()):
+        if comm.bcast(problem.model and not step.any()):
             break
-    equilibrium.restore_saved(scene.state, last_state[0])
-    measured = _measure(scene, targets)
+    equilibrium.restore_saved(problem.state, last_state[0])
+    measured = _measure(problem, targets)
     lines = comm.bcast(measured and missed_text(targets, measured.values))
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
-    failed = StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, (), equilibrium.initial_equilibrium_record(scene))
+    failed = StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, (), initial_equilibrium_record(problem))
     return Tensioned(last_state[1], influence, failed, count)
 
 
-def elastic(scene: Problem, outcome: StaticOutcome) -> StaticOutcome:
+def elastic(problem: Problem, outcome: StaticOutcome) -> StaticOutcome:
     """Return the outcome, but no equilibrium if elements yield: an erection is computed elastically.
 
     Collective.
     """
-    yielding = equilibrium.yielded(scene)
+    yielding = equilibrium.yielded(problem)
     if not yielding:
         return outcome
-    ids = scene.comm.bcast(scene.model and counted("element", scene.model.net.element_id[list(yielding)]))
+    ids = problem.comm.bcast(
+        problem.model and counted("element", problem.model.net.element_id[list(yielding)])
+    )
     reason = f"{ids} yield in it; an erection is computed elastically"
     return StaticOutcome(NO_EQUILIBRIUM, np.nan, reason, yielding[:MAX_LISTED_ELEMENTS], outcome.equilibrium)
 
@@ -138,12 +143,12 @@ class _Measured(NamedTuple):
     size: float
 
 
-def _measure(scene: Problem, targets: list[Wanted]) -> _Measured | None:
+def _measure(problem: Problem, targets: list[Wanted]) -> _Measured | None:
     """Measure the targets in the present state, on rank 0. Collective."""
-    state, distribution = scene.state, scene.distribution
+    state, distribution = problem.state, problem.distribution
     x = distribution.gather_particles(state.x)
     N = distribution.gather_elements(state.present_element_state().N, state.owned.astype(bool))
-    if scene.model is None:
+    if problem.model is None:
         return None
     values = np.array([target.now(x, N) for target in targets])
     largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
@@ -153,23 +158,23 @@ def _measure(scene: Problem, targets: list[Wanted]) -> _Measured | None:
 
 
 def influences(
-    scene: Problem, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0
+    problem: Problem, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0
 ) -> np.ndarray | None:
     """Compute the influence (t, k) of each amount on each target, [N/m] or [m/m], on rank 0. Collective."""
     rows = []
-    count = scene.comm.bcast(scene.model and len(jacks))
-    respond = gathered_responses(scene, load)
+    count = problem.comm.bcast(problem.model and len(jacks))
+    respond = gathered_responses(problem, load)
     for k in range(count):
-        change = np.zeros(scene.distribution.m)
-        if scene.model:
+        change = np.zeros(problem.distribution.m)
+        if problem.model:
             change[jacks[k].rows] = jacks[k].shares(L0)
-        x, N = respond(scene.distribution.elements(scene.model and change))
-        if scene.model:
+        x, N = respond(problem.distribution.elements(problem.model and change))
+        if problem.model:
             rows.append([target.now(x, N) for target in targets])
-    return np.array(rows).T if scene.model else None
+    return np.array(rows).T if problem.model else None
 
 
-def gathered_responses(scene: Problem, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
+def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
     """Return a function that computes the response to changes (m,) [m] of unstressed lengths. Collective.
 
     load : (n, 3) [N] that acts
@@ -177,24 +182,24 @@ def gathered_responses(scene: Problem, load: np.ndarray) -> Callable[[np.ndarray
     Calls are collective too. They return changes of positions (n, 3) [m] and axial forces (m,) [N], on rank
     0. If the net is a mechanism, the change of positions is unknown, and nodes count as fixed.
     """
-    state, distribution = scene.state, scene.distribution
-    respond = scene.finder.responses(load)
+    state, distribution = problem.state, problem.distribution
+    respond = problem.finder.responses(load)
 
     def gathered(change):
         try:
             u, N = respond(change)
         except NoConvergence:
-            u, N = np.zeros_like(state.x), scene.finder.fixed_node_response(change)
+            u, N = np.zeros_like(state.x), problem.finder.fixed_node_response(change)
         return distribution.gather_particles(u), distribution.gather_elements(N, state.owned.astype(bool))
 
     return gathered
 
 
 def _step(
-    scene: Problem, measured: _Measured, targets, jacks: list[Jack], L0, influence: np.ndarray
+    problem: Problem, measured: _Measured, targets, jacks: list[Jack], L0, influence: np.ndarray
 ) -> np.ndarray:
     """Compute the amounts (k,) [m] of the next step. Rank 0."""
-    net = scene.model.net
+    net = problem.model.net
     L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]])
     step = solve_amounts(measured.misses, influence, measured.scale)
     for target in targets:
@@ -232,7 +237,7 @@ class TargetResult(NamedTuple):
 
 
 def reach_targets(
-    scene: Problem, planned: np.ndarray | None, before: TargetResult | None
+    problem: Problem, planned: np.ndarray | None, before: TargetResult | None
 ) -> TargetResult | None:
     """Change lengths until all targets are reached, under the loads that the form carries. Collective.
 
@@ -242,15 +247,15 @@ def reach_targets(
     Returns the result on rank 0, None elsewhere; the state is in that equilibrium. Raises InputError for
     wrong names.
     """
-    job, model, comm = scene.job, scene.model, scene.comm
+    job, model, comm = problem.job, problem.model, problem.comm
     targets, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
-    load_case = form_load(scene, "target", "the targets")
+    load_case = form_load(problem, "target", "the targets")
     tensioned = tension_to_targets(
-        scene, load_case, targets, jacks, model and model.cut_length, lambda L0: L0
+        problem, load_case, targets, jacks, model and model.cut_length, lambda L0: L0
     )
-    tensioned = tensioned._replace(outcome=elastic(scene, tensioned.outcome))
-    influence = influences(scene, load_case.load, targets, jacks, tensioned.L0)
-    x = scene.distribution.gather_particles(scene.state.x)
+    tensioned = tensioned._replace(outcome=elastic(problem, tensioned.outcome))
+    influence = influences(problem, load_case.load, targets, jacks, tensioned.L0)
+    x = problem.distribution.gather_particles(problem.state.x)
     if model is None:
         return None
     added = tensioned.L0 - planned

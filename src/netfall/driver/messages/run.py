@@ -43,42 +43,42 @@ ROUNDING = 1e-11  # strain; residuals below this times the largest EA are roundi
 MAX_RESIDUAL_START = 1e-6  # residual / largest tension; a larger one of a start without statics gives a note
 
 
-def report_problem(scene: Problem, progress: Progress) -> None:
+def report_problem(problem: Problem, progress: Progress) -> None:
     """Report the problem before the run, on rank 0."""
-    model = scene.model
+    model = problem.model
     if model is None:
         return
     progress.say(f"{net_line(model)}, roof {model.roof.area.sum():.1f} m2")
-    progress.say(*job_remarks(model, scene.job))
-    if scene.comm.size > 1:
-        progress.say(partition_line(model, scene.comm.size))
-    if scene.form:
-        N = form_found_model(scene).N
-        line = f"{form_line(scene)}; tensions {N.min():.4g} to {N.max():.4g} N"
-        progress.say(line, *form_change_lines(scene))
-    progress.say(*(scene.build_up.lines if scene.build_up else ()), *start_notes(scene))
-    if scene.schedule:
-        for limit in scene.limits.values():
+    progress.say(*job_remarks(model, problem.job))
+    if problem.comm.size > 1:
+        progress.say(partition_line(model, problem.comm.size))
+    if problem.form:
+        N = form_found_model(problem).N
+        line = f"{form_line(problem)}; tensions {N.min():.4g} to {N.max():.4g} N"
+        progress.say(line, *form_change_lines(problem))
+    progress.say(*(problem.build_up.lines if problem.build_up else ()), *start_notes(problem))
+    if problem.schedule:
+        for limit in problem.limits.values():
             progress.verbose_message(limit_line(limit, model))
-        progress.say(*dynamic_remarks(scene))
+        progress.say(*dynamic_remarks(problem))
 
 
-def report_outcome(scene: Problem, desk: RunContext, outcomes: dict[str, Outcome], path: Path) -> None:
+def report_outcome(problem: Problem, context: RunContext, outcomes: dict[str, Outcome], path: Path) -> None:
     """Report the outcome of a run from its result file, on rank 0. Collective."""
     has_dynamics = dynamics.NAME in outcomes
     history = outcomes[dynamics.NAME].result.history if has_dynamics else None
-    strain, time, element = _most_strained(scene, history)
-    if scene.model is None:
+    strain, time, element = _most_strained(problem, history)
+    if problem.model is None:
         return
     if has_dynamics:
         with open_result(path) as f:
-            desk.progress.say(
-                *_dynamics_lines(scene.model, f), *dynamic_limit_notes_of(f), *overload_notes_of(f)
+            context.progress.say(
+                *_dynamics_lines(problem.model, f), *dynamic_limit_notes_of(f), *overload_notes_of(f)
             )
-    desk.progress.say(*_strain_notes(scene.model, strain, time, element))
-    seconds = desk.phases.seconds.items()
-    desk.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
-    desk.progress.say(f"written: {path}")
+    context.progress.say(*_strain_notes(problem.model, strain, time, element))
+    seconds = context.phases.seconds.items()
+    context.progress.say("time: " + ", ".join(f"{name} {duration:.2f} s" for name, duration in seconds))
+    context.progress.say(f"written: {path}")
 
 
 def _dynamics_lines(model: Model, f) -> list[str]:
@@ -101,7 +101,7 @@ def _dynamics_lines(model: Model, f) -> list[str]:
     return lines
 
 
-def _most_strained(scene: Problem, history: History | None) -> tuple[float, float, int]:
+def _most_strained(problem: Problem, history: History | None) -> tuple[float, float, int]:
     """Find the largest strain of elements without a limit, its time [s] and its element. Collective.
 
     history : of the dynamic stage; None: the strains at the end of the run count
@@ -109,10 +109,12 @@ def _most_strained(scene: Problem, history: History | None) -> tuple[float, floa
     if history is not None:
         local_largest = history.most_strained
     else:
-        elements = scene.state.present_element_state()
+        elements = problem.state.present_element_state()
         N, eps = elements.N, elements.eps
-        local_largest = most_strained(scene.state, np.nan, eps, N, scene.distribution.subdomain.element_gid)
-    return largest_unlimited_strain_of_ranks(scene.comm, local_largest)
+        local_largest = most_strained(
+            problem.state, np.nan, eps, N, problem.distribution.subdomain.element_gid
+        )
+    return largest_unlimited_strain_of_ranks(problem.comm, local_largest)
 
 
 def _strain_notes(model: Model, strain: float, time: float, element: int) -> list[str]:
@@ -141,27 +143,27 @@ def partition_line(model: Model, ranks: int) -> str:
     )
 
 
-def form_line(scene: Problem) -> str:
+def form_line(problem: Problem) -> str:
     """Return the line on the accuracy of form finding."""
-    reference = max(scene.form.reference, 1e-300)
+    reference = max(problem.form.reference, 1e-300)
     return (
-        f"form finding: {scene.form.iterations} iterations, largest residual "
-        f"{scene.form.residual / reference:.2g} of the prestress; with the real material "
-        f"{scene.residual / reference:.2g}"
+        f"form finding: {problem.form.iterations} iterations, largest residual "
+        f"{problem.form.residual / reference:.2g} of the prestress; with the real material "
+        f"{problem.residual / reference:.2g}"
     )
 
 
-def form_found_model(scene: Problem) -> Model:
+def form_found_model(problem: Problem) -> Model:
     """Return the form-found model, before stages of erection change it; on rank 0."""
-    return (scene.build_up and scene.build_up.form) or scene.model
+    return (problem.build_up and problem.build_up.form) or problem.model
 
 
-def form_change_lines(scene: Problem) -> list[str]:
+def form_change_lines(problem: Problem) -> list[str]:
     """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
-    model = form_found_model(scene)
-    if scene.form.self_stress is not None:
-        return self_stress_lines(scene.form.self_stress, model.net.group, model.net.group_names)
-    net, area, settings = model.net, float(model.roof.area.sum()), scene.job.form_finding
+    model = form_found_model(problem)
+    if problem.form.self_stress is not None:
+        return self_stress_lines(problem.form.self_stress, model.net.group, model.net.group_names)
+    net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
     constant_tension = bool(settings) and settings.method == "fpm" and settings.modulus_factor == 0.0
     lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant_tension)
     if constant_tension:
@@ -169,25 +171,25 @@ def form_change_lines(scene: Problem) -> list[str]:
     return lines
 
 
-def start_notes(scene: Problem) -> list[str]:
+def start_notes(problem: Problem) -> list[str]:
     """Return notes on the state from which the loads start.
 
     A note is given if the net as given is not in equilibrium and nothing corrects that before it is loaded.
     The same holds for an erected net under other loads than those of its last stage, and for cables that slip
     in the form.
     """
-    can_slip = scene.form and scene.job.slides and not scene.job.stages and not scene.failure
-    return _imbalance_notes(scene) + (form_slip_notes(scene.model) if can_slip else [])
+    can_slip = problem.form and problem.job.slides and not problem.job.stages and not problem.failure
+    return _imbalance_notes(problem) + (form_slip_notes(problem.model) if can_slip else [])
 
 
-def _imbalance_notes(scene: Problem) -> list[str]:
+def _imbalance_notes(problem: Problem) -> list[str]:
     """Return a note if the start is not in equilibrium at the nodes."""
-    statics, erected = has_statics(scene.job), bool(scene.job.stages)
-    heated = scene.job.load is not None and scene.job.load.temperature and not statics
-    if scene.failure or (statics if erected else scene.form):
+    statics, erected = has_statics(problem.job), bool(problem.job.stages)
+    heated = problem.job.load is not None and problem.job.load.temperature and not statics
+    if problem.failure or (statics if erected else problem.form):
         return []
-    residual, force = scene.build_up.left if erected else (scene.residual, scene.reference)
-    rounding = ROUNDING * float(scene.model.net.EA.max(initial=0.0))
+    residual, force = problem.build_up.left if erected else (problem.residual, problem.reference)
+    rounding = ROUNDING * float(problem.model.net.EA.max(initial=0.0))
     unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
     if not ((heated and not erected) or unbalanced):
         return []
@@ -264,17 +266,17 @@ def job_remarks(model: Model, job: Job) -> list[str]:
     return default_warnings(job, model.net) + [f"note: {note}" for note in model.notes]
 
 
-def run_notes(scene: Problem) -> list[str]:
+def run_notes(problem: Problem) -> list[str]:
     """Return the warnings and notes that precede a run, for its result file; on rank 0."""
-    remarks = start_notes(scene) + (dynamic_remarks(scene) if scene.schedule else [])
+    remarks = start_notes(problem) + (dynamic_remarks(problem) if problem.schedule else [])
     marked = [line for line in remarks if line.startswith(("note:", "warning:"))]
-    return job_remarks(scene.model, scene.job) + marked
+    return job_remarks(problem.model, problem.job) + marked
 
 
-def dynamic_remarks(scene: Problem) -> list[str]:
+def dynamic_remarks(problem: Problem) -> list[str]:
     """Return the warnings and notes on the wind, the time step and the probes."""
-    job, model = scene.job, scene.model
-    return wind_notes(job, model) + step_remarks(scene) + probe_remarks(model, job.output.probes)
+    job, model = problem.job, problem.model
+    return wind_notes(job, model) + step_remarks(problem) + probe_remarks(model, job.output.probes)
 
 
 def probe_remarks(model: Model, probes) -> list[str]:
@@ -308,13 +310,13 @@ def probe_remarks(model: Model, probes) -> list[str]:
     return remarks
 
 
-def step_remarks(scene: Problem) -> list[str]:
+def step_remarks(problem: Problem) -> list[str]:
     """Return remarks on added mass, slip inertia, damping over a band and a fixed time step."""
-    job, dt, remarks = scene.job, scene.schedule.long_dt, []
-    if scene.model.added is not None:
-        remarks.append(_added_mass(scene.model))
+    job, dt, remarks = problem.job, problem.schedule.long_dt, []
+    if problem.model.added is not None:
+        remarks.append(_added_mass(problem.model))
     if job.slides:
-        remarks.append(inertia_line(scene.model, dt))
+        remarks.append(inertia_line(problem.model, dt))
     if job.dynamics.damping_ratio:
         added_stiffness = branch_stiffening(damping_branches(job)) - 1.0
         remarks.append(
@@ -328,9 +330,9 @@ def step_remarks(scene: Problem) -> list[str]:
             f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
             f"t = {end:.6g} s"
         )
-    limit = scene.limits["slackening"]
+    limit = problem.limits["slackening"]
     if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
-        element, length = scene.model.net.element_id[limit.element], scene.model.L0[limit.element]
+        element, length = problem.model.net.element_id[limit.element], problem.model.L0[limit.element]
         remarks.append(
             f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables "
             f"that go slack and come taut again gain energy (first: element {element}, {length:.3g} m): "
