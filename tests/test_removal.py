@@ -18,7 +18,7 @@ from test_validation_opensees import (
 
 from netfall.core.errors import InputError, Interrupted
 from netfall.driver.equilibrium import settle
-from netfall.driver.removed_equilibria import removed_names
+from netfall.driver.removal.equilibria import removed_names
 from netfall.job.read import read_job
 from netfall.job.values import counted
 from netfall.model.layout import make_layout
@@ -221,7 +221,7 @@ def test_a_pause_in_the_search_for_rest_changes_no_bit(workshop, monkeypatch):
     job = workshop.job(text, *weights(3))
     whole = workshop.run(job, output="whole.vtkhdf")
     assert np.isfinite(whole["removal/tension_after"][:]).all()
-    monkeypatch.setattr("netfall.driver.removed_equilibria.settle", pausing)
+    monkeypatch.setattr("netfall.driver.removal.equilibria.settle", pausing)
     checkpoint, said = workshop.pause(job, stop)
     assert "in statics, the net without element 3" in said
     with workshop.run(job, "--restart", checkpoint) as again:

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 
 from netfall.core.errors import DivergedError, interruption_error
-from netfall.driver import removed_equilibria
 from netfall.driver.detaching import DetachedParts
 from netfall.driver.problem import Outcome, Problem, RunContext
-from netfall.driver.removal import MemberRemoval
-from netfall.driver.removed_equilibria import planned_removals
+from netfall.driver.removal import equilibria as removal_equilibria
+from netfall.driver.removal.equilibria import planned_removals
+from netfall.driver.removal.members import MemberRemoval
 from netfall.driver.stepper import Stepper
 from netfall.driver.varying_loads import WindLoad, varying_loads
 from netfall.explicit.energy import (
@@ -64,7 +64,7 @@ def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
         problem.schedule,
     )
     if problem.job.removes:
-        removal = MemberRemoval(problem, losses, outcomes[removed_equilibria.NAME].result, context.log)
+        removal = MemberRemoval(problem, losses, outcomes[removal_equilibria.NAME].result, context.log)
     with context.phases.phase("wind"):
         loads = varying_loads(problem) + (list(removal.fades.values()) if removal else [])
     context.progress.say(f"dynamics: {problem.job.dynamics.duration:g} s in {describe_steps(schedule)}")

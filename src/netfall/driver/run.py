@@ -13,11 +13,12 @@ from netfall.core.errors import DivergedError, InputError, Interrupted, OutputEr
 from netfall.core.progress import Progress
 from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
-from netfall.driver import dynamics, modes, removed_equilibria, statics
+from netfall.driver import dynamics, modes, statics
 from netfall.driver.messages.run import form_found_model, report_outcome, report_problem
 from netfall.driver.problem import BuildUp, Outcome, Problem, RunContext
 from netfall.driver.provenance import library_text, provenance_values
 from netfall.driver.ranks import ranks_notes
+from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.restart import register_result, restore_state
 from netfall.driver.setup import prepare_problem
 from netfall.driver.static_outcome import NO_EQUILIBRIUM, UNDECIDED
@@ -38,7 +39,7 @@ from netfall.results.writer import Result, net_section, slide_section
 from netfall.statics.form.initial import FORM, INITIAL, initial_record
 from netfall.statics.reactions import Balance, compute_form_balance
 
-STAGES = (statics, removed_equilibria, modes, dynamics)
+STAGES = (statics, removal_equilibria, modes, dynamics)
 STAGE_NAMES = (FORM, *(stage.NAME for stage in STAGES))
 
 

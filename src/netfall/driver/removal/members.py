@@ -11,7 +11,7 @@ import sys
 import numpy as np
 
 from netfall.driver.problem import Problem
-from netfall.driver.removed_equilibria import RemovalEquilibria, RemovalOutcome
+from netfall.driver.removal.equilibria import RemovalEquilibria, RemovalOutcome
 from netfall.driver.varying_loads import FadingLoad
 from netfall.loads.redistribution import Redistribution
 from netfall.loads.removal import Loss, particles_removed_after_breaks

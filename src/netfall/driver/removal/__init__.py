@@ -1,0 +1,1 @@
+"""Member removal: the equilibria before and after it, and its steps in the dynamic stage."""
