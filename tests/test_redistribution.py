@@ -145,7 +145,7 @@ def test_what_fades_pulls_the_ends_against_each_other():
     state = SimpleNamespace(load_before=np.zeros((4, 3)), load_after=np.zeros((4, 3)), hold_before=None)
     fade = FadingLoad(np.arange(4), 2.0)
     fade.begin(1.0, ends, force, np.arange(3))
-    fade.hand_over(handed, None)
+    fade.redistribute(handed, None)
     fade.write(state, 1.0, 2.0)
     assert state.load_before == pytest.approx(np.array([[H, 0, 0], [0] * 3, [0] * 3, [-H, 0, 0]]), abs=1e-12)
     assert state.load_after == pytest.approx(0.5 * state.load_before, abs=1e-12)

@@ -62,7 +62,7 @@ class PanelTearing:
         self.torn = np.zeros(self.panels.count, bool)
         self.torn[self.panels.at(broken)] = True
 
-    def tear(self, state: State, elements) -> None:
+    def remove_from(self, state: State, elements: np.ndarray) -> None:
         """Remove the panels at some elements, global numbers, from the particles of this rank."""
         panels = self.panels.at(elements)
         panels = panels[~self.torn[panels]]
@@ -87,17 +87,17 @@ class PanelTearing:
             if state.wind is not None:
                 state.wind[p] -= corner_loads.wind
 
-    def hand_over(self, handed: Redistribution) -> None:
+    def redistribute(self, redistribution: Redistribution) -> None:
         """Move the loads of leaving corners to other nodes. Collective."""
-        leaving = np.isin(self.corners.node, handed.particles)
+        leaving = np.isin(self.corners.node, redistribution.particles)
         gathered = self.distribution.comm.allgather(self.corners.at(leaving))
         all_leaving = Corners(*(np.concatenate(columns) for columns in zip(*gathered)))
         order = np.argsort(
             all_leaving.node, kind="stable"
         )  # corners of one node are on one rank, in fixed order
         kept_corners = [self.corners.at(~leaving)]
-        for source, taker, share in zip(handed.source, handed.taker, handed.share):
-            corners = all_leaving.at(order[all_leaving.node[order] == handed.particles[source]])
+        for source, taker, share in zip(redistribution.source, redistribution.taker, redistribution.share):
+            corners = all_leaving.at(order[all_leaving.node[order] == redistribution.particles[source]])
             if taker in self.owned:
                 kept_corners.append(corners.passed(taker, share))
         self.corners = Corners(*(np.concatenate(columns) for columns in zip(*kept_corners)))

@@ -56,10 +56,10 @@ class DetachedParts:
         before, self.broken = self.broken, self.comm.allreduce(local_count)
         return self.broken != before
 
-    def evaluate(self, state: State) -> bool:
-        """Find the detached parts and end the wind on new ones; return whether there are new ones.
+    def update_state(self, state: State) -> bool:
+        """Mark the detached parts in the state and end the wind on new ones. Collective.
 
-        Collective.
+        Return whether the wind ended on any.
         """
         parts = self._parts(state)
         self.part = self.distribution.particles(parts and parts[0])
@@ -99,8 +99,9 @@ class DetachedParts:
         in_net = far_end < state.first_split  # otherwise the element has broken at both ends
         return np.where(in_net, self.part[np.where(in_net, far_end, 0)], 0)
 
-    def follow(self, state: State, step: int) -> None:
-        """Record mass and velocity of the followed parts at a step. Collective."""
+    def record_parts(self, state: State, step: int) -> None:
+        """Record mass and velocity of the followed parts at a step, the last evaluation. Collective."""
+        self.evaluated = step
         if not len(self.large):
             return
         rows = state.owned_rows()

@@ -272,7 +272,8 @@ class Simulation(Stepper):
 
     def restore_removal(self, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the member removals of an earlier run. Collective."""
-        self.removal.restore(small, arrays, self)
+        for redistribution in self.removal.restore(small, arrays):
+            self.redistribute(redistribution)
 
     def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
         """Restore the history rows of an earlier run."""
@@ -288,7 +289,7 @@ class Simulation(Stepper):
             stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.first_full_step)
             if self.removal:
                 if self.n == self.removal.next_step:
-                    self.removal.remove_members(self)
+                    self.remove_members()
                 stop = min(stop, self.removal.next_step)
             self.loads.advance(self.state, self.n)
             stop = min(stop, self.loads.due())
@@ -301,6 +302,19 @@ class Simulation(Stepper):
                     if self.stopping:
                         self.leave()
 
+    def remove_members(self) -> None:
+        """Carry out the member removal that is due at the present step. Collective."""
+        self.plan.collect_yield()
+        self.share_events()
+        elements = self.state.present_element_state()
+        self.envelope.take_in(self.time, self.state)
+        redistribution = self.removal.remove_from(self.state, elements, self.time, self.before_dt, self.dt)
+        self.plan.attach(self.state)
+        self.redistribute(redistribution)
+        self.loads.update_samples(self.state)
+        self.state.reset_extremes(elements.N)
+        self.result.losses = self.removal.done
+
     def find_detached(self) -> int:
         """Find the detached parts if that is due now; return the next step at which it is due. Collective.
 
@@ -312,10 +326,9 @@ class Simulation(Stepper):
         if self.detaching.due(self.n) == self.n:
             if self.detaching.has_new_breaks(self.state):
                 self.make_row()  # row of the state before, independent of targets
-                if self.detaching.evaluate(self.state):
+                if self.detaching.update_state(self.state):
                     self.plan.attach(self.state)
-            self.detaching.follow(self.state, self.n)
-            self.detaching.evaluated = self.n
+            self.detaching.record_parts(self.state, self.n)
         return self.detaching.due(self.n)
 
     def leave(self) -> None:

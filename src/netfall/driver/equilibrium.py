@@ -393,7 +393,7 @@ def _limit(problem: Problem, load_case: StaticLoad, missing_load: np.ndarray, st
     except NoConvergence:
         return None
     except StopRequested:
-        raise Paused(initial_relaxation(problem.state.x)) from None
+        raise Paused(initial_relaxation(problem.state.x.copy(order="K"))) from None
     if not limit.beyond.reason:
         return FULLY_CARRIED
     carried_load = load_case.load - (1.0 - limit.factor) * missing_load

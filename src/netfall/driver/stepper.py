@@ -11,6 +11,7 @@ from netfall.explicit.plan import StepPlan, halo_width
 from netfall.explicit.rows import RowTable
 from netfall.geometry.net import GRAVITY
 from netfall.job.derived import has_carried_weight
+from netfall.loads.redistribution import Redistribution
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.physics.air import remove_wind
@@ -56,7 +57,7 @@ class Stepper:
             wind_stays=self.after_fracture not in ("particle", "detached"),
             stable_dt=stable_dt if self.state.features.fragments else np.nan,
         )
-        self.subdomain, self.rows = distribution.subdomain, rows
+        self.distribution, self.subdomain, self.rows = distribution, distribution.subdomain, rows
         self.halo = Halo(problem.comm, self.subdomain, halo_width(self.state))
         self.plan = StepPlan(self.state, self.halo, rules if breaks else None, rows, self.ground)
         self.n, self.made, self.before_dt = 0, 0, 0.0
@@ -111,12 +112,18 @@ class Stepper:
         """Step to number `stop` with the short step, through any fractures."""
         count = len(self.log)
         while self.tearing and self.n < stop and self.advance_to_fracture(stop):
-            self.tearing.tear(self.state, np.unique(self.log.element[count:]))
+            self.tearing.remove_from(self.state, np.unique(self.log.element[count:]))
             self.plan.attach(self.state)
             count = len(self.log)
         if self.after_fracture == "all" and not count and self.advance_to_fracture(stop):
             remove_wind(self.state)
         self.advance_block(stop)
+
+    def redistribute(self, redistribution: Redistribution) -> None:
+        """Move what acts on leaving particles to others, except what is in the state. Collective."""
+        self.loads.redistribute(redistribution, self.distribution)
+        if self.tearing:
+            self.tearing.redistribute(redistribution)
 
     def interval(self, stop: int, trial: bool = False) -> Interval:
         """Return the interval from the present step to number `stop`, with the present stride."""

@@ -5,7 +5,7 @@ A varying load is any object with
                               follows
     advance(step, step_at)    advances to the samples around a step; collective
     write(state, start, end)  writes its values at two times between these samples to the state
-    hand_over(handed, distribution)   moves what acts on leaving particles to others, see
+    redistribute(redistribution, distribution)   moves what acts on leaving particles to others, see
                               `loads.redistribution`; collective
 
 A new one is added to this module, is created in `varying_loads`, and counts in `derived.varies`. Loads that
@@ -88,10 +88,10 @@ class VaryingLoads:
                 load.advance(step, self.step_at)
             self.update_samples(state)
 
-    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+    def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move what acts on leaving particles to others; call `update_samples` afterwards. Collective."""
         for load in self.loads:
-            load.hand_over(handed, distribution)
+            load.redistribute(redistribution, distribution)
 
 
 class RampLoad:
@@ -102,10 +102,10 @@ class RampLoad:
         self.force, self.ramp = force, ramp
         self.before, self.after = 0.0, ramp
 
-    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+    def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move the force on leaving particles to others. Collective."""
-        given = handed.given(distribution, self.force)
-        handed.move(self.force, distribution.subdomain.particle_gid, given)
+        given = redistribution.given(distribution, self.force)
+        redistribution.move(self.force, distribution.subdomain.particle_gid, given)
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
         """Advance beyond the ramp if the step is beyond it."""
@@ -149,17 +149,17 @@ class FadingLoad:
         row = rows_of(self.particle_gid, particles)
         self.rows, self.force = row[row >= 0], force[row >= 0]
 
-    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+    def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move the forces on leaving particles to others."""
         if self.zero == math.inf:
             return
-        given = np.zeros((len(handed.particles), 3))
-        leaving = rows_of(handed.particles, self.particles)
+        given = np.zeros((len(redistribution.particles), 3))
+        leaving = rows_of(redistribution.particles, self.particles)
         np.add.at(given, leaving[leaving >= 0], self.every[leaving >= 0])
-        stays, share = leaving < 0, handed.share[:, None]
+        stays, share = leaving < 0, redistribution.share[:, None]
         self._place(
-            np.concatenate([self.particles[stays], handed.taker]),
-            np.concatenate([self.every[stays], share * given[handed.source]]),
+            np.concatenate([self.particles[stays], redistribution.taker]),
+            np.concatenate([self.every[stays], share * given[redistribution.source]]),
         )
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
@@ -236,7 +236,7 @@ class WindLoad:
             self.samples += self.comm.bcast(chunk)
         return self.samples[k]
 
-    def hand_over(self, handed: Redistribution, distribution: Distribution) -> None:
+    def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Do nothing: the exposed areas are in the state, which is redistributed separately."""
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:

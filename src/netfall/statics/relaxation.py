@@ -69,7 +69,10 @@ class UnboundedDisplacement(DivergedError):
 
 
 class Paused(Exception):
-    """Pause of a relaxation on request, at the same iteration on every rank."""
+    """Pause of a relaxation on request, at the same iteration on every rank.
+
+    at : where it resumes; its arrays are no arrays of the state
+    """
 
     def __init__(self, at: Relaxation):
         self.at = at
@@ -176,7 +179,7 @@ def relax(
                 )
             report(iteration, residual)
             if stopping:
-                raise Paused(Relaxation(iteration, previous, rested, x, v, mass))
+                raise Paused(Relaxation(iteration, previous, rested, x.copy(order="K"), v, mass))
         if net.lost is not None and iteration % (10 * CHECK_EVERY) == 0 and net.lost(comm, v, residual):
             raise UnboundedDisplacement(f"{name}: what yields stretches without end")
         halo.update(f)

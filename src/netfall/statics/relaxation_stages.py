@@ -57,10 +57,9 @@ def relax_in_stages(
                 finder.comm, finder.halo, net, goal, allowed, name, report, stop, resume
             )
         except Paused as pause:
-            pause.at.stage, pause.at.total = stage, total
-            pause.at = resume_point or pause.at  # the run resumed here takes the same path
-            pause.at.start = start
-            raise
+            # The run resumed at `resume_point` takes the same path.
+            at = resume_point or replace(pause.at, stage=stage, total=total)
+            raise Paused(replace(at, start=start)) from None
         except DivergedError:
             if solution is None:
                 raise

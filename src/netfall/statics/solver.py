@@ -9,7 +9,8 @@ one more correction over the largest displacement, and its change of tension ove
 `tolerance` means the same for any net and any refinement.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -58,6 +59,18 @@ class EquilibriumFinder:
     def reset_structure(self) -> None:
         """Discard the cached multigrid structure after the elements of the net have changed."""
         self._structure = None
+
+    @contextmanager
+    def without_elements(self, rows: np.ndarray) -> Iterator[None]:
+        """Let the net be without some elements, local rows (k,), until the context ends."""
+        EA, broken = self.state.EA[rows], self.state.broken[rows]
+        self.state.EA[rows], self.state.broken[rows] = 0.0, 1  # removed, not slack
+        self.reset_structure()
+        try:
+            yield
+        finally:
+            self.state.EA[rows], self.state.broken[rows] = EA, broken
+            self.reset_structure()
 
     def find(
         self,

@@ -124,7 +124,7 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
     """Compute the result of `run`. Collective."""
     state, distribution, model = problem.state, problem.distribution, problem.model
     loads = loads_after_removals(model, losses) if model else [None] * (len(losses) + 1)
-    start, EA, broken = save_state(state), state.EA.copy(), state.broken.copy()
+    start = save_state(state)
     unsupported = problem.comm.bcast(unsupported_after_removals(model, losses, loads) if model else None)
     reference = reference_force(problem, StaticLoad("loss", "", distribution.particles(loads[0])))
 
@@ -133,39 +133,35 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
 
     search = RemovalSearch(start, tension=[gather_owned(state.present_element_state().N)])
     resume = _resume_search(problem, context, search)
+    removed = np.zeros(0, np.int64)  # rows of the elements removed so far
     for k, (loss, is_loose, new_load) in enumerate(zip(losses, unsupported, loads[1:])):
         rows = rows_of(distribution.subdomain.element_gid, loss.elements)
-        rows = rows[rows >= 0]
-        state.EA[rows], state.broken[rows] = 0.0, 1  # removed, not slack
+        removed = np.concatenate([removed, rows[rows >= 0]])
         if k < len(search.rests):
             continue
-        problem.finder.reset_structure()
         restore_saved(state, search.best)
         load = distribution.particles(new_load)
         words = f"the net without {removed_names(problem.job, loss)}"
         tension, rest = np.full(state.m, np.nan), RemovalOutcome("no_equilibrium")
         lines = [f"no rest: a part of {words} is connected to no support"]
         if not is_loose:
+            load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(problem.job))
             try:
-                load_case = StaticLoad("loss", words, load, 1.0, weights=permanent_weight_factor(problem.job))
-                tension, rest, lines, iterations = _removal_equilibrium(
-                    problem, load_case, reference, context.stop, resume
-                )
-                search.total += iterations
-                search.best = save_state(state) if rest.state == "equilibrium" else search.best
+                with problem.finder.without_elements(removed):
+                    tension, rest, lines, iterations = _removal_equilibrium(
+                        problem, load_case, reference, context.stop, resume
+                    )
             except Paused as pause:
-                pause.at.x = pause.at.x.copy(order="K")  # a copy, since it may be the array of the state
                 restore_saved(state, start)
-                state.EA[:], state.broken[:] = EA, broken
                 records = {NAME: search.record(problem)}
                 raise paused(problem, context, NAME, words, search.total, pause, records) from None
+            search.total += iterations
+            search.best = save_state(state) if rest.state == "equilibrium" else search.best
         resume = None
         context.progress.say(*lines)
         search.rests.append(rest)
         search.tension.append(gather_owned(tension))
     restore_saved(state, start)
-    state.EA[:], state.broken[:] = EA, broken
-    problem.finder.reset_structure()
     return RemovalEquilibria(search.rests, np.array(search.tension) if model else None)
 
 

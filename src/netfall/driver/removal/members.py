@@ -7,6 +7,7 @@ equilibrium after the removal.
 """
 
 import sys
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from netfall.loads.redistribution import Redistribution
 from netfall.loads.removal import Loss, particles_removed_after_breaks
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import rows_of
+from netfall.physics.elements import ElementState
 from netfall.physics.events import EventLog
 from netfall.physics.law.branches import add_branch_forces
 from netfall.physics.removal import (
@@ -28,6 +30,7 @@ from netfall.physics.removal import (
     remove_particles,
     transfer_carried,
 )
+from netfall.physics.state import State
 from netfall.results.writer import text_dataset
 
 # (losses, m) [N] on rank 0, nan: not known. rest: in the equilibrium before the removal. lowest: nan for
@@ -45,7 +48,7 @@ class MemberRemoval:
         self.model, self.log, self.dt, self.done = problem.model, log, problem.schedule.dt, 0
         self.rests = after.rests if after else []
         # m2, (n,) on rank 0, with areas redistributed so far
-        self.area = self.model and self.model.roof.area.copy()
+        self.area = self.model.roof.area.copy() if self.model else None
         gid, durations = (
             self.distribution.subdomain.particle_gid,
             [entry.duration for entry in self.job.removes],
@@ -63,38 +66,38 @@ class MemberRemoval:
         """Return the step of the next removal; after the last: larger than every step."""
         return self.losses[self.done].step if self.done < len(self.losses) else sys.maxsize
 
-    def remove_members(self, simulation) -> None:
-        """Carry out the removal that is due at the present step. Collective."""
-        state, loss = simulation.state, self.losses[self.done]
-        simulation.plan.collect_yield()
-        elements = state.present_element_state()
+    def remove_from(
+        self, state: State, elements: ElementState, time: float, before_dt: float, dt: float
+    ) -> Redistribution:
+        """Remove the members that are due from the state; return the redistribution of their loads.
+
+        elements : at the present step; time : [s] of it; before_dt, dt : [s], the steps before and after it
+
+        The log must contain all fractures so far. Collective.
+        """
+        loss = self.losses[self.done]
         self.close(state, elements.N)
-        simulation.envelope.take_in(simulation.time, state)
         self._keep("before", self.done, state, elements.N)
         gid, rows = self.distribution.subdomain.particle_gid, self._rows(loss.elements)
         force = self._forces(state, loss, rows[rows >= 0], elements)
-        simulation.share_events()
-        particles, handed = self._leaving_particles(self.done)
+        particles, redistribution = self._leaving_particles(self.done)
         entries = [self.job.removes[k] for k in loss.entry.tolist()]
-        since, missing = impulse_times(entries, simulation.time, simulation.before_dt, simulation.dt)
+        since, missing = impulse_times(entries, time, before_dt, dt)
         remove_elements(state, rows[rows >= 0], since[rows >= 0])
         apply_impulses(state, *local_impulses(gid, loss.ends, missing[:, :1] * force), INTERNAL)
         apply_impulses(state, *local_impulses(gid, loss.ends, missing[:, 1:] * force), EXTERNAL)
-        self._join(state, handed)
+        self._transfer_carried(state, redistribution)
         remove_particles(state, np.flatnonzero(np.isin(gid, particles)))
-        simulation.plan.attach(state)
         self._begin_fades(loss, {k: force[loss.entry == k] for k in self.fades})
-        self._hand_over(simulation, handed)
-        simulation.loads.update_samples(state)
-        state.reset_extremes(elements.N)
+        self._move_area(redistribution)
         self.done += 1
-        simulation.result.losses = self.done
+        return redistribution
 
     def _rows(self, elements: np.ndarray) -> np.ndarray:
         """Return the local rows of elements; -1: not on this rank."""
         return rows_of(self.distribution.subdomain.element_gid, elements)
 
-    def _forces(self, state, loss: Loss, rows: np.ndarray, elements) -> np.ndarray:
+    def _forces(self, state: State, loss: Loss, rows: np.ndarray, elements: ElementState) -> np.ndarray:
         """Compute the forces (k, 3) [N] of the removed elements on their start nodes, the same on every rank.
 
         Elements that had broken before exert none. Collective.
@@ -119,15 +122,17 @@ class MemberRemoval:
         result = particles_removed_after_breaks(self.model, self.losses, k, broken) if self.model else None
         return self.distribution.comm.bcast(result)
 
-    def _join(self, state, handed: Redistribution) -> None:
+    def _transfer_carried(self, state: State, redistribution: Redistribution) -> None:
         """Move what particles inside removed cables carry to other particles. Collective."""
         values = [getattr(state, name) for name in CarriedLoad._fields]
         given = CarriedLoad(
-            *(None if rows is None else handed.given(self.distribution, rows) for rows in values)
+            *(None if rows is None else redistribution.given(self.distribution, rows) for rows in values)
         )
-        row = rows_of(self.distribution.subdomain.particle_gid, handed.taker)
+        row = rows_of(self.distribution.subdomain.particle_gid, redistribution.taker)
         is_local = row >= 0
-        transfer_carried(state, row[is_local], handed.source[is_local], handed.share[is_local], given)
+        transfer_carried(
+            state, row[is_local], redistribution.source[is_local], redistribution.share[is_local], given
+        )
 
     def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
         """Start the fading tensions of a removal; force : (k, 3) [N] of the elements of each entry."""
@@ -138,15 +143,12 @@ class MemberRemoval:
                 start, loss.ends[in_entry], force[entry], self._rows(loss.elements[in_entry])
             )
 
-    def _hand_over(self, simulation, handed: Redistribution) -> None:
-        """Redistribute everything of the leaving particles that is not in the state. Collective."""
-        simulation.loads.hand_over(handed, self.distribution)
-        if simulation.tearing:
-            simulation.tearing.hand_over(handed)
-        if self.model:
-            handed.move(self.area, np.arange(self.model.net.n))
+    def _move_area(self, redistribution: Redistribution) -> None:
+        """Move the areas of leaving particles to others."""
+        if self.area is not None:
+            redistribution.move(self.area, np.arange(len(self.area)))
 
-    def close(self, state, N: np.ndarray) -> None:
+    def close(self, state: State, N: np.ndarray) -> None:
         """Record the extremes since the last removal. N : (m,) [N], at the end. Collective."""
         if self.done:
             is_broken = state.broken != 0  # its fragments have no strength
@@ -155,7 +157,7 @@ class MemberRemoval:
             lowest = np.where(is_broken, np.nan, np.minimum(state.lowest, N))
             self._keep("lowest", self.done - 1, state, lowest)
 
-    def _keep(self, name: str, k: int, state, rows: np.ndarray) -> None:
+    def _keep(self, name: str, k: int, state: State, rows: np.ndarray) -> None:
         values = self.distribution.gather_elements(rows, state.owned.astype(bool))
         if values is not None:
             self.tensions[name][k] = values
@@ -166,8 +168,13 @@ class MemberRemoval:
         small = {"done": self.done, "rests": self.rests}
         return small, {} if self.tensions is None else self.tensions | forces
 
-    def restore(self, small: dict, arrays: dict[str, np.ndarray] | None, simulation) -> None:
-        """Restore the record of an earlier run. arrays : on rank 0. Collective."""
+    def restore(self, small: dict, arrays: dict[str, np.ndarray] | None) -> Iterator[Redistribution]:
+        """Restore the record of an earlier run, whose removals are repeated one after another. Collective.
+
+        arrays : on rank 0
+
+        Yield the redistribution of loads at each removal, when its tensions have started to fade.
+        """
         self.done = small["done"]
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
         if arrays:
@@ -176,7 +183,9 @@ class MemberRemoval:
             entries = sorted(set(loss.entry.tolist()) & set(self.fades))
             force = {e: arrays[str(e)] for e in entries} if arrays else None
             self._begin_fades(loss, self.distribution.comm.bcast(force))
-            self._hand_over(simulation, self._leaving_particles(k)[1])
+            redistribution = self._leaving_particles(k)[1]
+            self._move_area(redistribution)
+            yield redistribution
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the datasets of /removal, a row for each entry of the job. Rank 0."""
