@@ -9,7 +9,7 @@ from pathlib import Path
 from netfall.cli import commands
 from netfall.cli.parser import VERBS, parser
 from netfall.core.cache import set_cache_folder
-from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
+from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError, is_on_every_rank
 from netfall.core.extras import naming_extras
 from netfall.core.launch import launched_rank
 from netfall.core.progress import print_lines, redirect_to_null
@@ -96,7 +96,7 @@ def abort(error: BaseException) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         # If several ranks have the error at once, the lowest reports it and ends the others.
         time.sleep(min(5.0, 0.5 * _rank()))
-    common = getattr(error, "on_every_rank", False)
+    common = is_on_every_rank(error)
     if not common or _rank() == 0:
         _print_error(f"netfall: {_in_words(error)}")
     _end_other_ranks(common)

@@ -6,6 +6,7 @@ from pathlib import Path
 OUTPUT_IN_USE = (
     "another run is writing it at this moment"  # reason in the message if an output name is refused
 )
+ON_EVERY_RANK = "raised on every rank"  # note of an error
 
 
 class InputError(Exception):
@@ -24,7 +25,23 @@ def raise_errors(lines: Iterable[str]) -> None:
         raise InputError(lines)
 
 
-class DivergedError(Exception):
+class RunError(Exception):
+    """Failure of a run; checkpoint : the last good one, None: there is none."""
+
+    exit_code: int
+
+    def __init__(self, message: str, checkpoint: Path | None = None):
+        super().__init__(message)
+        self.checkpoint = checkpoint
+
+    def __str__(self) -> str:
+        message = super().__str__()
+        if self.checkpoint is None:
+            return message
+        return f"{message}; the last good checkpoint is {self.checkpoint} (--restart)"
+
+
+class DivergedError(RunError):
     """Stop of a computation that diverged or did not converge. Exit code 3."""
 
     exit_code = 3
@@ -44,13 +61,23 @@ class Interrupted(Exception):
     exit_code = 4
 
 
-class OutputError(Exception):
+class OutputError(RunError):
     """Failure to write a file: full disk, quota, or missing folder.
 
     Only the ranks that noticed it raise it. Exit code 1.
     """
 
     exit_code = 1
+
+
+def note_on_every_rank(error: Exception) -> None:
+    """Note on an error of any class that all ranks raise it together."""
+    error.add_note(ON_EVERY_RANK)
+
+
+def is_on_every_rank(error: BaseException) -> bool:
+    """Return whether all ranks raise an error together, as `note_on_every_rank` has noted."""
+    return ON_EVERY_RANK in getattr(error, "__notes__", ())
 
 
 def interruption_error(when: str, path: Path) -> Interrupted:

@@ -152,11 +152,12 @@ def run_stages(problem: Problem, context: RunContext) -> dict[str, Outcome]:
     except (InputError, DivergedError, Interrupted) as error:  # every rank raises the same
         context.result.file.discard_all()
         if isinstance(error, DivergedError):
-            error = context.saver.with_last_checkpoint(error)
-        raise error from None
+            error.checkpoint = context.saver.last
+        raise
     except OutputError as error:
-        context.result.discard_after(error, bool(context.saver.kept or context.saver.given))
-        raise context.saver.with_last_checkpoint(error) from None
+        context.result.discard_after(error, context.saver.last is not None)
+        error.checkpoint = context.saver.last
+        raise
     except BaseException:
         context.result.file.discard()
         raise
@@ -167,7 +168,8 @@ def raise_failure(context: RunContext, outcomes: dict[str, Outcome]) -> None:
     """Raise the failure of the stage at which a run ended, if there is one. The result file is complete."""
     for outcome in outcomes.values():
         if outcome.failure:
-            raise context.saver.with_last_checkpoint(outcome.failure)
+            outcome.failure.checkpoint = context.saver.last
+            raise outcome.failure
 
 
 def register_state(problem: Problem, context: RunContext) -> None:
@@ -177,7 +179,7 @@ def register_state(problem: Problem, context: RunContext) -> None:
     built = problem.build_up or BuildUp(problem.model)
     for name, record in {INITIAL: initial_record(problem.form, built.base), **built.records}.items():
         # `prepare_problem` has restored the record of a resumed run.
-        context.saver.register(name, lambda record=record: record, lambda *_: None)
+        context.saver.register_constant(name, record)
     register_result(problem.comm, context.result, context.saver)
     if context.saver.stage not in (None, FORM):
         restore_state(problem.distribution, problem.state, context.saver.checkpoint)

@@ -7,7 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from netfall.core.errors import DivergedError, InputError, NoEquilibriumError, OutputError, UndecidedError
+from netfall.core.errors import (
+    DivergedError,
+    InputError,
+    NoEquilibriumError,
+    OutputError,
+    RunError,
+    UndecidedError,
+    is_on_every_rank,
+)
 from netfall.core.progress import Progress
 from netfall.core.timings import PhaseTimes
 from netfall.driver import dynamics, statics
@@ -62,15 +70,15 @@ def run_sample(
     except DivergedError as error:
         outcomes = _ended("undecided" if isinstance(error, UndecidedError) else "diverged", error)
     except (InputError, OutputError) as error:
-        if isinstance(error, OutputError) and not getattr(error, "on_every_rank", comm.size == 1):
+        if isinstance(error, OutputError) and comm.size > 1 and not is_on_every_rank(error):
             raise
         outcomes = _ended("failed", error)
     return outcomes | {"seconds": time.perf_counter() - begin} if comm.rank == 0 else None
 
 
-def _ended(state: str, error: Exception) -> dict:
+def _ended(state: str, error: InputError | RunError) -> dict:
     """Return the outcomes of a run that ended early."""
-    reason = "; ".join(getattr(error, "lines", [str(error)]))
+    reason = "; ".join(error.lines) if isinstance(error, InputError) else str(error)
     return NOTHING | {"state": state, "reason": reason, "exit_code": error.exit_code}
 
 

@@ -83,12 +83,8 @@ class StaticPath:
     limits: list[str] = field(default_factory=list)
 
     def record(self) -> tuple[dict, dict]:
-        """Return the record that `restore` needs."""
+        """Return the record of a checkpoint: the values by name."""
         return asdict(self), {}
-
-    def restore(self, small: dict, _: dict | None) -> None:
-        """Restore the record of an earlier run."""
-        vars(self).update(small)
 
 
 NAME = "statics"
@@ -101,8 +97,10 @@ def required(job: Job) -> bool:
 
 def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the equilibria that the job needs, or resume an interrupted run. Collective."""
-    path, saver, steps = StaticPath(), context.saver, load_steps(problem.job)
-    saver.register(NAME, path.record, path.restore)
+    saver, steps = context.saver, load_steps(problem.job)
+    record = saver.taken_up(NAME)
+    path = StaticPath(**record[0]) if record else StaticPath()
+    saver.register(NAME, path.record)
     if saver.is_completed(NAME):
         return Outcome(path, sections=sections(path), labels=group_labels(path, problem))
     if steps:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from netfall.core.errors import note_on_every_rank
 from netfall.parallel.mpi import MPI
 
 POLL_SECONDS = 1e-3  # [s] for which a rank polls without sleeping
@@ -27,7 +28,8 @@ def union_of_ranks(comm: MPI.Comm, own) -> tuple:
 
 def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
     """Return the result of `work()` on rank 0, None on others; its error is raised on all. Collective."""
-    result = error = None
+    result: Any = None
+    error: Exception | None = None
     if comm.rank == 0:
         try:
             result = work()
@@ -36,20 +38,21 @@ def on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
     sleeping_barrier(comm)
     error = comm.bcast(error)
     if error is not None:
-        error.on_every_rank = True
+        note_on_every_rank(error)
         raise error
     return result
 
 
 def on_all(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
     """Return the result of `work()` on every rank; the lowest rank's error is raised on all. Collective."""
-    result = error = None
+    result: Any = None
+    error: Exception | None = None
     try:
         result = work()
     except Exception as exception:
         error = exception
     errors = [e for e in comm.allgather(error) if e is not None]
     if errors:
-        errors[0].on_every_rank = True
+        note_on_every_rank(errors[0])
         raise errors[0]
     return result

@@ -16,7 +16,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from netfall.core.errors import InputError, OutputError
+from netfall.core.errors import InputError, OutputError, is_on_every_rank
 from netfall.parallel.agree import on_all, on_root
 from netfall.parallel.mpi import MPI
 from netfall.parallel.slabs import BlockWriter
@@ -268,7 +268,7 @@ class SharedFile:
 
     def discard_after(self, error: BaseException) -> None:
         """Remove the file after an error: by `discard_all` if every rank has the error, or by `discard`."""
-        self.discard_all() if getattr(error, "on_every_rank", False) else self.discard()
+        self.discard_all() if is_on_every_rank(error) else self.discard()
 
     def discard_all(self) -> None:
         """Close and remove the file. Collective."""

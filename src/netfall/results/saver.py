@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,17 +54,25 @@ class CheckpointWriter:
         return self.stage is not None and position(stage) < position(self.stage)
 
     def register(
-        self, name: str, record: Callable[[], Record], restore: Callable, everywhere: bool = False
+        self,
+        name: str,
+        record: Callable[[], Record],
+        restore: Callable[[Any, Any], None] | None = None,
+        everywhere: bool = False,
     ) -> None:
         """Register a state to record in each checkpoint under a name. Restore it if the resumed one has it.
 
         record() : collective; restore(small, arrays) : collective, arrays on rank 0 alone, None elsewhere,
-        unless `everywhere`. Collective.
+        unless `everywhere`; None: it is restored otherwise. Collective.
         """
         self.parts[name] = record
-        if name in self._restored:
+        if restore and name in self._restored:
             small, arrays = self._part(name, everywhere)
             restore(small, arrays)
+
+    def register_constant(self, name: str, record: Record) -> None:
+        """Register a record that does not change during the run, and that is restored otherwise."""
+        self.parts[name] = lambda: record
 
     def taken_up(self, name: str) -> Record | None:
         """Return the record of a name in the resumed checkpoint, None without one. Collective.
@@ -99,9 +108,7 @@ class CheckpointWriter:
                 old.unlink(missing_ok=True)
         remove_old_checkpoints(self.kept[-1], self.result.path, self.digest, self.given)
 
-    def with_last_checkpoint(self, error: Exception) -> Exception:
-        """Return the error with the name of the last checkpoint added, if there is one."""
-        last = self.kept[-1] if self.kept else self.given
-        if last:
-            error.args = (f"{error}; the last good checkpoint is {last} (--restart)",)
-        return error
+    @property
+    def last(self) -> Path | None:
+        """Return the last good checkpoint, None if there is none."""
+        return self.kept[-1] if self.kept else self.given
