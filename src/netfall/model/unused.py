@@ -18,6 +18,7 @@ from netfall.job.derived import (
     has_statics,
 )
 from netfall.job.job import Job
+from netfall.job.schema import SECTIONS
 from netfall.job.values import format_value
 from netfall.loads.wind.sectors import Sectors, describe_origin
 from netfall.physics.wind_spectra import turbulence_intensity
@@ -69,7 +70,7 @@ def _unused_keys(job: Job, net: Net) -> list[tuple]:
 
 def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple]:
     """List the rows of [output] and [dynamics]; breaks : whether any element can break."""
-    dynamics, of_motion = job.dynamics, ("frames", "history", "energy", "probes", "elements", "checkpoint")
+    dynamics, of_motion = job.dynamics, [key.name for key in SECTIONS["output"] if key.name != "modes"]
     if not dynamics:
         return [("output", of_motion, True, "there is no [dynamics]")]
     no_fragments, late = not dynamics.fragments, job.output.checkpoint >= dynamics.duration
