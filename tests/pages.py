@@ -3,8 +3,8 @@
     .venv/bin/python tests/pages.py          writes them anew
     .venv/bin/python tests/pages.py --map    prints a map of the code, from the first sentence of each file
 
-The tables of keys in jobs/KEYS.md; those of options in jobs/RUNNING.md. test_readme.py compares them with the
-code.
+The tables of keys in jobs/KEYS.md; those of options in jobs/RUNNING.md; the columns of /history in
+src/netfall/results/README.md. test_readme.py compares them with the code.
 """
 
 import argparse
@@ -15,6 +15,7 @@ import textwrap
 from pathlib import Path
 
 from netfall.cli.parser import parser
+from netfall.explicit.history import COLUMNS
 from netfall.job.fields import Key
 from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS, OVERRIDES, SECTIONS
 
@@ -203,7 +204,21 @@ def with_parts(page: Path, parts: dict[str, str]) -> str:
     return text
 
 
+# of /history: the rows of its columns, (t) each, which stand first in its table
+HISTORY_ROWS = re.compile(r"(?s)(### /history\n.*?\|---\|---\|---\|\n)(?:\| `\w+` \(t\) \|[^\n]*\n)+")
+
+
+def with_history_rows(page: Path) -> str:
+    """A page with the rows of the columns of /history anew."""
+    rows = "".join(f"| `{c.name}` (t) | {c.unit} | {c.meaning} |\n" for c in COLUMNS)
+    text, places = HISTORY_ROWS.subn(lambda found: found[1] + rows, page.read_text())
+    if places != 1:
+        raise ValueError(f"{page}: {places} tables of /history, expected one")
+    return text
+
+
 KEYS = ROOT / "jobs" / "KEYS.md"
+RESULTS = PACKAGE / "results" / "README.md"
 RUNNING = ROOT / "jobs" / "RUNNING.md"
 PAGES = {  # page: its text as the code says it
     KEYS: lambda: with_parts(
@@ -213,6 +228,7 @@ PAGES = {  # page: its text as the code says it
             for name, keys in (SECTIONS | LIST_KEYS).items()
         },
     ),
+    RESULTS: lambda: with_history_rows(RESULTS),
     RUNNING: lambda: with_parts(RUNNING, {"options": options()}),
 }
 

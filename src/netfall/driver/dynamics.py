@@ -25,6 +25,7 @@ from netfall.explicit.history import (
     history_columns,
     largest_unlimited_strain_of_ranks,
     most_strained,
+    reduce_rows,
 )
 from netfall.explicit.rows import RowTable
 from netfall.explicit.wind import wind_section
@@ -349,7 +350,7 @@ class Simulation(Stepper):
 
     def collect_rows(self) -> None:
         """Move the buffered rows to /history. Raise DivergedError if the run has diverged. Collective."""
-        buffered = self.rows.take_up(self.comm)
+        buffered = reduce_rows(self.comm, self.rows.take_up())
         self.share_events()
         if not len(buffered.number):
             return
@@ -370,9 +371,9 @@ class Simulation(Stepper):
         for k in np.flatnonzero(buffered.who[:, 2] >= 0).tolist():
             strain_record = float(buffered.size[k, 2]), float(time[k]), int(buffered.who[k, 2])
             self.history.most_strained = max(self.history.most_strained, strain_record)
-        columns = history_columns(time, buffered.time_step, energies, (self.start_strain, self.start_plastic))
         broken = np.searchsorted(self.log.breaking, buffered.number)  # elements broken before each row
-        self.history.add(buffered.probes, columns | {"slack": buffered.slack, "broken": broken})
+        start = self.start_strain, self.start_plastic
+        self.history.add(buffered.probes, history_columns(buffered, time, energies, broken, start))
 
     def report(self) -> None:
         """Report the progress on rank 0."""

@@ -1,47 +1,103 @@
 """History of a dynamic stage: rows by name, and those of the probes. The same on every rank.
 
-To add a column, extend `COLUMNS` and `history_columns`, and add a row to results/README.md with unit and
-meaning. The file, Python and checkpoints follow from these.
+To add a column, extend `COLUMNS` and `history_columns`. The file, Python, checkpoints and the table of
+results/README.md follow from these.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.text_tables import table_rows
 from netfall.explicit.energy import Energies
-from netfall.explicit.sampling import REPORTED_STRAIN
+from netfall.explicit.sampling import REPORTED_STRAIN, Table
 from netfall.model.probes import Probes
 from netfall.parallel.mpi import MPI
+from netfall.parallel.sums import LIMBS, round_over_ranks
 from netfall.physics.fields import Features
 from netfall.physics.state import State
 
 AT_REST = 1e-4  # of the initial stored energy: below it motion is negligible and rounding errors dominate
 DAMPING = ("damping_work", "air_work", "band_damping_work")
 PROBE_ROWS = "probe_rows"
-COLUMNS = (
-    *("time", "time_step", "kinetic_energy", "strain_energy", "plastic_dissipation", "damping_work"),
-    *("air_work", "band_damping_work", "slip_dissipation", "support_work", "external_work"),
-    *("attached_energy", "identity_error", "balance_error", "balance_error_attached", "slack", "broken"),
-)
 COUNTS = ("slack", "broken")
-# Columns that need a feature of `physics.fields.Features`.
-COLUMN_FEATURE = {
-    "air_work": "air",
-    "band_damping_work": "band",
-    "slip_dissipation": "sliding",
-    "support_work": "motion",
-}
 
 
-def history_columns(time: np.ndarray, time_step: np.ndarray, e: Energies, start: tuple[float, float]) -> dict:
+class Column(NamedTuple):
+    """Description of a column; needs : a feature of `physics.fields.Features`, "" always"""
+
+    name: str
+    unit: str
+    needs: str
+    meaning: str
+
+
+# The cells of a row: name; unit; needs; meaning, as results/README.md has it.
+COLUMNS = tuple(
+    Column(*cells)
+    for cells in table_rows("""
+time | s | |
+time_step | s | | of the step before the row
+kinetic_energy | J | | of all particles
+strain_energy | J | | change since the start
+plastic_dissipation | J | | also what was stored in elements that were lost, or taken out with
+    `fragments = false`
+damping_work | J | |
+air_work | J | air | taken by `[wind] air_damping`
+band_damping_work | J | band | against the branches of `damping_ratio`: what they dissipated, and the little
+    that they store
+slip_dissipation | J | sliding | heat of clamps and saddles over which cables slip, [[slide]]
+support_work | J | motion | of the supports that move, [[motion]], and of the ground that damping holds to
+external_work | J | |
+attached_energy | J | | kinetic, and strain with that of the prestress, of all that a path of unbroken
+    elements joins to a support
+identity_error | | | share of the largest energy that took part so far
+balance_error | | | share of the largest energy that took part so far
+balance_error_attached | | | the same error as a share of the largest `attached_energy` so far
+slack | | | elements of cables without tension
+broken | | | elements broken
+""")
+)
+
+
+class ReducedRows(NamedTuple):
+    """Rows of `explicit.sampling.Table` over all ranks, except size and who, which are of this rank.
+
+    sums : (k, s) [J], rounded, in the order of `explicit.energy_check.ObservationArrays`
+    """
+
+    number: np.ndarray
+    time_step: np.ndarray
+    slack: np.ndarray
+    sums: np.ndarray
+    probes: np.ndarray
+    size: np.ndarray
+    who: np.ndarray
+
+
+def reduce_rows(comm: MPI.Comm, rows: Table) -> ReducedRows:
+    """Combine the rows of all ranks. Collective."""
+    slack, probes, limbs = rows.slack.copy(), rows.probes.copy(), rows.sums
+    comm.Allreduce(MPI.IN_PLACE, slack, MPI.SUM)
+    comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # exact: one rank has the value, the others 0
+    sums = round_over_ranks(comm, limbs.reshape(-1, LIMBS)).reshape(limbs.shape[:2])
+    return ReducedRows(rows.number.copy(), rows.time_step.copy(), slack, sums, probes, rows.size, rows.who)
+
+
+def history_columns(
+    rows: ReducedRows, time: np.ndarray, e: Energies, broken: np.ndarray, start: tuple[float, float]
+) -> dict[str, np.ndarray]:
     """Compute the columns of rows (k,) from energies [J], with errors in [J], not yet relative.
 
-    time, time_step : (k,) [s]; start : strain energy and dissipation [J] at the start
+    time : (k,) [s]; broken : (k,) elements broken before
+    start : strain energy and dissipation [J] at the start
     """
     strain, plastic = e.strain - start[0], e.plastic - start[1]
     expended = e.kinetic + strain + plastic + e.damping + e.air + e.band + e.slip
     balance = expended - e.external - e.support
     return {
         "time": time,
-        "time_step": time_step,
+        "time_step": rows.time_step,
         "kinetic_energy": e.kinetic,
         "strain_energy": strain,
         "plastic_dissipation": plastic,
@@ -55,6 +111,8 @@ def history_columns(time: np.ndarray, time_step: np.ndarray, e: Energies, start:
         "identity_error": e.kinetic + e.internal + e.damping + e.air + e.slip - e.external - e.support,
         "balance_error": balance,
         "balance_error_attached": balance,
+        "slack": rows.slack,
+        "broken": broken,
     }
 
 
@@ -114,7 +172,7 @@ class History:
     def __init__(self, probes: Probes, features: Features):
         self.probes, self.scales = probes, dict.fromkeys(REFERENCE_ENERGIES, 0.0)
         self.names = [
-            name for name in COLUMNS if name not in COLUMN_FEATURE or getattr(features, COLUMN_FEATURE[name])
+            column.name for column in COLUMNS if not column.needs or getattr(features, column.needs)
         ]
         self.blocks: list[dict[str, np.ndarray]] = []  # blocks of rows, with those of the probes
         self.most_strained = NO_LARGE_STRAIN  # of this rank; of all ranks for the time before a checkpoint
@@ -127,7 +185,7 @@ class History:
         return sum(len(block["time"]) for block in self.blocks)
 
     def add(self, probe_rows: np.ndarray, columns: dict[str, np.ndarray]) -> None:
-        """Append rows (k,); columns : those of `history_columns`, and COUNTS.
+        """Append rows (k,); columns : those of `history_columns`.
 
         probe_rows : (k, p), in the layout of `explicit.sampling.Table`
         """

@@ -1,6 +1,4 @@
-"""Rows of the history between the time loop of each rank and the history, which is the same on all ranks."""
-
-from typing import NamedTuple
+"""Buffer of the history rows of one rank, which the time loop fills and `history.reduce_rows` empties."""
 
 import numpy as np
 
@@ -9,24 +7,11 @@ from netfall.explicit.energy import make_snapshot
 from netfall.explicit.envelope import DynamicEnvelope
 from netfall.explicit.sampling import LocalProbes, Rows, Table
 from netfall.model.probes import Probes
-from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Subdomain
-from netfall.parallel.sums import LIMBS, round_over_ranks
+from netfall.parallel.sums import LIMBS
 from netfall.physics.state import State
 
 MOST_ROWS = 128  # rows in the table: 400 KB
-
-
-class ReducedRows(NamedTuple):
-    """Rows of `explicit.sampling.Table` over all ranks; sums : (k, s) [J], rounded."""
-
-    number: np.ndarray
-    time_step: np.ndarray
-    slack: np.ndarray
-    sums: np.ndarray
-    probes: np.ndarray
-    size: np.ndarray
-    who: np.ndarray
 
 
 class RowTable:
@@ -107,22 +92,11 @@ class RowTable:
         """Whether the table cannot hold another row."""
         return self.made[1] == MOST_ROWS
 
-    def take_up(self, comm: MPI.Comm) -> ReducedRows:
-        """Remove the rows so far from the table and combine them over all ranks. Collective.
-
-        The result is the same on every rank, except size and who. Its sums are (k, s) [J] in the order of
-        `explicit.energy_check.ObservationArrays`.
-        """
+    def take_up(self) -> Table:
+        """Remove the rows so far from the table, and return them. The next steps overwrite the arrays."""
         k = int(self.made[1])
-        number, time_step, slack, sums, probes, size, who = (
-            getattr(self.table, name)[:k] for name in self.table.kind.fields
-        )
         self.made[1] = 0
-        comm.Allreduce(MPI.IN_PLACE, slack, MPI.SUM)
-        probes = probes.copy()
-        comm.Allreduce(MPI.IN_PLACE, probes, MPI.SUM)  # exact: one rank has the value, the others 0
-        total = round_over_ranks(comm, sums.reshape(-1, LIMBS)).reshape(sums.shape[:2])
-        return ReducedRows(number.copy(), time_step.copy(), slack.copy(), total, probes, size, who)
+        return Table(*(getattr(self.table, name)[:k] for name in self.table.kind.fields))
 
     def keep(self) -> tuple:
         """Return copies for `put_back`, if the following steps have to be undone."""
