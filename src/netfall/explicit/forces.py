@@ -31,13 +31,14 @@ from netfall.core.vectors import (
     zeros,
 )
 from netfall.physics.fields import SLOTS
+from netfall.physics.law.element import (
+    elastic_force_density,
+    general_force_density,
+    yielding_force_density,
+)
 from netfall.physics.targets import element
 
-INFINITE = float("inf")
-inverse_length, elastic_density = element.inverse_length, element.elastic_density
-logarithmic_density, logarithmic_strain = element.logarithmic_density, element.logarithmic_strain
-engineering_strain = element.engineering_strain
-grown, shrunk, branch = element.grown, element.shrunk, element.branch
+inverse_length, branch = element.inverse_length, element.branch
 
 
 class Scratch(Record):
@@ -57,15 +58,6 @@ class Scratch(Record):
 
 
 @part_of_kernel
-def load_slot(array, s, p, common):
-    """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `common`."""
-    value = zeros() + common
-    if is_present(array):
-        value = load(array, s, p)
-    return value
-
-
-@part_of_kernel
 def far_ends(s, p, in_line, x, other):
     """Return the x, y and z [m] of the far ends in slot s of LANES particles from p on.
 
@@ -75,75 +67,6 @@ def far_ends(s, p, in_line, x, other):
         first = np.int64(other[s, p])
         return load(x, 0, first), load(x, 1, first), load(x, 2, first)
     return gather(x, 0, other, s, p), gather(x, 1, other, s, p), gather(x, 2, other, s, p)
-
-
-@part_of_kernel
-def general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
-    """Return N / L [N/m] of elements of any kind, their limit flags and their new plastic strain.
-
-    eps_p : plastic strain before; bar : whether they carry compression
-    """
-    EA = load_slot(slots.EA, s, p, law.EA)
-    if law.logarithmic:
-        q = logarithmic_density(per_L, L, per_L0, eps_p, EA)
-    else:
-        q = elastic_density(per_L, per_L0, eps_p, EA)
-    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
-    stretch_limit, limit_flags, new_eps_p = (
-        load_slot(slots.check_stretch, s, p, law.check_stretch),
-        nowhere(),
-        eps_p,
-    )
-    if law.plastic:
-        yield_strain = load_slot(slots.yield_strain, s, p, law.yield_strain)
-        eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
-        new_eps_p = grown(eps, eps_p, yield_strain)
-        if is_present(
-            slots.bar
-        ):  # the heat of bars does not follow from eps_p, so `check_limits` treats them
-            yields = bar & (load_slot(slots.euler, s, p, INFINITE) == INFINITE)
-            limit_flags = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
-            new_eps_p = where(bar, eps_p, new_eps_p)
-    limit_flags = limit_flags | (fma(stretch_limit, per_L, -per_L0) < 0.0)
-    lowest = where(bar, -highest, zeros())
-    if is_present(slots.euler):
-        limit_flags = limit_flags | (bar & (fma(stretch_limit, per_L0, -per_L) < 0.0))
-        buckling_density = -load(slots.euler, s, p) * per_L
-        lowest = where(buckling_density > lowest, buckling_density, lowest)
-    q = where(q > highest, highest, q)
-    return where(q > lowest, q, lowest), limit_flags, new_eps_p
-
-
-@part_of_kernel
-def elastic_slot_density(s, p, per_L, per_L0, slots, law):
-    """Return N / L [N/m] of elements without plastic strain, and their limit flags.
-
-    The strain is the engineering strain.
-    """
-    q = elastic_density(per_L, per_L0, zeros(), load_slot(slots.EA, s, p, law.EA))
-    force_limit = load_slot(slots.near, s, p, law.near)
-    if is_present(slots.bar):
-        bar = load_mask(slots.bar, s, p)
-        q = where(bar | (q > 0.0), q, zeros())
-        return q, fma(force_limit, per_L, -abs(q)) < 0.0
-    limit_flags = fma(force_limit, per_L, -q) < 0.0
-    return where(q > 0.0, q, zeros()), limit_flags
-
-
-@part_of_kernel
-def yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law):
-    """Return N / L [N/m] of cables that may yield, flags of those near fracture, and the new plastic strain.
-
-    The strain is the engineering strain.
-    """
-    q = elastic_density(per_L, per_L0, eps_p, load_slot(slots.EA, s, p, law.EA))
-    new_eps_p = grown(
-        engineering_strain(L, per_L0), eps_p, load_slot(slots.yield_strain, s, p, law.yield_strain)
-    )
-    limit_flags = fma(load_slot(slots.check_stretch, s, p, law.check_stretch), per_L, -per_L0) < 0.0
-    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
-    q = where(q > highest, highest, q)
-    return where(q > 0.0, q, zeros()), limit_flags, new_eps_p
 
 
 @part_of_kernel
@@ -204,7 +127,7 @@ def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, sc
         elif yields:
             q, slot_flags, new_eps_p = yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law)
         else:
-            q, slot_flags = elastic_slot_density(s, p, per_L, per_L0, slots, law)
+            q, slot_flags = elastic_force_density(s, p, per_L, per_L0, slots, law)
             new_eps_p = eps_p
         if yields and any_of(new_eps_p != eps_p):
             store_below(p, high, slots.eps_p, s, new_eps_p)

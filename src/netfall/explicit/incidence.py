@@ -12,7 +12,7 @@ import numpy as np
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import is_present
 from netfall.physics.fields import EMPTY, fields_of
-from netfall.physics.law.element import yield_energy
+from netfall.physics.law.element import fill_law_fields, yield_energy
 from netfall.physics.slip.law import slipped_length
 from netfall.physics.slip.motion import is_whole
 from netfall.physics.state import State
@@ -183,18 +183,7 @@ def empty_slot(s, p, slots):
 def fill_slot(e, s, p, far, elements, slots):
     """Put element e, whose far end is particle `far`, into a slot of particle p."""
     slots.other[s, p], slots.element[s, p], slots.inv_L0[s, p] = far, e, 1.0 / elements.L0[e]
-    if is_present(slots.EA):
-        slots.EA[s, p] = elements.EA[e]
-    if is_present(slots.bar):
-        slots.bar[s, p] = elements.bar[e]
-    if is_present(slots.euler):
-        slots.euler[s, p] = elements.euler[e]
-    if is_present(slots.yield_force):
-        slots.yield_force[s, p] = elements.yield_force[e]
-    if is_present(slots.yield_strain):
-        slots.yield_strain[s, p] = elements.yield_strain[e]
-    if is_present(slots.eps_p):
-        slots.eps_p[s, p] = elements.eps_p[e]
+    fill_law_fields(e, s, p, elements, slots)
     if is_present(slots.check_stretch):
         slots.check_stretch[s, p] = elements.check_stretch[e]
     if is_present(slots.near):

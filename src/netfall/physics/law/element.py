@@ -1,8 +1,19 @@
-"""Law of one element of `Elements`: strain, axial force, stiffness, energies. See `law.py`."""
+"""Law of an element, twice: of one element of `Elements`, and of vectors of slots in the step. See `law.py`.
+
+One element: strain, axial force, stiffness, energies. Slots: axial force over length, with limit flags and
+the new plastic strain; the three variants are those of `explicit.forces`.
+"""
 
 from netfall.core.arithmetic import exponential, exponential_minus_one, logarithm
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
+from netfall.core.vectors import fma, load, load_mask, nowhere, where, zeros
+from netfall.physics.targets import element
+
+INFINITE = float("inf")
+elastic_density, logarithmic_density = element.elastic_density, element.logarithmic_density
+logarithmic_strain, engineering_strain = element.logarithmic_strain, element.engineering_strain
+grown, shrunk = element.grown, element.shrunk
 
 
 @inner_kernel
@@ -95,3 +106,101 @@ def energies_at(elements, e, L, eps_p, law):
     if is_present(elements.yield_force) and new_eps_p != eps_p:
         heat = yield_energy(elements, e, eps_p, new_eps_p, law)
     return new_eps_p, heat, stored_energy(elements, e, N, L, new_eps_p, law)
+
+
+# --- vectors of slots
+
+
+@inner_kernel
+def fill_law_fields(e, s, p, elements, slots):
+    """Write the fields of the law of element e to slot s of particle p."""
+    if is_present(slots.EA):
+        slots.EA[s, p] = elements.EA[e]
+    if is_present(slots.bar):
+        slots.bar[s, p] = elements.bar[e]
+    if is_present(slots.euler):
+        slots.euler[s, p] = elements.euler[e]
+    if is_present(slots.yield_force):
+        slots.yield_force[s, p] = elements.yield_force[e]
+    if is_present(slots.yield_strain):
+        slots.yield_strain[s, p] = elements.yield_strain[e]
+    if is_present(slots.eps_p):
+        slots.eps_p[s, p] = elements.eps_p[e]
+
+
+@part_of_kernel
+def load_slot(array, s, p, common):
+    """Load a field of the elements in slot s of LANES particles from p on, or repeat the value `common`."""
+    value = zeros() + common
+    if is_present(array):
+        value = load(array, s, p)
+    return value
+
+
+@part_of_kernel
+def general_force_density(s, p, per_L, L, per_L0, eps_p, bar, slots, law):
+    """Return N / L [N/m] of elements of any kind, their limit flags and their new plastic strain.
+
+    eps_p : plastic strain before; bar : whether they carry compression
+    """
+    EA = load_slot(slots.EA, s, p, law.EA)
+    if law.logarithmic:
+        q = logarithmic_density(per_L, L, per_L0, eps_p, EA)
+    else:
+        q = elastic_density(per_L, per_L0, eps_p, EA)
+    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
+    stretch_limit, limit_flags, new_eps_p = (
+        load_slot(slots.check_stretch, s, p, law.check_stretch),
+        nowhere(),
+        eps_p,
+    )
+    if law.plastic:
+        yield_strain = load_slot(slots.yield_strain, s, p, law.yield_strain)
+        eps = logarithmic_strain(L, per_L0) if law.logarithmic else engineering_strain(L, per_L0)
+        new_eps_p = grown(eps, eps_p, yield_strain)
+        if is_present(
+            slots.bar
+        ):  # the heat of bars does not follow from eps_p, so `check_limits` treats them
+            yields = bar & (load_slot(slots.euler, s, p, INFINITE) == INFINITE)
+            limit_flags = bar & (where(yields, shrunk(eps, new_eps_p, yield_strain), new_eps_p) != eps_p)
+            new_eps_p = where(bar, eps_p, new_eps_p)
+    limit_flags = limit_flags | (fma(stretch_limit, per_L, -per_L0) < 0.0)
+    lowest = where(bar, -highest, zeros())
+    if is_present(slots.euler):
+        limit_flags = limit_flags | (bar & (fma(stretch_limit, per_L0, -per_L) < 0.0))
+        buckling_density = -load(slots.euler, s, p) * per_L
+        lowest = where(buckling_density > lowest, buckling_density, lowest)
+    q = where(q > highest, highest, q)
+    return where(q > lowest, q, lowest), limit_flags, new_eps_p
+
+
+@part_of_kernel
+def elastic_force_density(s, p, per_L, per_L0, slots, law):
+    """Return N / L [N/m] of elements without plastic strain, and their limit flags.
+
+    The strain is the engineering strain.
+    """
+    q = elastic_density(per_L, per_L0, zeros(), load_slot(slots.EA, s, p, law.EA))
+    force_limit = load_slot(slots.near, s, p, law.near)
+    if is_present(slots.bar):
+        bar = load_mask(slots.bar, s, p)
+        q = where(bar | (q > 0.0), q, zeros())
+        return q, fma(force_limit, per_L, -abs(q)) < 0.0
+    limit_flags = fma(force_limit, per_L, -q) < 0.0
+    return where(q > 0.0, q, zeros()), limit_flags
+
+
+@part_of_kernel
+def yielding_force_density(s, p, per_L, L, per_L0, eps_p, slots, law):
+    """Return N / L [N/m] of cables that may yield, flags of those near fracture, and the new plastic strain.
+
+    The strain is the engineering strain.
+    """
+    q = elastic_density(per_L, per_L0, eps_p, load_slot(slots.EA, s, p, law.EA))
+    new_eps_p = grown(
+        engineering_strain(L, per_L0), eps_p, load_slot(slots.yield_strain, s, p, law.yield_strain)
+    )
+    limit_flags = fma(load_slot(slots.check_stretch, s, p, law.check_stretch), per_L, -per_L0) < 0.0
+    highest = load_slot(slots.yield_force, s, p, law.yield_force) * per_L
+    q = where(q > highest, highest, q)
+    return where(q > 0.0, q, zeros()), limit_flags, new_eps_p

@@ -11,8 +11,8 @@ The paper writes increments, whose sum is the logarithmic strain; both measures 
 needs a row of `measures.MEASURES`, a branch wherever `law.logarithmic` has one, and a choice of [cable]
 strain.
 
-The law is implemented twice: for one element of `Elements` (`element.py`), and for vectors of slots in the
-step (`physics.element_step`, `explicit.forces`).
+`element.py` implements the law twice: for one element of `Elements`, and for vectors of slots in the step,
+with formulas of `physics.element_step`.
 """
 
 import numpy as np
