@@ -198,7 +198,7 @@ def _with_model(problem: Problem, make) -> Problem:
     """Return the problem with another model, which `make` returns on rank 0. Collective."""
     model = on_root(problem.comm, make)
     features = problem.comm.bcast(model and make_features(problem.job, model.layout.net, model.layout.slides))
-    state = make_state(problem.distribution, model, features)
+    state = make_state(problem.distribution, problem.job, model, features)
     finder = EquilibriumFinder(problem.comm, problem.halo, problem.distribution, state)
     return replace(problem, model=model, state=state, finder=finder)
 

@@ -78,7 +78,7 @@ def prepare_problem(
             form, x, N = None, layout and net.x, None
         model = on_root(comm, lambda: make_model(job, layout, x, N, memory))
     with phases.phase("state"):
-        state = make_state(distribution, model, features)
+        state = make_state(distribution, job, model, features)
         load = model and model.loading.permanent if carries_permanent(job) else None
         load_of_form = distribution.particles(load) if carries_permanent(job) else np.zeros_like(state.x)
         residual = state_residual(comm, state, load_of_form)

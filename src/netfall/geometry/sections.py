@@ -45,14 +45,12 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
     rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words
     """
     rows = rows or {}
-    tables = [job.group_properties(name) for name in net.group_names]
     for column in fields(Net):
         key = column.metadata.get("key")
         if key and key not in SECTION_COLUMNS:
-            values = [getattr(table, key) for table in tables]
-            values = [column.metadata["absent"] if value is None else value for value in values]
-            setattr(net, column.name, np.array(values, float)[net.group])
-    net.bar = np.array([table.kind == "bar" for table in tables])[net.group]
+            values = values_of_key(job, net, key, column.metadata["absent"])
+            setattr(net, column.name, np.array(values, float))
+    net.bar = values_of_key(job, net, "kind") == "bar"
     for name in ROW_COLUMNS:
         if name in rows:
             setattr(net, name, np.where(np.isnan(rows[name]), getattr(net, name), rows[name]))
@@ -67,6 +65,17 @@ def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
     net.section = np.where(net.nominal, mass / STEEL_DENSITY, area)
     net.modulus = np.where(np.isnan(stiffness), resolved["modulus"], stiffness / net.section)
     net.density = np.where(np.isnan(mass), resolved["density"], mass / net.section)
+
+
+def values_of_key(job: Job, net: Net, key: str, absent=None) -> np.ndarray:
+    """Return the values (m,) of a key of [cable] or of the group of each element; absent : without a value"""
+    values = [getattr(job.group_properties(name), key) for name in net.group_names]
+    return np.array([absent if value is None else value for value in values])[net.group]
+
+
+def given_cable_keys(job: Job) -> tuple[str, ...]:
+    """Return the keys that [cable] or one of its groups gives, sorted."""
+    return tuple(sorted({key for table in (job.cable, *job.groups.values()) for key in table.given()}))
 
 
 # --- values by level: [cable], group, row

@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from netfall.geometry.sections import ROUNDING
+from netfall.geometry.sections import ROUNDING, values_of_key
 from netfall.geometry.turned import global_held_axes, global_spring_stiffness, rotation_column
+from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.bending import Joints
-from netfall.physics.fields import FIELDS, Features
+from netfall.physics.fields import FIELDS, Features, Field
 from netfall.physics.slip.motion import slip_points_of
 from netfall.physics.state import State
 
@@ -38,14 +39,17 @@ INITIAL_VALUES = {
 }
 
 
-def initial_value(model: Model, name: str) -> np.ndarray:
-    """Return the initial value of a field of `physics.fields`, by its name."""
+def initial_value(job: Job, model: Model, field: Field) -> np.ndarray:
+    """Return the initial values of a field; those of a key of [cable] are 0 for elements without it."""
+    name = field.name
+    if field.feature.startswith("cable."):
+        return values_of_key(job, model.net, field.feature.removeprefix("cable."), 0.0)
     if name in INITIAL_VALUES:
         return INITIAL_VALUES[name](model)
     return getattr(model if hasattr(model, name) else model.net, name)
 
 
-def make_state(distribution: Distribution, model: Model | None, features: Features) -> State:
+def make_state(distribution: Distribution, job: Job, model: Model | None, features: Features) -> State:
     """Build the state of one rank; `given` fields start with the values of the model. Collective."""
     subdomain = distribution.subdomain
     width = int(np.bincount(subdomain.ends.ravel()).max(initial=0))
@@ -56,7 +60,7 @@ def make_state(distribution: Distribution, model: Model | None, features: Featur
         if row.given and features.has(row):
             distribute = distribution.particles if row.entity == "particle" else distribution.elements
             getattr(state, row.name)[:] = distribute(
-                None if model is None else initial_value(model, row.name)
+                None if model is None else initial_value(job, model, row)
             )
     if features.drags:
         state.wind_along = distribution.comm.bcast(model and model.drag.along)

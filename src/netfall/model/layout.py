@@ -10,6 +10,7 @@ from netfall.geometry.areas import RoofFaces, find_roof
 from netfall.geometry.build import build_net
 from netfall.geometry.cables import BendingChains, chain_notes, find_bending_chains
 from netfall.geometry.net import Net
+from netfall.geometry.sections import given_cable_keys
 from netfall.geometry.slip_points import SlidingCables, find_sliding_cables, keep_cables_on_one_rank
 from netfall.geometry.turned import global_held_axes, is_rotated
 from netfall.geometry.zones import Zones, make_zones
@@ -168,6 +169,7 @@ def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
         turned=bool(is_rotated(net).any()),
         losses=bool(job.removes),
         strain=job.cable.strain,
+        cable=given_cable_keys(job),
         bars=bool(net.bar.any()),
         bending=net.bending is not None,
         buckling=net.buckling is not None,

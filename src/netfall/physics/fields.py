@@ -25,11 +25,11 @@ class Field:
     """Description of one array: its content per particle or element, and the features that need it.
 
     entity : "particle" | "element" | "slot" (an element at one of its ends: rows of (slots, particles))
-    needs : "" always, or a feature of `Features`
+    needs : "" always, a feature of `Features`, or cable.KEY: the job gives this key of [cable]
     kept : changes during a run, so a checkpoint holds it
     split : value for a particle that splits off, LIKE_PARENT: that of its parent
     slot_of : the element field that a slot field repeats at both ends
-    given : initialised from the model's array of that name
+    given : initialised from the model's array of that name; with cable.KEY from the values of that key
     """
 
     name: str
@@ -211,6 +211,7 @@ class Features:
     tapped: bool = False  # the wind is given as pressures, which are not squared
     varying: bool = False  # other forces than wind that vary in time
     strain: str = "engineering"  # strain measure
+    cable: tuple[str, ...] = ()  # keys of [cable] that the job gives, also those of its groups alone
     bars: bool = False
     bending: bool = False  # bending chains
     buckling: bool = False  # bars buckle, and may break in compression too
@@ -291,4 +292,7 @@ class Features:
 
     def has(self, field: Field) -> bool:
         """Return whether the problem has a field."""
+        _, is_key, key = field.feature.partition("cable.")
+        if is_key:
+            return key in self.cable
         return not field.feature or getattr(self, field.feature)
