@@ -8,13 +8,14 @@ A varying load is any object with
     redistribute(redistribution, distribution)   moves what acts on leaving particles to others, see
                               `loads.redistribution`; collective
 
-A new one is added to this module, is created in `varying_loads`, and counts in `derived.varies`. Loads that
-are linear in time add to `load_before` and `load_after`; the wind has fields of its own.
+A new one is created in `varying_loads`, and counts in `job.derived.has_varying_forces`. A force times a
+function of time is a `TimedLoad`. Loads that are linear between samples add to `load_before` and
+`load_after`; the wind has fields of its own.
 """
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -41,7 +42,8 @@ def varying_loads(problem: Problem) -> list:
         gusts = GrowingGusts(model.history, ramp) if model else None
         loads.append(WindLoad(problem.comm, distribution, field, gusts))
     if has_growing_pressure(job):
-        loads.append(RampLoad(distribution.particles(model and model.loading.growing), job.load.ramp))
+        force, ramp = distribution.particles(model and model.loading.growing), job.load.ramp
+        loads.append(TimedLoad(force, [0.0, ramp], ramp_factor(ramp)))
     return loads
 
 
@@ -94,13 +96,23 @@ class VaryingLoads:
             load.redistribute(redistribution, distribution)
 
 
-class RampLoad:
-    """Force that grows linearly from zero over a ramp and then stays constant."""
+class TimedLoad:
+    """Force times a factor that depends on time; linear between its samples, constant after the last."""
 
-    def __init__(self, force: np.ndarray, ramp: float):
-        """force : (owned and halo, 3) [N] at the end of the ramp [s]"""
-        self.force, self.ramp = force, ramp
-        self.before, self.after = 0.0, ramp
+    def __init__(self, force: np.ndarray, times: Sequence[float], factor: Callable[[float], float]):
+        """force : (owned and halo, 3) [N]; times : [s] of samples, from 0; factor : at a time [s]"""
+        self.force, self.times, self.factor = force, [*times, math.inf], factor
+        self.k = 0  # index of the present sample
+
+    @property
+    def before(self) -> float:
+        """Return the time [s] of the present sample."""
+        return self.times[self.k]
+
+    @property
+    def after(self) -> float:
+        """Return the time [s] of the sample after it."""
+        return self.times[self.k + 1]
 
     def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
         """Move the force on leaving particles to others. Collective."""
@@ -108,15 +120,24 @@ class RampLoad:
         redistribution.move(self.force, distribution.subdomain.particle_gid, given)
 
     def advance(self, step: int, step_at: Callable[[float], int]) -> None:
-        """Advance beyond the ramp if the step is beyond it."""
-        if step >= step_at(self.ramp):
-            self.before, self.after = self.ramp, math.inf
+        """Advance to the samples around a step."""
+        while self.after < math.inf and step >= step_at(self.after):
+            self.k += 1
 
     def write(self, state: State, start: float, end: float) -> None:
         """Add its values at two times to the state."""
         rows = len(self.force)
-        state.load_before[:rows] += min(1.0, start / self.ramp) * self.force
-        state.load_after[:rows] += min(1.0, end / self.ramp) * self.force
+        state.load_before[:rows] += self.factor(start) * self.force
+        state.load_after[:rows] += self.factor(end) * self.force
+
+
+def ramp_factor(duration: float) -> Callable[[float], float]:
+    """Return a factor that grows linearly from 0 to 1 over a duration [s] and then stays constant."""
+
+    def factor(time: float) -> float:
+        return min(1.0, time / duration)
+
+    return factor
 
 
 class FadingLoad:
