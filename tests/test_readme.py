@@ -17,7 +17,7 @@ from netfall.post.checks.reactions import sum_end_forces
 
 PAGES = sorted(
     page
-    for pattern in ("*.md", "jobs/**/*.md", "partitions/*.md", "src/**/*.md", "tests/*.md")
+    for pattern in ("*.md", "jobs/**/*.md", "partitions/*.md", "src/**/*.md", "tests/**/*.md")
     for page in ROOT.glob(pattern)
 )
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]

@@ -163,7 +163,7 @@ class Result:
             self.file.put(f"{group}/{name}", block, total)
 
     def write_whole(self, group: str, datasets: dict[str, np.ndarray] | None) -> None:
-        """Write datasets that rank 0 has complete; None on other ranks."""
+        """Write datasets (rows, ...) that rank 0 has complete; None on other ranks."""
         for name, values in self.comm.bcast(datasets).items():
             low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
             self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
