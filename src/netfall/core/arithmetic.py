@@ -10,6 +10,7 @@ import numpy as np
 
 from netfall.core.functions import LN2_HIGH, LN2_LOW, SQRT_HALF
 from netfall.core.kernels import part_of_kernel
+from netfall.core.types import Lanes
 from netfall.core.vectors import as_number, bits_of, fma, number_of
 
 INVERSE_LN2 = 1.0 / (LN2_HIGH + LN2_LOW)
@@ -20,7 +21,7 @@ fused = fma
 
 
 @part_of_kernel
-def logarithm(a):
+def logarithm(a: Lanes) -> Lanes:
     """Compute the natural logarithm of a finite a >= 1e-300.
 
     a = 2^k m with m from sqrt(1/2) to sqrt(2); ln m = 2 artanh s, s = (m - 1) / (m + 1) < 0.172. The series
@@ -40,7 +41,7 @@ def logarithm(a):
 
 
 @part_of_kernel
-def _series(x):
+def _series(x: float) -> float:
     """Return (e^x - 1 - x) / x^2 for |x| < 0.35, cut after x^12 / 14!, with an error of 1e-17."""
     total = 1.0
     for k in range(14, 2, -1):
@@ -49,7 +50,7 @@ def _series(x):
 
 
 @part_of_kernel
-def exponential(a):
+def exponential(a: float) -> float:
     """Compute e to the power of a, |a| < 700."""
     k = math.floor(a * INVERSE_LN2 + 0.5)
     remainder = fused(-k, LN2_LOW, fused(-k, LN2_HIGH, a))
@@ -58,7 +59,7 @@ def exponential(a):
 
 
 @part_of_kernel
-def exponential_minus_one(a):
+def exponential_minus_one(a: float) -> float:
     """Compute e to the power of a, less 1, |a| < 700, with full relative accuracy for small a."""
     if abs(a) < 0.35:
         return fused(a * a, _series(a), a)
@@ -66,7 +67,7 @@ def exponential_minus_one(a):
 
 
 @part_of_kernel
-def angle_per_sine(S, C):
+def angle_per_sine(S: float, C: float) -> float:
     """Compute psi / S for the angle psi from 0 to pi with tan psi = S / C, S >= 0; 1 / C at S = 0 < C.
 
     The angle is bisected until its tangent v is at most tan(pi / 16). The series of the arc tangent is cut

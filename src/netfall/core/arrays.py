@@ -5,6 +5,8 @@ columns at once. The columns of a plain numpy array start at multiples of the ro
 multiple of 512, all have about the same offset and evict one another: a step then took up to 40 % longer.
 """
 
+from typing import Any
+
 import numpy as np
 
 LINE, PAGE, MAX_ITEM_BYTES = 64, 4096, 8  # bytes of a cache line, a page, and the widest number
@@ -13,7 +15,7 @@ COLUMN_OFFSET_LINES = 13  # cache lines, offset within a page from one column to
 TABLE_OFFSET_LINES = 5  # cache lines, offset within a page from one table to the next
 
 
-def allocate_columns(count: int, rows: int, dtype, table: int = 0) -> np.ndarray:
+def allocate_columns(count: int, rows: int, dtype: Any, table: int = 0) -> np.ndarray:
     """Allocate zeros (count, rows or more): contiguous columns, each starting at a cache line.
 
     The padded row count does not depend on the type, so that one index is valid for all arrays.

@@ -1,5 +1,6 @@
 """Optional packages, absent on compute nodes, and the extra of netfall that installs each."""
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from netfall.core.errors import InputError
@@ -14,7 +15,7 @@ EXTRA_OF_PACKAGE = {package: extra for extra, packages in EXTRAS.items() for pac
 
 
 @contextmanager
-def naming_extras():
+def naming_extras() -> Iterator[None]:
     """Name the extra to install if one of its packages is missing. Raises InputError."""
     try:
         yield

@@ -24,7 +24,7 @@ TERMS = 14  # of a series; the remainder is below the last digit
 SUM_BLOCK = 8192  # length up to which every numpy version adds in the same order
 
 
-def exp(x: np.ndarray) -> np.ndarray:
+def exp(x: np.ndarray | float) -> np.ndarray:
     """Compute e to the power of x."""
     x = np.clip(x, -745.0, 709.7)
     power = np.rint(x * (1.0 / math.log(2.0)))
@@ -37,7 +37,7 @@ def exp(x: np.ndarray) -> np.ndarray:
     return np.ldexp(np.ldexp(series, half.astype(np.int32)), (power - half).astype(np.int32))
 
 
-def log(x: np.ndarray) -> np.ndarray:
+def log(x: np.ndarray | float) -> np.ndarray:
     """Compute the natural logarithm of x > 0; minus infinity for 0, nan below."""
     x = np.asarray(x, float)
     share, power = np.frexp(x)
@@ -91,12 +91,12 @@ def cos(x: np.ndarray) -> np.ndarray:
     return np.choose(quarter, [c, -s, -c, s])
 
 
-def power(x: np.ndarray, exponent: float) -> np.ndarray:
+def power(x: np.ndarray | float, exponent: float) -> np.ndarray:
     """Compute x^exponent for x > 0; the error is 1 + |exponent ln x| units in the last place."""
     return exp(exponent * log(x))
 
 
-def cube_root(x: np.ndarray) -> np.ndarray:
+def cube_root(x: np.ndarray | float) -> np.ndarray:
     """Compute the cube root of x > 0."""
     root = power(x, 1.0 / 3.0)
     return root - (root * root * root - x) / (3.0 * root * root)  # one step of Newton's method

@@ -2,21 +2,48 @@
 
 There is no fast-math: sums keep their order, so the bits do not depend on the number of ranks. The error
 model is that of numpy: a division by zero gives inf, not an exception.
+
+For mypy a kernel is the Python function behind the decorator, and an intrinsic takes and returns anything.
 """
 
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any, Protocol, TypeVar
 
+import numba.extending
 from llvmlite import ir
 from numba import cfunc, njit, types
-from numba.extending import intrinsic
 
-OPTIONS = {"error_model": "numpy"}
+OPTIONS: dict[str, Any] = {"error_model": "numpy"}
 # Options of kernels that only kernels call: no Python and C wrappers, which take a third of the compile time.
-INNER_OPTIONS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+INNER_OPTIONS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-kernel = njit(**OPTIONS, cache=True, no_cfunc_wrapper=True)  # called from Python and by kernels
-inner_kernel = njit(**OPTIONS, **INNER_OPTIONS)  # called by kernels
-part_of_kernel = njit(**OPTIONS, **INNER_OPTIONS, forceinline=True)  # always inlined into its caller
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class Decorator(Protocol):
+    """Decorator that keeps the type of the function."""
+
+    def __call__(self, function: Function, /) -> Function:
+        """Return the compiled function."""
+
+
+numba_njit: Callable[..., Decorator] = njit  # its own types lack some of these options
+kernel = numba_njit(**OPTIONS, cache=True, no_cfunc_wrapper=True)  # called from Python and by kernels
+inner_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS)  # called by kernels
+part_of_kernel = numba_njit(**OPTIONS, **INNER_OPTIONS, forceinline=True)  # always inlined into its caller
+# Generates code for a function of kernels; its first argument is not one of the call.
+intrinsic: Callable[[Callable[..., Any]], Callable[..., Any]] = numba.extending.intrinsic
+
+
+def numba_type(annotation: Any) -> types.Type:
+    """Return the type in kernels that an annotation of a record's field stands for.
+
+    annotation : one of the kinds in `records`, a class of records, or the type in kernels itself
+    """
+    if hasattr(annotation, "__metadata__"):
+        return annotation.__metadata__[0]
+    return getattr(annotation, "kind", annotation)
 
 
 class Routine:
@@ -26,34 +53,35 @@ class Routine:
     would take longer. The code would also run slower, because of register pressure.
     """
 
-    def __init__(self, function, kinds):
+    def __init__(self, function: Callable[..., int], kinds: tuple[types.Type, ...]):
         """Store the function; kinds : types of its arguments, numbers and records."""
         self.function, self.kinds = function, kinds
 
     @cached_property
-    def compiled(self):
+    def compiled(self) -> Any:
         """C function, compiled or loaded on first use."""
         return cfunc(types.int64(*self.kinds), cache=True, **OPTIONS)(self.function)
 
     @property
     def address(self) -> int:
         """Address of the compiled function."""
-        return self.compiled.address
+        return int(self.compiled.address)
 
 
-def routine(*kinds):
-    """Return a decorator that makes a function a `Routine`."""
+def routine(*annotations: Any) -> Callable[[Callable[..., int]], Routine]:
+    """Return a decorator that makes a function a `Routine`; annotations : of its arguments."""
+    kinds = tuple(numba_type(annotation) for annotation in annotations)
     return lambda function: Routine(function, kinds)
 
 
-def address_caller(result):
+def address_caller(result: types.Type) -> Callable[..., Any]:
     """Return an intrinsic that calls the function at an address; result : its numba return type."""
 
     @intrinsic
-    def call(typing, address, arguments):
+    def call(typing: Any, address: types.Type, arguments: types.Tuple) -> tuple[Any, Callable[..., Any]]:
         """Call with a tuple of numbers and records."""
 
-        def code(context, builder, signature, values):
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             arguments_ir = [builder.extract_value(values[1], k) for k in range(len(arguments))]
             kind = ir.FunctionType(
                 context.get_value_type(result), [argument.type for argument in arguments_ir]

@@ -5,7 +5,7 @@ the unknowns that the equations determine from the free ones. Each free one span
 space.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class LeastSquaresSolution(NamedTuple):
 
 
 @kernel
-def triangularise(a, b, share, order, pivot, work):
+def triangularise(a: Any, b: Any, share: Any, order: Any, pivot: Any, work: Any) -> Any:
     """Make a (r, c) upper triangular in place, and transform b (r,) likewise; return the rank.
 
     The rank is the number of pivots above `share` times the largest.
@@ -71,7 +71,7 @@ def triangularise(a, b, share, order, pivot, work):
 
 
 @kernel
-def substitute_back(a, rank, x):
+def substitute_back(a: Any, rank: Any, x: Any) -> None:
     """Solve R x = b in place; R (rank, rank) is the upper triangle of a, x (rank, m)."""
     for i in range(rank - 1, -1, -1):
         for k in range(i + 1, rank):
@@ -82,7 +82,7 @@ def substitute_back(a, rank, x):
 
 
 @kernel
-def orthonormalise(z):
+def orthonormalise(z: Any) -> None:
     """Make the columns of z (n, k) orthonormal in place, by the Gram-Schmidt method, twice."""
     n, k = z.shape
     for _turn in range(2):

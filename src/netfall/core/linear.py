@@ -7,12 +7,13 @@ order, without fused operations. The innermost loops go along rows, so that they
 import math
 
 from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.types import FloatArray, IntArray
 
 INVERSE_ITERATIONS = 4  # each reduces the other eigenvectors to some 1e-10
 
 
 @kernel
-def product(a, b, out):
+def product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Compute out (n, m) = a (n, k) b (k, m)."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -23,7 +24,7 @@ def product(a, b, out):
 
 
 @kernel
-def factorise_cholesky(matrix):
+def factorise_cholesky(matrix: FloatArray) -> int:
     """Compute Cholesky's factor U of a symmetric matrix U^T U (n, n), in place, in the upper half.
 
     Return the number of singular rows; they become 1 on the diagonal and 0 otherwise.
@@ -42,7 +43,7 @@ def factorise_cholesky(matrix):
 
 
 @kernel
-def solve_cholesky(upper, b):
+def solve_cholesky(upper: FloatArray, b: FloatArray) -> None:
     """Solve U^T U x = b in place, b (n,)."""
     n = upper.shape[0]
     for i in range(n):
@@ -57,7 +58,7 @@ def solve_cholesky(upper, b):
 
 
 @kernel
-def solve_cholesky_columns(upper, b):
+def solve_cholesky_columns(upper: FloatArray, b: FloatArray) -> None:
     """Solve U^T U x = b in place, b (n, m), for each column."""
     n, m = b.shape
     for i in range(n):
@@ -75,7 +76,7 @@ def solve_cholesky_columns(upper, b):
 
 
 @kernel
-def solve_complex(matrix, b):
+def solve_complex(matrix: IntArray, b: IntArray) -> None:
     """Solve matrix x = b in place by Gauss with row pivoting; matrix (n, n) and b (n, m) complex."""
     n, m = b.shape
     for k in range(n):
@@ -105,7 +106,7 @@ def solve_complex(matrix, b):
 
 
 @inner_kernel
-def count_eigenvalues_below(diagonal, off_diagonal, value):
+def count_eigenvalues_below(diagonal: FloatArray, off_diagonal: FloatArray, value: float) -> int:
     """Count the eigenvalues of a symmetric tridiagonal matrix below a value (Sturm's sequence)."""
     count, pivot = 0, 1.0
     for i in range(diagonal.shape[0]):
@@ -118,7 +119,9 @@ def count_eigenvalues_below(diagonal, off_diagonal, value):
 
 
 @kernel
-def largest_tridiagonal_eigenpair(diagonal, off_diagonal, pivot, vector):
+def largest_tridiagonal_eigenpair(
+    diagonal: FloatArray, off_diagonal: FloatArray, pivot: FloatArray, vector: FloatArray
+) -> float:
     """Compute the largest eigenvalue, to its last digits, and unit eigenvector of a tridiagonal matrix.
 
     The matrix is symmetric.

@@ -4,8 +4,11 @@ import os
 import re
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
+from netfall.core.errors import InputError
 from netfall.core.launch import RANKS, launcher_variables
 
 LINE_EVERY = 10.0  # [s] minimum time between plain lines
@@ -15,17 +18,17 @@ DRAW_EVERY = 0.2  # [s] minimum time between updates of the bar
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
-def plain(text) -> str:
+def plain(text: InputError | str) -> str:
     """Return a text with control characters and text direction marks escaped."""
     return CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode(), str(text))
 
 
-def one_line(text) -> str:
+def one_line(text: str) -> str:
     """Return a text escaped as by `plain`, in one line."""
     return plain(" ".join(str(text).split()))
 
 
-def print_lines(*lines, stream=None) -> None:
+def print_lines(*lines: InputError | str, stream: Any = None) -> None:
     """Print lines, escaped as by `plain`, since they may contain names from jobs and tables."""
     for line in lines:
         print(plain(line), file=stream or sys.stdout, flush=True)
@@ -37,11 +40,11 @@ class Progress:
     If the reader disappears (closed pipe, lost terminal), it becomes quiet and the run continues.
     """
 
-    def __init__(self, shown: bool, verbose: bool = False, stream=None):
+    def __init__(self, shown: bool, verbose: bool = False, stream: Any = None):
         self.shown, self.verbose = shown, verbose
         self.stream = stream or sys.stdout
         self._terminal = _is_terminal(self.stream)
-        self._bar = None
+        self._bar: Any = None
         self._started = self._last = time.perf_counter()
         self._percent = -100.0
         self._begun = (0.0, 0)
@@ -122,7 +125,7 @@ class Progress:
             self._last = now
 
     @contextmanager
-    def _quiet_on_error(self):
+    def _quiet_on_error(self) -> Iterator[None]:
         """Become quiet if writing fails because the reader has gone."""
         try:
             yield
@@ -131,14 +134,14 @@ class Progress:
             redirect_to_null(self.stream)
 
 
-def redirect_to_null(stream) -> None:
+def redirect_to_null(stream: Any) -> None:
     """Redirect a stream to the null device, so that a flush at exit cannot fail."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
-def _is_terminal(stream) -> bool:
+def _is_terminal(stream: Any) -> bool:
     """Return whether the stream is a terminal with a user.
 
     Under mpirun every rank's stream is a pseudo-terminal of mpirun, so the stream of mpirun itself is

@@ -20,6 +20,8 @@ This module uses undocumented parts of numba: `AttributeTemplate`, `make_array`,
 
 import hashlib
 import struct
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from llvmlite import ir
@@ -28,7 +30,6 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
     infer_getattr,
-    intrinsic,
     lower_getattr_generic,
     models,
     register_model,
@@ -36,15 +37,26 @@ from numba.extending import (
     unbox,
 )
 from numba.np.arrayobj import populate_array
+from numpy.typing import NDArray
 
-real, whole = types.float64, types.int64  # numbers
-f8, f8_2, f8_3 = (types.Array(types.float64, k, "C") for k in (1, 2, 3))  # arrays, of one to three axes
-i8, i8_2, i8_3 = (types.Array(types.int64, k, "C") for k in (1, 2, 3))
-i4 = types.Array(types.int32, 1, "C")
-i1 = types.Array(types.int8, 1, "C")
-u8 = types.Array(types.uint64, 1, "C")
-u4, u4_2 = (types.Array(types.uint32, k, "C") for k in (1, 2))
-u1, u1_2 = (types.Array(types.uint8, k, "C") for k in (1, 2))
+from netfall.core.kernels import intrinsic, numba_type
+from netfall.core.types import FloatArray, IntArray
+
+# Kinds of fields: the type in Python and, as its annotation, the type in kernels.
+real = Annotated[float, types.float64]  # numbers
+whole = Annotated[int, types.int64]
+f8 = Annotated[FloatArray, types.Array(types.float64, 1, "C")]  # arrays, of one to three axes
+f8_2 = Annotated[FloatArray, types.Array(types.float64, 2, "C")]
+f8_3 = Annotated[FloatArray, types.Array(types.float64, 3, "C")]
+i8 = Annotated[IntArray, types.Array(types.int64, 1, "C")]
+i8_2 = Annotated[IntArray, types.Array(types.int64, 2, "C")]
+i8_3 = Annotated[IntArray, types.Array(types.int64, 3, "C")]
+i4 = Annotated[IntArray, types.Array(types.int32, 1, "C")]
+u8 = Annotated[NDArray[np.uint64], types.Array(types.uint64, 1, "C")]
+u4 = Annotated[IntArray, types.Array(types.uint32, 1, "C")]
+u4_2 = Annotated[IntArray, types.Array(types.uint32, 2, "C")]
+u1 = Annotated[IntArray, types.Array(types.uint8, 1, "C")]
+u1_2 = Annotated[IntArray, types.Array(types.uint8, 2, "C")]
 
 WORD = ir.IntType(64)
 NUMBERS = (int, float, np.number, np.bool_)
@@ -53,8 +65,9 @@ NUMBERS = (int, float, np.number, np.bool_)
 class RecordType(types.Type):
     """Numba type of a record class. fields : types by name; places : first word of each in the table"""
 
-    def __init__(self, name: str, fields: dict):
-        self.fields, self.places, words = fields, {}, 0
+    def __init__(self, name: str, fields: dict[str, types.Type]):
+        self.fields, words = fields, 0
+        self.places: dict[str, int] = {}
         self.dtypes = {n: np.dtype(str(k.dtype)) for n, k in fields.items() if isinstance(k, types.Array)}
         for field, kind in fields.items():
             self.places[field] = words
@@ -70,13 +83,15 @@ class Record:
     but its arrays may.
     """
 
-    kind: RecordType
+    kind: ClassVar[RecordType]
 
-    def __init_subclass__(cls):
-        fields = {name: getattr(hint, "kind", hint) for name, hint in cls.__annotations__.items()}
+    def __init_subclass__(cls, fields: dict[str, types.Type] | None = None):
+        """Store the type in kernels; fields : if given, they replace the annotations of the class."""
+        if fields is None:
+            fields = {name: numba_type(annotation) for name, annotation in cls.__annotations__.items()}
         cls.kind = RecordType(cls.__qualname__, fields)
 
-    def __init__(self, *values, **named):
+    def __init__(self, *values: Any, **named: Any):
         """Build the table from values of the fields, in their order or by name.
 
         Raises TypeError if a value is missing or of another type.
@@ -89,28 +104,29 @@ class Record:
             )
             raise TypeError(f"{type(self).__name__}: missing, unknown or given twice: {', '.join(names)}")
         self.__dict__ |= by_name
-        words = []
+        words: list[int] = []
         for name, kind in fields.items():
             _add_words(words, by_name[name], kind, name, self.kind)
         self._table = np.array([word % 2**64 for word in words], np.uint64)
-        self.address = self._table.__array_interface__["data"][0]
+        self.address: int = self._table.__array_interface__["data"][0]
 
-    def __reduce__(self):
+    def __reduce__(self) -> tuple[type[Self], tuple[Any, ...]]:
         """Rebuild the record when unpickled, as the addresses differ in another process."""
         return type(self), tuple(getattr(self, name) for name in self.kind.fields)
 
-    def with_values(self, **changes):
+    def with_values(self, **changes: Any) -> Self:
         """Return a record with other values in some fields."""
         return type(self)(**({name: getattr(self, name) for name in self.kind.fields} | changes))
 
     @classmethod
-    def absent(cls):
+    def absent(cls) -> Self:
         """Return a record whose arrays have no elements and whose numbers are zero."""
         return cls(*(empty(kind) for kind in cls.kind.fields.values()))
 
 
-def empty(kind):
-    """Return the value of an absent field."""
+def empty(field: Any) -> Any:
+    """Return the value of an absent field, given its annotation or its type in kernels."""
+    kind = numba_type(field)
     if isinstance(kind, types.Array):
         return np.zeros((0,) * kind.ndim, str(kind.dtype))
     if isinstance(kind, RecordType):
@@ -121,7 +137,7 @@ def empty(kind):
 class _Absent:
     """Absent record within another record: its table is all zeros."""
 
-    def __init__(self, kind):
+    def __init__(self, kind: RecordType):
         self.kind = kind
         words = sum(1 + field.ndim if isinstance(field, types.Array) else 1 for field in kind.fields.values())
         self._table = np.zeros(max(words, 1), np.uint64)
@@ -129,10 +145,10 @@ class _Absent:
         names = [name for name, field in kind.fields.items() if isinstance(field, RecordType)]
         for name, part in zip(names, self._parts):
             self._table[kind.places[name]] = part.address
-        self.address = self._table.__array_interface__["data"][0]
+        self.address: int = self._table.__array_interface__["data"][0]
 
 
-def _add_words(words: list, value, kind, name: str, record_type: RecordType) -> None:
+def _add_words(words: list[int], value: Any, kind: types.Type, name: str, record_type: RecordType) -> None:
     """Append the table words of a value."""
     if isinstance(kind, types.Array):
         fits = isinstance(value, np.ndarray) and value.ndim == kind.ndim and value.flags.c_contiguous
@@ -147,14 +163,14 @@ def _add_words(words: list, value, kind, name: str, record_type: RecordType) -> 
     elif not isinstance(value, NUMBERS):
         raise TypeError(f"{name}: {type(value).__name__}; expected a number")
     else:
-        words.append(struct.unpack("q", struct.pack("d", value))[0] if kind == real else int(value))
+        words.append(struct.unpack("q", struct.pack("d", value))[0] if kind == types.float64 else int(value))
 
 
 @intrinsic
-def is_present(typing, array):
+def is_present(typing: Any, array: types.Array) -> tuple[Any, Callable[..., Any]]:
     """Return whether a field is present: whether its array has elements."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         size = context.make_array(array)(context, builder, values[0]).nitems
         return builder.icmp_signed("!=", size, ir.Constant(WORD, 0))
 
@@ -166,18 +182,18 @@ def is_present(typing, array):
 
 @typeof_impl.register(Record)
 @typeof_impl.register(_Absent)
-def _type_of(record, context):
+def _type_of(record: Record | _Absent, context: Any) -> RecordType:
     return record.kind
 
 
 @register_model(RecordType)
 class _Address(models.PrimitiveModel):
-    def __init__(self, manager, kind):
+    def __init__(self, manager: Any, kind: RecordType):
         super().__init__(manager, kind, WORD)
 
 
 @unbox(RecordType)
-def _unbox(kind, record, c):
+def _unbox(kind: RecordType, record: Any, c: Any) -> NativeValue:
     attribute = c.pyapi.object_getattr_string(record, "address")
     number = c.pyapi.long_as_ulonglong(attribute)
     c.pyapi.decref(attribute)
@@ -188,23 +204,23 @@ def _unbox(kind, record, c):
 class _Fields(AttributeTemplate):
     key = RecordType
 
-    def generic_resolve(self, kind, name):
+    def generic_resolve(self, kind: RecordType, name: str) -> types.Type | None:
         return kind.fields.get(name)
 
 
 @lower_getattr_generic(RecordType)
-def _read(context, builder, kind, address, name):
+def _read(context: Any, builder: Any, kind: RecordType, address: Any, name: str) -> Any:
     """Read a field; the table never changes, so one read may serve a whole loop."""
     field, offset = kind.fields[name], kind.places[name]
     table = builder.inttoptr(address, WORD.as_pointer())
 
-    def word(k):
+    def word(k: int) -> Any:
         number = builder.load(builder.gep(table, [ir.Constant(WORD, offset + k)]))
         number.set_metadata("invariant.load", builder.module.add_metadata([]))
         return number
 
     if not isinstance(field, types.Array):
-        return builder.bitcast(word(0), ir.DoubleType()) if field == real else word(0)
+        return builder.bitcast(word(0), ir.DoubleType()) if field == types.float64 else word(0)
     array = context.make_array(field)(context, builder)
     size = np.dtype(str(field.dtype)).itemsize
     shape = [word(1 + k) for k in range(field.ndim)]

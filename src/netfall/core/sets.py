@@ -9,6 +9,16 @@ def distinct(values: np.ndarray) -> np.ndarray:
     return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]
 
 
+def first_largest(values: np.ndarray, number: np.ndarray) -> int:
+    """Return the row of the largest of values (n,), n > 0; among equal ones, that of the least number (n,).
+
+    With global numbers the choice does not depend on how a net is distributed.
+    """
+    row = int(np.argmax(values))
+    equal = np.flatnonzero(values == values[row])
+    return int(equal[np.argmin(number[equal])]) if len(equal) else row  # none equals nan
+
+
 def is_one_of(values: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return whether each value is one of others (k,)."""
     if not len(others):

@@ -5,6 +5,8 @@ It factorises L D L^T row by row without pivoting (Davis, Direct Methods for Spa
 the processor.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.kernels import kernel
@@ -24,7 +26,7 @@ class Singular(ValueError):
 
 
 @kernel
-def count_columns(start, column, parent, count, seen):
+def count_columns(start: Any, column: Any, parent: Any, count: Any, seen: Any) -> None:
     """Compute the elimination tree (n,), and the entries (n,) below the diagonal of each column of L.
 
     start, column : rows of the matrix, only entries left of the diagonal; seen : (n,), overwritten
@@ -42,7 +44,7 @@ def count_columns(start, column, parent, count, seen):
 
 
 @kernel
-def factorise(matrix, parent, lower, d, work):
+def factorise(matrix: Any, parent: Any, lower: Any, d: Any, work: Any) -> Any:
     """Write L, by columns, and D (n,); return the first row whose pivot is zero or nan, otherwise n.
 
     A pivot counts as zero if it is within rounding error.
@@ -83,7 +85,7 @@ def factorise(matrix, parent, lower, d, work):
 
 
 @kernel
-def substitute(lower, d, b):
+def substitute(lower: Any, d: Any, b: Any) -> None:
     """Solve L D L^T x = b in place, b (n,)."""
     begin, row, factor = lower
     for k in range(b.shape[0]):
@@ -98,7 +100,7 @@ def substitute(lower, d, b):
 
 
 @kernel
-def null_displacement(lower, filled, v):
+def null_displacement(lower: Any, filled: Any, v: Any) -> None:
     """Write the displacement v (k + 1,) without force in which the last row moves by 1.
 
     filled : (n,) number of computed entries of each column of L
@@ -141,7 +143,7 @@ def solve_sparse(
     raise Singular(np.sort(rows[np.abs(v) > MOVING_SHARE * np.abs(v).max()]))
 
 
-def _factors(ends, q, diagonal, size):
+def _factors(ends: Any, q: Any, diagonal: Any, size: Any) -> Any:
     """Factorise a matrix given by pairs as in `solve_sparse`; return as `sparse_factors`."""
     n = len(diagonal)
     high, low = np.sort(ends, axis=1).T[::-1]
@@ -151,7 +153,7 @@ def _factors(ends, q, diagonal, size):
     return sparse_factors(start, places % n, value, diagonal, size)
 
 
-def sparse_factors(start, column, value, diagonal, size):
+def sparse_factors(start: Any, column: Any, value: Any, diagonal: Any, size: Any) -> Any:
     """Return L by columns, D, the row at which the factorisation ended, and the entries per column of L.
 
     The arguments are those of `matrix` in `factorise`.
@@ -172,7 +174,7 @@ def elimination_tree(start: np.ndarray, column: np.ndarray) -> tuple[np.ndarray,
     return parent, count
 
 
-def _is_forceless(ends, q, diagonal, size, v) -> bool:
+def _is_forceless(ends: Any, q: Any, diagonal: Any, size: Any, v: Any) -> bool:
     """Return whether the matrix times v (n,) is zero to rounding."""
     force = diagonal * v
     np.add.at(force, ends[:, 0], q * v[ends[:, 1]])

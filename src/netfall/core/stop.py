@@ -2,6 +2,7 @@
 
 import signal
 import time
+from types import FrameType
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 
@@ -11,12 +12,12 @@ class StopFlag:
 
     def __init__(self, walltime: float | None = None, catch: bool = True):
         self.deadline = None if walltime is None else time.monotonic() + walltime
-        self.signal = None
+        self.signal: str | None = None
         if catch:
             for number in SIGNALS:
                 signal.signal(number, self._note)
 
-    def _note(self, number, frame):
+    def _note(self, number: int, frame: FrameType | None) -> None:
         self.signal = signal.Signals(number).name
 
     @property

@@ -1,7 +1,9 @@
 """Wall time of the phases of a run."""
 
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -17,13 +19,13 @@ class PhaseTimes:
         self.of_steps = np.zeros(len(STEP_PHASES)) if steps else None  # filled by `explicit.loop.time_loop`
 
     @contextmanager
-    def phase(self, name: str):
+    def phase(self, name: str) -> Iterator[None]:
         """Add the duration of a block to a named phase."""
         begin = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
 
-    def over_ranks(self, comm) -> dict[str, np.ndarray]:
+    def over_ranks(self, comm: Any) -> dict[str, np.ndarray]:
         """Return the least, mean and largest time [s] over the ranks of each phase. Collective."""
         seconds = dict(self.seconds)
         if self.of_steps is not None:

@@ -8,10 +8,14 @@ This module uses an undocumented function of numba, `make_array` (MAINTAINING.md
 """
 
 import operator
+from collections.abc import Callable
+from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+from numba.extending import lower_builtin, models, register_model, type_callable
+
+from netfall.core.kernels import intrinsic
 
 LANES = 8  # numbers per vector: one register of AVX-512, two of AVX2
 
@@ -21,14 +25,14 @@ DOUBLE, WORD, BIT, BYTE = ir.DoubleType(), ir.IntType(64), ir.IntType(1), ir.Int
 class Vector(types.Type):
     """Numba type of LANES numbers of one kind: float64, int64 or boolean."""
 
-    def __init__(self, kind, width):
+    def __init__(self, kind: Any, width: Any):
         self.kind, self.width = kind, width
         super().__init__(name=f"Vector({kind}, {LANES})")
 
 
 @register_model(Vector)
 class _Model(models.PrimitiveModel):
-    def __init__(self, manager, kind):
+    def __init__(self, manager: Any, kind: Any):
         super().__init__(manager, kind, ir.VectorType(kind.width, LANES))
 
 
@@ -37,7 +41,7 @@ INTEGERS = Vector(types.int64, WORD)
 BOOLEANS = Vector(types.boolean, BIT)
 
 
-def _broadcast(context, builder, value, kind, like):
+def _broadcast(context: Any, builder: Any, value: Any, kind: Any, like: Any) -> Any:
     """Broadcast a number to all lanes; return a vector unchanged."""
     if isinstance(kind, Vector):
         return value
@@ -52,22 +56,24 @@ def _broadcast(context, builder, value, kind, like):
     )
 
 
-def _operator(function, make, result=None):
+def _operator(
+    function: Callable[..., Any], make: dict[Any, Callable[..., Any]], result: Vector | None = None
+) -> None:
     """Define a Python operator for two vectors, or a vector and a number.
 
     make : code generators, by the kind of the vectors; result : type, None: that of the arguments
     """
 
     @type_callable(function)
-    def kind(context):
-        def of(a, b):
+    def kind(context: Any) -> Any:
+        def of(a: Any, b: Any) -> Any:
             like = next((k for k in (a, b) if isinstance(k, Vector)), None)
             supported = like is not None and like.kind in make
             return (result or like) if supported else None
 
         return of
 
-    def lower(context, builder, signature, values):
+    def lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         like = next(k for k in signature.args if isinstance(k, Vector))
         operands = (_broadcast(context, builder, v, k, like) for v, k in zip(values, signature.args))
         return make[like.kind](builder, *operands)
@@ -91,12 +97,12 @@ _operator(operator.or_, {_bool: lambda b, x, y: b.or_(x, y)})
 _operator(operator.and_, {_bool: lambda b, x, y: b.and_(x, y)})
 
 
-def _unary(function, make):
+def _unary(function: Callable[..., Any], make: Callable[..., Any]) -> None:
     """Define a Python operator for one vector."""
 
     @type_callable(function)
-    def kind(context):
-        def of(a):
+    def kind(context: Any) -> Any:
+        def of(a: Any) -> Any:
             return a if isinstance(a, Vector) else None
 
         return of
@@ -104,7 +110,7 @@ def _unary(function, make):
     lower_builtin(function, Vector)(lambda context, builder, signature, values: make(builder, values[0]))
 
 
-def _llvm(name, builder, *values):
+def _llvm(name: Any, builder: Any, *values: Any) -> Any:
     """Call an LLVM intrinsic by name."""
     kind = values[0].type
     name = f"llvm.{name}.v{LANES}f64" if isinstance(kind, ir.VectorType) else f"llvm.{name}.f64"
@@ -118,16 +124,16 @@ _unary(operator.neg, lambda builder, a: builder.fneg(a))
 _unary(abs, lambda builder, a: _llvm("fabs", builder, a))
 
 
-def _elementwise(make, truth_first=False):
+def _elementwise(make: Any, truth_first: Any = False) -> Any:
     """Return the typing of a function of numbers or vectors; numbers are broadcast if any is a vector."""
 
-    def typing(typing_context, *args):
+    def typing(typing_context: Any, *args: Any) -> Any:
         vectors = any(isinstance(a, Vector) for a in args)
-        kinds = [NUMBERS if vectors else types.float64] * len(args)
+        kinds: list[types.Type] = [NUMBERS if vectors else types.float64] * len(args)
         if truth_first:
             kinds[0] = BOOLEANS if vectors else types.boolean
 
-        def code(context, builder, signature, values):
+        def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             if vectors:
                 operands = [_broadcast(context, builder, v, a, k) for v, a, k in zip(values, args, kinds)]
             else:
@@ -140,7 +146,7 @@ def _elementwise(make, truth_first=False):
 
 
 @intrinsic
-def fma(typing, a, b, c):
+def fma(typing: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
     """Compute a b + c, rounded once; in single precision if all three are."""
     if (a, b, c) == (types.float32,) * 3:
         return a(a, a, a), lambda context, builder, signature, values: builder.fma(*values)
@@ -148,13 +154,13 @@ def fma(typing, a, b, c):
 
 
 @intrinsic
-def where(typing, truth, a, b):
+def where(typing: Any, truth: Any, a: Any, b: Any) -> tuple[Any, Callable[..., Any]]:
     """Select a if `truth`, otherwise b, in each lane."""
     return _elementwise(lambda builder, t, x, y: builder.select(t, x, y), True)(typing, truth, a, b)
 
 
 @intrinsic
-def maximum(typing, a, b):
+def maximum(typing: Any, a: Any, b: Any) -> tuple[Any, Callable[..., Any]]:
     """Return the larger number in each lane; b if either is nan."""
     return _elementwise(lambda builder, x, y: builder.select(builder.fcmp_ordered(">", x, y), x, y))(
         typing, a, b
@@ -162,7 +168,7 @@ def maximum(typing, a, b):
 
 
 @intrinsic
-def minimum(typing, a, b):
+def minimum(typing: Any, a: Any, b: Any) -> tuple[Any, Callable[..., Any]]:
     """Return the smaller number in each lane; b if either is nan."""
     return _elementwise(lambda builder, x, y: builder.select(builder.fcmp_ordered("<", x, y), x, y))(
         typing, a, b
@@ -170,12 +176,12 @@ def minimum(typing, a, b):
 
 
 @intrinsic
-def sqrt(typing, a):
+def sqrt(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     """Compute the square root."""
     return _elementwise(lambda builder, x: _llvm("sqrt", builder, x))(typing, a)
 
 
-def _reinterpret(kind, result):
+def _reinterpret(kind: Any, result: Any) -> Any:
     """Return the typing of a function that reinterprets the bits of a number or vector as another kind."""
     if isinstance(kind, Vector):
         target = {types.float64: NUMBERS, types.int64: INTEGERS}[result]
@@ -186,19 +192,19 @@ def _reinterpret(kind, result):
 
 
 @intrinsic
-def bits_of(typing, a):
+def bits_of(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     """Return the 64 bits of a number as an integer."""
     return _reinterpret(a, types.int64)
 
 
 @intrinsic
-def number_of(typing, a):
+def number_of(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     """Return the number with these 64 bits."""
     return _reinterpret(a, types.float64)
 
 
 @intrinsic
-def as_number(typing, a):
+def as_number(typing: Any, a: Any) -> tuple[Any, Callable[..., Any]]:
     """Convert an integer to a number."""
     if isinstance(a, Vector):
         target, llvm = NUMBERS, ir.VectorType(DOUBLE, LANES)
@@ -208,10 +214,10 @@ def as_number(typing, a):
 
 
 @intrinsic
-def any_of(typing, truth):
+def any_of(typing: Any, truth: Any) -> tuple[Any, Callable[..., Any]]:
     """Return whether any lane is true."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         bits = builder.bitcast(values[0], ir.IntType(LANES))
         return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
 
@@ -219,14 +225,14 @@ def any_of(typing, truth):
 
 
 @intrinsic
-def zeros(typing):
+def zeros(typing: Any) -> tuple[Any, Callable[..., Any]]:
     """Return zero in all lanes."""
     zero = ir.Constant(ir.VectorType(DOUBLE, LANES), [0.0] * LANES)
     return NUMBERS(), lambda context, builder, signature, values: zero
 
 
 @intrinsic
-def nowhere(typing):
+def nowhere(typing: Any) -> tuple[Any, Callable[..., Any]]:
     """Return false in all lanes."""
     false = ir.Constant(ir.VectorType(BIT, LANES), [0] * LANES)
     return BOOLEANS(), lambda context, builder, signature, values: false
@@ -235,7 +241,7 @@ def nowhere(typing):
 # --- memory: arrays (rows, particles) in C order
 
 
-def _address(context, builder, kind, array, row, p):
+def _address(context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any) -> Any:
     """Return the address of particle p in a row of an array, or in an array without rows."""
     struct = context.make_array(kind)(context, builder, array)
     if kind.ndim == 1:
@@ -244,26 +250,28 @@ def _address(context, builder, kind, array, row, p):
     return builder.gep(struct.data, [builder.add(builder.mul(row, length), p)])
 
 
-def _vector_at(context, builder, kind, array, row, p, number=DOUBLE):
+def _vector_at(
+    context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any, number: Any = DOUBLE
+) -> Any:
     address = _address(context, builder, kind, array, row, p)
     return builder.bitcast(address, ir.VectorType(number, LANES).as_pointer())
 
 
 @intrinsic
-def load(typing, array, row, p):
+def load(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
     """Load the numbers of particles p to p + LANES in a row."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         return builder.load(_vector_at(context, builder, array, *values), align=8)
 
     return NUMBERS(array, types.int64, types.int64), code
 
 
 @intrinsic
-def load_mask(typing, array, row, p):
+def load_mask(typing: Any, array: Any, row: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
     """Load the bytes of particles p to p + LANES in a row; true if not zero."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         marks = builder.load(_vector_at(context, builder, array, *values, number=BYTE), align=1)
         return builder.icmp_unsigned("!=", marks, ir.Constant(marks.type, [0] * LANES))
 
@@ -271,10 +279,10 @@ def load_mask(typing, array, row, p):
 
 
 @intrinsic
-def store(typing, array, row, p, value):
+def store(typing: Any, array: Any, row: Any, p: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
     """Store the numbers of particles p to p + LANES."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         builder.store(values[3], _vector_at(context, builder, array, *values[:3]), align=8)
         return context.get_dummy_value()
 
@@ -282,10 +290,10 @@ def store(typing, array, row, p, value):
 
 
 @intrinsic
-def store_mask(typing, array, row, p, truth):
+def store_mask(typing: Any, array: Any, row: Any, p: Any, truth: Any) -> tuple[Any, Callable[..., Any]]:
     """Store bytes of particles p to p + LANES, 1 if true."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         byte = builder.zext(values[3], ir.VectorType(BYTE, LANES))
         builder.store(byte, _vector_at(context, builder, array, *values[:3], number=BYTE), align=1)
         return context.get_dummy_value()
@@ -293,7 +301,9 @@ def store_mask(typing, array, row, p, truth):
     return types.none(array, types.int64, types.int64, BOOLEANS), code
 
 
-def _store_below(context, builder, kind, array, row, p, high, vector):
+def _store_below(
+    context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any, high: Any, vector: Any
+) -> None:
     """Store only the numbers of particles below `high`."""
     for lane in range(LANES):
         index = builder.add(p, ir.Constant(WORD, lane))
@@ -302,7 +312,7 @@ def _store_below(context, builder, kind, array, row, p, high, vector):
             builder.store(number, _address(context, builder, kind, array, row, index), align=8)
 
 
-def _put(context, builder, kind, array, row, p, high, vector):
+def _put(context: Any, builder: Any, kind: Any, array: Any, row: Any, p: Any, high: Any, vector: Any) -> None:
     """Store the numbers of particles p to p + LANES that are below `high`."""
     is_whole = builder.icmp_signed("<=", builder.add(p, ir.Constant(WORD, LANES)), high)
     with builder.if_else(is_whole, likely=True) as (whole, part):
@@ -313,10 +323,12 @@ def _put(context, builder, kind, array, row, p, high, vector):
 
 
 @intrinsic
-def store_below(typing, p, high, array, row, value):
+def store_below(
+    typing: Any, p: Any, high: Any, array: Any, row: Any, value: Any
+) -> tuple[Any, Callable[..., Any]]:
     """Store the numbers of particles p to `high`, at most LANES."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         p, high, array, row, vector = values
         _put(context, builder, signature.args[2], array, row, p, high, vector)
         return context.get_dummy_value()
@@ -325,10 +337,10 @@ def store_below(typing, p, high, array, row, value):
 
 
 @intrinsic
-def add(typing, p, high, array, row, value):
+def add(typing: Any, p: Any, high: Any, array: Any, row: Any, value: Any) -> tuple[Any, Callable[..., Any]]:
     """Add numbers to those of particles p to `high`, at most LANES."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         p, high, array, row, vector = values
         kind = signature.args[2]
         before = builder.load(_vector_at(context, builder, kind, array, row, p), align=8)
@@ -339,14 +351,14 @@ def add(typing, p, high, array, row, value):
 
 
 @intrinsic
-def gather(typing, array, row, other, s, p):
+def gather(typing: Any, array: Any, row: Any, other: Any, s: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
     """Load, from a row, the numbers of the particles with indices in row s of `other`, p to p + LANES.
 
     It loads one by one, because hardware gathers are slow on processors patched against data leaks through
     them.
     """
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         vector = ir.Constant(ir.VectorType(DOUBLE, LANES), ir.Undefined)
         for lane in range(LANES):
             index_place = builder.add(values[4], ir.Constant(WORD, lane))
@@ -360,10 +372,10 @@ def gather(typing, array, row, other, s, p):
 
 
 @intrinsic
-def are_consecutive(typing, other, s, p):
+def are_consecutive(typing: Any, other: Any, s: Any, p: Any) -> tuple[Any, Callable[..., Any]]:
     """Return whether the indices in row s of `other` for p to p + LANES increase by one, as `load` needs."""
 
-    def code(context, builder, signature, values):
+    def code(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         kind, index = ir.VectorType(ir.IntType(32), LANES), ir.IntType(32)
         indices = builder.load(_vector_at(context, builder, other, *values, number=index), align=4)
         first = builder.sub(indices, ir.Constant(kind, list(range(LANES))))

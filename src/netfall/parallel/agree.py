@@ -21,7 +21,7 @@ def sleeping_barrier(comm: MPI.Comm) -> None:
             time.sleep(min(SLEEP_SHARE * waited, MAX_SLEEP))
 
 
-def union_of_ranks(comm: MPI.Comm, own) -> tuple:
+def union_of_ranks(comm: MPI.Comm, own: list[int]) -> tuple[int, ...]:
     """Return the values of all ranks, each once, in ascending order. Collective."""
     return tuple(sorted(set().union(*comm.allgather(own))))
 

@@ -8,6 +8,7 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 from netfall.core.errors import InputError
 from netfall.core.launch import INSTALL, RANKS, launcher_mismatch, launcher_variables
@@ -38,7 +39,7 @@ def start_mpi() -> None:
         del os.environ[name]
 
 
-def world_communicator():
+def world_communicator() -> Any:
     """Start MPI; return the communicator of all ranks.
 
     Raises InputError if there is no MPI library. It also does so if a launcher started another number of

@@ -10,12 +10,14 @@ neighbours have announced the exchange in between, and so have read the buffer. 
 """
 
 import os
+from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, i8, is_present, u1_2, u4, u8, whole
+from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
 from netfall.parallel.mpi_calls import (
     announce,
@@ -29,6 +31,7 @@ from netfall.parallel.mpi_calls import (
     yield_processor,
 )
 from netfall.parallel.subdomain import Subdomain
+from netfall.physics.fields import Particles
 from netfall.physics.motion import inverse_mass
 
 LINE = 8  # numbers per cache line; no two ranks write to the same line
@@ -66,13 +69,13 @@ class HaloBuffers(Record):
 
 
 @inner_kernel
-def current_buffer(buffers):
+def current_buffer(buffers: HaloBuffers) -> int:
     """Return the place of the buffer of this exchange, to be added to `send_at` and `receive_at`."""
     return buffers.to_second * (buffers.count[0] % 2)
 
 
 @inner_kernel
-def send_buffer(buffers):
+def send_buffer(buffers: HaloBuffers) -> int:
     """Publish the buffer to the neighbours; return MPI's error code, 0 for success."""
     buffers.count[0] += 1
     if buffers.counts.shape[0] > 0:
@@ -83,7 +86,7 @@ def send_buffer(buffers):
 
 
 @inner_kernel
-def wait_for_neighbours(buffers):
+def wait_for_neighbours(buffers: HaloBuffers) -> int:
     """Wait for the buffers of the neighbours; return MPI's error code, 0 for success."""
     for k in range(buffers.counts.shape[0]):
         polls = 0
@@ -104,7 +107,7 @@ def wait_for_neighbours(buffers):
 
 
 @inner_kernel
-def fixed_width(particles):
+def fixed_width(particles: Particles) -> int:
     """Return the count of numbers sent for each particle before its slip velocities."""
     if not is_present(particles.valence):
         return 3
@@ -112,7 +115,7 @@ def fixed_width(particles):
 
 
 @inner_kernel
-def pack_forces(particles, buffer, buffers):
+def pack_forces(particles: Particles, buffer: int, buffers: HaloBuffers) -> None:
     """Pack the total forces of the boundary particles. buffer : place of the buffer, from `current_buffer`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.send_index.shape[0]):
@@ -129,7 +132,7 @@ def pack_forces(particles, buffer, buffers):
 
 
 @inner_kernel
-def unpack_forces(n_owned, particles, buffer, buffers):
+def unpack_forces(n_owned: int, particles: Particles, buffer: int, buffers: HaloBuffers) -> None:
     """Unpack the received total forces of the halo particles. buffer : as in `pack_forces`"""
     fixed, width, numbers = fixed_width(particles), buffers.width, buffers.numbers
     for i in range(buffers.receive_at.shape[0]):
@@ -151,7 +154,7 @@ def unpack_forces(n_owned, particles, buffer, buffers):
 
 
 @kernel
-def exchange_rows(sent, arrived, buffers):
+def exchange_rows(sent: FloatArray, arrived: FloatArray, buffers: HaloBuffers) -> int:
     """Send rows (k, width) of boundary particles, receive those (h, width) of the halo; return the error."""
     width, buffer = sent.shape[1], current_buffer(buffers)
     for i in range(sent.shape[0]):
@@ -195,7 +198,9 @@ class Halo:
         """Allocate the buffers and create the requests. Collective."""
         index = subdomain.send_index
         self.boundary = int(index.max()) + 1 if len(index) else 0  # leading rows with all boundary particles
-        self.n_owned, self.width, self._made, self._window = subdomain.n_owned, width, [], None
+        self.n_owned, self.width = subdomain.n_owned, width
+        self._made: list[Any] = []
+        self._window: Any = None
         node = _node_of(comm)
         sends = _first_places(subdomain.send_counts, width)
         receives = _first_places(subdomain.receive_counts, width)
@@ -207,7 +212,8 @@ class Halo:
         # The allgather is also a barrier: afterwards all buffers are zero.
         others = dict(node.allgather((comm.rank, (node.rank * stride, send_places))))
         shares_memory = [neighbour in others for neighbour in subdomain.neighbours]
-        receive_at, requests = [np.zeros(0, np.int64)], [[], []]
+        receive_at = [np.zeros(0, np.int64)]
+        requests: tuple[list[Any], list[Any]] = ([], [])
         for k, neighbour in enumerate(subdomain.neighbours):
             if shares_memory[k]:
                 start = others[neighbour][0] + LINE + others[neighbour][1][comm.rank]
@@ -240,7 +246,7 @@ class Halo:
             functions=functions(),
         )
 
-    def _share(self, node: MPI.Comm, stride: int) -> np.ndarray:
+    def _share(self, node: Any, stride: int) -> np.ndarray:
         """Allocate the buffers of all ranks of the node, `stride` numbers each."""
         if node.size == 1:
             return np.zeros(stride)

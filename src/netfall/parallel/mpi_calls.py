@@ -6,15 +6,17 @@ A request or a communicator is a pointer in Open MPI, and a 32-bit integer in MP
 
 import ctypes
 import re
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic
 
-from netfall.core.kernels import address_caller, inner_kernel
+from netfall.core.kernels import address_caller, inner_kernel, intrinsic
 from netfall.core.records import is_present
+from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.mpi import MISSING, MPI
 
 START_ALL, WAIT_ALL, PROBE, CLOCK, YIELD, MPICH = range(6)  # places in `functions`
@@ -42,17 +44,17 @@ def functions() -> np.ndarray:
     return addresses
 
 
-def _address(function) -> int:
-    return ctypes.cast(function, ctypes.c_void_p).value
+def _address(function: Any) -> int:
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
 
 
-def handles(made: list) -> np.ndarray:
+def handles(made: list[Any]) -> np.ndarray:
     """Return MPI's own handles of requests or communicators, as bytes."""
     numbers = np.array([MPI._handleof(item) % 2**64 for item in made], np.uint64)
     return (numbers.astype(np.int32) if functions()[MPICH] else numbers).view(np.uint8)
 
 
-def handle(made) -> int:
+def handle(made: MPI.Comm) -> int:
     """Return MPI's own handle of a request or communicator."""
     return MPI._handleof(made)
 
@@ -61,42 +63,42 @@ call, clock = address_caller(types.int32), address_caller(types.float64)
 
 
 @inner_kernel
-def count_of(functions, requests):
+def count_of(functions: IntArray, requests: IntArray) -> int:
     """Return the number of requests in an array of bytes."""
     return requests.shape[0] // (4 if functions[MPICH] else 8)
 
 
 @inner_kernel
-def start_all(functions, requests):
+def start_all(functions: IntArray, requests: IntArray) -> int:
     """Call MPI_Startall; return its error code. requests : (bytes,)"""
     return call(functions[START_ALL], (count_of(functions, requests), requests.ctypes.data))
 
 
 @inner_kernel
-def wait_all(functions, requests):
+def wait_all(functions: IntArray, requests: IntArray) -> int:
     """Call MPI_Waitall without statuses; return its error code. requests : (bytes,)"""
     ignore = functions[MPICH]  # MPI_STATUSES_IGNORE: null, 1 in MPICH
     return call(functions[WAIT_ALL], (count_of(functions, requests), requests.ctypes.data, ignore))
 
 
 @inner_kernel
-def progress_messages(functions, comm):
+def progress_messages(functions: IntArray, comm: int) -> int:
     """Call MPI_Iprobe, which progresses messages; return its error code."""
     flag = np.zeros(1, np.int64)
     return call(functions[PROBE], (ANY_SOURCE, UNUSED_TAG, comm, flag.ctypes.data, functions[MPICH]))
 
 
 @inner_kernel
-def yield_processor(functions):
+def yield_processor(functions: IntArray) -> None:
     """Yield the processor to other processes."""
     call(functions[YIELD], (0,))
 
 
 @intrinsic
-def announce(typing, address, number):
+def announce(typing: Any, address: Any, number: Any) -> tuple[Any, Callable[..., Any]]:
     """Write a number to an address after all that was written before it."""
 
-    def write(context, builder, signature, values):
+    def write(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         builder.store_atomic(values[1], builder.inttoptr(values[0], WORD.as_pointer()), "release", 8)
         return context.get_dummy_value()
 
@@ -104,17 +106,17 @@ def announce(typing, address, number):
 
 
 @intrinsic
-def announced(typing, address):
+def announced(typing: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
     """Read the number at an address before all that is read after it."""
 
-    def read(context, builder, signature, values):
+    def read(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         return builder.load_atomic(builder.inttoptr(values[0], WORD.as_pointer()), "acquire", 8)
 
     return types.int64(types.uint64), read
 
 
 @inner_kernel
-def add_lap(seconds, k, lap_start, buffers):
+def add_lap(seconds: FloatArray, k: int, lap_start: float, buffers: Any) -> float:
     """Add the time since a lap start to seconds[k] [s]; return the next start. seconds absent: not timed."""
     if not is_present(seconds):
         return 0.0

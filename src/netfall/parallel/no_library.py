@@ -3,6 +3,8 @@
 A run needs the library (`alone.world_communicator`).
 """
 
+from typing import Any
+
 MAX, MIN, SUM, LOR, LAND, IN_PLACE = "max", "min", "sum", "lor", "land", "in place"
 COMM_TYPE_SHARED, ANY_SOURCE = "shared", -1
 
@@ -15,7 +17,7 @@ class Request:
     """Completed request: there are no messages."""
 
     @staticmethod
-    def Waitall(requests) -> None:
+    def Waitall(requests: Any) -> None:
         """Return at once."""
 
     def Test(self) -> bool:
@@ -28,19 +30,19 @@ class Comm:
 
     rank, size = 0, 1
 
-    def allreduce(self, value, *_):
+    def allreduce(self, value: Any, *_: Any) -> Any:
         """Return the value."""
         return value
 
-    def allgather(self, value, *_):
+    def allgather(self, value: Any, *_: Any) -> Any:
         """Return the value as a list of one rank."""
         return [value]
 
-    def scatter(self, values, *_):
+    def scatter(self, values: Any, *_: Any) -> Any:
         """Return the only value."""
         return values[0]
 
-    def Allreduce(self, sent, received, *_) -> None:
+    def Allreduce(self, sent: Any, received: Any, *_: Any) -> None:
         """Copy the sent values to `received`."""
         if sent is not IN_PLACE:
             received[...] = sent
@@ -49,7 +51,7 @@ class Comm:
         """Return at once."""
         return Request()
 
-    def Split_type(self, *_) -> "Comm":
+    def Split_type(self, *_: Any) -> "Comm":
         """Return a communicator of the same process."""
         return Comm()
 
@@ -71,6 +73,6 @@ def get_vendor() -> tuple[str, tuple[int, ...]]:
     return "none", ()
 
 
-def _handleof(_) -> int:
+def _handleof(_: Any) -> int:
     """Return a handle that is never used."""
     return 0

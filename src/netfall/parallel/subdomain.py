@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.core.sets import distinct, is_one_of
+from netfall.core.types import BoolArray
 from netfall.parallel.mpi import MPI
 
 MAX_RELATIVE_DISTANCE = (
@@ -166,7 +167,10 @@ class Distribution:
         return self._scatter(rows, "joint_gid")
 
     def _scatter(self, rows: np.ndarray | None, gid: str) -> np.ndarray:
-        return self.comm.scatter(self._subdomains and [rows[getattr(p, gid)] for p in self._subdomains])
+        parts = None
+        if self._subdomains is not None and rows is not None:
+            parts = [rows[getattr(part, gid)] for part in self._subdomains]
+        return self.comm.scatter(parts)
 
     def broadcast_rows(self, gid: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Return rows (k, ...) of a few particles gid (k,), on every rank, from their owners. Collective.
@@ -183,14 +187,16 @@ class Distribution:
     def gather_particles(self, rows: np.ndarray) -> np.ndarray | None:
         """Gather the owned rows of all ranks as a global array (n, ...) on rank 0. Collective."""
         parts = self.comm.gather(np.ascontiguousarray(rows[: self.subdomain.n_owned]))
-        if parts is None:
+        if parts is None or self._subdomains is None:
             return None
         result = np.empty((self.n,) + rows.shape[1:], rows.dtype)
         for subdomain, part in zip(self._subdomains, parts):
             result[subdomain.particle_gid[: subdomain.n_owned]] = part
         return result
 
-    def gather_elements(self, rows: np.ndarray, reported=slice(None)) -> np.ndarray | None:
+    def gather_elements(
+        self, rows: np.ndarray, reported: BoolArray | slice = slice(None)
+    ) -> np.ndarray | None:
         """Gather a global array (m, ...) on rank 0 from rows that all their holders agree on. Collective.
 
         reported : (m,) bool, the elements that this rank reports, if rows are not equal on all

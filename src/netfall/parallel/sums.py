@@ -9,8 +9,9 @@ import math
 
 import numpy as np
 
-from netfall.core.arithmetic import bits_of, number_of
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
+from netfall.core.types import FloatArray, IntArray, Integer
+from netfall.core.vectors import bits_of, number_of
 from netfall.parallel.mpi import MPI
 
 LIMBS = 67  # 66 of 32 bits cover 2^-1074 to 2^1024; the last one counts nonfinite terms
@@ -26,7 +27,7 @@ LEAST, MAX_EXPONENT = (
 
 
 @inner_kernel
-def add_term(value, limbs):
+def add_term(value: float, limbs: IntArray) -> None:
     """Add a value exactly to the fixed-point number in limbs (LIMBS,); for up to 2^30 values."""
     bits = bits_of(value)
     exponent = (bits >> 52) & np.int64(0x7FF)
@@ -49,7 +50,7 @@ def add_term(value, limbs):
 
 
 @inner_kernel
-def add_multiple(count, position, limbs):
+def add_multiple(count: int, position: int, limbs: IntArray) -> None:
     """Add count 2^(position - LOWEST), |count| < 2^62, to the fixed-point number in limbs."""
     sign = np.int64(1) if count >= 0 else np.int64(-1)
     size, k, bit_offset = sign * count, position >> 5, position & 31
@@ -60,7 +61,7 @@ def add_multiple(count, position, limbs):
 
 
 @inner_kernel
-def largest_bits(first, last, values, mask):
+def largest_bits(first: int, last: int, values: FloatArray, mask: IntArray) -> Integer:
     """Return the largest magnitude of values first to last, as bits; mask : as in `add_exactly`"""
     top, unmasked = np.int64(0), mask.shape[0] == 0
     for i in range(np.uint64(first), np.uint64(last)):
@@ -70,13 +71,15 @@ def largest_bits(first, last, values, mask):
 
 
 @part_of_kernel
-def unit_number(exponent):
+def unit_number(exponent: int) -> float:
     """Return 1.5 times the power of two with this biased exponent."""
     return number_of((exponent << 52) | np.int64(0x8000000000000))
 
 
 @inner_kernel
-def cut_in_three(first, last, values, mask, large):
+def cut_in_three(
+    first: int, last: int, values: FloatArray, mask: IntArray, large: tuple[float, float, float]
+) -> tuple[Integer, Integer, Integer, bool]:
     """Sum values first to last in units of three large numbers; return the sums, and whether bits are left.
 
     (x + large) - large is the multiple of the unit of `large` (its last bit) in x, and the remainder is exact
@@ -100,7 +103,7 @@ def cut_in_three(first, last, values, mask, large):
 
 
 @kernel
-def add_exactly(values, mask, limbs):
+def add_exactly(values: FloatArray, mask: IntArray, limbs: IntArray) -> None:
     """Add the values (n,) with nonzero mask (n,) to the fixed-point number in limbs; mask `ALL`: all values.
 
     Blocks of values are cut in three pieces of 52 bits below the largest, whose sums are integers, in vector
@@ -124,7 +127,7 @@ def add_exactly(values, mask, limbs):
 
 
 @inner_kernel
-def add_terms(first, last, values, mask, limbs):
+def add_terms(first: int, last: int, values: FloatArray, mask: IntArray, limbs: IntArray) -> None:
     """Add values first to last one by one; mask : as in `add_exactly`"""
     for i in range(first, last):
         if mask.shape[0] == 0 or mask[i]:
@@ -132,7 +135,7 @@ def add_terms(first, last, values, mask, limbs):
 
 
 @kernel
-def round_limbs(limbs):
+def round_limbs(limbs: IntArray) -> float:
     """Return the double nearest to the fixed-point number, nan if a term was nonfinite; uses up the limbs."""
     if limbs[LIMBS - 1] != 0:
         return math.nan

@@ -20,17 +20,19 @@ with the wind velocity u at its initial position in the net. Drag is an external
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import Record, f8, i8, is_present, real
+from netfall.physics.fields import Particles
 from netfall.physics.loads import wind_speed
 from netfall.physics.motion import inverse_mass
 
 
 @inner_kernel
-def set_air_damping(kick_dt, zeta, particles):
+def set_air_damping(kick_dt: float, zeta: float, particles: Particles) -> None:
     """Write the factor |U| / (1 + h + a) of `explicit.motion.add_air_damping`, with U's sign, at both
     samples.
 
@@ -64,7 +66,7 @@ class RelativeWind(Record):
 
 
 @inner_kernel
-def set_drag(kick_dt, share, relative, particles):
+def set_drag(kick_dt: float, share: float, relative: RelativeWind, particles: Particles) -> None:
     """Write the drag [N] of a velocity update; kick_dt [s], share : as in `energy_check.observe`.
 
     Drag alone changes w by M dw/dt = -k |w| w, k = rho A / 2. In a time dt this turns w into w / (1 + b) with
@@ -82,7 +84,7 @@ def set_drag(kick_dt, share, relative, particles):
 
 
 @inner_kernel
-def damped_mass(p, particles):
+def damped_mass(p: int, particles: Particles) -> float:
     """Return the mass [kg] of particle p on which the mass-proportional damping acts."""
     if not is_present(particles.air_mass):
         return particles.mass[p]
@@ -90,7 +92,7 @@ def damped_mass(p, particles):
 
 
 @inner_kernel
-def remove_air(p, particles):
+def remove_air(p: int, particles: Particles) -> None:
     """Remove aerodynamic damping and added mass from particle p, which has lost its wind load.
 
     The kinetic energy [J] of the added mass counts as negative external work.
@@ -108,7 +110,7 @@ def remove_air(p, particles):
             particles.per_mass[p] = inverse_mass(particles.mass[p])
 
 
-def remove_wind(state, rows=slice(None)) -> None:
+def remove_wind(state: Any, rows: Any = slice(None)) -> None:
     """Remove wind, aerodynamic damping and added mass of particles: local rows (k,) or all.
 
     Works count as in `remove_air`. state : `state.State`
@@ -124,7 +126,7 @@ def remove_wind(state, rows=slice(None)) -> None:
         state.invert_masses()
 
 
-def subtract_air(state, p: int, vector: np.ndarray, mass: float) -> None:
+def subtract_air(state: Any, p: int, vector: np.ndarray, mass: float) -> None:
     """Subtract part of the aerodynamic damping and added mass of particle p; works as in `remove_air`.
 
     vector : (3,) [kg/m], kappa rho A; mass : [kg], at most all of the remaining added mass is taken

@@ -11,11 +11,14 @@ nearest support. With the mean velocity v of a velocity update and the ground ve
 Courses are cubic between the rows of their records. Several records may move a support, each with a delay.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, f8_3, i8
-from netfall.physics.fields import OTHER_WORKS
+from netfall.core.types import FloatArray
+from netfall.physics.fields import OTHER_WORKS, Particles
 
 
 class Ground(Record):
@@ -46,7 +49,7 @@ class Ground(Record):
 
 
 @inner_kernel
-def ground_displacements(time, ground, x):
+def ground_displacements(time: float, ground: Ground, x: FloatArray) -> None:
     """Compute the ground displacement x (courses, 3) [m], out, at a time [s]."""
     for c in range(x.shape[0]):
         x[c, 0] = x[c, 1] = x[c, 2] = 0.0
@@ -68,7 +71,9 @@ def ground_displacements(time, ground, x):
 
 
 @kernel
-def move_ground(time, before_dt, after, zeta, ground, particles):
+def move_ground(
+    time: float, before_dt: float, after: float, zeta: float, ground: Ground, particles: Particles
+) -> None:
     """Update `particle_step.ground` for the step at a time [s].
 
     before_dt : [s] length of the step before; after : [s] time of the next one
@@ -97,7 +102,7 @@ def move_ground(time, before_dt, after, zeta, ground, particles):
                 particles.ground[k, p] = ground.half[particles.course[p], k]
 
 
-def start_with_ground(state, ground: Ground) -> None:
+def start_with_ground(state: Any, ground: Ground) -> None:
     """Start the net with the velocity of the ground, if the whole ground has one. state : `state.State`
 
     The kinetic energy counts as work of the ground before the first step.

@@ -17,13 +17,14 @@ torsion.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.arithmetic import angle_per_sine
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, empty, f8, f8_2, u1, u4_2
+from netfall.core.types import FloatArray, IntArray, Triple
 
 MIN_COSINE_SUM = 1e-12  # lower bound of 1 + cos phi; it keeps the angle below pi
 
@@ -40,7 +41,9 @@ class Joints(Record):
     rest: f8_2
     owned: u1
 
-    def __init__(self, particles, stiffness, rest, owned=None):
+    def __init__(
+        self, particles: IntArray, stiffness: FloatArray, rest: FloatArray, owned: IntArray | None = None
+    ):
         """Convert the arrays to the types of the record; owned : None if unused."""
         owned = empty(u1) if owned is None else owned
         rows = np.ascontiguousarray(particles, np.uint32)
@@ -56,17 +59,17 @@ class JointTangent(NamedTuple):
 
 
 @inner_kernel
-def _cross(a, b):
+def _cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inner_kernel
-def _dot(a, b):
+def _dot(a: Triple, b: Triple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inner_kernel
-def _turn(g, v):
+def _turn(g: Triple, v: Triple) -> Triple:
     """Rotate v about g by the angle whose half has the tangent |g|."""
     u = _cross(g, v)
     w, f = _cross(g, u), 2.0 / (1.0 + _dot(g, g))
@@ -74,7 +77,7 @@ def _turn(g, v):
 
 
 @inner_kernel
-def _sides(x, joints, k):
+def _sides(x: FloatArray, joints: Joints, k: int) -> tuple[Any, ...]:
     """Return a and b [m] of joint k at x (n, 3) [m], and the rotation vector g of its moment-free state."""
     h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
     a = (x[i, 0] - x[h, 0], x[i, 1] - x[h, 1], x[i, 2] - x[h, 2])
@@ -84,12 +87,12 @@ def _sides(x, joints, k):
 
 
 @inner_kernel
-def _back(g):
+def _back(g: Triple) -> Triple:
     return -g[0], -g[1], -g[2]
 
 
 @inner_kernel
-def _half_turn(a, b):
+def _half_turn(a: Triple, b: Triple) -> tuple[Triple, float]:
     """Return tan(phi / 2) n of the angle phi from a to b, with n along a x b, and |a||b| + a.b [m2]."""
     c, AB = _cross(a, b), math.sqrt(_dot(a, a)) * math.sqrt(_dot(b, b))
     d = max(AB + _dot(a, b), MIN_COSINE_SUM * AB)
@@ -97,7 +100,7 @@ def _half_turn(a, b):
 
 
 @inner_kernel
-def _turned_cross(a, b, g):
+def _turned_cross(a: Triple, b: Triple, g: Triple) -> Triple:
     """Return R a x b [m2]; it is exactly zero if g equals h = tan(phi / 2) n of a and b.
 
     (1 + g^2) R a x b = d [(1 - g^2) h - (1 - h^2) g] + 2 [(g.b) a + (g.a) g x b]. Both parts are linear in
@@ -116,7 +119,13 @@ def _turned_cross(a, b, g):
 
 
 @inner_kernel
-def _moment(joints, k, a, b, g):
+def _moment(
+    joints: Joints,
+    k: int,
+    a: Triple,
+    b: Triple,
+    g: Triple,
+) -> Triple:
     """Return the moment m (3,) [N m] of joint k."""
     c = _turned_cross(a, b, g)
     s = joints.stiffness[k] * angle_per_sine(math.sqrt(_dot(c, c)), _dot(_turn(g, a), b))
@@ -124,7 +133,7 @@ def _moment(joints, k, a, b, g):
 
 
 @inner_kernel
-def bend(x, joints, f):
+def bend(x: FloatArray, joints: Joints, f: FloatArray) -> None:
     """Add the forces of joints at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
     for k in range(joints.stiffness.shape[0]):
         h, i, j = joints.particles[k, 0], joints.particles[k, 1], joints.particles[k, 2]
@@ -140,13 +149,13 @@ def bend(x, joints, f):
 
 
 @kernel
-def add_bending_forces(x, joints, f):
+def add_bending_forces(x: Any, joints: Any, f: Any) -> None:
     """Call `bend` from Python."""
     bend(x, joints, f)
 
 
 @inner_kernel
-def clear_bending_forces(joints, force):
+def clear_bending_forces(joints: Joints, force: FloatArray) -> None:
     """Set the force (n, 3) [N] on the particles of joints to zero."""
     for k in range(joints.stiffness.shape[0]):
         for side in range(3):
@@ -155,7 +164,7 @@ def clear_bending_forces(joints, force):
 
 
 @kernel
-def joint_moments(x, joints, moment, hold):
+def joint_moments(x: Any, joints: Any, moment: Any, hold: Any) -> None:
     """Compute |m| (k,) [N m] of joints, and |m - R^T m|, the moments that hold the sections."""
     for k in range(moment.shape[0]):
         a, b, g = _sides(x, joints, k)
@@ -166,7 +175,7 @@ def joint_moments(x, joints, moment, hold):
 
 
 @inner_kernel
-def joint_moment(x, joints, k):
+def joint_moment(x: FloatArray, joints: Joints, k: int) -> float:
     """Return the moment |m| [N m] of joint k at x (n, 3) [m]."""
     a, b, g = _sides(x, joints, k)
     m = _moment(joints, k, a, b, g)
@@ -174,7 +183,7 @@ def joint_moment(x, joints, k):
 
 
 @inner_kernel
-def joint_energy(x, joints, k):
+def joint_energy(x: FloatArray, joints: Joints, k: int) -> float:
     """Return the energy [J] stored in joint k at x (n, 3) [m]."""
     a, b, g = _sides(x, joints, k)
     m = _moment(joints, k, a, b, g)
@@ -182,7 +191,7 @@ def joint_energy(x, joints, k):
 
 
 @kernel
-def joint_tangents(x, joints, stiffness, positive):
+def joint_tangents(x: Any, joints: Any, stiffness: Any, positive: Any) -> None:
     """Fill the (k, 6, 6) matrices of `JointTangent`: the second derivatives of U by (a, b).
 
     With unit vectors p along a and r along b, the axis e of psi, e' = R^T e, and Q, which turns R p to r
@@ -232,7 +241,7 @@ def joint_tangents(x, joints, stiffness, positive):
 
 
 @kernel
-def add_joint_stiffness(u, particles, stiffness, force):
+def add_joint_stiffness(u: Any, particles: Any, stiffness: Any, force: Any) -> None:
     """Add the stiffness (k, 6, 6) [N/m] of joints times displacements u (n, 3) to force (n, 3)."""
     w = np.empty(6)
     for k in range(particles.shape[0]):
@@ -250,7 +259,7 @@ def add_joint_stiffness(u, particles, stiffness, force):
 
 
 @kernel
-def add_joint_bounds(x, joints, times, out):
+def add_joint_bounds(x: Any, joints: Any, times: Any, out: Any) -> None:
     """Add `times` k |dpsi/dx|^2 of the joints at each particle to out (n,) [N/m], at x (n, 3) [m].
 
     |dpsi/da| is 1 / |a|. Including the terms of the moment k psi, a joint's stiffness is at most three times
@@ -269,7 +278,7 @@ def add_joint_bounds(x, joints, times, out):
 
 
 @kernel
-def compute_curvatures(x, particles, curvature):
+def compute_curvatures(x: Any, particles: Any, curvature: Any) -> None:
     """Write 2 tan(phi / 2) n (k, 3) of joints of particles (k, 3) at x (n, 3) [m]."""
     for k in range(curvature.shape[0]):
         h, i, j = particles[k, 0], particles[k, 1], particles[k, 2]

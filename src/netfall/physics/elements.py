@@ -5,13 +5,17 @@ and history.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import Record, f8, is_present
+from netfall.core.types import FloatArray, IntArray
 from netfall.physics.element_step import TINY
+from netfall.physics.fields import Elements
 from netfall.physics.law.element import axial_force, stored_energy, strain, tangent_stiffness, yield_energy
+from netfall.physics.law.law import LawParameters
 
 
 class ElementState(Record):
@@ -24,7 +28,7 @@ class ElementState(Record):
 
 
 @part_of_kernel
-def _state_of(x, elements, law, e):
+def _state_of(x: FloatArray, elements: Elements, law: LawParameters, e: int) -> tuple[Any, ...]:
     """Return force, strain, plastic strain, length and end-to-end vector of element e at x (n, 3) [m]."""
     a, b = elements.ends[e, 0], elements.ends[e, 1]
     dx, dy, dz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
@@ -40,7 +44,7 @@ def _state_of(x, elements, law, e):
 
 
 @inner_kernel
-def compute_state(x, elements, law, now):
+def compute_state(x: FloatArray, elements: Elements, law: LawParameters, now: ElementState) -> None:
     """Compute force, strain, plastic strain and length of each element at x (n, 3) [m]; change nothing else.
 
     elements : `Elements`; law : `LawParameters`; now : `ElementState`, out
@@ -50,13 +54,21 @@ def compute_state(x, elements, law, now):
 
 
 @kernel
-def compute_element_state(x, elements, law, now):
+def compute_element_state(x: FloatArray, elements: Elements, law: LawParameters, now: ElementState) -> None:
     """Call `compute_state` from Python."""
     compute_state(x, elements, law, now)
 
 
 @kernel
-def element_tangents(x, elements, law, N, direction, axial, across):
+def element_tangents(
+    x: FloatArray,
+    elements: Elements,
+    law: LawParameters,
+    N: FloatArray,
+    direction: FloatArray,
+    axial: FloatArray,
+    across: FloatArray,
+) -> None:
     """Compute axial force [N], axial and transverse stiffness [N/m] (m,) and direction (m, 3) of elements.
 
     x : (n, 3) [m]; elements : `Elements`; law : `LawParameters`; the others are out
@@ -70,7 +82,7 @@ def element_tangents(x, elements, law, N, direction, axial, across):
 
 
 @kernel
-def add_element_forces(x, elements, law, f):
+def add_element_forces(x: FloatArray, elements: Elements, law: LawParameters, f: FloatArray) -> None:
     """Add the axial forces of all elements at x (n, 3) [m] to the f (n, 3) [N] of their particles."""
     for e in range(elements.ends.shape[0]):
         a, b = elements.ends[e, 0], elements.ends[e, 1]
@@ -82,7 +94,7 @@ def add_element_forces(x, elements, law, f):
 
 
 @inner_kernel
-def add_axial_forces(x, ends, N, L, f_int):
+def add_axial_forces(x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray, f_int: FloatArray) -> None:
     """Add given axial forces N (m,) [N] at lengths L (m,) [m] to f_int (n, 3) [N] of the particles."""
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]
@@ -94,13 +106,22 @@ def add_axial_forces(x, ends, N, L, f_int):
 
 
 @kernel
-def add_axial_forces_now(x, ends, N, L, f_int):
+def add_axial_forces_now(
+    x: FloatArray, ends: IntArray, N: FloatArray, L: FloatArray, f_int: FloatArray
+) -> None:
     """Call `add_axial_forces` from Python."""
     add_axial_forces(x, ends, N, L, f_int)
 
 
 @kernel
-def add_stiffness(u, ends, direction, axial, transverse, force):
+def add_stiffness(
+    u: FloatArray,
+    ends: IntArray,
+    direction: FloatArray,
+    axial: FloatArray,
+    transverse: FloatArray,
+    force: FloatArray,
+) -> None:
     """Add the element stiffness matrix times displacements u (n, 3) to force (n, 3).
 
     direction : (m, 3), along the elements; axial, transverse : (m,) [N/m], along and across it
@@ -117,7 +138,9 @@ def add_stiffness(u, ends, direction, axial, transverse, force):
 
 
 @kernel
-def axial_forces(u, ends, direction, axial, force):
+def axial_forces(
+    u: FloatArray, ends: IntArray, direction: FloatArray, axial: FloatArray, force: FloatArray
+) -> None:
     """Compute axial forces (m,) [N] due to displacements u (n, 3) [m]; direction (m, 3), axial (m,) [N/m]."""
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]
@@ -128,7 +151,9 @@ def axial_forces(u, ends, direction, axial, force):
 
 
 @inner_kernel
-def element_energies(elements, now, law, stored, heat):
+def element_energies(
+    elements: Elements, now: ElementState, law: LawParameters, stored: FloatArray, heat: FloatArray
+) -> None:
     """Compute stored and dissipated energy (m,) [J] of each element for the state of
     `compute_element_state`."""
     for e in range(now.N.shape[0]):
@@ -141,7 +166,7 @@ def element_energies(elements, now, law, stored, heat):
 
 
 @kernel
-def nodal_stiffness(ends, k, out):
+def nodal_stiffness(ends: IntArray, k: FloatArray, out: FloatArray) -> None:
     """Add element stiffnesses k (m,) [N/m] to both ends."""
     for e in range(ends.shape[0]):
         out[ends[e, 0]] += k[e]

@@ -1,11 +1,12 @@
 """Log of fractures: elements, times, and the numbers of the particles that split off."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import Record, f8, i8
+from netfall.core.types import AnyArray, Integer
 
 
 class FractureStep(NamedTuple):
@@ -50,7 +51,15 @@ def allocate_events(capacity: int, before: Events | None = None) -> Events:
 
 
 @inner_kernel
-def add_event(events, when, element, particle, new_particle, strain, mass):
+def add_event(
+    events: Events,
+    when: FractureStep,
+    element: Integer,
+    particle: Integer,
+    new_particle: Integer,
+    strain: float,
+    mass: float,
+) -> None:
     """Append a fracture to the log. when : `FractureStep`"""
     k = events.count[0]
     events.time[k], events.step[k] = when.time, when.step
@@ -66,6 +75,11 @@ class EventLog:
     broken : elements, ascending; breaking : the steps in which these broke, ascending
     split_gid : numbers of the particles that have split off, ascending
     """
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> AnyArray:
+            """Return a column of COLUMNS."""
 
     def __init__(self, particles: int):
         """Start an empty log; particles : number in the net, whose rows precede those that split off."""

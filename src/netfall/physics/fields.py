@@ -6,6 +6,7 @@ splits off, the content of a checkpoint, and the content of the slots of the ste
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import from_dtype, types
@@ -35,7 +36,7 @@ class Field:
     name: str
     entity: str
     tail: tuple[int, ...]
-    dtype: type
+    dtype: type[np.generic]
     unit: str
     meaning: str
     feature: str = ""
@@ -184,18 +185,33 @@ def fields_of(entity: str) -> tuple[Field, ...]:
     return tuple(field for field in FIELDS if field.entity == entity)
 
 
-def _record(name: str, entity: str) -> type[Record]:
-    """Create the record class of an entity's arrays; particles and slots: (axes or slots, particles)."""
-    kinds = {}
+def _kinds(entity: str) -> dict[str, types.Type]:
+    """Return the types in kernels of an entity's arrays; particles and slots: (axes or slots, particles)."""
+    kinds: dict[str, types.Type] = {}
     for field in fields_of(entity):
         axes = 2 if field.tail or entity == "slot" else 1
         kinds[field.short] = types.Array(from_dtype(np.dtype(field.dtype)), axes, "C")
-    return type(name, (Record,), {"__annotations__": kinds, "__module__": __name__})
+    return kinds
 
 
-Particles = _record("Particles", "particle")
-Elements = _record("Elements", "element")
-Slots = _record("Slots", "slot")
+class _Table(Record, fields={}):
+    """Record whose fields are rows of the table."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+
+class Particles(_Table, fields=_kinds("particle")):
+    """Arrays of particles, (axes, particles) or (particles,)."""
+
+
+class Elements(_Table, fields=_kinds("element")):
+    """Arrays of elements, (elements, columns) or (elements,)."""
+
+
+class Slots(_Table, fields=_kinds("slot")):
+    """Arrays of slots (slots, particles)."""
 
 
 @dataclass(frozen=True)
@@ -295,4 +311,4 @@ class Features:
         _, is_key, key = field.feature.partition("cable.")
         if is_key:
             return key in self.cable
-        return not field.feature or getattr(self, field.feature)
+        return not field.feature or bool(getattr(self, field.feature))

@@ -28,10 +28,12 @@ import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, i8, is_present, real, whole
+from netfall.core.types import IntArray, Integer
 from netfall.physics.air import damped_mass, remove_air
-from netfall.physics.events import Events, add_event
-from netfall.physics.fields import Particles
+from netfall.physics.events import Events, FractureStep, add_event
+from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.element import energies_at, length_at, strain
+from netfall.physics.law.law import LawParameters
 from netfall.physics.motion import inverse_mass
 from netfall.physics.slip.law import passed_length
 from netfall.physics.stability import CARRIED_TOLERANCE, fragment_mass
@@ -73,13 +75,13 @@ class Fractures(Record):
 
 
 @inner_kernel
-def owns(p, rules):
+def owns(p: Integer, rules: FractureRules) -> bool:
     """Return whether this rank owns the particle in local row p."""
     return p < rules.n_owned or p >= rules.first_split
 
 
 @inner_kernel
-def choose_ends(e, elements, particles):
+def choose_ends(e: int, elements: Elements, particles: Particles) -> None:
     """Write to `elements.breaks` at which ends element e breaks, and which of them are loose.
 
     It breaks at the end with the larger resultant force, or at both if these are equal.
@@ -95,14 +97,14 @@ def choose_ends(e, elements, particles):
 
 
 @inner_kernel
-def resultant(p, particles):
+def resultant(p: int, particles: Particles) -> float:
     """Return the magnitude [N] of the total force on particle p."""
     f = particles.f
     return math.sqrt(f[0, p] * f[0, p] + f[1, p] * f[1, p] + f[2, p] * f[2, p])
 
 
 @inner_kernel
-def is_loose(p, e, elements, particles):
+def is_loose(p: int, e: int, elements: Elements, particles: Particles) -> bool:
     """Return whether particle p is only the end of element e and carries nothing, so that none can split off.
 
     It has no other element and no support. A load it carries (cladding, a weight) falls off with the element,
@@ -120,7 +122,9 @@ def is_loose(p, e, elements, particles):
 
 
 @inner_kernel
-def break_element(e, when, elements, law, fractures):
+def break_element(
+    e: int, when: FractureStep, elements: Elements, law: LawParameters, fractures: Fractures
+) -> None:
     """Break element e as decided: split it, or remove it if there are no fragments.
 
     when : `events.FractureStep`
@@ -135,7 +139,9 @@ def break_element(e, when, elements, law, fractures):
 
 
 @inner_kernel
-def split_particles(e, when, elements, law, fractures):
+def split_particles(
+    e: int, when: FractureStep, elements: Elements, law: LawParameters, fractures: Fractures
+) -> None:
     """Replace the ends at which element e breaks by new particles, except loose ends."""
     rules, particles = fractures.rules, fractures.particles
     rows, events = fractures.rows, fractures.events
@@ -173,7 +179,7 @@ def split_particles(e, when, elements, law, fractures):
 
 
 @inner_kernel
-def disable_strength(e, elements):
+def disable_strength(e: int, elements: Elements) -> None:
     """Disable the strength check of element e."""
     elements.eps_u[e] = np.inf
     if is_present(elements.check_stretch):
@@ -181,7 +187,9 @@ def disable_strength(e, elements):
 
 
 @inner_kernel
-def lengthen_fragment(e, dt, elements, particles, law):
+def lengthen_fragment(
+    e: int, dt: float, elements: Elements, particles: Particles, law: LawParameters
+) -> None:
     """Lengthen fragment e, strained beyond its strength, until its strain equals the fracture strain.
 
     The released energy, at the length where its forces did work, counts as dissipated. The strain stays above
@@ -200,7 +208,9 @@ def lengthen_fragment(e, dt, elements, particles, law):
 
 
 @inner_kernel
-def remove_element(e, when, elements, law, fractures):
+def remove_element(
+    e: int, when: FractureStep, elements: Elements, law: LawParameters, fractures: Fractures
+) -> None:
     """Remove element e from the net; its stored energy counts as dissipated."""
     rules, particles, events = fractures.rules, fractures.particles, fractures.events
     strain_at_fracture = strain_before(e, when.dt, elements, particles, law)
@@ -221,7 +231,7 @@ def remove_element(e, when, elements, law, fractures):
 
 
 @inner_kernel
-def remove_wind_at(p, rules, particles):
+def remove_wind_at(p: Integer, rules: FractureRules, particles: Particles) -> None:
     """Remove the wind and air effects of particle p after a fracture, unless the wind stays."""
     if is_present(particles.wind) and not rules.wind_stays:
         particles.wind[0, p] = particles.wind[1, p] = particles.wind[2, p] = 0.0
@@ -229,7 +239,7 @@ def remove_wind_at(p, rules, particles):
 
 
 @inner_kernel
-def dissipate_stored(e, dt, elements, particles, law):
+def dissipate_stored(e: int, dt: float, elements: Elements, particles: Particles, law: LawParameters) -> None:
     """Count the energy stored in element e as dissipated.
 
     It is that of half a position update ago, where the forces of the element did work.
@@ -248,13 +258,15 @@ def dissipate_stored(e, dt, elements, particles, law):
 
 
 @kernel
-def dissipate_stored_now(e, dt, elements, particles, law):
+def dissipate_stored_now(
+    e: int, dt: float, elements: Elements, particles: Particles, law: LawParameters
+) -> None:
     """Call `dissipate_stored` from Python."""
     dissipate_stored(e, dt, elements, particles, law)
 
 
 @inner_kernel
-def length_before(e, time, elements, particles):
+def length_before(e: int, time: float, elements: Elements, particles: Particles) -> float:
     """Return the length [m] of element e a time [s] ago, extrapolated with the present velocities."""
     a, b, x, v = elements.ends[e, 0], elements.ends[e, 1], particles.x, particles.v
     dx = (x[0, b] - time * v[0, b]) - (x[0, a] - time * v[0, a])
@@ -264,7 +276,7 @@ def length_before(e, time, elements, particles):
 
 
 @inner_kernel
-def unstressed_before(e, time, elements, particles):
+def unstressed_before(e: int, time: float, elements: Elements, particles: Particles) -> float:
     """Return the unstressed length [m] of element e a time [s] ago, from the present slip velocities."""
     L0 = elements.L0[e]
     if is_present(elements.slip_place) and is_present(particles.slip_v):
@@ -273,14 +285,14 @@ def unstressed_before(e, time, elements, particles):
 
 
 @inner_kernel
-def strain_before(e, time, elements, particles, law):
+def strain_before(e: int, time: float, elements: Elements, particles: Particles, law: LawParameters) -> float:
     """Return the strain of element e a time [s] ago, from the present velocities."""
     L = length_before(e, time, elements, particles)
     return strain(L, unstressed_before(e, time, elements, particles), law)
 
 
 @inner_kernel
-def subtract_fragment(p, mass, weight, particles):
+def subtract_fragment(p: Integer, mass: float, weight: float, particles: Particles) -> None:
     """Subtract a fragment's mass [kg] and weight [N] from particle p."""
     particles.valence[p] -= 1
     particles.mass[p] -= mass
@@ -292,7 +304,9 @@ def subtract_fragment(p, mass, weight, particles):
 
 
 @inner_kernel
-def new_particle(p, number, mass, weight, particles, rows):
+def new_particle(
+    p: Integer, number: Integer, mass: float, weight: float, particles: Particles, rows: IntArray
+) -> int:
     """Create the particle with a fragment's mass [kg] and weight [N] at particle p; return its local row.
 
     Other fields have the values that `State` sets in unused rows.

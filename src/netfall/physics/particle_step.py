@@ -6,29 +6,35 @@ Central difference in half-step velocities; damping is implicit in the mean velo
 """
 
 from types import SimpleNamespace
+from typing import Any
+
+from netfall.core.kernels import Decorator
 
 
-def make(target) -> SimpleNamespace:
+def make(target: Any) -> SimpleNamespace:
     """Compile the functions for a target."""
-    inline, fma = target.inline, target.fma
+    inline: Decorator = target.inline
+    fma = target.fma
 
     @inline
-    def between(before, after, share):
+    def between(before: Any, after: Any, share: Any) -> Any:
         """Interpolate linearly between two samples; share : 0 at the first, 1 at the second."""
         return fma(share, after - before, before)
 
     @inline
-    def kicked(v, a, c_v, c_a):
+    def kicked(v: Any, a: Any, c_v: Any, c_a: Any) -> Any:
         """Return v(n+1/2) [m/s] from v(n-1/2) and the acceleration a [m/s2]; c_v, c_a : update factors."""
         return fma(c_a, a, c_v * v)
 
     @inline
-    def moved(x, v, dt):
+    def moved(x: Any, v: Any, dt: Any) -> Any:
         """Return x(n+1) [m]."""
         return fma(dt, v, x)
 
     @inline
-    def works_of_motion(mass, damped, zeta, ground, old, new, twice, duration):
+    def works_of_motion(
+        mass: Any, damped: Any, zeta: Any, ground: Any, old: Any, new: Any, twice: Any, duration: Any
+    ) -> Any:
         """Return the factors of the works [J] during an interval in which supports move.
 
         They are the damping force [N], the displacement relative to the ground [m], and the change of kinetic

@@ -97,15 +97,15 @@ def transfer_carried(
             momentum += added_mass[k] * carried.v[source[k]]
             state.mass[p] += added_mass[k]
             state.load[p] += share[k] * carried.load[source[k]]
-            if state.wind is not None:
+            if carried.wind is not None:
                 state.wind[p] += share[k] * carried.wind[source[k]]
-            if state.air is not None:
+            if carried.air is not None:
                 state.air[p] = damping_vectors(
                     damping_areas(state.air[p]) + share[k] * damping_areas(carried.air[source[k]])
                 )
-            if state.air_mass is not None:
+            if carried.air_mass is not None:
                 state.air_mass[p] += share[k] * carried.air_mass[source[k]]
-            if state.drag_size is not None:
+            if carried.drag_size is not None:
                 state.drag_size[p] += share[k] * carried.drag_size[source[k]]
         if state.mass[p] > 0.0:
             velocity = momentum / state.mass[p]

@@ -25,10 +25,12 @@ net.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from netfall.core.kernels import kernel
+from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.physics.element_step import TINY
 from netfall.physics.law.measures import largest_stiffness
 
@@ -45,7 +47,16 @@ class Limit:
     element: int
 
 
-def any_shape_limits(elements, EA, L0, mass, free, bar, support, chains=None) -> list[Limit]:
+def any_shape_limits(
+    elements: IntArray,
+    EA: FloatArray,
+    L0: FloatArray,
+    mass: FloatArray,
+    free: BoolArray,
+    bar: BoolArray,
+    support: FloatArray,
+    chains: Any = None,
+) -> list[Limit]:
     """Return the limits `any_shape` and `slackening` of the intact net.
 
     mass : (n,) [kg]; free : (n,) bool, whether any axis is free; bar : (m,) bool
@@ -54,8 +65,9 @@ def any_shape_limits(elements, EA, L0, mass, free, bar, support, chains=None) ->
     chains : particles (k, 3) of these, and an element (k,) of each; a single joint has the sum over three
     """
     k = largest_stiffness(EA, L0)
-    stiffness = np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass))
-    stiffness += support
+    stiffness = (
+        np.bincount(elements[:, 0], k, len(mass)) + np.bincount(elements[:, 1], k, len(mass)) + support
+    )
     square = np.where(free, stiffness / np.where(free, mass, 1.0), 0.0)
     omega2 = square[elements[:, 0]] + square[elements[:, 1]]
     limits = []
@@ -73,7 +85,17 @@ def any_shape_limits(elements, EA, L0, mass, free, bar, support, chains=None) ->
     return limits
 
 
-def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, support, share: float) -> Limit:
+def after_fracture_limit(
+    elements: IntArray,
+    EA: FloatArray,
+    L0: FloatArray,
+    half: FloatArray,
+    mass: FloatArray,
+    held: BoolArray,
+    eps_u: FloatArray,
+    support: FloatArray,
+    share: float,
+) -> Limit:
     """Return the limit for any fragment of the net, if it takes up to `share` of the mass its end carries.
 
     half : (m,) [kg], half of each element's own mass; mass : (n,) [kg]; held : (n,) bool, supports, whose
@@ -115,7 +137,15 @@ def after_fracture_limit(elements, EA, L0, half, mass, held, eps_u, support, sha
     return Limit("after_fracture", dt, worst)
 
 
-def scaled_mass(elements, EA, L0, mass, free, support, share: float) -> np.ndarray:
+def scaled_mass(
+    elements: IntArray,
+    EA: FloatArray,
+    L0: FloatArray,
+    mass: FloatArray,
+    free: BoolArray,
+    support: FloatArray,
+    share: float,
+) -> np.ndarray:
     """Return masses (n,) [kg] with added inertia that makes the step for slack cables, omega dt = 1, longest.
 
     share : of the sum of the moving masses that may be added

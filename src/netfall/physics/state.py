@@ -4,10 +4,13 @@ Owned particles come first, then the halo, then those that split off, which are 
 rows for the latter, and grow when these are used up. Fields that the problem lacks are None.
 """
 
+from typing import TYPE_CHECKING, Any, TypeVar
+
 import numpy as np
 
 from netfall.core.arrays import allocate_columns
 from netfall.core.records import Record, empty
+from netfall.core.types import AnyArray
 from netfall.core.vectors import LANES
 from netfall.physics import fields
 from netfall.physics.air import RelativeWind
@@ -19,8 +22,16 @@ MIN_SPARE_ROWS = 64  # rows allocated at once for particles that may split off
 SAVED_FIELDS = ("x", "eps_p", "dissipated", "L0", "spring_rest", "strand", "slip")
 
 
+AnyRecord = TypeVar("AnyRecord", bound=Record)
+
+
 class State:
     """Arrays of one rank as attributes, named as in FIELDS; absent ones are None."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> AnyArray:
+            """Return an array of FIELDS. Whether it can be None is not checked."""
 
     def __init__(
         self, features: fields.Features, n_owned: int, n_halo: int, m: int, width: int = fields.SLOTS
@@ -30,7 +41,9 @@ class State:
         self.width = max(width, fields.SLOTS)
         self.n_owned, self.n_halo, self.m = n_owned, n_halo, m
         self.rows = np.array([n_owned + n_halo])  # particle rows in use; splits add more
-        self._whole: dict = {}  # by name: arrays as kernels take them, padded at the end of each row
+        self._whole: dict[
+            str, AnyArray
+        ] = {}  # by name: arrays as kernels take them, padded at the end of each row
         for field in fields.FIELDS:
             rows = m if field.entity == "element" else self.n_local
             if features.has(field):
@@ -46,7 +59,7 @@ class State:
         if features.band:
             alpha_tau = np.reshape(features.band, (2, -1))
             self.branches = np.vstack([alpha_tau, np.zeros((3, alpha_tau.shape[1]))])
-        self._records: dict = {}
+        self._records: dict[str, Any] = {}
 
     @property
     def n_local(self) -> int:
@@ -54,7 +67,7 @@ class State:
         return int(self.rows[0])
 
     @n_local.setter
-    def n_local(self, rows: int):
+    def n_local(self, rows: int) -> None:
         self.rows[0] = rows
 
     def _zeros(self, field: fields.Field, rows: int) -> np.ndarray:
@@ -90,7 +103,7 @@ class State:
         """Fields of the slots for kernels."""
         return self._record(fields.Slots, "slot")
 
-    def _record(self, kind: type[Record], entity: str) -> Record:
+    def _record(self, kind: type[AnyRecord], entity: str) -> AnyRecord:
         """Return a record of arrays, cached until they grow: building it takes tens of microseconds."""
         if entity not in self._records:
             arrays = {field.short: self._whole.get(field.name) for field in fields.fields_of(entity)}
@@ -99,7 +112,8 @@ class State:
                 name: empty(kinds[name]) if array is None else array for name, array in arrays.items()
             }
             self._records[entity] = kind(**fields_given)
-        return self._records[entity]
+        record: AnyRecord = self._records[entity]
+        return record
 
     @property
     def law(self) -> LawParameters:
@@ -144,6 +158,7 @@ class State:
 
     def bending_moments(self) -> np.ndarray:
         """Return moments (m, 2) [N m] of owned joints at both element ends; nan: without bending."""
+        assert self.joints is not None
         moment, hold = np.empty((2, len(self.joints.stiffness)))
         joint_moments(self.x, self.joints, moment, hold)
         at_joint = np.append(moment, [np.nan, 0.0])  # NO_BENDING, CHAIN_END

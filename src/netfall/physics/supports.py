@@ -8,14 +8,24 @@ along a unit vector n in plan, forces lose their component along n, so that n.v 
 of the particles, (n, 3): n_x, n_y, and the term between.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import is_present
+from netfall.core.types import FloatArray, IntArray
 
 
 @inner_kernel
-def add_spring_forces(x, x_start, spring, d0, turned, f_int):
+def add_spring_forces(
+    x: FloatArray,
+    x_start: FloatArray,
+    spring: FloatArray,
+    d0: FloatArray,
+    turned: FloatArray,
+    f_int: FloatArray,
+) -> None:
     """Add the forces of the springs (n, 3) [N/m] at x (n, 3) [m] to f_int (n, 3) [N]; d0 : (n, 3) [m].
 
     turned : (n, 3), absent if all axes are x, y and z
@@ -29,12 +39,12 @@ def add_spring_forces(x, x_start, spring, d0, turned, f_int):
 
 
 @kernel
-def add_spring_forces_now(x, x_start, spring, d0, turned, f_int):
+def add_spring_forces_now(x: Any, x_start: Any, spring: Any, d0: Any, turned: Any, f_int: Any) -> None:
     """Call `add_spring_forces` from Python."""
     add_spring_forces(x, x_start, spring, d0, turned, f_int)
 
 
-def spring_forces(x, x_start, spring, d0, turned=None) -> np.ndarray:
+def spring_forces(x: Any, x_start: Any, spring: Any, d0: Any, turned: Any = None) -> np.ndarray:
     """Return the forces (n, 3) [N] of the springs on their particles; arguments as in
     `add_spring_forces_now`."""
     elongation = d0 - (x - x_start)
@@ -44,24 +54,24 @@ def spring_forces(x, x_start, spring, d0, turned=None) -> np.ndarray:
     return force
 
 
-def add_coupling(turned, u, force) -> None:
+def add_coupling(turned: Any, u: Any, force: Any) -> None:
     """Add the x-y coupling stiffness times displacements u (n, 3) [m] to forces (n, 3) [N]."""
     force[:, :2] += turned[:, 2:] * u[:, 1::-1]
 
 
-def project_on_guides(turned, rows) -> None:
+def project_on_guides(turned: Any, rows: Any) -> None:
     """Remove from vectors (k, 3) the components along the lines that guide the first k particles."""
     n = turned[: len(rows), :2]
     rows[:, :2] -= (n[:, 0] * rows[:, 0] + n[:, 1] * rows[:, 1])[:, None] * n
 
 
-def largest_springs(spring, turned) -> np.ndarray:
+def largest_springs(spring: Any, turned: Any) -> np.ndarray:
     """Return an upper bound (n,) [N/m] of the spring stiffness (n, 3) in any direction; turned : or None."""
     return spring.max(1) if turned is None else spring.max(1) + np.abs(turned[:, 2])
 
 
 @kernel
-def largest_residual(f, free, n_owned):
+def largest_residual(f: FloatArray, free: IntArray, n_owned: int) -> float:
     """Return the largest norm [N] of the force over free axes of owned particles; inf if nan occurs."""
     worst = 0.0
     for p in range(n_owned):

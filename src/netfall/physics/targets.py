@@ -1,22 +1,23 @@
 """Compilation targets of the physics, and its functions compiled for CPUs."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from netfall.core import vectors
 from netfall.core.arithmetic import logarithm
-from netfall.core.kernels import part_of_kernel
+from netfall.core.kernels import Decorator, part_of_kernel
 from netfall.physics import element_step, particle_step
 
 
 class Target(NamedTuple):
     """Decorator that compiles a function for inlining, and the operations that the function may call."""
 
-    inline: object
-    fma: object
-    sqrt: object
-    logarithm: object
-    maximum: object
-    minimum: object
+    inline: Decorator
+    fma: Callable[..., Any]
+    sqrt: Callable[..., Any]
+    logarithm: Callable[..., Any]
+    maximum: Callable[..., Any]
+    minimum: Callable[..., Any]
 
 
 CPU = Target(part_of_kernel, vectors.fma, vectors.sqrt, logarithm, vectors.maximum, vectors.minimum)

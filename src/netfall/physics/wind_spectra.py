@@ -14,6 +14,7 @@ give 227 m and 130 m; Davenport's length does not depend on height.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -57,7 +58,7 @@ def en1991(x: np.ndarray) -> np.ndarray:
 class SpectrumShape:
     """Spectrum: density F; default length L [m] at 10 m; memory of the gusts in the AR model, in L."""
 
-    density: Callable
+    density: Callable[..., Any]
     length: float
     memory: float
 
@@ -74,7 +75,7 @@ SHAPES = {
 class Gust:
     """Gusts at one point. speed : U0 [m/s]; deviation : sigma [m/s]; length : L [m]; memory : [m]"""
 
-    density: Callable
+    density: Callable[..., Any]
     speed: float
     deviation: float
     length: float
@@ -96,14 +97,14 @@ class Gust:
         )
 
 
-def turbulence_intensity(settings) -> float:
+def turbulence_intensity(settings: Any) -> float:
     """Return the turbulence intensity I at 10 m of a [wind]: sqrt(6 k), or as given."""
     if settings.turbulence is not None:
         return settings.turbulence
     return float(np.sqrt(6.0 * settings.roughness))
 
 
-def make_gust(settings) -> Gust | None:
+def make_gust(settings: Any) -> Gust | None:
     """Return the gusts of a [wind]; None without gusts, or with gusts from a table."""
     if settings.speed is None or settings.pressures or turbulence_intensity(settings) == 0.0:
         return None

@@ -16,7 +16,8 @@ class Frames:
 
     def cell(self, name, step, low=0, high=None):
         """Return a cell field (m,) at a step, or its rows low to high."""
-        start, high = int(self.g[f"Steps/CellDataOffsets/{name}"][step]), high or self.cells
+        start = int(self.g[f"Steps/CellDataOffsets/{name}"][step])
+        high = self.cells if high is None else high
         return self.g[f"CellData/{name}"][start + low : start + high]
 
     def tension(self, step):
@@ -36,7 +37,8 @@ class Frames:
 
         The nodes of the net come first.
         """
-        start, high = int(self.g[f"Steps/PointDataOffsets/{name}"][step]), high or self._points(step)
+        start = int(self.g[f"Steps/PointDataOffsets/{name}"][step])
+        high = self._points(step) if high is None else high
         return self.g[f"PointData/{name}"][start + low : start + high]
 
     def _points(self, step):

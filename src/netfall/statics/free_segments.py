@@ -48,10 +48,6 @@ class SlipChains(Record):
     along: i8
     weight: f8
 
-    # pickled for the broadcast from rank 0, because addresses of arrays differ between ranks
-    def __reduce__(self):
-        return type(self), tuple(getattr(self, name) for name in self.kind.fields)
-
     def passed(self, s: np.ndarray) -> np.ndarray:
         """Return the changes (q,) [m] of the elements' unstressed lengths due to slips s (k,) [m]."""
         s = np.append(s, 0.0)

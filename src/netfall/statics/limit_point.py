@@ -16,6 +16,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
+from netfall.core.sets import first_largest
 from netfall.parallel.mpi import MPI
 from netfall.statics.newton import NoConvergence
 from netfall.statics.stability import unstable_at
@@ -145,7 +146,7 @@ class LoadPath:
         beyond = lengths((motion - foreseen[0])[owned])
         newton = self.newton(low)
         gid = newton.distribution.subdomain.particle_gid[owned]
-        p = int(np.argmax(beyond)) if len(beyond) else -1
+        p = first_largest(beyond, gid) if len(beyond) else -1
         candidate = (float(beyond[p]), -int(gid[p])) if p >= 0 else (-1.0, 0)
         largest, particle = max(newton.comm.allgather(candidate))
         flags = np.array([any(exceeds), falls_short[0].any()], np.int64)

@@ -405,15 +405,16 @@ class Newton:
 
         Collective.
         """
-        step_share = self.allowed_share(s)
+        step_share = next_share = self.allowed_share(s)
         start = self.net.x.copy()
         (slope,) = self.inner_products((r, s))
         self.set_displacement(s)
         for _ in range(MAX_REDUCTIONS):
+            step_share = next_share
             self.net.x[:] = start + step_share * self.spread
             (new_slope,) = self.inner_products((self.residual(), s))
             if np.isfinite(new_slope) and new_slope >= -0.5 * slope:
                 break
             fraction = slope / (slope - new_slope) if np.isfinite(new_slope) else 0.1
-            step_share *= min(max(fraction, 0.1), 0.5)
+            next_share = step_share * min(max(fraction, 0.1), 0.5)
         return step_share

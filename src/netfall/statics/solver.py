@@ -12,7 +12,7 @@ one more correction over the largest displacement, and its change of tension ove
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -96,9 +96,9 @@ class EquilibriumFinder:
         newton, x = self.newton(load), self.state.x
         if resume is None or not resume.is_begun:
             start, resume = x.copy(order="K"), None
-            for method in (self._try_newton, self._try_interior_point):
+            for method in (self._try_newton, partial(self._try_interior_point, watch=watch)):
                 try:
-                    return method(newton, tolerance, stop, watch)
+                    return method(newton, tolerance, stop)
                 except StopRequested:
                     x[:] = start
                     raise Paused(initial_relaxation(start)) from None
@@ -121,11 +121,13 @@ class EquilibriumFinder:
         """Return whether `limit_load` applies: to nets of cables alone that yield. Collective."""
         return self._allows_interior_point() and self.state.features.plastic
 
-    def _try_newton(self, newton: Newton, tolerance: float, stop: StopFlag, watch) -> Solution:
+    def _try_newton(self, newton: Newton, tolerance: float, stop: StopFlag) -> Solution:
         """Find the equilibrium by Newton's method. Raises NoConvergence, StopRequested. Collective."""
         return self.find_by_newton(newton, tolerance, stop, quick=self._allows_interior_point())
 
-    def _try_interior_point(self, newton: Newton, tolerance: float, stop: StopFlag, watch) -> Solution:
+    def _try_interior_point(
+        self, newton: Newton, tolerance: float, stop: StopFlag, watch: Callable[[], None] | None
+    ) -> Solution:
         """Find the equilibrium by the interior point method, then by Newton's method. Collective.
 
         Raises NoConvergence, StopRequested, UnboundedDisplacement, and any exception that watch() raises.

@@ -16,6 +16,11 @@ import numpy as np
 from netfall.core.arithmetic import exponential, exponential_minus_one
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import is_present
+from netfall.core.types import FloatArray
+from netfall.physics.elements import ElementState
+from netfall.physics.fields import Elements
+from netfall.physics.law.law import LawParameters
+from netfall.physics.state import State
 
 MAX_TWO_BRANCH_RATIO = (
     1.14  # largest over smallest damping ratio in the band up to which two branches suffice
@@ -64,7 +69,7 @@ def branch_stiffening(branches: tuple[float, ...]) -> float:
 
 
 @inner_kernel
-def set_branches(before_dt, dt, law):
+def set_branches(before_dt: float, dt: float, law: LawParameters) -> None:
     """Compute the factors of the branches for a step: rows 2 and 3 of their table, and entry (4, 0).
 
     They are the factor of H and the factor of N in H(n+1), and 1 + sum alpha exp(-dt / 2 tau).
@@ -80,7 +85,14 @@ def set_branches(before_dt, dt, law):
 
 
 @inner_kernel
-def add_branches(x, elements, now, law, f_int, f_band):
+def add_branches(
+    x: FloatArray,
+    elements: Elements,
+    now: ElementState,
+    law: LawParameters,
+    f_int: FloatArray,
+    f_band: FloatArray,
+) -> None:
     """Add branch forces at x (n, 3) [m] to f_int (n, 3) [N], and write them alone to f_band (n, 3)."""
     f_band[:] = 0.0
     for e in range(elements.ends.shape[0]):
@@ -100,7 +112,7 @@ def add_branches(x, elements, now, law, f_int, f_band):
             f_int[end, k] -= pull
 
 
-def add_branch_forces(state, N: np.ndarray) -> np.ndarray:
+def add_branch_forces(state: State, N: np.ndarray) -> np.ndarray:
     """Return axial forces (m,) [N] including the branches, from N without them; valid for short steps."""
     if state.branches is None:
         return N

@@ -7,7 +7,10 @@ the new plastic strain; the three variants are those of `explicit.forces`.
 from netfall.core.arithmetic import exponential, exponential_minus_one, logarithm
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
+from netfall.core.types import Triple
 from netfall.core.vectors import fma, load, load_mask, nowhere, where, zeros
+from netfall.physics.fields import Elements
+from netfall.physics.law.law import LawParameters
 from netfall.physics.targets import element
 
 INFINITE = float("inf")
@@ -17,7 +20,7 @@ grown, shrunk = element.grown, element.shrunk
 
 
 @inner_kernel
-def strain(L, L0, law):
+def strain(L: float, L0: float, law: LawParameters) -> float:
     """Return the strain of length L [m] relative to the unstressed length L0 [m]."""
     if law.logarithmic:
         return logarithm(L / L0)
@@ -25,7 +28,7 @@ def strain(L, L0, law):
 
 
 @inner_kernel
-def length_at(L, eps, law):
+def length_at(L: float, eps: float, law: LawParameters) -> float:
     """Return the unstressed length [m] of an element that has the strain eps at length L [m]."""
     if law.logarithmic:
         return L * exponential(-eps)
@@ -33,7 +36,7 @@ def length_at(L, eps, law):
 
 
 @inner_kernel
-def axial_force(elements, e, eps, eps_p):
+def axial_force(elements: Elements, e: int, eps: float, eps_p: float) -> tuple[float, float]:
     """Return axial force [N] and plastic strain of element e at strain eps after plastic strain eps_p."""
     N = elements.EA[e] * (eps - eps_p)
     if is_present(elements.euler) and N < -elements.euler[e]:
@@ -49,7 +52,9 @@ def axial_force(elements, e, eps, eps_p):
 
 
 @part_of_kernel
-def tangent_stiffness(elements, e, N, eps, L, law):
+def tangent_stiffness(
+    elements: Elements, e: int, N: float, eps: float, L: float, law: LawParameters
+) -> float:
     """Return dN/dL [N/m] of element e, of length L [m], at strain eps; 0 if slack, yielding or buckled.
 
     N : [N] at that strain, equal to the limit on the yield plateau
@@ -69,7 +74,7 @@ def tangent_stiffness(elements, e, N, eps, L, law):
 
 
 @inner_kernel
-def stored_energy(elements, e, N, L, eps_p, law):
+def stored_energy(elements: Elements, e: int, N: float, L: float, eps_p: float, law: LawParameters) -> float:
     """Return the elastic energy [J] of element e at force N [N] and length L [m]: the integral of N dL."""
     EA, L0 = elements.EA[e], elements.L0[e]
     if EA == 0.0:
@@ -86,7 +91,7 @@ def stored_energy(elements, e, N, L, eps_p, law):
 
 
 @inner_kernel
-def yield_energy(elements, e, eps_p, eps_p_new, law):
+def yield_energy(elements: Elements, e: int, eps_p: float, eps_p_new: float, law: LawParameters) -> float:
     """Return the energy [J] that element e dissipates by yielding from plastic strain eps_p to eps_p_new."""
     if eps_p_new == eps_p:
         return 0.0  # also avoids inf * 0 for an element that never yields
@@ -99,7 +104,7 @@ def yield_energy(elements, e, eps_p, eps_p_new, law):
 
 
 @inner_kernel
-def energies_at(elements, e, L, eps_p, law):
+def energies_at(elements: Elements, e: int, L: float, eps_p: float, law: LawParameters) -> Triple:
     """Return plastic strain, heat of yielding [J] and stored energy [J] of element e at length L [m]."""
     N, new_eps_p = axial_force(elements, e, strain(L, elements.L0[e], law), eps_p)
     heat = 0.0

@@ -18,6 +18,7 @@ with formulas of `physics.element_step`.
 import numpy as np
 
 from netfall.core.records import Record, empty, f8_2, real, whole
+from netfall.core.types import FloatArray
 from netfall.physics.law.limits import CHECK_SHARE
 from netfall.physics.law.measures import MEASURES, strains
 
@@ -71,7 +72,13 @@ def build_law(
     )
 
 
-def check_forces(EA, yield_force, eps_u, euler, measure: str) -> np.ndarray:
+def check_forces(
+    EA: FloatArray,
+    yield_force: FloatArray | None,
+    eps_u: FloatArray | None,
+    euler: FloatArray | None,
+    measure: str,
+) -> np.ndarray:
     """Return elastic axial forces (m,) [N], by size, from which elements are checked for limits; inf: never.
 
     yield_force, euler : (m,) [N], eps_u : (m,); None: nothing yields, buckles, breaks
@@ -88,6 +95,6 @@ def check_forces(EA, yield_force, eps_u, euler, measure: str) -> np.ndarray:
     return check_force
 
 
-def check_stretches(eps_u: np.ndarray, measure: str) -> np.ndarray:
+def check_stretches(eps_u: np.ndarray | float, measure: str) -> np.ndarray:
     """Return L / L0 (m,) from which elements of fracture strains (m,) are checked; inf: never."""
     return np.where(np.isinf(eps_u), np.inf, MEASURES[measure].stretch(eps_u) * CHECK_SHARE)

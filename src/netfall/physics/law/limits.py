@@ -1,8 +1,10 @@
 """Limits of the axial force: yield, fracture, and Euler buckling of bars."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+
+from netfall.core.types import FloatArray
 
 # Shares of a limit: from NEARLY on it is checked exactly, from REACHED on it counts as reached.
 CHECK_SHARE, REACHED_SHARE = 1.0 - 1e-9, 1.0 - 1e-12
@@ -21,7 +23,7 @@ class ForceLimits(NamedTuple):
     straight: np.ndarray
 
 
-def caps_of(yield_force, euler_load, buckling, bending) -> ForceLimits:
+def caps_of(yield_force: FloatArray, euler_load: FloatArray, buckling: Any, bending: Any) -> ForceLimits:
     """Return limit forces of elements with yield forces (m,) [N] and Euler loads (m,) [N].
 
     Euler loads are nan without a second moment of area.
@@ -38,6 +40,6 @@ def caps_of(yield_force, euler_load, buckling, bending) -> ForceLimits:
     )
 
 
-def axial_strengths(EA, fracture_strain, yield_force) -> np.ndarray:
+def axial_strengths(EA: Any, fracture_strain: Any, yield_force: Any) -> np.ndarray:
     """Return the axial force (m,) [N] that an element never exceeds before it breaks; inf: none."""
     return np.minimum(EA * fracture_strain, yield_force)

@@ -1,7 +1,7 @@
 """Closed forms of strain, length, force and stiffness of element arrays, for each measure of strain."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,10 @@ class Measure(NamedTuple):
     over(L, L0) : [m], dN/dL is EA / over; largest : N / EA up to which the functions are finite
     """
 
-    strain: Callable
-    stretch: Callable
-    unstressed: Callable
-    over: Callable
+    strain: Callable[..., Any]
+    stretch: Callable[..., Any]
+    unstressed: Callable[..., Any]
+    over: Callable[..., Any]
     largest: float
 
 
@@ -70,12 +70,12 @@ def elastic_stiffness(EA: np.ndarray, L0: np.ndarray, L: np.ndarray, strain: str
     return EA / MEASURES[strain].over(L, L0)
 
 
-def strains(L: np.ndarray, L0: np.ndarray, strain: str) -> np.ndarray:
+def strains(L: np.ndarray, L0: np.ndarray | float, strain: str) -> np.ndarray:
     """Return strains (m,) of lengths L (m,) [m] relative to unstressed lengths L0 (m,) [m]."""
     return MEASURES[strain].strain(L, L0)
 
 
-def elastic_forces(L, L0, EA, bar, strain: str) -> np.ndarray:
+def elastic_forces(L: Any, L0: Any, EA: Any, bar: Any, strain: str) -> np.ndarray:
     """Return axial forces (m,) [N] without yield at lengths L (m,) [m]; bar : (m,) bool."""
     N = EA * strains(L, L0, strain)
     return np.where(bar, N, np.maximum(N, 0.0))

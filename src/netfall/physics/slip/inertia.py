@@ -13,11 +13,12 @@ Each row uses the side with the smaller sum, or s'(i) itself with the inertia of
 less. If the cable is closed, only the latter applies. Positions are those at the start.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.types import IntArray
 
 INERTIA = 2.0
 MOST_ADDED = 0.02  # inertia that the automatic step may add, relative to the mass that moves with a slip
@@ -56,7 +57,9 @@ def slip_inertia(own: np.ndarray, stiffness: np.ndarray, dt: float) -> np.ndarra
     return np.maximum(own, INERTIA * dt * dt * stiffness)
 
 
-def slip_followers(slides, elements, x, fixed, mass, own, stiffness) -> SlipFollowers:
+def slip_followers(
+    slides: Any, elements: IntArray, x: Any, fixed: Any, mass: Any, own: Any, stiffness: Any
+) -> SlipFollowers:
     """Return the nodes that slips follow at positions x (n, 3).
 
     slides : `geometry.slip_points.SlidingCables`; elements : (m, 2); fixed : (n, 3) bool; mass : (n,) [kg]
@@ -88,7 +91,7 @@ def slip_followers(slides, elements, x, fixed, mass, own, stiffness) -> SlipFoll
     )
 
 
-def _segment_gradients(slides, elements, x, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _segment_gradients(slides: Any, elements: IntArray, x: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return vectors (u, 3) by which a node's velocity lengthens a segment; keys (u,): segment n + node."""
     inside = np.flatnonzero(slides.segment >= 0)
     ends = elements[inside]

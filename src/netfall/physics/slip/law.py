@@ -18,18 +18,22 @@ A segment with a broken or removed element carries nothing, and its unstressed l
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from netfall.core.arithmetic import exponential
 from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.types import FloatArray
+from netfall.physics.fields import Elements
+from netfall.physics.law.law import LawParameters
 from netfall.physics.state import State
 
 MIN_SEGMENT_SHARE = 0.2  # of the initial unstressed length; a shorter segment is locked
 
 
 @inner_kernel
-def slip_force(T, EA, law):
+def slip_force(T: float, EA: float, law: LawParameters) -> float:
     """Return q [N] at tension T [N]: minus the derivative of the strain energy by the unstressed length."""
     if law.logarithmic:
         return EA * (exponential(T / EA) - 1.0)
@@ -37,7 +41,16 @@ def slip_force(T, EA, law):
 
 
 @inner_kernel
-def slip_limit(before, after, EA_before, EA_after, friction, resistance, turn, law):
+def slip_limit(
+    before: float,
+    after: float,
+    EA_before: float,
+    EA_after: float,
+    friction: float,
+    resistance: float,
+    turn: float,
+    law: LawParameters,
+) -> float:
     """Return R [N], the force up to which a slip point sticks.
 
     before, after : [N] tensions; turn : exp(-mu theta)
@@ -54,7 +67,7 @@ def slip_limit(before, after, EA_before, EA_after, friction, resistance, turn, l
 
 
 @inner_kernel
-def angle_between(ax, ay, az, bx, by, bz):
+def angle_between(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
     """Return the angle [rad] between two unit vectors, with the same bits on any processor.
 
     The tangent of half of it is |a - b| / |a + b|. After three more bisections the arc tangent is a short
@@ -80,13 +93,13 @@ def set_slipless_lengths(state: State, L0: np.ndarray) -> None:
 
 
 @inner_kernel
-def slipped_length(e, slip, elements):
+def slipped_length(e: int, slip: FloatArray, elements: Elements) -> float:
     """Return the unstressed length [m] of element e including slip; slip : (3, n) [m]."""
     return elements.strand[e] + elements.slip_share[e] * passed_length(e, slip, elements)
 
 
 @inner_kernel
-def passed_length(e, slip, elements):
+def passed_length(e: int, slip: FloatArray, elements: Elements) -> float:
     """Return the length [m] passed into the segment of element e, from slips (3, n) or slip velocities."""
     i, j, passed = elements.slip_place[e, 0], elements.slip_place[e, 1], 0.0
     if i >= 0:
@@ -97,7 +110,7 @@ def passed_length(e, slip, elements):
 
 
 @kernel
-def update_slipped_lengths(slip, elements):
+def update_slipped_lengths(slip: Any, elements: Elements) -> None:
     """Update the unstressed lengths to the slips (3, n) [m]."""
     for e in range(elements.ends.shape[0]):
         moves = elements.slip_place[e, 0] >= 0 or elements.slip_place[e, 1] >= 0

@@ -21,15 +21,18 @@ energy turns to heat; it may move back.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.arithmetic import exponential
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import Record, i8, is_present
+from netfall.core.types import Triple
 from netfall.physics.element_step import TINY
+from netfall.physics.fields import Elements, Particles
 from netfall.physics.law.element import axial_force, strain
+from netfall.physics.law.law import LawParameters
 from netfall.physics.slip.law import MIN_SEGMENT_SHARE, angle_between, slip_force, slip_limit
 
 SLIP_STEP_SHARE = 0.75**0.5  # of the limit without slip; leaves three quarters of (omega dt)^2 to the net
@@ -67,10 +70,10 @@ class SegmentEnd(NamedTuple):
     hold: float
     whole: bool
     there: bool
-    along: tuple
+    along: Triple
 
 
-def slip_points_of(state, segment: np.ndarray) -> SlipPoints:
+def slip_points_of(state: Any, segment: np.ndarray) -> SlipPoints:
     """Return the slip points of a rank; it holds all elements of their segments.
 
     state : `state.State`, owned particles before those of the halo; segment : (m,) of
@@ -116,7 +119,9 @@ def beside(places: SlipPoints, values: np.ndarray) -> np.ndarray:
 
 
 @inner_kernel
-def _segment_end(e, intact, share, particles, elements, law):
+def _segment_end(
+    e: int, intact: bool, share: float, particles: Particles, elements: Elements, law: LawParameters
+) -> SegmentEnd:
     """Return the `SegmentEnd` of element e, adjacent to a slip point, at the present positions.
 
     intact : whether its segment is; share : position between two samples of a fading tension
@@ -137,7 +142,7 @@ def _segment_end(e, intact, share, particles, elements, law):
 
 
 @inner_kernel
-def is_whole(g, places, elements):
+def is_whole(g: int, places: SlipPoints, elements: Elements) -> bool:
     """Return whether no element of segment g is broken or removed."""
     broken = 0
     for j in range(places.start[g], places.start[g + 1]):
@@ -146,7 +151,9 @@ def is_whole(g, places, elements):
 
 
 @inner_kernel
-def _segment_force(g, places, particles, elements, law):
+def _segment_force(
+    g: int, places: SlipPoints, particles: Particles, elements: Elements, law: LawParameters
+) -> float:
     """Return the sum [N] of q(T) times the share over the elements of segment g, which is intact."""
     x, total = particles.x, 0.0
     for j in range(places.start[g], places.start[g + 1]):
@@ -160,7 +167,7 @@ def _segment_force(g, places, particles, elements, law):
 
 
 @inner_kernel
-def _is_short(g, e, intact, passed, places, elements):
+def _is_short(g: int, e: int, intact: bool, passed: float, places: SlipPoints, elements: Elements) -> bool:
     """Return whether too little of segment g remains, from which `passed` [m] left next to element e."""
     if intact:
         return elements.L0[e] <= MIN_SEGMENT_SHARE * elements.strand[e]
@@ -171,7 +178,15 @@ def _is_short(g, e, intact, passed, places, elements):
 
 
 @inner_kernel
-def updated_slip_velocity(i, kick_dt, share, places, particles, elements, law):
+def updated_slip_velocity(
+    i: int,
+    kick_dt: float,
+    share: float,
+    places: SlipPoints,
+    particles: Particles,
+    elements: Elements,
+    law: LawParameters,
+) -> tuple[float, float, float, float, bool]:
     """Return the velocity [m/s] of slip i half a step later, also without friction, and the forces on it.
 
     The result is: velocity, velocity without friction, Q of the strands [N], other forces [N], and whether a
@@ -212,7 +227,15 @@ def updated_slip_velocity(i, kick_dt, share, places, particles, elements, law):
 
 
 @inner_kernel
-def update_slip_velocities(time, kick_dt, share, places, particles, elements, law):
+def update_slip_velocities(
+    time: float,
+    kick_dt: float,
+    share: float,
+    places: SlipPoints,
+    particles: Particles,
+    elements: Elements,
+    law: LawParameters,
+) -> None:
     """Update all slip velocities of a rank at a time [s] to n + 1/2, with work and heat. places :
     `SlipPoints`"""
     for i in range(places.node.shape[0]):
@@ -233,7 +256,7 @@ def update_slip_velocities(time, kick_dt, share, places, particles, elements, la
 
 
 @inner_kernel
-def update_slips(dt, places, particles):
+def update_slips(dt: float, places: SlipPoints, particles: Particles) -> None:
     """Update the slips of a rank, halo included, to n + 1."""
     for j in range(places.moving.shape[0]):
         p, c = places.moving[j], places.of[j]
@@ -241,7 +264,16 @@ def update_slips(dt, places, particles):
 
 
 @inner_kernel
-def slip_energies(i, part, kick_dt, share, places, particles, elements, law):
+def slip_energies(
+    i: int,
+    part: float,
+    kick_dt: float,
+    share: float,
+    places: SlipPoints,
+    particles: Particles,
+    elements: Elements,
+    law: LawParameters,
+) -> tuple[float, ...]:
     """Return the kinetic energy of slip i at time n, and works [J] up to then: external, internal, heat.
 
     part : share of the velocity update that comes before n

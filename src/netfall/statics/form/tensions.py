@@ -113,11 +113,11 @@ def worst_nodes(comm: MPI.Comm, net: Net | None, distribution: Distribution, mov
     f, n = np.zeros_like(moving.x), distribution.subdomain.n_owned
     moving.forces(moving.x, f)
     size = lengths(np.where(moving.free[:n] != 0, f[:n], 0.0))
-    order = np.argsort(-np.nan_to_num(size, nan=np.inf), kind="stable")[:MAX_WORST_NODES]
-    gid = distribution.subdomain.particle_gid[:n][order]
+    gid = distribution.subdomain.particle_gid[:n]
+    order = np.lexsort((gid, -np.nan_to_num(size, nan=np.inf)))[:MAX_WORST_NODES]
     pairs = [
         pair
-        for local_pairs in comm.allgather(list(zip(size[order].tolist(), gid.tolist())))
+        for local_pairs in comm.allgather(list(zip(size[order].tolist(), gid[order].tolist())))
         for pair in local_pairs
     ]
     pairs.sort(key=lambda pair: (-np.nan_to_num(pair[0], nan=np.inf), pair[1]))
