@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,8 +33,8 @@ class Net:
     groups: list[str] | str = None
     node_id: np.ndarray = None
     element_id: np.ndarray = None
-    node_columns: dict = field(default_factory=dict)
-    element_columns: dict = field(default_factory=dict)
+    node_columns: dict[str, Any] = field(default_factory=dict)
+    element_columns: dict[str, Any] = field(default_factory=dict)
 
     def node_table(self) -> dict[str, np.ndarray]:
         """Return the columns of nodes.csv. Raises InputError for arrays that do not fit each other."""
@@ -76,7 +77,7 @@ class Net:
         return {"nodes": "nodes.csv", "elements": "elements.csv"}
 
 
-def _array(name: str, values, shape: tuple, kind) -> np.ndarray:
+def _array(name: str, values, shape: tuple[Any, ...], kind) -> np.ndarray:
     """Return values as an array of so many columns. Raises InputError."""
     array = np.asarray(values)
     expected = "(n, 3) of numbers [m]" if kind is float else "(m, 2) of ids of nodes"
@@ -97,7 +98,9 @@ def _ids(name: str, values, rows: int) -> np.ndarray:
     return array
 
 
-def _columns(name: str, given: dict, rows: int, arrays: dict | None = None) -> dict[str, np.ndarray]:
+def _columns(
+    name: str, given: dict[str, Any], rows: int, arrays: dict | None = None
+) -> dict[str, np.ndarray]:
     """Return columns of so many rows; a single value applies to all rows, and nan is an empty cell.
 
     arrays : names of arrays of a Net by the columns that they provide. Raises InputError for these columns.

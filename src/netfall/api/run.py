@@ -11,6 +11,7 @@ import sys
 import tempfile
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 from netfall.api.net import Net
 from netfall.core.errors import DivergedError, InputError, Interrupted, OutputError
@@ -29,7 +30,7 @@ ERROR_OF_EXIT_CODE = {2: InputError, 3: DivergedError, 4: Interrupted}  # by exi
 STOP = 60.0  # s within which a run must stop with a checkpoint
 
 
-def run(job, overrides: dict | None, ranks: int | None, output, quiet: bool) -> Result:
+def run(job, overrides: dict[str, Any] | None, ranks: int | None, output, quiet: bool) -> Result:
     """Execute `netfall.run`; the arguments are described there."""
     settings = [f"{name}={toml_value(value)}" for name, value in (overrides or {}).items()]
     if ranks is not None and (isinstance(ranks, bool) or not isinstance(ranks, int) or ranks < 1):
@@ -102,7 +103,7 @@ def _temporary_folder() -> tempfile.TemporaryDirectory:
         return tempfile.TemporaryDirectory(prefix="netfall-", ignore_cleanup_errors=True)
 
 
-def _job_file(job: dict, folder: Path) -> Path:
+def _job_file(job: dict[str, Any], folder: Path) -> Path:
     """Write a job, and the tables of its net. Paths in it are relative to the working directory."""
     job = {name: _with_absolute_paths(value) if name != "title" else value for name, value in job.items()}
     net, fields = job.get("net"), Net.__dataclass_fields__

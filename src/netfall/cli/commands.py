@@ -5,7 +5,9 @@ reports a wrong word on the command line before it loads anything else.
 """
 
 import os
+from argparse import Namespace
 from pathlib import Path
+from typing import Any
 
 import netfall
 from netfall.core.errors import InputError
@@ -14,7 +16,7 @@ from netfall.core.progress import print_lines
 ANIMATION_OPTIONS = ("format", "fps", "view", "size", "zoom", "until")  # options of `plot` for animations
 
 
-def init(arguments) -> None:
+def init(arguments: Any) -> None:
     """Write a new job file: netfall init JOB"""
     from netfall.job.template import new_template
     from netfall.results.locks import whole
@@ -25,7 +27,7 @@ def init(arguments) -> None:
     print_lines(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
 
 
-def check(arguments) -> None:
+def check(arguments: Namespace) -> None:
     """Check a job: netfall check JOB"""
     from netfall.parallel.alone import start_mpi
 
@@ -37,7 +39,7 @@ def check(arguments) -> None:
     check_job(read_job(arguments.job, arguments.overrides), print_lines, folder)
 
 
-def partition(arguments) -> None:
+def partition(arguments: Any) -> None:
     """Partition a net: netfall partition JOB -n P"""
     from netfall.geometry.build import build_net
     from netfall.job.read import read_job
@@ -61,7 +63,7 @@ def partition(arguments) -> None:
     )
 
 
-def run(arguments) -> None:
+def run(arguments: Namespace) -> None:
     """Run a job: mpirun -n P netfall run JOB"""
     from netfall.parallel.alone import world_communicator
 
@@ -83,7 +85,7 @@ def run(arguments) -> None:
     run_job(comm, job, path, progress, arguments.restart, stop, arguments.profile)
 
 
-def _check_same_options(given: list[dict]) -> None:
+def _check_same_options(given: list[dict[str, Any]]) -> None:
     """Raise InputError if a rank was started with other options than rank 0.
 
     given : the options of each rank
@@ -106,7 +108,7 @@ def _check_same_options(given: list[dict]) -> None:
                 )
 
 
-def compile(arguments) -> None:
+def compile(arguments: Any) -> None:
     """Compile the kernels: netfall compile"""
     from netfall.parallel.alone import start_mpi
 
@@ -119,7 +121,7 @@ def compile(arguments) -> None:
     print_lines(f"kept in {os.environ[CACHE_VARIABLE]}")
 
 
-def info(arguments) -> None:
+def info(arguments: Namespace) -> None:
     """Print a summary: netfall info RESULT"""
     from netfall.post.report.info import print_info
     from netfall.study.answers.info import print_study
@@ -128,7 +130,7 @@ def info(arguments) -> None:
     (print_study if is_study(arguments.result) else print_info)(arguments.result, print_lines)
 
 
-def plot(arguments) -> None:
+def plot(arguments: Any) -> None:
     """Draw plots: netfall plot RESULT"""
     from netfall.study.answers.read import is_study
 
@@ -148,7 +150,7 @@ def plot(arguments) -> None:
         print_lines(plot_state(a.result, folder, a.case))
 
 
-def _animate(arguments) -> None:
+def _animate(arguments: Any) -> None:
     """Draw animations: netfall plot RESULT --animate"""
     from netfall.post.plots.canvas import VIEWS
     from netfall.post.plots.film import FilmView, animate
@@ -168,7 +170,7 @@ def _animate(arguments) -> None:
         print_lines(f"{path}: {words}")
 
 
-def view(arguments) -> None:
+def view(arguments: Any) -> None:
     """Write a page for the browser: netfall view RESULT"""
     from netfall.post.page.page import write_page
     from netfall.post.page.study import write_study_page
@@ -186,7 +188,7 @@ def view(arguments) -> None:
     print_lines(f"{page}: {words}; open it in a browser")
 
 
-def report(arguments) -> None:
+def report(arguments: Any) -> None:
     """Write a report: netfall report RESULT"""
     from netfall.post.checks.cables import Cutting
     from netfall.post.report.report import Inputs, write_report
@@ -196,7 +198,7 @@ def report(arguments) -> None:
     print_lines(*write_report(a.result, _output_folder(a.folder or default_folder), inputs))
 
 
-def scale(arguments) -> None:
+def scale(arguments: Any) -> None:
     """Measure scaling: netfall scale JOB --ranks 1,2, netfall scale STUDY --workers 1,2"""
     a = arguments
     if (a.ranks is None) == (a.workers is None):
@@ -222,7 +224,7 @@ def scale(arguments) -> None:
     print_lines(*paths)
 
 
-def trade(arguments) -> None:
+def trade(arguments: Any) -> None:
     """Run an accuracy study: netfall trade JOB"""
     from netfall.core.launch import default_launcher
     from netfall.core.stop import StopFlag
@@ -245,14 +247,14 @@ def trade(arguments) -> None:
     print_lines(*paths)
 
 
-def _line_printer():
+def _line_printer() -> Any:
     """Return a function that prints lines, and continues without output if the reader has ended."""
     from netfall.core.progress import Progress
 
     return Progress(True).say
 
 
-def study(arguments) -> None:
+def study(arguments: Namespace) -> None:
     """Run a study: netfall study STUDY"""
     from netfall.core.launch import SIZES, launcher_variables
     from netfall.core.progress import Progress
@@ -265,7 +267,7 @@ def study(arguments) -> None:
     run_study(a.study, a.output, a.workers, a.shard, a.launcher, a.retry, progress, StopFlag())
 
 
-def import_(arguments) -> None:
+def import_(arguments: Namespace) -> None:
     """Import a drawing or mesh: netfall import FILE -o FOLDER"""
     from netfall.exchange.drawings.importing import ImportOptions, import_file
 
@@ -273,7 +275,7 @@ def import_(arguments) -> None:
     import_file(arguments.drawing, arguments.folder, ImportOptions(**settings), print_lines)
 
 
-def export(arguments) -> None:
+def export(arguments: Any) -> None:
     """Export a result: netfall export RESULT -o FILE"""
     from netfall.exchange.export import Wanted
     from netfall.exchange.export import export as write

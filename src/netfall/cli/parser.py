@@ -3,6 +3,7 @@
 import argparse
 import functools
 from pathlib import Path
+from typing import Any
 
 from netfall.cli import arguments as take
 from netfall.core.errors import InputError
@@ -132,7 +133,7 @@ netfall compile
 class Parser(argparse.ArgumentParser):
     """A parser that reports an error in one line."""
 
-    def error(self, message: str):
+    def error(self, message: str) -> None:
         raise InputError(f"{self.prog}: {message}; {self.prog} --help shows what it takes")
 
 
@@ -159,7 +160,7 @@ def parser() -> Parser:
     return top
 
 
-def _add(verb, name: str, kind: str, what: str, default: str, text: str) -> None:
+def _add(verb: Any, name: str, kind: str, what: str, default: str, text: str) -> None:
     """Add a word or an option to a command, from the cells of its row.
 
     A default is converted as if it were typed.

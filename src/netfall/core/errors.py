@@ -14,7 +14,7 @@ class InputError(Exception):
 
     exit_code = 2
 
-    def __init__(self, lines: list[str] | str):
+    def __init__(self, lines: Iterable[str] | str):
         self.lines = [lines] if isinstance(lines, str) else list(lines)
         super().__init__("\n".join(self.lines))
 

@@ -61,7 +61,7 @@ def log1p(x: np.ndarray) -> np.ndarray:
     return np.where(is_tiny, x, log(shifted) * (x / np.where(is_tiny, 1.0, rounded_x)))
 
 
-def _reduce_angles(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _reduce_angles(x: np.ndarray | float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Reduce angles by whole quarter turns.
 
     Return sine and cosine of the remainder, and the number of quarters modulo 4.
@@ -79,13 +79,13 @@ def _reduce_angles(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return remainder + remainder * sine, 1.0 + cosine, number.astype(np.int64) % 4
 
 
-def sin(x: np.ndarray) -> np.ndarray:
+def sin(x: np.ndarray | float) -> np.ndarray:
     """Compute the sine of angles x up to `LARGEST_ANGLE`."""
     s, c, quarter = _reduce_angles(x)
     return np.choose(quarter, [s, c, -s, -c])
 
 
-def cos(x: np.ndarray) -> np.ndarray:
+def cos(x: np.ndarray | float) -> np.ndarray:
     """Compute the cosine of angles x up to `LARGEST_ANGLE`."""
     s, c, quarter = _reduce_angles(x)
     return np.choose(quarter, [c, -s, -c, s])

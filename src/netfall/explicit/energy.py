@@ -8,6 +8,7 @@ energy that takes part (`history.energy_in_play`).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -60,7 +61,7 @@ class Snapshot:
 
     rows: np.ndarray
     room: ObservationArrays
-    subject: ObservedState | None = None
+    subject: Any = None
 
     @property
     def velocity(self) -> np.ndarray:
@@ -192,7 +193,7 @@ def total_energies(comm: MPI.Comm, state: State, snapshot: Snapshot) -> Energies
     return energies_from_sums(state, round_over_ranks(comm, snapshot.room.sums.copy()))
 
 
-def local_extremes(state: State, element_gid: np.ndarray, snapshot: Snapshot) -> tuple:
+def local_extremes(state: State, element_gid: np.ndarray, snapshot: Snapshot) -> tuple[Any, ...]:
     """Return speed and number of this rank's fastest particle, and its largest strain and the element."""
     speed = np.nan_to_num(np.abs(snapshot.velocity).max(1, initial=0.0), nan=np.inf)
     held = ~state.free[snapshot.rows].any(1)

@@ -10,6 +10,7 @@ import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, is_present, u1, whole
+from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.core.vectors import LANES, fma, load, load_mask, store_below, where, zeros
 from netfall.explicit.forces import Scratch
 from netfall.explicit.motion import (
@@ -82,7 +83,17 @@ class ObservationArrays(Record):
 
 
 @inner_kernel
-def particle_energies(first, last, before, part, kick_dt, zeta, share, observed, observation):
+def particle_energies(
+    first: int,
+    last: int,
+    before: int,
+    part: float,
+    kick_dt: float,
+    zeta: float,
+    share: float,
+    observed: ObservedState,
+    observation: ObservationArrays,
+) -> None:
     """Compute velocity and energy terms of the owned particles first to last; output row = particle - before.
 
     part : share of the velocity update that comes before n, 1/2 between equal steps
@@ -99,7 +110,16 @@ def particle_energies(first, last, before, part, kick_dt, zeta, share, observed,
 
 
 @inner_kernel
-def span_energies(low, high, before, part, kick_dt, zeta, observed, observation):
+def span_energies(
+    low: int,
+    high: int,
+    before: int,
+    part: float,
+    kick_dt: float,
+    zeta: float,
+    observed: ObservedState,
+    observation: ObservationArrays,
+) -> None:
     """Compute velocity and energy terms of particles low to high, whose forces are in the scratch."""
     particles, velocity, terms = observed.particles, observation.velocity, observation.terms
     h = 0.5 * zeta * kick_dt
@@ -165,7 +185,7 @@ def span_energies(low, high, before, part, kick_dt, zeta, observed, observation)
 
 
 @inner_kernel
-def spring_energies(first, last, before, particles, energy):
+def spring_energies(first: int, last: int, before: int, particles: Particles, energy: FloatArray) -> None:
     """Write the energy [J] in elastic supports of particles first to last; output row = particle - before."""
     x, start, spring, rest = particles.x, particles.x_start, particles.spring, particles.spring_rest
     for p in range(first, last):
@@ -180,7 +200,7 @@ def spring_energies(first, last, before, particles, energy):
 
 
 @inner_kernel
-def add_joint_energies(x, joints, limbs):
+def add_joint_energies(x: FloatArray, joints: Joints, limbs: IntArray) -> None:
     """Add the energies [J] of the joints that this rank owns to the fixed-point number in limbs."""
     for k in range(joints.stiffness.shape[0]):
         if joints.owned[k]:
@@ -188,7 +208,7 @@ def add_joint_energies(x, joints, limbs):
 
 
 @inner_kernel
-def find_attached(owned, observed, observation):
+def find_attached(owned: int, observed: ObservedState, observation: ObservationArrays) -> None:
     """Mark the attached ones among the first `owned` particle rows and the elements of this rank."""
     detached, elements = observed.particles.detached, observed.elements
     for i in range(owned):
@@ -200,7 +220,9 @@ def find_attached(owned, observed, observation):
 
 
 @inner_kernel
-def add_attached_energies(owned, observed, observation, limbs):
+def add_attached_energies(
+    owned: int, observed: ObservedState, observation: ObservationArrays, limbs: IntArray
+) -> None:
     """Add kinetic and stored energies [J] of the attached part to the fixed-point number in limbs.
 
     `add_slip_energies` adds the share of the slips.
@@ -217,7 +239,9 @@ def add_attached_energies(owned, observed, observation, limbs):
 
 
 @inner_kernel
-def add_slip_energies(part, kick_dt, share, observed, sums):
+def add_slip_energies(
+    part: float, kick_dt: float, share: float, observed: ObservedState, sums: IntArray
+) -> None:
     """Add the slip energies of this rank to sums, and the heat of friction to the last of them."""
     places, particles, previous = observed.places, observed.particles, np.int64(-1)
     for i in range(places.node.shape[0]):
@@ -240,7 +264,7 @@ def add_slip_energies(part, kick_dt, share, observed, sums):
 
 
 @inner_kernel
-def count_slack(now, elements):
+def count_slack(now: ElementState, elements: Elements) -> Integer:
     """Count the unbroken slack cables of this rank."""
     slack = 0
     for e in range(np.uint64(now.N.shape[0])):
@@ -250,7 +274,14 @@ def count_slack(now, elements):
 
 
 @inner_kernel
-def observe_particles(part, kick_dt, zeta, share, observed, observation):
+def observe_particles(
+    part: float,
+    kick_dt: float,
+    zeta: float,
+    share: float,
+    observed: ObservedState,
+    observation: ObservationArrays,
+) -> None:
     """Compute velocities and energy terms of all owned particles; arguments as in `particle_energies`."""
     n_owned, first_split, particles = observed.n_owned, observed.first_split, observed.particles
     if is_present(particles.air):
@@ -263,7 +294,9 @@ def observe_particles(part, kick_dt, zeta, share, observed, observation):
 
 
 @inner_kernel
-def internal_forces(before_dt, dt, observed, observation):
+def internal_forces(
+    before_dt: float, dt: float, observed: ObservedState, observation: ObservationArrays
+) -> None:
     """Compute f_int, f_band and the energy of elastic supports for the element state in `observation.now`."""
     particles, elements, law, now = observed.particles, observed.elements, observed.law, observation.now
     n_owned, first_split, x, f_int = (
@@ -287,7 +320,15 @@ def internal_forces(before_dt, dt, observed, observation):
 
 
 @kernel
-def observe(before_dt, dt, zeta, share, with_energies, observed, observation):
+def observe(
+    before_dt: float,
+    dt: float,
+    zeta: float,
+    share: float,
+    with_energies: bool,
+    observed: ObservedState,
+    observation: ObservationArrays,
+) -> None:
     """Fill the output arrays; without `with_energies` the element state alone.
 
     before_dt, dt : [s] the steps before and after n; zeta : [1/s]; share : position between two load samples

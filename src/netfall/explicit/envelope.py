@@ -6,10 +6,13 @@ elements can break or are removed, forces are recorded at every step, since a fr
 shorter than the time between two rows.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.explicit.sampling import update_tension_envelope
 from netfall.parallel.subdomain import Distribution
+from netfall.physics.state import State
 
 TENSION = ("tension_max", "tension_max_time", "tension_min", "slack_time")  # (m,), of elements
 DISPLACEMENT = ("displacement_max", "displacement_max_time")  # (n,), of particles of the net
@@ -34,7 +37,7 @@ class DynamicEnvelope:
         self.displacement[0] = -1.0
         self.moment = np.full(len(subdomain.element_gid), np.nan) if bends else None
 
-    def take_in(self, time: float, state) -> None:
+    def take_in(self, time: float, state: State) -> None:
         """Include the extremes of all steps so far, at a time [s], if the state records them."""
         if state.highest is not None:
             update_tension_envelope(time, state.highest, state.elements.lowest, self.tension)
@@ -44,17 +47,19 @@ class DynamicEnvelope:
         bends = {} if self.moment is None else {MOMENT: self.moment}
         return dict(zip(TENSION, self.tension)) | bends, dict(zip(DISPLACEMENT, self.displacement))
 
-    def record(self, state) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self, state: State) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the data for `restore`, by global numbers on rank 0. Collective."""
         owned = state.owned.astype(bool)
         tension = self.distribution.gather_elements(self.tension.T, owned)
         displacement = self.distribution.gather_particles(self.displacement.T)
-        bends = {}
+        bends: dict[str, Any] = {}
         if self.moment is not None:
             bends = {MOMENT: self.distribution.gather_elements(self.moment, owned)}
-        return {}, {} if tension is None else {"tension": tension, "displacement": displacement} | bends
+        if tension is None:
+            return {}, {}
+        return {}, {"tension": tension, "displacement": displacement} | bends
 
-    def restore(self, _: dict, arrays: dict[str, np.ndarray] | None) -> None:
+    def restore(self, _: dict[str, Any], arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         distribution, n_owned = self.distribution, self.displacement.shape[1]
         tension, displacement = (arrays["tension"], arrays["displacement"]) if arrays else (None, None)

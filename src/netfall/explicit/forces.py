@@ -9,10 +9,13 @@ is near a limit. A second one serves cables that yield, and a general one every 
 other features are checked at run time.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import Record, f8, f8_2, is_present, u1
+from netfall.core.types import FloatArray, Lanes
 from netfall.core.vectors import (
     LANES,
     any_of,
@@ -30,12 +33,13 @@ from netfall.core.vectors import (
     where,
     zeros,
 )
-from netfall.physics.fields import SLOTS
+from netfall.physics.fields import SLOTS, Slots
 from netfall.physics.law.element import (
     elastic_force_density,
     general_force_density,
     yielding_force_density,
 )
+from netfall.physics.law.law import LawParameters
 from netfall.physics.targets import element
 
 inverse_length, branch = element.inverse_length, element.branch
@@ -76,7 +80,7 @@ def needs_inelastic_pass(slots, law):
 
 
 @part_of_kernel
-def update_extremes(N, skipped, s, p, slots):
+def update_extremes(N: Lanes, skipped: Lanes, s: int, p: int, slots: Slots) -> None:
     """Update the extremes of the axial forces N [N] of the elements in slot s, except the skipped ones.
 
     It also writes lanes beyond the end of the chunk. They hold broken elements or none, and nothing reads
@@ -90,7 +94,9 @@ def update_extremes(N, skipped, s, p, slots):
 
 
 @part_of_kernel
-def with_branches(q, per_L, L, s, p, high, bar, slots, law):
+def with_branches(
+    q: Lanes, per_L: Lanes, L: Lanes, s: int, p: int, high: int, bar: Lanes, slots: Slots, law: LawParameters
+) -> Lanes:
     """Add the Maxwell branches of axial damping to q = N / L [N/m], and advance their state to n + 1."""
     factors, N = law.branches, q * L
     a, b = load(slots.branch_a, s, p), load(slots.branch_b, s, p)
@@ -106,7 +112,19 @@ def with_branches(q, per_L, L, s, p, high, bar, slots, law):
 
 
 @part_of_kernel
-def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, scratch):
+def vector_forces(
+    p: int,
+    high: int,
+    i: int,
+    width: int,
+    in_line: bool,
+    general: bool,
+    yields: bool,
+    x: FloatArray,
+    slots: Slots,
+    law: LawParameters,
+    scratch: Scratch,
+) -> Lanes:
     """Compute `add_forces` for LANES particles from p on into place i, and return their limit flags."""
     peaks, branches = is_present(slots.highest), general and is_present(law.branches)
     px, py, pz = load(x, 0, p), load(x, 1, p), load(x, 2, p)
@@ -150,7 +168,17 @@ def vector_forces(p, high, i, width, in_line, general, yields, x, slots, law, sc
 
 
 @part_of_kernel
-def add_forces(low, high, width, general, yields, x, slots, law, scratch):
+def add_forces(
+    low: int,
+    high: int,
+    width: int,
+    general: bool,
+    yields: bool,
+    x: FloatArray,
+    slots: Slots,
+    law: LawParameters,
+    scratch: Scratch,
+) -> bool:
     """Sum the element forces on particles low to high into the scratch; return whether one is near a limit.
 
     width : largest number of elements at one particle; general : whether they are not all cables of one
@@ -172,7 +200,9 @@ def add_forces(low, high, width, general, yields, x, slots, law, scratch):
 
 
 @inner_kernel
-def elastic_chunk_forces(low, high, width, x, slots, law, scratch):
+def elastic_chunk_forces(
+    low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
+) -> bool:
     """Sum the forces of elements without plastic strain; the result is invalid if one is near yield."""
     if width == SLOTS:  # a literal trip count, which LLVM unrolls
         return add_forces(low, high, SLOTS, False, False, x, slots, law, scratch)
@@ -180,7 +210,9 @@ def elastic_chunk_forces(low, high, width, x, slots, law, scratch):
 
 
 @inner_kernel
-def yielding_chunk_forces(low, high, width, x, slots, law, scratch):
+def yielding_chunk_forces(
+    low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
+) -> bool:
     """Sum the forces of cables that may have plastic strains."""
     if width == SLOTS:
         return add_forces(low, high, SLOTS, False, True, x, slots, law, scratch)
@@ -188,13 +220,17 @@ def yielding_chunk_forces(low, high, width, x, slots, law, scratch):
 
 
 @inner_kernel
-def general_chunk_forces(low, high, width, x, slots, law, scratch):
+def general_chunk_forces(
+    low: int, high: int, width: int, x: FloatArray, slots: Slots, law: LawParameters, scratch: Scratch
+) -> bool:
     """Sum the forces of cables and bars that may yield or buckle, for any strain measure."""
     return add_forces(low, high, width, True, is_present(slots.eps_p), x, slots, law, scratch)
 
 
 @inner_kernel
-def chunk_forces(c, plain, x, chunks, slots, law, scratch):
+def chunk_forces(
+    c: int, plain: int, x: FloatArray, chunks: Any, slots: Slots, law: LawParameters, scratch: Scratch
+) -> bool:
     """Sum the element forces on the particles of chunk c, with yield; return whether one is near a limit.
 
     plain : whether the strain is the engineering strain and there are no Maxwell branches

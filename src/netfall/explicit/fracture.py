@@ -4,16 +4,30 @@ A broken element leaves an empty slot at the particle it separates from and a ne
 stays with. The new particle has one element and belongs to a chunk of such particles.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import is_present
+from netfall.core.types import IntArray, Integer
 from netfall.explicit.incidence import collect_element, empty_slot, fill_slot, slot_of
-from netfall.physics.fracture import break_element, choose_ends, lengthen_fragment, owns
+from netfall.physics.events import FractureStep
+from netfall.physics.fields import Elements, Slots
+from netfall.physics.fracture import Fractures, break_element, choose_ends, lengthen_fragment, owns
+from netfall.physics.law.law import LawParameters
 
 
 @inner_kernel
-def break_elements(count, when, chunks, elements, slots, law, fractures):
+def break_elements(
+    count: int,
+    when: FractureStep,
+    chunks: Any,
+    elements: Elements,
+    slots: Slots,
+    law: LawParameters,
+    fractures: Fractures,
+) -> None:
     """Break the `count` elements in elements.pending; lengthen fragments that exceed their strength.
 
     when : `events.FractureStep`
@@ -39,7 +53,7 @@ def break_elements(count, when, chunks, elements, slots, law, fractures):
 
 
 @inner_kernel
-def shell_sort(numbers, count):
+def shell_sort(numbers: IntArray, count: int) -> None:
     """Sort the first `count` of some numbers in place (Shell sort)."""
     gap = 1
     while 3 * gap < count:
@@ -55,7 +69,15 @@ def shell_sort(numbers, count):
 
 
 @inner_kernel
-def update_end_slots(e, end, before, chunks, elements, slots, fractures):
+def update_end_slots(
+    e: Integer,
+    end: Integer,
+    before: Integer,
+    chunks: Any,
+    elements: Elements,
+    slots: Slots,
+    fractures: Fractures,
+) -> None:
     """Update the slots at an end (0, 1) of the broken element e. before : the particle there until then"""
     rules = fractures.rules
     now, far = np.int64(elements.ends[e, end]), np.int64(elements.ends[e, 1 - end])

@@ -4,7 +4,8 @@ To add a column, extend `COLUMNS` and `history_columns`. The file, Python, check
 results/README.md follow from these.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -130,7 +131,7 @@ def energy_in_play(rows: dict[str, np.ndarray]) -> np.ndarray:
 
 
 # Reference energies [J] per row: an error is relative to the largest value up to its row.
-REFERENCE_ENERGIES = {
+REFERENCE_ENERGIES: dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]] = {
     "in_play": energy_in_play,
     "attached": lambda rows: np.nan_to_num(rows["attached_energy"]),
 }
@@ -142,7 +143,9 @@ ERROR_REFERENCE = {
 NO_LARGE_STRAIN = (0.0, 0.0, -1)
 
 
-def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid: np.ndarray) -> tuple:
+def most_strained(
+    state: State, time: float, eps: np.ndarray, N: np.ndarray, gid: np.ndarray
+) -> tuple[Any, ...]:
     """Find the largest strain above MOST_STRAIN of this rank's elements that have no fracture limit.
 
     Return it with its time and its element. time : [s]; eps, N : (m,) strains and axial forces [N]
@@ -158,7 +161,7 @@ def most_strained(state: State, time: float, eps: np.ndarray, N: np.ndarray, gid
     return (float(strain[e]), time, int(gid[e])) if strain[e] > REPORTED_STRAIN else NO_LARGE_STRAIN
 
 
-def largest_unlimited_strain_of_ranks(comm: MPI.Comm, local: tuple) -> tuple:
+def largest_unlimited_strain_of_ranks(comm: MPI.Comm, local: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the result of `most_strained` with the largest strain of all ranks. Collective."""
     return max(comm.allgather(local), key=lambda candidate: (candidate[0], -candidate[2]))
 
@@ -208,7 +211,7 @@ class History:
         """Return the rows as columns, for the result file and for checkpoints."""
         return {name: self._whole(name, np.int64 if name in COUNTS else np.float64) for name in self.names}
 
-    def _whole(self, name: str, dtype=np.float64) -> np.ndarray:
+    def _whole(self, name: str, dtype: type = np.float64) -> np.ndarray:
         """Concatenate the values of a name over all rows."""
         return np.concatenate([block[name] for block in self.blocks]) if self.blocks else np.zeros(0, dtype)
 
@@ -236,11 +239,11 @@ class History:
         slip, difference = np.hsplit(self._whole(PROBE_ROWS).reshape(len(self), -1)[:, first:], 2)
         return {"slip": slip, "difference": difference}
 
-    def record(self) -> tuple[dict, dict[str, np.ndarray]]:
+    def record(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the data for `restore`."""
         return {"scales": self.scales}, self.columns() | {PROBE_ROWS: self._whole(PROBE_ROWS)}
 
-    def restore(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
+    def restore(self, small: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
         """Restore the rows of an earlier run."""
         self.scales = small["scales"]
         self.blocks = [{name: arrays[name] for name in (*self.names, PROBE_ROWS)}]

@@ -11,10 +11,12 @@ import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel
 from netfall.core.records import is_present
-from netfall.physics.fields import EMPTY, fields_of
+from netfall.core.types import AnyArray, FloatArray, IntArray, Integer
+from netfall.physics.fields import EMPTY, Elements, Particles, Slots, fields_of
 from netfall.physics.law.element import fill_law_fields, yield_energy
+from netfall.physics.law.law import LawParameters
 from netfall.physics.slip.law import slipped_length
-from netfall.physics.slip.motion import is_whole
+from netfall.physics.slip.motion import SlipPoints, is_whole
 from netfall.physics.state import State
 
 
@@ -37,7 +39,16 @@ def fill_slots(state: State) -> None:
 
 
 @kernel
-def fill_incidence(n_owned, first_split, n_local, ends, EA, other, slot_element, filled):
+def fill_incidence(
+    n_owned: int,
+    first_split: int,
+    n_local: int,
+    ends: IntArray,
+    EA: FloatArray,
+    other: IntArray,
+    slot_element: IntArray,
+    filled: IntArray,
+) -> None:
     """Put every element into a slot of each of its ends that this rank steps, in ascending order.
 
     ends, EA : of the elements
@@ -60,7 +71,7 @@ def fill_incidence(n_owned, first_split, n_local, ends, EA, other, slot_element,
 
 
 @kernel
-def fill_lengths(n_local, slot_element, L0, inv_L0):
+def fill_lengths(n_local: int, slot_element: IntArray, L0: FloatArray, inv_L0: FloatArray) -> None:
     """Write 1 / L0 [1/m] of elements with L0 (m,) [m] to inv_L0 (slots, n); 0 in empty slots."""
     for s in range(inv_L0.shape[0]):
         for p in range(n_local):
@@ -69,7 +80,7 @@ def fill_lengths(n_local, slot_element, L0, inv_L0):
 
 
 @part_of_kernel
-def _copy_to_slots(n_local, slot_element, values, slot):
+def _copy_to_slots(n_local: int, slot_element: IntArray, values: AnyArray, slot: AnyArray) -> None:
     """Copy a field of the elements (m,) to the slots (slots, n); empty slots get 0."""
     for s in range(slot.shape[0]):
         for p in range(n_local):
@@ -81,19 +92,21 @@ def _copy_to_slots(n_local, slot_element, values, slot):
 
 
 @kernel
-def copy_to_slots(n_local, slot_element, values, slot):
+def copy_to_slots(n_local: int, slot_element: IntArray, values: FloatArray, slot: FloatArray) -> None:
     """Copy a float field of the elements (m,) to the slots (slots, n)."""
     _copy_to_slots(n_local, slot_element, values, slot)
 
 
 @kernel
-def copy_marks_to_slots(n_local, slot_element, values, slot):
+def copy_marks_to_slots(n_local: int, slot_element: IntArray, values: IntArray, slot: IntArray) -> None:
     """Copy a byte field to the slots; separate because a kernel cached on disk has one signature."""
     _copy_to_slots(n_local, slot_element, values, slot)
 
 
 @inner_kernel
-def update_slip_lengths(places, n_owned, first_split, particles, elements, slots):
+def update_slip_lengths(
+    places: SlipPoints, n_owned: int, first_split: int, particles: Particles, elements: Elements, slots: Slots
+) -> None:
     """Update unstressed lengths, also in slots, after slips moved. places : `slip.motion.SlipPoints`"""
     for g in range(places.start.shape[0] - 1):
         first = places.element[places.start[g]]
@@ -109,7 +122,7 @@ def update_slip_lengths(places, n_owned, first_split, particles, elements, slots
 
 
 @inner_kernel
-def has_moved(e, particles, elements):
+def has_moved(e: int, particles: Particles, elements: Elements) -> bool:
     """Return whether a slip point at an end of the segment of element e moved in this step."""
     for end in range(2):
         c = elements.slip_place[e, end]
@@ -119,7 +132,7 @@ def has_moved(e, particles, elements):
 
 
 @inner_kernel
-def slot_of(e, p, slots):
+def slot_of(e: Integer, p: Integer, slots: Slots) -> int:
     """Return the slot of element e at particle p; the particle must have the element."""
     s = 0
     while slots.element[s, p] != np.uint32(e):
@@ -128,7 +141,7 @@ def slot_of(e, p, slots):
 
 
 @inner_kernel
-def record_slot(e, n_owned, first_split, elements, slots):
+def record_slot(e: int, n_owned: int, first_split: int, elements: Elements, slots: Slots) -> tuple[int, int]:
     """Return the slot, and its particle, that holds the extremes of element e until it breaks.
 
     It is the end with the lower row. If that is a halo row, it is the other end, which may be a fragment.
@@ -141,7 +154,9 @@ def record_slot(e, n_owned, first_split, elements, slots):
 
 
 @inner_kernel
-def collect_element(e, n_owned, first_split, elements, slots, law):
+def collect_element(
+    e: int, n_owned: int, first_split: int, elements: Elements, slots: Slots, law: LawParameters
+) -> None:
     """Update element e from its slots: plastic strain and heat, extremes, branches.
 
     The heat of a cable follows from its plastic strain, which only grows; that of a bar is already up to
@@ -164,7 +179,9 @@ def collect_element(e, n_owned, first_split, elements, slots, law):
 
 
 @kernel
-def collect_elements(n_owned, first_split, elements, slots, law):
+def collect_elements(
+    n_owned: int, first_split: int, elements: Elements, slots: Slots, law: LawParameters
+) -> None:
     """Update all elements that this rank steps from their slots."""
     for e in range(elements.ends.shape[0]):
         if elements.EA[e] != 0.0:
@@ -172,7 +189,7 @@ def collect_elements(n_owned, first_split, elements, slots, law):
 
 
 @inner_kernel
-def empty_slot(s, p, slots):
+def empty_slot(s: Integer, p: Integer, slots: Slots) -> None:
     """Empty a slot of particle p, so that it adds no force."""
     slots.element[s, p], slots.inv_L0[s, p] = EMPTY, 0.0
     if is_present(slots.bar):
@@ -180,7 +197,7 @@ def empty_slot(s, p, slots):
 
 
 @inner_kernel
-def fill_slot(e, s, p, far, elements, slots):
+def fill_slot(e: Integer, s: Integer, p: Integer, far: Integer, elements: Elements, slots: Slots) -> None:
     """Put element e, whose far end is particle `far`, into a slot of particle p."""
     slots.other[s, p], slots.element[s, p], slots.inv_L0[s, p] = far, e, 1.0 / elements.L0[e]
     fill_law_fields(e, s, p, elements, slots)

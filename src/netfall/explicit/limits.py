@@ -3,11 +3,16 @@
 The vector pass only flags the particles with such an element; this module decides.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.kernels import inner_kernel
 from netfall.core.records import is_present
+from netfall.core.types import FloatArray, IntArray, Integer
+from netfall.physics.fields import Elements, Slots
 from netfall.physics.law.element import strain, yield_energy
+from netfall.physics.law.law import LawParameters
 from netfall.physics.targets import element
 
 inverse_length, grown, shrunk = element.inverse_length, element.grown, element.shrunk
@@ -15,13 +20,22 @@ logarithmic_strain, engineering_strain = element.logarithmic_strain, element.eng
 
 
 @inner_kernel
-def particle_distance(p, o, x):
+def particle_distance(p: Integer, o: Integer, x: FloatArray) -> float:
     """Compute the distance [m] of two particles. x : (3, n) [m]"""
     return inverse_length(x[0, o] - x[0, p], x[1, o] - x[1, p], x[2, o] - x[2, p])[1]
 
 
 @inner_kernel
-def check_limits(c, count, x, limit_flag, chunks, elements, slots, law):
+def check_limits(
+    c: int,
+    count: int,
+    x: FloatArray,
+    limit_flag: IntArray,
+    chunks: Any,
+    elements: Elements,
+    slots: Slots,
+    law: LawParameters,
+) -> int:
     """Apply yield to the elements of chunk c at x(n), and list those that reach their fracture strain.
 
     count : number of elements that break in this step so far; the updated number is returned
@@ -58,7 +72,7 @@ def check_limits(c, count, x, limit_flag, chunks, elements, slots, law):
 
 
 @inner_kernel
-def exceeds_fracture_strain(e, eps, elements):
+def exceeds_fracture_strain(e: int, eps: float, elements: Elements) -> bool:
     """Return whether element e breaks at strain eps."""
     if is_present(elements.eps_c) and eps < elements.eps_c[e]:
         return True
@@ -66,7 +80,7 @@ def exceeds_fracture_strain(e, eps, elements):
 
 
 @inner_kernel
-def any_exceeds_fracture_strain(x, elements, law):
+def any_exceeds_fracture_strain(x: FloatArray, elements: Elements, law: LawParameters) -> bool:
     """Return whether an element exceeds its fracture strain at x (3, n) [m]."""
     for e in range(elements.ends.shape[0]):
         L = particle_distance(np.int64(elements.ends[e, 0]), np.int64(elements.ends[e, 1]), x)
@@ -76,7 +90,7 @@ def any_exceeds_fracture_strain(x, elements, law):
 
 
 @inner_kernel
-def yielded(p, o, s, x, slots, law):
+def yielded(p: Integer, o: Integer, s: Integer, x: FloatArray, slots: Slots, law: LawParameters) -> float:
     """Return the plastic strain of the bar in slot s of particle p at x(n), bitwise as in the vector pass."""
     L, per_L0 = particle_distance(p, o, x), slots.inv_L0[s, p]
     limit, eps_p = law.yield_strain, slots.eps_p[s, p]

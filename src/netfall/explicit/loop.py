@@ -15,10 +15,11 @@ One compilation serves all problems: array presence decides at run time, a few t
 apply.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from netfall.core.kernels import call, inner_kernel, kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, is_present, real, u1, whole
+from netfall.core.types import FloatArray
 from netfall.explicit.forces import Scratch, chunk_forces
 from netfall.explicit.fracture import break_elements
 from netfall.explicit.incidence import collect_elements, update_slip_lengths
@@ -138,14 +139,14 @@ class LoopState(Record):
 
 
 @inner_kernel
-def has_room(count, spare):
+def has_room(count: int, spare: SplitCapacity) -> bool:
     """Return whether `count` fractures fit: each leaves up to two particles and two events."""
     enough = spare.rows[0] + 2 * count <= spare.max_rows
     return enough and spare.events[0] + 2 * count <= spare.max_events
 
 
 @inner_kernel
-def copy_positions(particles, x, y):
+def copy_positions(particles: int, x: FloatArray, y: FloatArray) -> None:
     """Copy positions x (3, n) of the first `particles` rows to y."""
     for k in range(3):
         for p in range(particles):
@@ -153,7 +154,7 @@ def copy_positions(particles, x, y):
 
 
 @inner_kernel
-def collect_slots(work):
+def collect_slots(work: LoopState) -> None:
     """Update the elements from the quantities that only their slots hold."""
     chunks, slots = work.chunks, work.slots
     changed = is_present(slots.eps_p) and chunks.has_yielded.any()
@@ -162,13 +163,22 @@ def collect_slots(work):
 
 
 @kernel
-def collect_slots_now(work):
+def collect_slots_now(work: LoopState) -> None:
     """Call `collect_slots` from Python."""
     collect_slots(work)
 
 
 @inner_kernel
-def begin_step(time, before_dt, dt, kick_dt, zeta, share, changed, work):
+def begin_step(
+    time: float,
+    before_dt: float,
+    dt: float,
+    kick_dt: float,
+    zeta: float,
+    share: float,
+    changed: bool,
+    work: LoopState,
+) -> None:
     """Prepare the forces at a time [s]: branches, air, bending, drag; update the velocities of slips.
 
     before_dt, dt : [s] the steps before and after; kick_dt [s], share : of the velocity update
@@ -189,7 +199,7 @@ def begin_step(time, before_dt, dt, kick_dt, zeta, share, changed, work):
 
 
 @routine(whole, real, real, real, real, LoopState.kind)
-def step_chunks(turned, kick_dt, zeta, share, dt, work):
+def step_chunks(turned: Any, kick_dt: Any, zeta: Any, share: Any, dt: Any, work: Any) -> Any:
     """Step the owned particles and send the boundary forces; return the number of breaking elements.
 
     A negative result is minus MPI's error code.
@@ -222,7 +232,7 @@ def step_chunks(turned, kick_dt, zeta, share, dt, work):
 
 
 @routine(whole, whole, real, whole, LoopState.kind)
-def tear(count, number, dt, stride, work):
+def tear(count: Any, number: Any, dt: Any, stride: Any, work: Any) -> Any:
     """Break `count` of the elements in elements.pending, in the step with a number."""
     when = FractureStep(number * dt, number * stride, dt)
     break_elements(count, when, work.chunks, work.elements, work.slots, work.law, work.fractures)
@@ -231,8 +241,19 @@ def tear(count, number, dt, stride, work):
 
 @kernel
 def time_loop(
-    first, steps, before_dt, dt, zeta, sample_time, sample_dt, stride, trial, pending, only_row, work
-):
+    first: int,
+    steps: int,
+    before_dt: float,
+    dt: float,
+    zeta: float,
+    sample_time: float,
+    sample_dt: float,
+    stride: int,
+    trial: bool,
+    pending: int,
+    only_row: bool,
+    work: LoopState,
+) -> tuple[int, int, int]:
     """Run the steps of an `Interval`; return steps done, elements still to break, and MPI's error code.
 
     In a trial the second result is a step count instead. It includes the step at whose start an element first

@@ -6,7 +6,10 @@ and wind alone; it is the fast path of large nets. History rows use `total_force
 
 from netfall.core.kernels import inner_kernel, part_of_kernel
 from netfall.core.records import is_present
+from netfall.core.types import FloatArray, Lanes
 from netfall.core.vectors import LANES, fma, load, load_mask, store, store_below, where, zeros
+from netfall.explicit.forces import Scratch
+from netfall.physics.fields import Particles
 from netfall.physics.targets import particle
 
 PLAIN_LAW, RARE_FORCES, HORIZONTAL_LOAD, PARTLY_FIXED = (
@@ -20,7 +23,7 @@ works_of_motion = particle.works_of_motion
 
 
 @part_of_kernel
-def squared_speed(p, share, particles):
+def squared_speed(p: int, share: float, particles: Particles) -> Lanes:
     """Return squared wind speeds [m2/s2] at LANES particles from p on; pressures [N/m2] if given as such."""
     square = zeros()
     if is_present(particles.wind):
@@ -31,7 +34,7 @@ def squared_speed(p, share, particles):
 
 
 @part_of_kernel
-def constant_load(k, p, traits, particles):
+def constant_load(k: int, p: int, traits: int, particles: Particles) -> Lanes:
     """Return the constant load [N] along axis k."""
     force = zeros()
     if k == 2 or traits & HORIZONTAL_LOAD:
@@ -40,7 +43,7 @@ def constant_load(k, p, traits, particles):
 
 
 @part_of_kernel
-def damped_mass(p, particles):
+def damped_mass(p: int, particles: Particles) -> Lanes:
     """Return the mass [kg] on which the mass-proportional damping acts."""
     mass = load(particles.mass, 0, p)
     if is_present(particles.air_mass):
@@ -49,7 +52,18 @@ def damped_mass(p, particles):
 
 
 @inner_kernel
-def total_forces(low, high, with_supports, kick_dt, zeta, share, traits, x, particles, scratch):
+def total_forces(
+    low: int,
+    high: int,
+    with_supports: bool,
+    kick_dt: float,
+    zeta: float,
+    share: float,
+    traits: int,
+    x: FloatArray,
+    particles: Particles,
+    scratch: Scratch,
+) -> None:
     """Compute external, total and air damping forces on particles low to high; scratch.f has element forces.
 
     with_supports : whether f still lacks the forces of bending chains and elastic supports
@@ -90,7 +104,9 @@ def total_forces(low, high, with_supports, kick_dt, zeta, share, traits, x, part
 
 
 @part_of_kernel
-def add_air_damping(p, i, half, share, particles, scratch):
+def add_air_damping(
+    p: int, i: int, half: Lanes, share: float, particles: Particles, scratch: Scratch
+) -> None:
     """Add the aerodynamic damping to the total forces of LANES particles from p on.
 
     With u = v(n-1/2) + dt f / 2M, h = zeta dt / 2 of the mass without air and a = |U| c^2 dt / 2M the mean
@@ -108,7 +124,7 @@ def add_air_damping(p, i, half, share, particles, scratch):
 
 
 @part_of_kernel
-def add_air_mass(p, i, half, zeta, particles, scratch):
+def add_air_mass(p: int, i: int, half: Lanes, zeta: float, particles: Particles, scratch: Scratch) -> None:
     """Exempt the added mass of the air from the mass-proportional damping. half : dt / 2M [s/kg]"""
     air = load(particles.air_mass, 0, p)
     correction = zeta * air / fma(half * zeta, load(particles.mass, 0, p) - air, 1.0)
@@ -118,7 +134,7 @@ def add_air_mass(p, i, half, zeta, particles, scratch):
 
 
 @part_of_kernel
-def force_along_guides(p, i, total, particles):
+def force_along_guides(p: int, i: int, total: FloatArray, particles: Particles) -> Lanes:
     """Return total forces [N] along the lines that guide LANES particles from p on; zero without guides."""
     along = zeros()
     if is_present(particles.turned):
@@ -128,7 +144,7 @@ def force_along_guides(p, i, total, particles):
 
 
 @part_of_kernel
-def free_force(k, p, i, total, along, particles):
+def free_force(k: int, p: int, i: int, total: FloatArray, along: Lanes, particles: Particles) -> Lanes:
     """Return total forces [N] along axis k without the guided part `along` (`force_along_guides`)."""
     force = load(total, k, i)
     if is_present(particles.turned) and k < 2:
@@ -137,7 +153,7 @@ def free_force(k, p, i, total, along, particles):
 
 
 @inner_kernel
-def store_totals(low, high, particles, scratch):
+def store_totals(low: int, high: int, particles: Particles, scratch: Scratch) -> None:
     """Copy total forces [N] of particles low to high from the scratch to particles.f."""
     for k in range(3):
         for p in range(low, high, LANES):
@@ -145,7 +161,17 @@ def store_totals(low, high, particles, scratch):
 
 
 @part_of_kernel
-def new_velocity(k, p, old, total, per_mass, c_v, c_a, traits, particles):
+def new_velocity(
+    k: int,
+    p: int,
+    old: Lanes,
+    total: Lanes,
+    per_mass: Lanes,
+    c_v: float,
+    c_a: float,
+    traits: int,
+    particles: Particles,
+) -> Lanes:
     """Return updated velocities [m/s] along axis k under total forces [N]; held axes follow the ground."""
     new = kicked(old, total * per_mass, c_v, c_a)
     if traits & PARTLY_FIXED:
@@ -157,7 +183,16 @@ def new_velocity(k, p, old, total, per_mass, c_v, c_a, traits, particles):
 
 
 @part_of_kernel
-def add_works(p, high, half, quarter, external, internal, square, particles):
+def add_works(
+    p: int,
+    high: int,
+    half: float,
+    quarter: float,
+    external: Lanes,
+    internal: Lanes,
+    square: Lanes,
+    particles: Particles,
+) -> None:
     """Add works [J] of a velocity update.
 
     external, internal, square : twice the mean velocity times the external force, the internal force, and
@@ -170,7 +205,18 @@ def add_works(p, high, half, quarter, external, internal, square, particles):
 
 
 @inner_kernel
-def update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scratch):
+def update_velocities(
+    low: int,
+    high: int,
+    traits: int,
+    kick_dt: float,
+    zeta: float,
+    dt: float,
+    x: FloatArray,
+    y: FloatArray,
+    particles: Particles,
+    scratch: Scratch,
+) -> None:
     """Update velocities and works of particles low to high from the scratch forces; move them from x to y."""
     h = 0.5 * zeta * kick_dt
     c_v, c_a, half, quarter = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), 0.5 * kick_dt, 0.25 * kick_dt * zeta
@@ -226,7 +272,19 @@ def update_velocities(low, high, traits, kick_dt, zeta, dt, x, y, particles, scr
 
 
 @part_of_kernel
-def advance_vector(p, high, is_full, i, keeps, traits, times, x, y, particles, scratch):
+def advance_vector(
+    p: int,
+    high: int,
+    is_full: bool,
+    i: int,
+    keeps: bool,
+    traits: int,
+    times: tuple[float, ...],
+    x: FloatArray,
+    y: FloatArray,
+    particles: Particles,
+    scratch: Scratch,
+) -> None:
     """Compute `move` for the vector of particles from p on.
 
     is_full : whether all LANES of them are below high
@@ -260,7 +318,20 @@ def advance_vector(p, high, is_full, i, keeps, traits, times, x, y, particles, s
 
 
 @inner_kernel
-def move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch):
+def move(
+    low: int,
+    high: int,
+    keeps: bool,
+    traits: int,
+    kick_dt: float,
+    zeta: float,
+    share: float,
+    dt: float,
+    x: FloatArray,
+    y: FloatArray,
+    particles: Particles,
+    scratch: Scratch,
+) -> None:
     """Compute `total_forces` and `update_velocities` at once, for particles under element forces, loads and
     wind alone.
 
@@ -275,7 +346,20 @@ def move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, sc
 
 
 @inner_kernel
-def advance_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch):
+def advance_chunk(
+    low: int,
+    high: int,
+    keeps: bool,
+    traits: int,
+    kick_dt: float,
+    zeta: float,
+    share: float,
+    dt: float,
+    x: FloatArray,
+    y: FloatArray,
+    particles: Particles,
+    scratch: Scratch,
+) -> None:
     """Update velocities and positions of a chunk, whose element forces are in the scratch."""
     if not traits & RARE_FORCES:
         move(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, particles, scratch)
@@ -287,7 +371,17 @@ def advance_chunk(low, high, keeps, traits, kick_dt, zeta, share, dt, x, y, part
 
 
 @inner_kernel
-def advance_halo(low, high, traits, kick_dt, zeta, dt, x, y, particles):
+def advance_halo(
+    low: int,
+    high: int,
+    traits: int,
+    kick_dt: float,
+    zeta: float,
+    dt: float,
+    x: FloatArray,
+    y: FloatArray,
+    particles: Particles,
+) -> None:
     """Update velocities and positions of halo particles low to high from the total forces of their owners."""
     h = 0.5 * zeta * kick_dt
     c_v, c_a, v = (1.0 - h) / (1.0 + h), kick_dt / (1.0 + h), particles.v

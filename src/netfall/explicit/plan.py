@@ -1,5 +1,7 @@
 """Arguments of the time loop on one rank, prepared from the state."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.arrays import allocate_columns
@@ -85,7 +87,7 @@ class StepPlan:
         state: State,
         halo: Halo,
         rules: FractureRules | None = None,
-        rows=None,
+        rows: Any | None = None,
         ground: Ground | None = None,
     ):
         """Divide the owned particles into chunks and build the arguments.
@@ -103,16 +105,18 @@ class StepPlan:
         self._width = np.zeros(len(self._low), np.int64)
         chunk = np.searchsorted(self._low, np.arange(state.n_owned), side="right") - 1
         np.maximum.at(self._width, chunk, valence)
-        self.events, self.state, self._works = allocate_events(0), None, {}
-        self.attach(state)
+        self.events = allocate_events(0)
+        self._attach(state)
 
     def attach(self, state: State, filled: bool = False) -> None:
         """Update chunks, slots and masses after a change of connectivity.
 
         filled : whether the slots are already up to date
         """
-        if self.state is not None:
-            self.collect_yield()
+        self.collect_yield()
+        self._attach(state, filled)
+
+    def _attach(self, state: State, filled: bool = False) -> None:
         self.state = state
         state.renew_law()
         if not filled:

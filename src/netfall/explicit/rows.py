@@ -1,5 +1,7 @@
 """Buffer of the history rows of one rank, which the time loop fills and `history.reduce_rows` empties."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.records import empty, f8, i8, i8_2
@@ -23,10 +25,10 @@ class RowTable:
         due: np.ndarray,
         dt: float,
         every: int,
-        subdomain,
+        subdomain: Subdomain,
         probes: Probes,
         envelope: DynamicEnvelope,
-        slips: tuple | None = None,
+        slips: tuple[Any, ...] | None = None,
     ):
         """Allocate the table.
 
@@ -43,15 +45,15 @@ class RowTable:
             self.local = self.local.with_values(slip=values + number, difference=values + count + number)
             values += 2 * count
         self.snapshot = make_snapshot(state)
-        integers, sums = lambda *shape: np.zeros(shape, np.int64), len(self.snapshot.room.sums)
+        sums = len(self.snapshot.room.sums)
         self.table = Table(
-            integers(k),
+            np.zeros(k, np.int64),
             np.zeros(k),
-            integers(k),
-            integers(k, sums, LIMBS),
+            np.zeros(k, np.int64),
+            np.zeros((k, sums, LIMBS), np.int64),
             np.zeros((k, values)),
             np.zeros((k, 3)),
-            integers(k, 3),
+            np.zeros((k, 3), np.int64),
         )
 
     def of(self, state: State) -> Rows:
@@ -98,11 +100,11 @@ class RowTable:
         self.made[1] = 0
         return Table(*(getattr(self.table, name)[:k] for name in self.table.kind.fields))
 
-    def keep(self) -> tuple:
+    def keep(self) -> tuple[Any, ...]:
         """Return copies for `put_back`, if the following steps have to be undone."""
         return tuple(array.copy() for array in self._mutable_arrays())
 
-    def put_back(self, copies: tuple) -> None:
+    def put_back(self, copies: tuple[Any, ...]) -> None:
         """Restore the rows from copies of `keep`."""
         for array, before in zip(self._mutable_arrays(), copies):
             array[:] = before

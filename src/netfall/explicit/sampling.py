@@ -7,14 +7,18 @@ rows are collected (`explicit.rows`). So the bits of a row do not depend on when
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
 from netfall.core.kernels import inner_kernel, kernel, part_of_kernel, routine
 from netfall.core.records import Record, f8, f8_2, i8, i8_2, i8_3, is_present, real, whole
+from netfall.core.types import FloatArray, IntArray, Integer
 from netfall.core.vectors import bits_of, number_of
 from netfall.explicit.energy_check import ObservationArrays, ObservedState, observe
 from netfall.physics.bending import joint_moment
+from netfall.physics.elements import ElementState
+from netfall.physics.fields import Elements
 
 REPORTED_STRAIN = 0.1  # strain; a larger one without a fracture strain is reported
 NO_BENDING = -2  # joint number of elements without bending, as in `geometry.cables`
@@ -89,20 +93,22 @@ def no_rows() -> Rows:
 
 
 @part_of_kernel
-def has_row(number, rows):
+def has_row(number: int, rows: Rows) -> bool:
     """Return whether a row is due at a step and not yet made."""
     k = rows.made[0]
     return k < rows.due.shape[0] and rows.due[k] == number
 
 
 @part_of_kernel
-def is_due(number, rows):
+def is_due(number: int, rows: Rows) -> bool:
     """Return whether a row is due at a step, or an update of the envelope."""
     return has_row(number, rows) or number - rows.last[0] >= rows.every
 
 
 @routine(whole, real, real, real, real, real, Rows.kind)
-def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
+def make_row(
+    number: Any, before_dt: Any, dt: Any, zeta: Any, sample_time: Any, sample_dt: Any, rows: Any
+) -> Any:
     """Observe a step within the time loop; update the envelope, and append a row if one is due.
 
     The arguments are those of `loop.Interval`.
@@ -115,7 +121,7 @@ def make_row(number, before_dt, dt, zeta, sample_time, sample_dt, rows):
 
 
 @inner_kernel
-def append_row(number, step, due, rows):
+def append_row(number: int, step: float, due: bool, rows: Rows) -> None:
     """Update the envelope with the observed step; if a row is due, append it to the table.
 
     step : [s] length of the step before
@@ -137,7 +143,7 @@ def append_row(number, step, due, rows):
 
 
 @inner_kernel
-def update_envelope(number, rows):
+def update_envelope(number: int, rows: Rows) -> None:
     """Update the envelope with axial forces, displacements and moments at a step."""
     time = number * rows.dt
     since = time - rows.last[0] * rows.dt
@@ -163,7 +169,9 @@ def update_envelope(number, rows):
 
 
 @kernel
-def update_tension_envelope(time, highest, lowest, tension):
+def update_tension_envelope(
+    time: float, highest: FloatArray, lowest: FloatArray, tension: FloatArray
+) -> None:
     """Update the tension envelope (4, m) with extremes (m,) up to a time [s]; lowest may be absent."""
     for e in range(tension.shape[1]):
         if highest[e] > tension[0, e]:
@@ -173,7 +181,7 @@ def update_tension_envelope(time, highest, lowest, tension):
 
 
 @inner_kernel
-def update_moment_envelope(rows):
+def update_moment_envelope(rows: Rows) -> None:
     """Update the envelope of bending moments [N m] at element ends; the moment is 0 at the end of a chain."""
     joints, joint_at, moment = rows.subject.joints, rows.joint_at, rows.moment
     for e in range(moment.shape[0]):
@@ -186,7 +194,7 @@ def update_moment_envelope(rows):
 
 
 @inner_kernel
-def read_probes(rows, values):
+def read_probes(rows: Rows, values: FloatArray) -> None:
     """Write displacements [m] and tensions [N] of the probes of this rank into one row of values."""
     local, x, start = rows.local, rows.subject.particles.x, rows.subject.particles.x_start
     for i in range(local.particle.shape[0]):
@@ -202,7 +210,7 @@ def read_probes(rows, values):
 
 
 @inner_kernel
-def read_slips(rows, values):
+def read_slips(rows: Rows, values: FloatArray) -> None:
     """Write slips [m] and tension differences [N] (after minus before) of slip points.
 
     Broken elements count as 0.
@@ -217,13 +225,13 @@ def read_slips(rows, values):
 
 
 @inner_kernel
-def bit_magnitude(bits):
+def bit_magnitude(bits: Integer) -> float:
     """Return the magnitude of the number with these bits (sign cleared); infinity for nan."""
     return math.inf if bits >= INFINITE else number_of(bits)
 
 
 @inner_kernel
-def find_fastest(rows, size, who):
+def find_fastest(rows: Rows, size: FloatArray, who: IntArray) -> None:
     """Write the largest speed along an axis of the movable particles, and its particle, to place 0."""
     subject, velocity, free = rows.subject, rows.room.velocity, rows.subject.particles.free
     halo, best, fastest = subject.first_split - subject.n_owned, np.int64(-1), np.int64(-1)
@@ -240,7 +248,7 @@ def find_fastest(rows, size, who):
 
 
 @inner_kernel
-def find_most_strained(rows, size, who):
+def find_most_strained(rows: Rows, size: FloatArray, who: IntArray) -> None:
     """Write the largest strain and its element to place 1; that of elements that never break to place 2."""
     eps, best, element = rows.room.now.eps, np.int64(-1), np.int64(-1)
     for e in range(eps.shape[0]):
@@ -257,7 +265,7 @@ def find_most_strained(rows, size, who):
 
 
 @inner_kernel
-def most_strained_unbreakable(elements, now):
+def most_strained_unbreakable(elements: Elements, now: ElementState) -> int:
     """Return the element with the largest strain beyond MOST_STRAIN among those that never break; -1: none.
 
     Slack cables are excluded, as their strain has no meaning, and fragments, which have no limit after a

@@ -1,7 +1,8 @@
 """Roof areas of the particles; pressure and wind act on the vector areas."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -9,6 +10,7 @@ import shapely
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
 from netfall.core.sets import distinct, is_one_of
+from netfall.core.types import FloatArray
 from netfall.geometry.connected_parts import connected_parts
 from netfall.geometry.faces import Faces, centroid_triangle_areas, double_area, empty_faces, find_faces
 from netfall.geometry.given_faces import faces_are_given, read_faces
@@ -77,7 +79,9 @@ def find_roof(job: Job, net: Net) -> RoofFaces:
     return _roofing(job, net, faces, plan, carries, unconnected)
 
 
-def _roofing(job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose=()) -> RoofFaces:
+def _roofing(
+    job: Job, net: Net, faces: Faces, plan: Plan, carries: np.ndarray, loose: Sequence[str] = ()
+) -> RoofFaces:
     """Build the roof of known faces; carries : (m / parts,) bool; loose : notes that come last."""
     roofing = RoofFaces(faces, tributary_areas(net.x, net, faces), _covered(plan, faces))
     notes = _notes(job, net, plan, roofing, carries) if has_area_loads(job) else []
@@ -153,7 +157,7 @@ def _notes(job: Job, net: Net, plan: Plan, roofing: RoofFaces, carries: np.ndarr
             f"{job.path}: the net has no closed face in plan, so wind, dead load and pressure have nothing "
             "to act on; close the outline with elements between the supports, or give `area` in nodes.csv"
         )
-    free = ~net.fixed.all(1)
+    free = net.moves
     in_roof = np.zeros(net.n, bool)
     in_roof[net.elements[np.repeat(carries, net.parts)]] = True
     without_area = net.node_id[(area == 0) & free & in_roof & ~np.isfinite(net.area)]
@@ -197,7 +201,7 @@ def tributary_areas(x: np.ndarray, net: Net, faces: Faces) -> TributaryAreas:
     points = np.concatenate([x, net.corners])
     shares = share_out_faces(points, faces)
 
-    def at_nodes(values):
+    def at_nodes(values: Any) -> FloatArray:
         return np.bincount(shares.node, values, len(points))[: net.n].astype(float)
 
     surface, plan = at_nodes(shares.surfaces()), at_nodes(shares.plans())

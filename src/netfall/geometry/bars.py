@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from netfall.core.types import BoolArray, IntArray
 from netfall.geometry.net import Net
 from netfall.geometry.sections import given_by_group
 from netfall.job.job import Job
@@ -41,6 +42,8 @@ def buckling_lengths(net: Net, L0: np.ndarray) -> np.ndarray:
 
     L0 : (m,) [m], unstressed; the length of an element of the table is the sum over all its parts
     """
+    if net.buckling_length is None:
+        raise ValueError("the net has no bars that buckle")
     total = np.repeat(L0.reshape(-1, net.parts).sum(1), net.parts)
     return np.where(np.isnan(net.buckling_length), total, net.buckling_length)
 
@@ -57,7 +60,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
     """Yield errors: keys of bars in groups of cables, unknown moduli, bars that cannot bend or buckle."""
     absent = np.zeros(net.m, bool)
 
-    def first_id(rows):
+    def first_id(rows: BoolArray) -> IntArray:
         return net.element_id[np.flatnonzero(rows)[:1]]
 
     for g, name in enumerate(net.group_names):

@@ -1,6 +1,7 @@
 """Net of a job, from a generator or from tables, with sections, checked as a whole."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -72,7 +73,7 @@ def _generate_net(job: Job) -> Net:
     return generators.generate(job.net)
 
 
-def _set_sections(job: Job, net: Net, columns: dict | None = None) -> None:
+def _set_sections(job: Job, net: Net, columns: dict[str, Any] | None = None) -> None:
     """Set the sections of the elements; errors of group names come before errors of missing keys."""
     errors = _group_name_errors(job, net)
     try:

@@ -50,7 +50,7 @@ def cables_of(net: Net, in_plan: bool = False) -> tuple[np.ndarray, list[str]]:
 
 def duplicate_names(names: list[str]) -> list[str]:
     """Return names of two cables: one given in the table, the other generated for an unnamed cable."""
-    values, times = np.unique(names, return_counts=True) if names else ([], np.zeros(0))
+    values, times = np.unique(np.array(names, str), return_counts=True)
     return [str(name) for name, count in zip(values, times) if count > 1]
 
 

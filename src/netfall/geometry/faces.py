@@ -3,13 +3,16 @@
 A face with holes, or one that is not star-shaped about its centroid, is cut into cells.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import shapely
 
 from netfall.core.functions import lengths
 from netfall.core.sets import distinct, is_one_of
+from netfall.core.types import AnyArray, BoolArray, FloatArray, IntArray
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.plan import Plan, draw_plan
 
@@ -36,7 +39,7 @@ class Faces:
     face: np.ndarray | None = None
     whole: "Faces | None" = None
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.start) - 1
 
     @property
@@ -86,7 +89,7 @@ def empty_faces() -> Faces:
     return Faces(np.zeros(1, np.int64), np.zeros(0, np.int64))
 
 
-def find_faces(net: Net, plan: Plan | None = None, openings=()) -> Faces:
+def find_faces(net: Net, plan: Plan | None = None, openings: Sequence[Any] = ()) -> Faces:
     """Find the faces of the net in plan: the smallest closed rings of elements and outline, less their holes.
 
     A face that is not star-shaped about its centroid, or has holes, gets the cells of its constrained
@@ -121,7 +124,7 @@ def faces_of_rings(rings: Faces, polygon: np.ndarray, points: np.ndarray) -> Fac
     corners = np.split(rings.corner, rings.start[1:-1])
     cut = [[corners[r] for r in np.flatnonzero(polygon == f)] for f in np.unique(polygon[~plain])]
 
-    def as_rings(shapes):
+    def as_rings(shapes: Any) -> Any:
         return Faces(np.cumsum([0, *map(len, shapes)]), np.concatenate(shapes))
 
     whole = _joined(simple, [as_rings(shapes) for shapes in cut])
@@ -138,7 +141,7 @@ def _joined(plain: Faces, others: list[Faces]) -> Faces:
     return Faces(start, np.concatenate([part.corner for part in parts]), face=face.astype(np.int64))
 
 
-def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
+def _rings(polygons: AnyArray, points: FloatArray, used: IntArray) -> tuple[Faces, np.ndarray]:
     """Return the rings of polygons between points `used`, each polygon's outer one first, and their polygons.
 
     Holes run clockwise.
@@ -154,7 +157,7 @@ def _rings(polygons, points, used) -> tuple[Faces, np.ndarray]:
     return Faces(start, corner), polygon
 
 
-def _open_faces(polygons, openings) -> np.ndarray:
+def _open_faces(polygons: AnyArray, openings: Sequence[Any]) -> np.ndarray:
     """Return the numbers of the polygons that contain points `openings` (k, 2). Raises ValueError."""
     points = shapely.points(np.reshape(openings, (-1, 2)))
     hit, polygon = shapely.STRtree(polygons).query(points, predicate="within")
@@ -164,7 +167,7 @@ def _open_faces(polygons, openings) -> np.ndarray:
     return np.unique(polygon)
 
 
-def _selected(faces: Faces, mask) -> Faces:
+def _selected(faces: Faces, mask: BoolArray) -> Faces:
     """Return the rings in mask."""
     sizes = np.diff(faces.start)
     start = np.concatenate([[0], np.cumsum(sizes[mask])]).astype(np.int64)
@@ -195,7 +198,7 @@ def insert_side_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
     margin = np.where(np.ptp(span, axis=1) < 1.0, net.tolerance / np.maximum(distance, 1e-300), 0.0)[:, None]
     on_side = (element >= 0)[:, None] & (t > span[:, :1] + margin) & (t < span[:, 1:] - margin)
 
-    def flip(values):
+    def flip(values: Any) -> Any:
         return np.where(turned[:, None], values[:, ::-1], values)
 
     keep = np.column_stack([np.ones(len(sides), bool), flip(on_side)])
@@ -203,7 +206,7 @@ def insert_side_particles(rings: Faces, plan: Plan, net: Net) -> Faces:
     return Faces(np.concatenate([[0], np.cumsum(keep.sum(1))])[rings.start], corner)
 
 
-def _is_star_shaped(rings: Faces, points) -> np.ndarray:
+def _is_star_shaped(rings: Faces, points: FloatArray) -> np.ndarray:
     """Tell whether each ring is star-shaped about its centroid; holes are not."""
     if not len(rings):
         return np.zeros(0, bool)
@@ -212,12 +215,14 @@ def _is_star_shaped(rings: Faces, points) -> np.ndarray:
     return (total > 0) & (np.minimum.reduceat(double, rings.start[:-1]) >= -FLAT * np.abs(total))
 
 
-def double_area(u, v) -> np.ndarray:
+def double_area(u: FloatArray, v: FloatArray) -> np.ndarray:
     """Compute twice the signed area of triangles in plan with sides u, v (k, 2)."""
     return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
 
 
-def centroid_triangle_areas(points, faces: Faces, double, weigh=None) -> np.ndarray:
+def centroid_triangle_areas(
+    points: FloatArray, faces: Faces, double: Callable[..., Any], weigh: Callable[..., Any] | None = None
+) -> np.ndarray:
     """Compute twice the areas (c,) of the triangles from the centroids to the sides, by `double`.
 
     weigh : twice the areas, inverted ones negative, that weight the centroid; default: `double`
@@ -226,11 +231,11 @@ def centroid_triangle_areas(points, faces: Faces, double, weigh=None) -> np.ndar
     return double(p - middle, points[faces.corner[faces.next_corner()]] - middle)
 
 
-def centroids(points, faces: Faces, double) -> np.ndarray:
+def centroids(points: FloatArray, faces: Faces, double: Callable[..., Any]) -> np.ndarray:
     """Compute the centroids (k, d) of the cells, from triangles about their mean corner, by `double`."""
     of_corner, nxt, counts = faces.of_corner(), faces.next_corner(), np.diff(faces.start)
 
-    def mean_by_cell(values, weight):
+    def mean_by_cell(values: Any, weight: AnyArray) -> FloatArray:
         return np.stack(
             [np.bincount(of_corner, values[:, k], len(faces)) / weight for k in range(values.shape[1])], -1
         )
@@ -243,7 +248,7 @@ def centroids(points, faces: Faces, double) -> np.ndarray:
     return middle + mean_by_cell(cross[:, None] * (u + v) / 3, np.where(area == 0, 1, area))
 
 
-def corner_quadrilaterals(points, faces: Faces) -> np.ndarray:
+def corner_quadrilaterals(points: FloatArray, faces: Faces) -> np.ndarray:
     """Return the quarters (c, 4, 2) [m] of the cells in plan: corner, side midpoints and centroid."""
     corner, after = points[faces.corner], faces.next_corner()
     middle = centroids(points, faces, double_area)[faces.of_corner()]
@@ -261,7 +266,7 @@ def vector_areas(points: np.ndarray, rings: Faces) -> np.ndarray:
     return np.stack([np.bincount(face, part, rings.count) for part in 0.5 * np.cross(p, q).T], -1)
 
 
-def _delaunay_cells(points, shapes: list[np.ndarray]) -> Faces:
+def _delaunay_cells(points: Any, shapes: list[np.ndarray]) -> Faces:
     """Build the cells of the constrained Delaunay tessellation of a polygon.
 
     shapes : outer ring and holes as corner numbers

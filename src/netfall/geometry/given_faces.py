@@ -1,5 +1,7 @@
 """Faces of the roof from a table, for nets whose faces do not follow from the plan."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.errors import InputError
@@ -42,7 +44,8 @@ def _corners(table: Table, net: Net) -> tuple[np.ndarray, np.ndarray]:
     ids = net.node_id[: net.given]  # nodes of `subdivide` are added later
     rows = {str(number): row for row, number in enumerate(ids.tolist())}
     place = table.stacked(AXES, unit="m")
-    corner, extra = np.zeros(len(table), np.int64), {}
+    corner = np.zeros(len(table), np.int64)
+    extra: dict[str, Any] = {}
     for row, word in enumerate(table.words("node")):
         if word:
             corner[row] = rows.get(word, 0)

@@ -5,10 +5,12 @@ after subdivision.
 """
 
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.job.values import format_value, suggest
 
 GRAVITY = 9.81  # m/s2, for self weight and for the mass of the dead load
@@ -18,12 +20,17 @@ MAX_MERGE_DISTANCE = (
 MAX_MERGE_SHARE = 0.01  # the same as a share of the median length of the elements
 
 
-def _node(empty=None, inner=None):
+def _node(
+    empty: float | tuple[float, float, float] | None = None,
+    inner: float | tuple[float, float, float] | None = None,
+) -> Any:
     """Declare a column of the nodes; empty : default of a row; inner : value of nodes from subdivision."""
     return field(default=None, metadata={"entity": "node", "empty": empty, "inner": inner})
 
 
-def _element(divided: str = "each", empty=None, key: str = "", absent: float | None = None):
+def _element(
+    divided: str = "each", empty: float | None = None, key: str = "", absent: float | None = None
+) -> Any:
     """Declare a column of the elements.
 
     divided : value of each part of a subdivided element: the whole ("each"), or the whole divided ("split")
@@ -77,56 +84,56 @@ class Net:
     parts : elements per given element; notes : plausible but unusual input
     """
 
-    x: np.ndarray
-    fixed: np.ndarray
-    elements: np.ndarray
-    group: np.ndarray
+    x: FloatArray
+    fixed: BoolArray
+    elements: IntArray
+    group: IntArray
     group_names: list[str]
-    node_id: np.ndarray = None
-    element_id: np.ndarray = _element()
-    load: np.ndarray = _node(NOTHING, NOTHING)
-    mass: np.ndarray = _node(0.0, 0.0)
-    area: np.ndarray = _node(np.nan)
-    normal: np.ndarray = _node(UNKNOWN, UNKNOWN)
-    spring: np.ndarray = _node(NOTHING, NOTHING)
-    spring_rest: np.ndarray = _node(NOTHING, NOTHING)
-    angle: np.ndarray | None = _node(inner=0.0)
-    zone: np.ndarray = _node(-1)
-    zone_share: np.ndarray = _node()
+    node_id: IntArray = None  # type: ignore[assignment] # then its own numbers
+    element_id: IntArray = _element()
+    load: FloatArray = _node(NOTHING, NOTHING)
+    mass: FloatArray = _node(0.0, 0.0)
+    area: FloatArray = _node(np.nan)
+    normal: FloatArray = _node(UNKNOWN, UNKNOWN)
+    spring: FloatArray = _node(NOTHING, NOTHING)
+    spring_rest: FloatArray = _node(NOTHING, NOTHING)
+    angle: FloatArray | None = _node(inner=0.0)
+    zone: IntArray = _node(-1)
+    zone_share: FloatArray = _node()
     zone_names: list[str] = field(default_factory=list)
-    force_density: np.ndarray = _element("multiplied", np.nan)
-    unstressed_length: np.ndarray = _element("split", np.nan)
-    section: np.ndarray = _element()
-    modulus: np.ndarray = _element()
-    density: np.ndarray = _element()
-    expansion: np.ndarray = _element(key="expansion")
-    prestress: np.ndarray = _element(key="prestress")
-    yield_stress: np.ndarray = _element(key="yield_stress", absent=np.inf)
-    fracture_strain: np.ndarray = _element(key="fracture_strain", absent=np.inf)
-    nominal: np.ndarray = _element()
-    breaking_load: np.ndarray = _element()
-    strength_deviation: np.ndarray = _element(key="strength_deviation")
-    strength: np.ndarray = _element(empty=1.0)
-    length_deviation: np.ndarray = _element(key="length_deviation")
-    length_error: np.ndarray = _element(empty=0.0)
-    type: np.ndarray = _element(empty=-1)
+    force_density: FloatArray = _element("multiplied", np.nan)
+    unstressed_length: FloatArray = _element("split", np.nan)
+    section: FloatArray = _element()
+    modulus: FloatArray = _element()
+    density: FloatArray = _element()
+    expansion: FloatArray = _element(key="expansion")
+    prestress: FloatArray = _element(key="prestress")
+    yield_stress: FloatArray = _element(key="yield_stress", absent=np.inf)
+    fracture_strain: FloatArray = _element(key="fracture_strain", absent=np.inf)
+    nominal: BoolArray = _element()
+    breaking_load: FloatArray = _element()
+    strength_deviation: FloatArray = _element(key="strength_deviation")
+    strength: FloatArray = _element(empty=1.0)
+    length_deviation: FloatArray = _element(key="length_deviation")
+    length_error: FloatArray = _element(empty=0.0)
+    type: IntArray = _element(empty=-1)
     type_names: list[str] = field(default_factory=list)
-    bar: np.ndarray = _element()
-    second_moment: np.ndarray | None = _element()
-    buckling_length: np.ndarray | None = _element()
-    buckling_curve: np.ndarray | None = _element()
-    bending: np.ndarray | None = _element()
-    buckling: np.ndarray | None = _element()
-    tier: np.ndarray = _element(empty=0)
-    cable: np.ndarray = None
+    bar: BoolArray = _element()
+    second_moment: FloatArray | None = _element()
+    buckling_length: FloatArray | None = _element()
+    buckling_curve: IntArray | None = _element()
+    bending: BoolArray | None = _element()
+    buckling: BoolArray | None = _element()
+    tier: IntArray = _element(empty=0)
+    cable: IntArray = None  # type: ignore[assignment] # then not known yet
     cable_names: list[str] = field(default_factory=list)
     cable_given: list[str] = field(default_factory=list)
-    outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    corners: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    outline: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    corners: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     parts: int = 1
     notes: list[str] = field(default_factory=list)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.node_id is None:
             self.node_id = np.arange(self.n)
         if self.element_id is None:
@@ -140,7 +147,7 @@ class Net:
     @property
     def held(self) -> np.ndarray:
         """(n, 3) bool, axes with a rigid or elastic support."""
-        return self.fixed | (self.spring > 0)
+        return self.fixed | np.greater(self.spring, 0)
 
     @property
     def moves(self) -> np.ndarray:
@@ -255,7 +262,7 @@ def subdivide(net: Net, parts: int) -> Net:
     new = _evenly_spaced(net.x[net.elements], parts)
     k = len(new)
     held = np.repeat(net.fixed[net.elements].all((1, 2)), parts - 1)
-    columns = {
+    columns: dict[str, Any] = {
         column.name: _subdivided_column(net, column, k, parts) for column in fields(net) if column.metadata
     }
     return replace(
@@ -328,7 +335,7 @@ def extend_to_inner_particles(net: Net, moved: np.ndarray, fixed: np.ndarray) ->
     return np.where((inner & ~moved.any(1))[:, None], spaced_evenly, moved)
 
 
-def _subdivided_column(net: Net, column, k: int, parts: int) -> np.ndarray | None:
+def _subdivided_column(net: Net, column: Any, k: int, parts: int) -> np.ndarray | None:
     """Return a column of a net with k more nodes and each element in `parts`, by its row in `Net`."""
     values, row = getattr(net, column.name), column.metadata
     if values is None:

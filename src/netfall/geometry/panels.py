@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.types import IntArray
 from netfall.geometry.faces import Faces
 from netfall.geometry.net import Net, pair_key
 from netfall.geometry.shares import FaceShares
@@ -22,17 +23,17 @@ class Panels(NamedTuple):
     panel: np.ndarray
     of_corner: np.ndarray
     node: np.ndarray
-    count: int
+    count: int  # type: ignore[assignment] # hides the method of tuples
     area: np.ndarray
     plan_area: np.ndarray
     vector: np.ndarray
-    mass: np.ndarray = None
-    pressure: np.ndarray = None
-    wind: np.ndarray = None
-    air: np.ndarray = None
-    air_mass: np.ndarray = None
+    mass: np.ndarray | None = None
+    pressure: np.ndarray | None = None
+    wind: np.ndarray | None = None
+    air: np.ndarray | None = None
+    air_mass: np.ndarray | None = None
 
-    def at(self, elements) -> np.ndarray:
+    def at(self, elements: IntArray) -> np.ndarray:
         """Return the panels that any of some elements supports, ascending."""
         return np.unique(self.panel[np.isin(self.element, elements)])
 

@@ -1,12 +1,14 @@
 """Roof in plan: segments that meet only at their ends, or the errors that prevent such a drawing."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import shapely
 
 from netfall.core.functions import lengths
 from netfall.core.sets import distinct
+from netfall.core.types import AnyArray, FloatArray, IntArray
 from netfall.geometry.net import Net, pair_key
 from netfall.job.values import MOST_NAMED, format_list, more_lines
 
@@ -48,7 +50,8 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     if not checked or not len(segment):
         segment, element, span = _distinct_segments(points, segment, element, span)
         return Plan(points, segment, element, span)
-    errors, notes = _stacked_node_errors(net, points, segment, element), []
+    errors = _stacked_node_errors(net, points, segment, element)
+    notes: list[str] = []
     if not errors:
         segment, element, span, notes = _cut_at_nodes(net, points, segment, element, span)
         segment, element, span = _distinct_segments(points, segment, element, span)
@@ -56,25 +59,27 @@ def draw_plan(net: Net, carries: np.ndarray | None = None, checked: bool = True)
     return Plan(points, segment, element, span, notes, errors)
 
 
-def _distinct_segments(points, segment, element, span):
+def _distinct_segments(
+    points: FloatArray, segment: IntArray, element: IntArray, span: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Keep each pair of points once, with the element that comes first."""
     first = np.sort(np.unique(pair_key(segment, len(points)), return_index=True)[1])
     return segment[first], element[first], span[first]
 
 
-def _near(points, others, distance):
+def _near(points: AnyArray, others: AnyArray, distance: float) -> IntArray:
     """Return rows (i, k) of the pairs of points i and shapes k within `distance` of each other."""
     return shapely.STRtree(others).query(points, predicate="dwithin", distance=distance)
 
 
-def _stacked_node_errors(net, points, segment, element) -> list[str]:
+def _stacked_node_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
     """Return an error for nodes above one another in plan that both have elements in the roof."""
     used = distinct(segment)
     positions = shapely.points(points[used])
     pairs = used[_near(positions, positions, net.tolerance)]
     pairs = pairs[:, pairs[0] < pairs[1]].T
 
-    def describe(p):
+    def describe(p: Any) -> Any:
         return f"{_describe_point(net, p)} ({_describe_elements_at(net, segment, element, p)})"
 
     pair_names = "; ".join(f"{describe(a)} and {describe(b)}" for a, b in pairs[:MOST_NAMED])
@@ -84,7 +89,9 @@ def _stacked_node_errors(net, points, segment, element) -> list[str]:
     ] * (len(pairs) > 0)
 
 
-def _cut_at_nodes(net, points, segment, element, span):
+def _cut_at_nodes(
+    net: Net, points: FloatArray, segment: IntArray, element: IntArray, span: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray, list[Any]]:
     """Cut segments at nodes of the roof within them, uncut ones first; also return notes on these nodes."""
     used = distinct(segment)
     rank, row = _near(shapely.points(points[used]), shapely.linestrings(points[segment]), net.tolerance)
@@ -103,7 +110,7 @@ def _cut_at_nodes(net, points, segment, element, span):
     uncut = np.ones(len(segment), bool)
     uncut[cut] = False
 
-    def successive(values):
+    def successive(values: Any) -> AnyArray:
         return np.column_stack([values[:-1], values[1:]])[same_owner]
 
     notes = [
@@ -121,7 +128,7 @@ def _cut_at_nodes(net, points, segment, element, span):
     )
 
 
-def _height_over(net, p: int, ends, share: float) -> str:
+def _height_over(net: Any, p: int, ends: Any, share: float) -> str:
     """Describe the height of node p over an element between `ends`, at a share of its length."""
     z = np.append(net.x[:, 2], net.corners[:, 2])
     height = float(z[p] - (1.0 - share) * z[ends[0]] - share * z[ends[1]])
@@ -131,7 +138,7 @@ def _height_over(net, p: int, ends, share: float) -> str:
     return f", {abs(height):.3g} m {word} it (of another layer? name the roof's groups in [roof] groups)"
 
 
-def _crossing_errors(net, points, segment, element) -> list[str]:
+def _crossing_errors(net: Net, points: FloatArray, segment: IntArray, element: IntArray) -> list[str]:
     """Return an error for elements, or edges without one, that cross in plan without a node."""
     lines = shapely.linestrings(points[segment])
     first, second = shapely.STRtree(lines).query(lines, predicate="crosses")
@@ -140,7 +147,7 @@ def _crossing_errors(net, points, segment, element) -> list[str]:
         np.sort(key[np.column_stack([first, second])], axis=1), axis=0, return_index=True
     )
 
-    def describe(s):
+    def describe(s: Any) -> Any:
         return _describe_segment(net, segment[s], element[s]).removeprefix("element ")
 
     sorted_pairs = (sorted(ends, key=key.__getitem__) for ends in zip(first[first_row], second[first_row]))
@@ -150,7 +157,7 @@ def _crossing_errors(net, points, segment, element) -> list[str]:
     )
 
 
-def _describe_point(net, p: int) -> str:
+def _describe_point(net: Any, p: int) -> str:
     """Name a point by the id of its node, or by its position on the boundary."""
     if p < net.n:
         return str(net.node_id[p])
@@ -158,14 +165,14 @@ def _describe_point(net, p: int) -> str:
     return f"at [{x:.4g}, {y:.4g}] of the boundary"
 
 
-def _describe_segment(net, ends, e: int) -> str:
+def _describe_segment(net: Any, ends: Any, e: int) -> str:
     """Name an element by its id, an edge without one by its ends."""
     if e >= 0:
         return f"element {net.element_id[net.parts * e]}"
     return "the line " + " to ".join(_describe_point(net, p) for p in ends)
 
 
-def _describe_elements_at(net, segment, element, p: int) -> str:
+def _describe_elements_at(net: Any, segment: Any, element: Any, p: int) -> str:
     """Name the elements of the roof at a node."""
     at_node = element[(segment == p).any(1)]
     if not (at_node >= 0).any():

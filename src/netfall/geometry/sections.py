@@ -13,7 +13,7 @@ element
 with F_u > N_y breaks at its fracture_strain.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ RANDOM_DIGITS = 9  # digits of random draws: logarithms of different libraries a
 LENGTH_SEQUENCE_START = 1 << 192  # Philox counter of the first length error; the strengths start at 0
 
 
-def set_sections(job: Job, net: Net, rows: dict | None = None) -> None:
+def set_sections(job: Job, net: Net, rows: dict[str, Any] | None = None) -> None:
     """Set sections and strengths of the elements of a net. Raises InputError.
 
     rows : columns of elements.csv by their names, (m,) nan where empty, `type` a list of words
@@ -81,7 +81,7 @@ def given_cable_keys(job: Job) -> tuple[str, ...]:
 # --- values by level: [cable], group, row
 
 
-def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
+def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
     """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
     types, names = read_catalogue(job), net.group_names
     common, common_types = _level_values([dict(job.cable)] * len(names))
@@ -90,7 +90,7 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
         {name: np.full(len(names), np.nan) for name in (*SECTION_COLUMNS, "type")} for _ in range(2)
     )
 
-    def in_group(k):
+    def in_group(k: Any) -> Any:
         return f"{job.path}: [cable.{names[k]}]"
 
     errors = _override_level(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
@@ -102,7 +102,7 @@ def _found(job: Job, net: Net, rows: dict) -> dict[str, np.ndarray]:
     if rows:
         row_values = {name: rows[name] for name in SECTION_COLUMNS if name in rows}
 
-        def place(e):
+        def place(e: Any) -> Any:
             return f"{job.path.parent / str(job.net.elements)}: element {net.element_id[e]}:"
 
         errors += _override_level(
@@ -133,10 +133,10 @@ def default_breaking_force(job: Job) -> float | None:
     return None if np.isnan(value) else value
 
 
-def _level_values(tables: list[dict]) -> tuple[dict, np.ndarray]:
+def _level_values(tables: list[dict[str, Any]]) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Return the values of tables for OF_SECTION, (k,) nan: not given, and their types, "": none."""
 
-    def value_or_nan(table, name):
+    def value_or_nan(table: dict[str, Any], name: str) -> Any:
         return np.nan if table.get(name) is None else table[name]
 
     level = {
@@ -145,7 +145,9 @@ def _level_values(tables: list[dict]) -> tuple[dict, np.ndarray]:
     return level, np.array([table.get("type") or "" for table in tables])
 
 
-def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[str]]:
+def _rows_of(
+    words: np.ndarray, types: dict[str, Any], place: Callable[..., Any]
+) -> tuple[np.ndarray, list[str]]:
     """Return the rows (k,) of the named types, -1: none, and an error for each unknown name."""
     if not (words != "").any():  # saves one second of sorting for a million elements
         return np.full(len(words), -1), []
@@ -160,7 +162,13 @@ def _rows_of(words: np.ndarray, types: dict, place) -> tuple[np.ndarray, list[st
     return np.array([number.get(str(name), -1) for name in names])[inverse], errors
 
 
-def _override_level(resolved: dict, level: dict, words: np.ndarray, types: dict, place) -> list[str]:
+def _override_level(
+    resolved: dict[str, Any],
+    level: dict[str, Any],
+    words: np.ndarray,
+    types: dict[str, Any],
+    place: Callable[..., Any],
+) -> list[str]:
     """Override values with those of a more specific level: its types (k,) first, then its explicit values.
 
     Returns an error for each unknown type; place(row) : text that locates a row
@@ -211,7 +219,7 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
         (absent["density"] & absent["mass_per_length"], "density"),
     )
 
-    def label(group):
+    def label(group: Any) -> Any:
         return f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
 
     return [
@@ -270,7 +278,7 @@ def strength_errors(job: Job, net: Net) -> Iterator[str]:
     limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
     drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
 
-    def label(e):
+    def label(e: Any) -> Any:
         return f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
 
     unreachable = np.isfinite(net.breaking_load) & (net.breaking_load > limit * (1.0 + ROUNDING)) & ~breaks

@@ -7,18 +7,21 @@ perpendicular bisectors to all others (Sutherland, Hodgman 1974). Clipping ring 
 concave faces and holes need no special care.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.core.kernels import inner_kernel, kernel
+from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.geometry.faces import Faces, centroid_triangle_areas, vector_areas
 
 COINCIDENT_CORNERS = 1e-12  # share of a face's size: closer corners coincide and split their nearest area
 
 
-def nearest_areas(points, rings, vector: np.ndarray, windows: np.ndarray | None = None) -> np.ndarray:
+def nearest_areas(
+    points: Any, rings: Any, vector: np.ndarray, windows: np.ndarray | None = None
+) -> np.ndarray:
     """Compute the area (c,) [m2], in the plane of its face, that is nearest to each corner of some faces.
 
     points : (k, 3) [m]; rings : `Faces` of f faces, all of their rings; vector : (f, 3) [m2], their areas
@@ -51,7 +54,7 @@ def _axes(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @inner_kernel
-def _clip(ring, count, a, b, c, out):
+def _clip(ring: FloatArray, count: int, a: float, b: float, c: float, out: FloatArray) -> int:
     """Write the part of a ring of `count` corners in a x + b y <= c; return the number of its corners."""
     written = 0
     for k in range(count):
@@ -70,7 +73,9 @@ def _clip(ring, count, a, b, c, out):
 
 
 @inner_kernel
-def _bisectors(xy, begin, end, i, near, half):
+def _bisectors(
+    xy: FloatArray, begin: int, end: int, i: int, near: float, half: FloatArray
+) -> tuple[int, int]:
     """Write the half-planes (h, 3) nearer to corner i than to others of its face; the origin is corner i.
 
     Neighbours come first: they leave few corners of the ring for the others to clip. Returns the number of
@@ -91,7 +96,7 @@ def _bisectors(xy, begin, end, i, near, half):
 
 
 @inner_kernel
-def _signed_area(ring, count):
+def _signed_area(ring: FloatArray, count: int) -> float:
     """Compute the area of a ring of `count` corners, anticlockwise positive."""
     double = 0.0
     for k in range(count):
@@ -101,7 +106,14 @@ def _signed_area(ring, count):
 
 
 @kernel
-def _clip_all(xy, ring_start, of_face, planes, near, area):
+def _clip_all(
+    xy: FloatArray,
+    ring_start: IntArray,
+    of_face: IntArray,
+    planes: FloatArray,
+    near: FloatArray,
+    area: FloatArray,
+) -> None:
     """Write the area (c,) of each corner's cell; arguments as in `nearest_areas`, in the faces' planes.
 
     ring_start : (r + 1,) rows of xy; of_face : (f + 1,) rows of rings; planes : (f, w, 3); near : (f,) [m2]
@@ -183,7 +195,9 @@ def share_out_faces(points: np.ndarray, faces: Faces) -> FaceShares:
     return FaceShares(face, node, share, surface, vector)
 
 
-def _in_proportion(area, face, node, chosen) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _in_proportion(
+    area: FloatArray, face: IntArray, node: IntArray, chosen: BoolArray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return face, node and share of the corners of chosen faces, in proportion to areas (c,).
 
     The corners of a face without area have equal shares.
@@ -203,7 +217,7 @@ def corner_areas(points: np.ndarray, faces: Faces) -> np.ndarray:
     """
     upward = vector_areas(points, Faces(faces.start, faces.corner))[faces.of_corner()]
 
-    def turned(u, v):
+    def turned(u: FloatArray, v: FloatArray) -> FloatArray:
         cross = np.cross(u, v)
         return np.copysign(lengths(cross), np.sum(cross * upward, axis=1))
 

@@ -14,7 +14,7 @@ given geometry. Results therefore depend on the subdivision only in second order
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -90,7 +90,9 @@ def find_sliding_cables(job: Job, net: Net) -> tuple[SlidingCables | None, list[
     """Return the slip points of all entries of [[slide]], None without entries, and the errors."""
     if not job.slides:
         return None, []
-    errors, pairs, slips = [], {}, {}
+    errors: list[str] = []
+    pairs: dict[Any, Any] = {}
+    slips: dict[Any, Any] = {}
     for number, entry in enumerate(job.slides, 1):
         rows, entry_errors = _entry_elements(net, entry)
         through = [] if entry_errors else _entry_pairs(net, entry, rows)
@@ -124,7 +126,7 @@ def _is_only_cable(job: Job, net: Net) -> np.ndarray:
 
 
 def _slipping_pairs(
-    net: Net, entry, through: list[_ContinuingPair], errors: list[str]
+    net: Net, entry: Any, through: list[_ContinuingPair], errors: list[str]
 ) -> list[_ContinuingPair]:
     """Return the pairs at which an entry lets a cable slip, and append errors of its nodes to `errors`."""
     inside = [pair for pair in through if pair.node < net.given]
@@ -143,7 +145,7 @@ def _slipping_pairs(
     return [pair for pair in inside if pair.node in chosen]
 
 
-def _crowding_errors(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
+def _crowding_errors(net: Net, pairs: dict[Any, Any], slips: dict[Any, Any]) -> Iterator[str]:
     """Yield errors: elements with two continuations, and nodes over which too many cables slip."""
     continuations = Counter((pair.node, e) for pair in pairs for e in pair[1:])
     if twice := sorted({net.element_id[e] for (_, e), count in continuations.items() if count > 1}):
@@ -154,7 +156,7 @@ def _crowding_errors(net: Net, pairs: dict, slips: dict) -> Iterator[str]:
         yield f"{ids}: more than {MAX_CABLES_PER_NODE} cables slip there; name fewer in nodes or cables"
 
 
-def _entry_elements(net: Net, entry) -> tuple[np.ndarray, list[str]]:
+def _entry_elements(net: Net, entry: Any) -> tuple[np.ndarray, list[str]]:
     """Return the elements of an entry, and errors: wrong names, bars, elements that yield, unknown nodes."""
     if entry.group is None:
         name, source, (rows, errors) = "cables", "cables", elements_of_cables(net, entry.cables)
@@ -178,7 +180,7 @@ def _entry_elements(net: Net, entry) -> tuple[np.ndarray, list[str]]:
     return rows, errors
 
 
-def _entry_pairs(net: Net, entry, rows: np.ndarray) -> list[_ContinuingPair]:
+def _entry_pairs(net: Net, entry: Any, rows: np.ndarray) -> list[_ContinuingPair]:
     """Return all pairs that continue each other in the group of an entry, or in each of its cables."""
     if entry.group is not None:
         return _continuing_pairs(net, rows)
@@ -199,7 +201,9 @@ def _continuing_pairs(net: Net, rows: np.ndarray) -> list[_ContinuingPair]:
     return sorted(_ContinuingPair(int(node[a]), int(a) // 2, int(b) // 2) for a, b in pairs)
 
 
-def _order_along_cables(net: Net, pairs: dict, slips: dict, bare: np.ndarray) -> SlidingCables:
+def _order_along_cables(
+    net: Net, pairs: dict[Any, Any], slips: dict[Any, Any], bare: np.ndarray
+) -> SlidingCables:
     """Build the slip points in the order in which cables go through them; bare : (n,) of `_is_only_cable`."""
     label = connected_parts(np.array([pair[1:] for pair in pairs], np.int64), net.m)
     continuation: dict[tuple[int, int], int] = {}  # the next element after (node, element)
@@ -218,7 +222,9 @@ def _order_along_cables(net: Net, pairs: dict, slips: dict, bare: np.ndarray) ->
     )
 
 
-def _walk_chain(net: Net, first: int, continuation: dict, along: np.ndarray) -> list[tuple[int, int, int]]:
+def _walk_chain(
+    net: Net, first: int, continuation: dict[Any, Any], along: np.ndarray
+) -> list[tuple[int, int, int]]:
     """Return (element before, node, element after) along a chain, in the direction of its first element."""
 
     def go(direction: int) -> list[tuple[int, int, int]]:
@@ -239,7 +245,9 @@ def _walk_chain(net: Net, first: int, continuation: dict, along: np.ndarray) -> 
     return steps_ahead if closed else go(-1)[::-1] + steps_ahead
 
 
-def _make_sliding_cables(net: Net, points: list[tuple], along: np.ndarray, run: np.ndarray) -> SlidingCables:
+def _make_sliding_cables(
+    net: Net, points: list[tuple[Any, ...]], along: np.ndarray, run: np.ndarray
+) -> SlidingCables:
     """Build the slip points with their columns at the nodes.
 
     run : (m,) label of the elements of a free segment

@@ -1,10 +1,13 @@
 """Net of two tables, nodes and elements: columns, units, ends, and plausibility."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import log
 from netfall.core.rotation import from_rotated_axes
+from netfall.core.types import FloatArray
 from netfall.geometry.connected_parts import unconnected_pairs
 from netfall.geometry.net import Net, pair_key
 from netfall.job.csv_table import LARGEST, NO_UNIT, ZONE_SEPARATOR, Table, parse_number
@@ -70,7 +73,7 @@ def _pairs(table: Table, node_id: np.ndarray, nodes: str) -> np.ndarray:
     ends = np.column_stack([_ends(table, k, rows, nodes) for k in ("start", "end")])
     for row in np.flatnonzero((ends[:, 0] == ends[:, 1]) & (ends[:, 0] >= 0)):
         problem = f"start and end are both node {node_id[ends[row, 0]]}"
-        table.wrong(f"{table.at(row)}: {problem}; expected two nodes")
+        table.wrong(f"{table.at(int(row))}: {problem}; expected two nodes")
     return ends
 
 
@@ -79,11 +82,11 @@ def _ends(table: Table, name: str, rows: dict[int, int], nodes: str) -> list[int
     numbers = table.integers(name).tolist()
     for row, number in enumerate(numbers):
         if number not in rows:
-            table.wrong(f"{table.at(row)}: {name} = {number}: no such node in {nodes}")
+            table.wrong(f"{table.at(int(row))}: {name} = {number}: no such node in {nodes}")
     return [rows.get(number, -1) for number in numbers]
 
 
-def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
+def _node_columns(job: Job, nodes: Table) -> dict[str, Any]:
     """Read the columns of the nodes that `Net` takes."""
     unit = job.net.unit
     factor, divisor = TO_METRES[unit]
@@ -102,7 +105,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
         first.setdefault(number, row)
     angle = nodes.numbers("angle", 0.0, unit="degrees") if "angle" in nodes else None
 
-    def vectors(name, low, unit):
+    def vectors(name: str, low: float, unit: str) -> FloatArray:
         return nodes.stacked([f"{name}_{k}" for k in AXES], 0.0, low, unit)
 
     return dict(
@@ -120,7 +123,7 @@ def _node_columns(job: Job, nodes: Table) -> dict[str, np.ndarray]:
     )
 
 
-def _zone_column(nodes: Table) -> dict:
+def _zone_column(nodes: Table) -> dict[str, Any]:
     """Return the zone names, the row of each node's zone, -1: none, and shares if the table has them."""
     if "zone_share" in nodes:
         return _shared_zones(nodes)
@@ -130,7 +133,7 @@ def _zone_column(nodes: Table) -> dict:
     return {"zone": row[1:] - 1, "zone_names": [str(name) for name in names[1:]]}
 
 
-def _shared_zones(nodes: Table) -> dict:
+def _shared_zones(nodes: Table) -> dict[str, Any]:
     """Return zone names, rows and shares for nodes in several zones: "edge/drift" with "0.25/0.5"."""
     words = nodes.words("zone")
     cells = [
@@ -161,7 +164,7 @@ def _shares_in(nodes: Table, row: int, cell: str, zone: str) -> list[float]:
     return values
 
 
-def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
+def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray) -> tuple[Any, ...]:
     """Read the columns of the elements for `Net`, the group names, and the columns that override sections."""
     ends = _pairs(cables, node_id, nodes.path.name)
     element_id = cables.integers("id") if "id" in cables else np.arange(len(cables))
@@ -171,7 +174,7 @@ def _element_columns(cables: Table, nodes: Table, node_id: np.ndarray):
     names, group = np.unique(cables.words("group"), return_inverse=True)
     columns = {name: cables.numbers(name, low=low, unit=unit) for name, (low, unit) in SECTION_LIMITS.items()}
     columns |= {"type": cables.words("type") if "type" in cables else [], "kind": _kinds(cables)}
-    of_elements = dict(
+    of_elements: dict[str, Any] = dict(
         elements=ends,
         group=group,
         element_id=element_id,
@@ -191,7 +194,7 @@ def _kinds(cables: Table) -> np.ndarray:
     return np.array([{"cable": 0.0, "bar": 1.0}.get(word, np.nan) for word in words])
 
 
-def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict) -> None:
+def _lengths_in_metres(job: Job, x: np.ndarray, of_elements: dict[str, Any]) -> None:
     """Refuse unstressed lengths that match the elements in the unit of the coordinates. x : (n, 3) [m]"""
     given, (factor, divisor) = of_elements["unstressed_length"], TO_METRES[job.net.unit]
     distance = np.linalg.norm(np.diff(x[of_elements["elements"]], axis=1)[:, 0], axis=1)
@@ -216,7 +219,7 @@ def _fixed(nodes: Table) -> np.ndarray:
             words = nodes.words(name)
             held[name] = np.array([parse_number(word or "0") for word in words])
             for row in np.flatnonzero((held[name] != 0) & (held[name] != 1)):
-                nodes.wrong(f"{nodes.at(row)}: {name} = {words[row]!r}: expected 0 or 1")
+                nodes.wrong(f"{nodes.at(int(row))}: {name} = {words[row]!r}: expected 0 or 1")
     all_axes = held.get("fixed", np.zeros(len(nodes)))
     return np.column_stack([held.get(f"fixed_{k}", all_axes) for k in AXES]) == 1
 
@@ -229,11 +232,13 @@ def _normals(nodes: Table) -> np.ndarray:
     normal = nodes.stacked([f"normal_{k}" for k in AXES])
     given, length = np.isfinite(normal), np.linalg.norm(normal, axis=1, keepdims=True)
     for row in np.flatnonzero(given.any(1) & ~given.all(1) & all(present)):
-        nodes.wrong(f"{nodes.at(row)}: normal_x, normal_y, normal_z: expected three numbers, or all empty")
+        nodes.wrong(
+            f"{nodes.at(int(row))}: normal_x, normal_y, normal_z: expected three numbers, or all empty"
+        )
     for row in np.flatnonzero(given.all(1) & ~((length[:, 0] > 0) & (normal[:, 2] >= 0))):
         shown = ", ".join(f"{value:g}" for value in normal[row])
         expected = "expected the upward normal, normal_z >= 0, not all 0"
-        nodes.wrong(f"{nodes.at(row)}: normal = ({shown}): {expected}")
+        nodes.wrong(f"{nodes.at(int(row))}: normal = ({shown}): {expected}")
     length[np.abs(length - 1.0) <= UNIT_ROUNDING] = 1.0  # a unit normal is read back bit by bit
     return np.divide(normal, length, out=np.full_like(normal, np.nan), where=length > 0)
 

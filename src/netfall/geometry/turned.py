@@ -56,7 +56,7 @@ def settlement_axes(net: Net, fixed: np.ndarray) -> np.ndarray:
 def global_spring_stiffness(net: Net) -> np.ndarray:
     """Compute the stiffness (n, 3) [N/m] of the springs along x, y and z."""
     rows, k = np.flatnonzero(is_rotated(net)), net.spring.copy()
-    if len(rows):
+    if net.angle is not None and len(rows):
         c2, s2 = (directions(net.angle[rows]) ** 2).T
         first, second = net.spring[rows, 0], net.spring[rows, 1]
         k[rows, 0], k[rows, 1] = c2 * first + s2 * second, s2 * first + c2 * second
@@ -66,6 +66,8 @@ def global_spring_stiffness(net: Net) -> np.ndarray:
 def rotation_column(net: Net, held: np.ndarray) -> np.ndarray:
     """Compute the field `turned` (n, 3) of `physics.fields`; held : as in `is_guided`."""
     column, rows = np.zeros((net.n, 3)), np.flatnonzero(is_rotated(net))
+    if net.angle is None:
+        return column
     c, s = directions(net.angle[rows]).T
     guided, first = is_guided(net, held)[rows], held[rows, 0]
     column[rows, 0] = np.where(guided, np.where(first, c, -s), 0.0)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -67,7 +68,9 @@ class Zones:
         values = [base, *(own.get(name, base) for name in self.names)]
         shares = [self.share[:, k] for k in range(-1, len(self.names))]
         distinct = [value for k, value in enumerate(values) if value not in values[:k]]
-        pairs = [(v, sum(share for share, other in zip(shares, values) if other == v)) for v in distinct]
+        pairs: list[tuple[object, Any]] = [
+            (v, sum(share for share, other in zip(shares, values) if other == v)) for v in distinct
+        ]
         return [(value, share) for value, share in pairs if share.any()]
 
     def spread(self, section: ZonedSection, key: str) -> np.ndarray:
@@ -131,14 +134,16 @@ def cuts_areas(zone: Zone) -> bool:
     return zone.polygon is not None and zone.cut is not False
 
 
-def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "PolygonCutter | None") -> np.ndarray:
+def _shares(
+    net: Net, entries: list[Any], inside: list[np.ndarray], cutter: "PolygonCutter | None"
+) -> np.ndarray:
     """Compute the share (n, z + 1) of each node's area in each zone, then in none.
 
     inside : nodes (n,) bool of each zone. The rest of a node with parts in zones belongs to the zone that
     contains
     the whole node, or to none.
     """
-    parts = {}  # zones with parts of nodes: share (n,) of each node
+    parts: dict[int, np.ndarray] = {}  # zones with parts of nodes: share (n,) of each node
     if net.zone_share is not None:
         of_name = dict(zip(net.zone_names, net.zone_share.T))
         parts = {k: of_name[zone.name] for k, zone in enumerate(entries) if zone.name in of_name}
@@ -147,7 +152,7 @@ def _shares(net: Net, entries: list, inside: list[np.ndarray], cutter: "PolygonC
     for k, members in enumerate(inside):
         if k not in (*cut, *parts):
             of_node[members] = k
-    if cut and not parts:
+    if cutter is not None and cut and not parts:
         polygons = [shapely.Polygon(entries[k].polygon) for k in cut]
         later = [
             shapely.union_all(polygons[k + 1 :]) for k in range(len(polygons))
@@ -198,7 +203,7 @@ def _zone_nodes(zone: Zone, net: Net) -> np.ndarray:
     return net.zone == row if net.zone_share is None else net.zone_share[:, row] > 0
 
 
-def _wrong_entries(entries: list, net: Net) -> Iterator[str]:
+def _wrong_entries(entries: list[Any], net: Net) -> Iterator[str]:
     """Yield an error for each entry whose nodes are not defined."""
     for zone in entries:
         place, in_column = f"[[zone]] {zone.name}:", zone.name in net.zone_names
@@ -266,7 +271,7 @@ class PolygonCutter:
         low, high = (f.reduceat(xy[rings.corner], first) for f in (np.minimum, np.maximum))
         self.boxes = shapely.STRtree(shapely.box(*low.T, *high.T))  # around each face in plan
 
-    def share_inside(self, region) -> np.ndarray:
+    def share_inside(self, region: Any) -> np.ndarray:
         """Return the share (n,) of each node's area in plan inside a polygon, or several.
 
         A node without a face is inside or outside as a whole, by its position.
@@ -296,7 +301,7 @@ class PolygonCutter:
         return np.where(result > 1.0 - ROUNDING, 1.0, np.where(result < ROUNDING, 0.0, result))
 
 
-def _windows(region) -> np.ndarray:
+def _windows(region: Any) -> np.ndarray:
     """Return triangles that fill a region, each as three half-planes a x + b y <= c: (t, 3, 3)."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
     corner = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)

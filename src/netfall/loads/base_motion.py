@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -85,18 +86,18 @@ def make_motion(job: Job, net: Net, x: np.ndarray) -> Motion:
 # --- which supports
 
 
-def _nodes(net: Net, entry) -> np.ndarray:
+def _nodes(net: Net, entry: Any) -> np.ndarray:
     """Return the rows of the supports that an entry moves."""
     held = net.fixed.any(1)
     chosen = held if entry.nodes is None else np.isin(net.node_id, entry.nodes)
     return np.flatnonzero(chosen | (chosen[parent_ends(net)].all(1) & held))
 
 
-def _node_errors(net: Net, entry, rows: np.ndarray) -> Iterator[str]:
+def _node_errors(net: Net, entry: Any, rows: np.ndarray) -> Iterator[str]:
     """Yield an error for each defect of the nodes of an entry, which are in these rows."""
     held = net.fixed.any(1)
 
-    def ids(chosen):
+    def ids(chosen: Any) -> Any:
         return net.node_id[rows[chosen[rows]]]
 
     if unknown := sorted(set(entry.nodes or ()) - set(net.node_id.tolist())):
@@ -127,7 +128,7 @@ def _half_moved_notes(net: Net, rows: np.ndarray) -> Iterator[str]:
         )
 
 
-def _delays(x: np.ndarray, entry) -> np.ndarray:
+def _delays(x: np.ndarray, entry: Any) -> np.ndarray:
     """Compute the times (k,) [s] at which a wave reaches supports at x (k, 3) [m], 0 at the first support."""
     if entry.speed is None or entry.travel is None or not len(x):
         return np.zeros(len(x))
@@ -148,13 +149,13 @@ def _nearest(net: Net, x: np.ndarray, course: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.ndarray:
+def _start(net: Net, course: np.ndarray, courses: list[Any], records: list) -> np.ndarray:
     """Compute the velocity (courses, 3) [m/s] before the first step.
 
     It is the initial velocity of the supports if all of them move with the same velocity, and zero otherwise.
     """
 
-    def initial_velocity(parts):
+    def initial_velocity(parts: Any) -> Any:
         return sum((records[r][1][0, 1] for r, delay in parts if delay == 0.0), np.zeros(3))
 
     start = np.array([initial_velocity(parts) for parts in courses]).reshape(-1, 3)
@@ -165,7 +166,7 @@ def _start(net: Net, course: np.ndarray, courses: list, records: list) -> np.nda
 # --- records
 
 
-def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def _record(job: Job, entry: Any) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Read times (r,) [s] from 0 on, their coefficients (r, 4, 3), and notes. Raises InputError."""
     path = job.path.parent / (entry.displacement or entry.acceleration)
     if entry.displacement:
@@ -193,12 +194,12 @@ def _record(job: Job, entry) -> tuple[np.ndarray, np.ndarray, list[str]]:
     return *rows, notes + _drift_notes(*rows)
 
 
-def _unit_vector(vector) -> np.ndarray:
+def _unit_vector(vector: Any) -> np.ndarray:
     """Return the unit vector along a vector."""
     return np.array(vector, float) / lengths(np.array(vector, float))
 
 
-def _table(path: Path, entry) -> tuple[Table, np.ndarray, np.ndarray]:
+def _table(path: Path, entry: Any) -> tuple[Table, np.ndarray, np.ndarray]:
     """Read a table, its times (r,) [s] and its values (r, 3). Raises InputError."""
     unit = "m/s2" if entry.acceleration else "m"
     known = ("time", *AXES) if entry.direction is None else ("time", "acceleration")

@@ -1,6 +1,7 @@
 """Inputs of static cases in addition to [load], read before any computation: winds, tables, settlements."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,7 @@ def read_case_inputs(job: Job, net: Net, zones: Zones) -> tuple[dict[str, CaseIn
     """Read the inputs of each case, by name, and notes. Raises InputError with all errors."""
     inputs_of, notes, errors = {}, [], []
     for case in job.cases:
-        inputs = {}
+        inputs: dict[Any, Any] = {}
         for read, context in (
             (_read_case_wind, zones),
             (_read_case_pressures, None),
@@ -96,7 +97,7 @@ def _unequal_factor_notes(job: Job) -> list[str]:
     return notes
 
 
-def _format_sum(f: float, value, g: float, base) -> str:
+def _format_sum(f: float, value: Any, g: float, base: Any) -> str:
     """Write the sum of a load of a case and of [load] in a combination, for a note."""
     text = f"{f:g} x ({_format_load(value)} - {_format_load(base)}) + {g:g} x {_format_load(base)}"
     same_shape = np.shape(value) == np.shape(
@@ -107,7 +108,7 @@ def _format_sum(f: float, value, g: float, base) -> str:
     )
 
 
-def _format_load(value) -> str:
+def _format_load(value: Any) -> str:
     """Write a load, or its components, for a note."""
     return "[" + ", ".join(f"{component:g}" for component in value) + "]" if np.ndim(value) else f"{value:g}"
 

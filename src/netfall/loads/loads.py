@@ -5,7 +5,7 @@ live loads in steps, and all of them act in the dynamic stage.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -98,7 +98,7 @@ def pressure_load(load: Load, roof: RoofAreas) -> np.ndarray:
 
 
 def spring_preload_displacement(
-    net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load=None
+    net: Net, x: np.ndarray, N: np.ndarray, L: np.ndarray, load: Any = None
 ) -> np.ndarray:
     """Compute the displacements (n, 3) [m] at which springs carry nothing.
 

@@ -9,9 +9,12 @@ If removed cables cross at a node, the ends of all of them take a share by the s
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from netfall.core.types import FloatArray
+from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution, rows_of
 
 
@@ -48,7 +51,9 @@ class Redistribution:
         return distribution.broadcast_rows(self.particles, rows)
 
 
-def redistribute(net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, torn=()) -> Redistribution:
+def redistribute(
+    net: Net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, torn: tuple[()] = ()
+) -> Redistribution:
     """Return the redistribution of the loads of nodes inside removed cables.
 
     L0 : (m,) [m]; elements : (k,) removed now; loose : (n,) bool, nodes that nothing else holds
@@ -67,9 +72,13 @@ def redistribute(net, L0: np.ndarray, elements: np.ndarray, loose: np.ndarray, t
     )
 
 
-def _ends_of_cables(net, L0, elements: np.ndarray, loose: np.ndarray, torn: set) -> dict:
+def _ends_of_cables(
+    net: Net, L0: FloatArray, elements: np.ndarray, loose: np.ndarray, torn: set[Any]
+) -> dict[str, Any]:
     """Return, for each node inside a removed cable, the ends of the removed part with 1 / distance [1/m]."""
-    neighbours = {}  # (loose node, cable): removed elements and the node at the other end of each
+    neighbours: dict[
+        Any, Any
+    ] = {}  # (loose node, cable): removed elements and the node at the other end of each
     for e in elements.tolist():
         a, b = net.elements[e].tolist()
         for p, other in ((a, b), (b, a)):
@@ -96,7 +105,9 @@ def _ends_of_cables(net, L0, elements: np.ndarray, loose: np.ndarray, torn: set)
     return ends
 
 
-def _walk(neighbours: dict, cable: int, start: int, step: tuple, L0, torn: set) -> list[tuple[int, float]]:
+def _walk(
+    neighbours: dict[str, Any], cable: int, start: int, step: tuple[Any, ...], L0: Any, torn: set[Any]
+) -> list[tuple[int, float]]:
     """Return the nodes after a node along a removed cable, up to its end, with their distances [m].
 
     step : the first element, and the node at its other end. The walk ends before a torn element.
@@ -112,9 +123,9 @@ def _walk(neighbours: dict, cable: int, start: int, step: tuple, L0, torn: set) 
     return nodes
 
 
-def _shares(p: int, ends: dict, loose: np.ndarray, on_way: set) -> dict[int, float]:
+def _shares(p: int, ends: dict[str, Any], loose: np.ndarray, on_way: set[Any]) -> dict[int, float]:
     """Return the shares of the held nodes that take the load of node p; they add to 1 if there are any."""
-    shares = {}
+    shares: dict[Any, Any] = {}
     for end, weight in ends[p].items():
         if not loose[end]:
             takers = {end: 1.0}

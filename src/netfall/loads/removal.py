@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
         )
 
 
-def make_removals(job: Job, model, schedule) -> list[Loss]:
+def make_removals(job: Job, model: Any, schedule: Any) -> list[Loss]:
     """Return the removals of the dynamic stage, step by step, up to its end. Rank 0.
 
     model : `model.Model`; schedule : `schedule.Schedule`. An element is removed once, by the first entry.
@@ -114,7 +115,7 @@ def make_removals(job: Job, model, schedule) -> list[Loss]:
 
 
 def particles_removed_with(
-    model, elements: np.ndarray, there: np.ndarray, torn=()
+    model: Any, elements: np.ndarray, there: np.ndarray, torn: tuple[()] = ()
 ) -> tuple[np.ndarray, Redistribution]:
     """Return the particles that only the removed elements (k,) hold, and where their loads go.
 
@@ -132,7 +133,7 @@ def particles_removed_with(
 
 
 def particles_removed_after_breaks(
-    model, losses: list[Loss], k: int, torn
+    model: Any, losses: list[Loss], k: int, torn: Any
 ) -> tuple[np.ndarray, Redistribution]:
     """Return `particles_removed_with` for removal k of a run in which the elements `torn` broke before it.
     Rank 0."""

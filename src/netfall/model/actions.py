@@ -6,7 +6,7 @@ the mean wind of [wind] does.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def combination_actions(job: Job, model: Model, combination: Combination) -> Act
     """Return the actions of a combination. Rank 0."""
     load, net = load_settings(job), model.net
 
-    def factor(name):
+    def factor(name: Any) -> Any:
         return action_factor(combination, name)
 
     live = live_load(load, model.roof, net.load)

@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -108,7 +109,7 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     )
 
 
-def _partition_net(job: Job, ranks: int) -> tuple:
+def _partition_net(job: Job, ranks: int) -> tuple[Any, ...]:
     """Return the net, roofing, zones, partition and the origin of the partition."""
     net = build_net(job)
     roofing = find_roof(job, net)
@@ -144,7 +145,7 @@ def damping_branches(job: Job) -> tuple[float, ...]:
 def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
     """Return the features that the kernels are compiled for."""
 
-    def differ(values):
+    def differ(values: Any) -> bool:
         return bool((values != values[:1]).any())
 
     held, breaks = global_held_axes(net, net.fixed), bool(np.isfinite(net.fracture_strain).any())

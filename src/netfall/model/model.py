@@ -6,11 +6,13 @@ The constants therefore have the same bits on any number of ranks.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import lengths
+from netfall.core.types import FloatArray
 from netfall.geometry.areas import TributaryAreas, tributary_areas
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import Net
@@ -182,7 +184,7 @@ def make_model(
     permanent = loading.permanent if derived.carries_permanent(job) else None  # in form finding
     mass, added = _scale_masses(job, net, L0, own + net.mass + loading.carried)
 
-    def make_field(settings, points):
+    def make_field(settings: Any, points: FloatArray | None) -> WindField:
         return memory.get_or_compute("wind", key, lambda: make_wind_field(x, roof.vector, settings, points))
 
     field, history = _wind(job, layout, make_field)
@@ -290,7 +292,7 @@ def _scale_masses(
     return scaled, scaled - mass
 
 
-def _wind(job: Job, layout: Layout, make_field: Callable) -> tuple:
+def _wind(job: Job, layout: Layout, make_field: Callable[..., Any]) -> tuple[Any, ...]:
     """Return the wind field, built by `make_field`, and the wind history; None, None without wind.
 
     Raises InputError.

@@ -1,11 +1,13 @@
 """Time step of the dynamic stage, its limits, and the step numbers of output and checkpoints."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from netfall.core.arrays import padded_copy
 from netfall.core.errors import InputError
+from netfall.core.types import FloatArray, IntArray
 from netfall.job.job import Job
 from netfall.model.model import Model
 from netfall.physics.bending import add_joint_bounds
@@ -29,7 +31,7 @@ MIN_FRACTURE_SUBSTEPS = 3
 MOST_STEPS = 1e12  # takes weeks even for the smallest net
 
 
-def step_at(times, dt: float):
+def step_at(times: FloatArray | float, dt: float) -> FloatArray | float:
     """Return the numbers of the first steps of length dt [s] at or after the times [s], as whole floats."""
     steps = times / dt
     return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT_ROUNDING * steps))
@@ -64,7 +66,7 @@ class Schedule:
         return self.stride * int(step_at(time, self.long_dt))
 
 
-def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -> Schedule:
+def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, output: Any) -> Schedule:
     """Build the schedule of a job, with its own step or, for "auto", the largest step that fits.
 
     The largest step fits the interval of the history rows. It fits the duration if that is no multiple of the
@@ -89,7 +91,7 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics, output) -
     rows = np.arange(int(np.floor(steps * long / output.history + ROUNDING)) + 1) * output.history
     frames = np.linspace(0.0, steps * long, output.frames + 1)
 
-    def steps_of(times):
+    def steps_of(times: FloatArray) -> IntArray:
         return np.unique(np.append(np.minimum(step_at(times, long), steps), steps)).astype(np.int64)
 
     every = output.checkpoint
@@ -145,7 +147,7 @@ def step_limits(model: Model, features: Features, fragment_mass: float) -> dict[
     if features.sliding:
         limits.append(slip_step(model))
 
-    def global_element(limit):
+    def global_element(limit: Limit) -> int:
         return int(rows[limit.element]) if limit.element >= 0 else -1
 
     return {limit.name: replace(limit, element=global_element(limit)) for limit in limits}

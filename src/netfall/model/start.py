@@ -1,17 +1,19 @@
 """Plausibility checks of the start of a job: elements that fail at once, and values in another unit."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import raise_errors
 from netfall.core.functions import lengths
+from netfall.core.types import BoolArray, IntArray
 from netfall.geometry.bars import euler_load
 from netfall.geometry.net import GRAVITY, Net
 from netfall.job.job import Job
 from netfall.job.values import counted, format_value
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
-from netfall.loads.wind.measured import ambiguous_particles
+from netfall.loads.wind.measured import TableHistory, ambiguous_particles
 from netfall.physics.law.limits import caps_of
 from netfall.physics.law.measures import exceeds_stiffness, strains
 
@@ -66,7 +68,7 @@ UNITS_HINT = "check the units of modulus (Pa), area (m2), prestress (N) and unst
 def unit_notes(net: Net) -> list[str]:
     """Return a note for each section value that no cable or bar material has."""
 
-    def elements(rows):
+    def elements(rows: IntArray) -> str:
         return counted("element", net.element_id[rows])
 
     notes = []
@@ -122,7 +124,9 @@ def load_notes(job: Job) -> Iterator[str]:
         )
 
 
-def table_notes(job: Job, coefficient: np.ndarray | None, measured, cases: dict) -> Iterator[str]:
+def table_notes(
+    job: Job, coefficient: np.ndarray | None, measured: TableHistory | None, cases: dict[str, Any]
+) -> Iterator[str]:
     """Yield a note for each table of wind or pressure of a size that no roof has.
 
     Arguments as in `layout.Layout`.
@@ -154,10 +158,10 @@ def weight_notes(job: Job, net: Net) -> list[str]:
     if job.dynamics is None:
         return []
 
-    def nodes(rows):
+    def nodes(rows: BoolArray) -> str:
         return counted("node", net.node_id[rows])
 
-    def weight(rows):
+    def weight(rows: BoolArray) -> float:
         return -float(net.load[rows, 2].sum())
 
     notes, massless, weightless, both = [], down & ~heavy & free, heavy & ~down & free, down & heavy & free

@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,7 @@ def without_effect(job: Job, net: Net) -> list[str]:
     ]
 
 
-def _unused_keys(job: Job, net: Net) -> list[tuple]:
+def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
     """List rows of: section, keys, whether they have no effect, and the reason."""
     breaks, form, load = bool(np.isfinite(net.fracture_strain).any()), job.form_finding, job.load
     rows = _unused_dynamics_keys(job, breaks)
@@ -68,7 +69,7 @@ def _unused_keys(job: Job, net: Net) -> list[tuple]:
     return rows + (_unused_wind_keys(job, breaks) if job.wind else [])
 
 
-def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple]:
+def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [output] and [dynamics]; breaks : whether any element can break."""
     dynamics, of_motion = job.dynamics, [key.name for key in SECTIONS["output"] if key.name != "modes"]
     if not dynamics:
@@ -88,7 +89,7 @@ def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple]:
     ]
 
 
-def _unused_load_keys(job: Job, breaks: bool) -> list[tuple]:
+def _unused_load_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [load]; breaks : whether any element can break."""
     no_statics = job.dynamics and not has_statics(job)
     no_inertia = not has_added_air_mass(job) or not (job.dynamics or job.output.modes)
@@ -101,7 +102,7 @@ def _unused_load_keys(job: Job, breaks: bool) -> list[tuple]:
     ]
 
 
-def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple]:
+def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [wind]; breaks : whether any element can break."""
     wind, by_taps = job.wind, "the wind comes from pressures"
     generated = wind.speed and not wind.pressures

@@ -1,6 +1,6 @@
 """Static load cases and combinations of a result, with the outcome of each."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from netfall.results.file import read_job_tables
 from netfall.results.states import WITHOUT, StateView, equilibrium_groups, group_equilibria
@@ -34,7 +34,7 @@ class Case(NamedTuple):
         return self.state not in WITHOUT
 
 
-def read_cases(f) -> list[Case]:
+def read_cases(f: Any) -> list[Case]:
     """Return the static load cases and combinations in the order of the job."""
     combinations = read_job_tables(f).get("combination", [])
     kinds = {
@@ -44,7 +44,7 @@ def read_cases(f) -> list[Case]:
     return [_case(f, place, kinds.get(place.removeprefix("cases/"), PLAIN)) for place in places]
 
 
-def _case(f, place: str, kind: str) -> Case:
+def _case(f: Any, place: str, kind: str) -> Case:
     attrs, (shown,) = f[place].attrs, group_equilibria(f, place)
     name = place.removeprefix("cases/")
     if "state" not in attrs:

@@ -15,22 +15,24 @@ keeps the checkpoint that it was given, until a later run resumes a newer one.
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.parallel.mpi import MPI
-from netfall.physics.fields import FIELDS
+from netfall.physics.fields import FIELDS, Field
 from netfall.physics.state import State
 from netfall.results.h5 import SharedFile, is_intact
+from netfall.results.writer import Result
 
 FORMAT = 12  # version of the layout of a checkpoint
 KEPT = 2  # number of checkpoints that a run keeps
 NAME = re.compile(r"(.+)checkpoint-\d-\d{12,}\.h5")
 
 
-def checkpoint_fields(state: State, entity: str):
+def checkpoint_fields(state: State, entity: str) -> list[Field]:
     """Return the fields of a state's particles or elements that a checkpoint contains."""
     return [f for f in FIELDS if f.kept and f.entity == entity and getattr(state, f.name) is not None]
 
@@ -80,7 +82,12 @@ def _job_of(path: Path) -> str | None:
 
 
 def write_checkpoint(
-    comm: MPI.Comm, path: Path, state: State | None, result, record: dict, parts: dict[str, tuple]
+    comm: MPI.Comm,
+    path: Path,
+    state: State | None,
+    result: Result,
+    record: dict[str, Any],
+    parts: dict[str, tuple[Any, ...]],
 ) -> None:
     """Write the state, if there is one yet, and the run's records. Collective.
 
@@ -92,7 +99,7 @@ def write_checkpoint(
         if state is not None:
             _write_state(file, state, result)
 
-        def finish(h5: h5py.File):
+        def finish(h5: h5py.File) -> None:
             h5.attrs["format"] = FORMAT
             full_record = record | {"parts": {name: small for name, (small, _) in parts.items()}}
             h5.create_dataset("record", data=json.dumps(full_record), dtype=h5py.string_dtype())
@@ -106,7 +113,7 @@ def write_checkpoint(
         raise
 
 
-def _write_state(file: SharedFile, state: State, result) -> None:
+def _write_state(file: SharedFile, state: State, result: Result) -> None:
     m = result.distribution.m
     points = result.log.points
     rows = state.owned_rows()
@@ -153,7 +160,7 @@ class Checkpoint:
                 "expected a checkpoint of this very job file, tables and --set"
             )
 
-    def part(self, name: str) -> tuple[dict, dict[str, np.ndarray]]:
+    def part(self, name: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the record of a name: small values, and arrays."""
         return self.record["parts"][name], self.arrays.get(name, {})
 

@@ -1,6 +1,7 @@
 """Tables of a result for the Python interface: arrays by column name."""
 
 from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ class Columns(Mapping):
     names : of the columns, in order; read : returns the array of a name; units : of some columns, as text
     """
 
-    def __init__(self, place: str, names: list[str], read: Callable[[str], np.ndarray], units=None):
+    def __init__(self, place: str, names: list[str], read: Callable[[str], np.ndarray], units: Any = None):
         """place : the source of the table, for messages"""
         self._place, self._names, self._read, self.units = place, list(names), read, units or {}
         self._kept: dict[str, np.ndarray] = {}
@@ -38,7 +39,7 @@ class Columns(Mapping):
         return "\n".join([f"{self._place}:", *lines])
 
 
-def group_columns(place: str, group, renamed: dict[str, str] | None = None) -> Columns:
+def group_columns(place: str, group: Any, renamed: dict[str, str] | None = None) -> Columns:
     """Return the datasets of an HDF5 group as columns.
 
     renamed : dataset by column name; None: each dataset keeps its name
@@ -54,17 +55,17 @@ def group_columns(place: str, group, renamed: dict[str, str] | None = None) -> C
     return Columns(place, list(names), read, units)
 
 
-def array_columns(place: str, arrays: dict[str, Callable[[], np.ndarray]], units=None) -> Columns:
+def array_columns(place: str, arrays: dict[str, Callable[[], np.ndarray]], units: Any = None) -> Columns:
     """Return columns that functions compute when they are read."""
     return Columns(place, list(arrays), lambda name: arrays[name](), units)
 
 
-def _values(dataset) -> np.ndarray:
+def _values(dataset: Any) -> np.ndarray:
     """Return a dataset as an array, with text as str."""
     dtype = dataset.dtype
     return np.array(dataset.asstr()[()], str) if dtype.kind == "O" else dataset[()]
 
 
-def _unit(dataset) -> str:
+def _unit(dataset: Any) -> str:
     unit = dataset.attrs["unit"]
     return f"[{unit.decode() if isinstance(unit, bytes) else unit}]"

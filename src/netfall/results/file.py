@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -47,7 +48,7 @@ def provenance_text(file: h5py.File, name: str) -> str:
     return group[name].asstr()[()] if name in group else str(group.attrs[name])
 
 
-def read_job_tables(file: h5py.File) -> dict:
+def read_job_tables(file: h5py.File) -> dict[str, Any]:
     """Return the tables of the job, with the overrides of the run."""
     return parse_tables(provenance_text(file, "job"), provenance_text(file, "overrides").splitlines())
 

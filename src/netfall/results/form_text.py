@@ -1,8 +1,11 @@
 """Text on how form finding changed the given geometry. Takes arrays; opens no file."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.job.values import counted
 
 STRAIGHT = 1e-4  # sine of the angle up to which elements lie on one line
@@ -14,7 +17,13 @@ MAX_AREA_CHANGE = 0.05  # relative change of the roof's area by form finding: ne
 
 
 def form_lines(
-    given, found, free, node_id, area_given: float, area: float, constant: bool = False
+    given: FloatArray,
+    found: FloatArray,
+    free: BoolArray,
+    node_id: IntArray,
+    area_given: float,
+    area: float,
+    constant: bool = False,
 ) -> list[str]:
     """Describe how far the nodes moved and how the roof area changed, with a warning if a change is large.
 
@@ -58,7 +67,9 @@ def form_lines(
     ]
 
 
-def undetermined_node_notes(x, ends, N, held, angle, node_id) -> list[str]:
+def undetermined_node_notes(
+    x: FloatArray, ends: IntArray, N: FloatArray, held: BoolArray, angle: Any, node_id: IntArray
+) -> list[str]:
     """Return a note on nodes of a constant-tension form whose position along a cable is undetermined.
 
     x : (n, 3) [m], of the form; ends : (m, 2); N : (m,) [N], constant
@@ -78,7 +89,7 @@ def undetermined_node_notes(x, ends, N, held, angle, node_id) -> list[str]:
     ]
 
 
-def undetermined_nodes(x, ends, held) -> np.ndarray:
+def undetermined_nodes(x: FloatArray, ends: IntArray, held: BoolArray) -> np.ndarray:
     """Find the nodes (k,) whose elements all lie on one line, along which no support holds them.
 
     x : (n, 3) [m]; ends : (m, 2), of elements in tension; held : (n, 3) bool

@@ -10,8 +10,10 @@ import itertools
 import math
 import os
 import secrets
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -83,7 +85,7 @@ class SharedFile:
             self.temporary.unlink(missing_ok=True)
             raise
 
-    def _open(self):
+    def _open(self) -> None:
         with writing(self.path):
             if PARALLEL:
                 self.file = h5py.File(self.temporary, "w", driver="mpio", comm=self.comm)
@@ -95,7 +97,7 @@ class SharedFile:
             if self.comm.rank == 0:
                 reserve_disk_space(self.temporary, self._reserved)  # again: opening truncates the file
 
-    def create(self, name: str, dtype, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
+    def create(self, name: str, dtype: Any, tail: tuple[int, ...] = (), rows: int = 1024) -> None:
         """Create an empty dataset that grows by rows of shape `tail`; its chunks have up to `rows` rows."""
         if self.writes:
             row = math.prod(tail) * np.dtype(dtype).itemsize
@@ -112,7 +114,7 @@ class SharedFile:
         self._flush()
         counts = dict(self.base)
 
-        def add(name, item):
+        def add(name: str, item: h5py.Dataset | h5py.Group) -> None:
             if isinstance(item, h5py.Dataset):
                 counts[name] = counts.get(name, 0) + item.shape[0]
 
@@ -140,7 +142,7 @@ class SharedFile:
                 self._flush_dataset(dataset)
         return first + self.base.get(name, 0)
 
-    def put(self, name: str, block: np.ndarray, total: int, dtype=np.float64) -> None:
+    def put(self, name: str, block: np.ndarray, total: int, dtype: Any = np.float64) -> None:
         """Create a dataset of `total` rows, of which this rank gives its block."""
         self.create(name, dtype, block.shape[1:], total)
         self.append(name, block, total)
@@ -177,7 +179,7 @@ class SharedFile:
             return
         self._reserved = self._size + SPARE_BYTES
 
-        def have():
+        def have() -> None:
             with writing(self.path):
                 reserve_disk_space(self.temporary, self._reserved)
 
@@ -216,7 +218,13 @@ class SharedFile:
         dataset.waiting.clear()
 
     def _transfer_block(
-        self, dataset: AppendableDataset, block: np.ndarray, start, stride, count, shape
+        self,
+        dataset: AppendableDataset,
+        block: np.ndarray,
+        start: tuple[int, ...],
+        stride: tuple[int, ...],
+        count: tuple[int, ...],
+        shape: tuple[int, ...],
     ) -> None:
         """Write a block into `count` regions of a shape, `stride` apart. An empty block takes part too."""
         space = dataset.id.get_space()
@@ -236,7 +244,7 @@ class SharedFile:
             for dataset in self._growing.values():
                 self._flush_dataset(dataset)
 
-    def close(self, finish=lambda file: None, seal: bool = False) -> None:
+    def close(self, finish: Callable[..., Any] = lambda file: None, seal: bool = False) -> None:
         """Close the file, let rank 0 add the small datasets by finish(file), and rename the file.
 
         seal : append a digest of the whole file, which `is_intact` verifies
@@ -249,7 +257,7 @@ class SharedFile:
         self.comm.Barrier()
         self.file = None
 
-        def last():
+        def last() -> None:
             with writing(self.path):
                 reserve_disk_space(
                     self.temporary, self.temporary.stat().st_size + size_of(finish) + SPARE_BYTES
@@ -290,7 +298,7 @@ def check_one_folder(comm: MPI.Comm, path: Path) -> None:
         return
     probe = path.with_name(f".{path.name}.{comm.bcast(secrets.token_hex(8))}")
 
-    def make():
+    def make() -> None:
         with writing(path):
             probe.touch()
 

@@ -7,7 +7,8 @@ such an end rings numerically; only its own mass and the time step limit its for
 results.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,7 +65,7 @@ def neighbour_strength(c: Carried) -> np.ndarray:
     return bound
 
 
-def overload_lines(c: Carried, name) -> list[str]:
+def overload_lines(c: Carried, name: Callable[..., Any]) -> list[str]:
     """Return notes on elements above their strength, and on those without one above the bound of
     `neighbour_strength`.
 

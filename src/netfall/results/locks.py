@@ -8,8 +8,10 @@ import os
 import resource
 import shutil
 import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 
@@ -21,7 +23,7 @@ _fallocate = ctypes.CDLL(None, use_errno=True).fallocate
 
 
 @contextmanager
-def writing(path: Path):
+def writing(path: Path) -> Iterator[None]:
     """Convert errors in this block into an OutputError on the failure to write `path`."""
     try:
         yield
@@ -45,7 +47,7 @@ def resolve_link(path: Path) -> Path:
 
 
 @contextmanager
-def whole(path: Path):
+def whole(path: Path) -> Iterator[Path]:
     """Yield a temporary path. The file there is renamed to `path` at the end of the block.
 
     After an error it is removed. Raises OutputError.
@@ -61,7 +63,7 @@ def whole(path: Path):
 
 
 @contextmanager
-def atomic_folder(path: Path):
+def atomic_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder in `path`. Its files are moved to `path` at the end of the block.
 
     After an error they are removed, and so is `path` if this function made it. Raises OutputError.
@@ -126,7 +128,7 @@ def _check_replaceable(path: Path) -> None:
         )
 
 
-def lock_output(path: Path):
+def lock_output(path: Path) -> Any:
     """Lock the name of a result for this process. Return the open lock file, for `release`.
 
     Raises InputError if another run holds the lock. The system releases the lock of a process that ends for
@@ -148,7 +150,7 @@ def lock_output(path: Path):
         file.close()  # another run removed the lock file between open and flock: try again
 
 
-def release(file) -> None:
+def release(file: Any) -> None:
     """Remove the lock of `lock_output`."""
     Path(file.name).unlink(missing_ok=True)
     file.close()
@@ -181,7 +183,7 @@ def truncate_to_size(path: Path) -> None:
 
 
 @contextmanager
-def reserved_h5(path: Path, size: int):
+def reserved_h5(path: Path, size: int) -> Iterator[h5py.File]:
     """Yield a new HDF5 file with so many bytes reserved. Raises OSError if there is not enough space."""
     path.touch()
     reserve_disk_space(path, size)
@@ -191,7 +193,7 @@ def reserved_h5(path: Path, size: int):
     truncate_to_size(path)
 
 
-def size_of(finish) -> int:
+def size_of(finish: Callable[..., Any]) -> int:
     """Return the size in bytes of an HDF5 file that contains only what finish(file) writes."""
     memory = io.BytesIO()
     with h5py.File(memory, "w") as file:
@@ -200,7 +202,7 @@ def size_of(finish) -> int:
 
 
 @contextmanager
-def atomic_h5(path: Path):
+def atomic_h5(path: Path) -> Iterator[h5py.File]:
     """Yield a new HDF5 file in memory, and write it to `path` at the end of the block.
 
     After an error an existing file at `path` is unchanged.

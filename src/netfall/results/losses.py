@@ -1,11 +1,13 @@
 """Removed ([[remove]]) and broken elements of a result: times, and tensions before and after."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.results.removal_text import significant_dynamic_factors, tension_ratios
 
 
-def lost_at(f) -> np.ndarray:
+def lost_at(f: Any) -> np.ndarray:
     """Return the time (m,) [s] at which each element was removed, nan if it was not."""
     time = np.full(len(f["net/elements"]), np.nan)
     if "removal" in f:
@@ -13,7 +15,7 @@ def lost_at(f) -> np.ndarray:
     return time
 
 
-def broken_at(f) -> np.ndarray:
+def broken_at(f: Any) -> np.ndarray:
     """Return the time (m,) [s] at which each element broke, nan if it did not."""
     time = np.full(len(f["net/elements"]), np.nan)
     if "events" in f:
@@ -22,7 +24,7 @@ def broken_at(f) -> np.ndarray:
     return time
 
 
-def removal_stages(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+def removal_stages(f: Any) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     """Return envelope rows of each member removal: name, largest and least tension, failed elements.
 
     Tensions are (m,) [N], failed elements (m,) bool. The first row has the extremes over all steps, which the
@@ -46,7 +48,7 @@ def removal_stages(f) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     return rows
 
 
-def largest_after_removals(f) -> dict[str, np.ndarray]:
+def largest_after_removals(f: Any) -> dict[str, np.ndarray]:
     """Return the largest tension ratio and significant dynamic factor (m,) after any removal, nan if none."""
     removal, entries = f["removal"], range(len(f["removal/time"]))
     unknown = np.full(len(f["net/elements"]), np.nan)
@@ -58,7 +60,7 @@ def largest_after_removals(f) -> dict[str, np.ndarray]:
     }
 
 
-def worst_removals(f, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
+def worst_removals(f: Any, resistance: np.ndarray, count: int) -> list[tuple[int, int]]:
     """Return removal and element with the highest utilisation of a resistance (m,) [N], the worst first.
 
     If no element has a resistance, the largest tensions count. Each cable appears once per removal. Entries

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class Result:
         self._keeps = None  # temporary folder that `close` removes
 
     @property
-    def file(self):
+    def file(self) -> Any:
         """The open h5py.File. Raises ValueError after the result is closed."""
         self._check_open()
         return self._file
@@ -107,7 +108,7 @@ class Result:
         units |= {"tributary_area": "[m2]", "plan_area": "[m2]", "vector_area": "[m2]"}
         return array_columns(f"{self.path}: nodes", columns, units)
 
-    def _net(self, name: str):
+    def _net(self, name: str) -> Any:
         """Return a dataset of /net."""
         return self.file[f"net/{name}"]
 
@@ -162,7 +163,7 @@ class Result:
         order = sorted(group, key=lambda key: group[key].attrs.get(ORDER_ATTRIBUTE, 0))
         return {key: group_columns(f"{self.path}: {words} {key}", group[key]) for key in order}
 
-    def _group(self, name: str):
+    def _group(self, name: str) -> Any:
         if name not in self.file:
             lacking = find_group(name).lacking
             raise AttributeError(f"{self.path}: there is no /{name}: the job has no {lacking}")
@@ -176,32 +177,32 @@ class Result:
         self._check_open()
         return self._frames.times
 
-    def tension(self, element=None) -> np.ndarray:
+    def tension(self, element: Any = None) -> np.ndarray:
         """Tension [N] over the frames `time`: (f,) of the element with this id, (f, k) of a list of ids or a
         cable of k elements, (f, m) of all.
         """
         return self._over_frames(self._frames.cell, "tension", self._rows("element", element), element)
 
-    def strain(self, element=None) -> np.ndarray:
+    def strain(self, element: Any = None) -> np.ndarray:
         """Strain over the frames, shaped as `tension`."""
         return self._over_frames(self._frames.cell, "strain", self._rows("element", element), element)
 
-    def displacement(self, node=None) -> np.ndarray:
+    def displacement(self, node: Any = None) -> np.ndarray:
         """Displacement [m] from the form over the frames `time`: (f, 3) of the node with this id,
         (f, k, 3) of a list of ids, (f, n, 3) of all.
         """
         return self._over_frames(self._frames.point, "displacement", self._rows("node", node), node)
 
-    def velocity(self, node=None) -> np.ndarray:
+    def velocity(self, node: Any = None) -> np.ndarray:
         """Velocity [m/s] over the frames, shaped as `displacement`."""
         return self._over_frames(self._frames.point, "velocity", self._rows("node", node), node)
 
-    def _over_frames(self, read, name: str, rows, ids) -> np.ndarray:
+    def _over_frames(self, read: Any, name: str, rows: Any, ids: Any) -> np.ndarray:
         low, high = (int(rows.min()), int(rows.max()) + 1) if len(rows) else (0, 0)
         values = np.array([read(name, step, low, high)[rows - low] for step in range(len(self.time))])
         return values[:, 0] if ids is not None and np.ndim(ids) == 0 and len(rows) == 1 else values
 
-    def _rows(self, what: str, numbers) -> np.ndarray:
+    def _rows(self, what: str, numbers: Any) -> np.ndarray:
         """Return the rows of /net of some ids, None: all. Raises KeyError for unknown ids.
 
         what : "node" or "element"
@@ -257,10 +258,10 @@ class Result:
         if self._keeps is not None:
             self._keeps.cleanup()
 
-    def __enter__(self):
+    def __enter__(self) -> Any:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: Any) -> None:
         self.close()
 
     def __repr__(self) -> str:

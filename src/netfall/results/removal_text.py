@@ -1,5 +1,7 @@
 """Text on the effects of member removals, from the datasets of a result. Opens no file."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.job.values import counted
@@ -19,7 +21,7 @@ RESTS = {
 REMOVAL_FAILED = ("no_equilibrium", "unstable")  # outcomes without a stable equilibrium
 
 
-def removal_states(removal) -> list[str]:
+def removal_states(removal: Any) -> list[str]:
     """Return the outcome after each entry, a key of RESTS; "" if nothing was removed."""
     names = removal["state"]
     return [str(name) for name in (names.asstr()[:] if hasattr(names, "asstr") else names)]
@@ -30,7 +32,7 @@ def worst_removal_state(states: list[str]) -> str:
     return next((state for state in RESTS if state in states), "")
 
 
-def removal_lines(removal, events, element_id: np.ndarray) -> list[str]:
+def removal_lines(removal: Any, events: Any, element_id: np.ndarray) -> list[str]:
     """Describe each member removal: elements, equilibrium after it, fractures, largest dynamic factors.
 
     removal, events : datasets by name, as in the result file; element_id : (m,)
@@ -59,7 +61,7 @@ def removal_lines(removal, events, element_id: np.ndarray) -> list[str]:
     return lines
 
 
-def tension_ratios(removal, k: int) -> np.ndarray:
+def tension_ratios(removal: Any, k: int) -> np.ndarray:
     """Compute the largest tension after entry k over the tension before it (m,).
 
     nan if the tension before is negligible or the element was removed.
@@ -69,7 +71,7 @@ def tension_ratios(removal, k: int) -> np.ndarray:
     return np.divide(highest, before, out=np.full(len(before), np.nan), where=significant)
 
 
-def _tension_ratio_text(removal, k: int, element_id: np.ndarray) -> list[str]:
+def _tension_ratio_text(removal: Any, k: int, element_id: np.ndarray) -> list[str]:
     ratio, before, highest = (
         tension_ratios(removal, k),
         removal["tension_before"][k],
@@ -82,7 +84,7 @@ def _tension_ratio_text(removal, k: int, element_id: np.ndarray) -> list[str]:
     return [f"largest tension over tension before {', '.join(named)}"] if named else []
 
 
-def _residual_motion_text(removal, k: int) -> list[str]:
+def _residual_motion_text(removal: Any, k: int) -> list[str]:
     """Return a note if the roof still moved from an earlier removal at entry k.
 
     The tensions before entry k then differ from those of the equilibrium after that earlier removal.
@@ -102,7 +104,7 @@ def _residual_motion_text(removal, k: int) -> list[str]:
     ]
 
 
-def significant_dynamic_factors(removal, k: int) -> np.ndarray:
+def significant_dynamic_factors(removal: Any, k: int) -> np.ndarray:
     """Return the dynamic factors (m,) of entry k, nan if the static change is less than STATIC_CHANGE."""
     before, after = removal["tension_before"][k], removal["tension_after"][k]
     largest = np.fmax(np.abs(before), np.abs(after)).max(initial=0.0)

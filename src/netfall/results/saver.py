@@ -17,7 +17,7 @@ from netfall.results.checkpoint import (
 )
 from netfall.results.writer import Result
 
-Record = tuple[dict, dict[str, np.ndarray]]  # values for JSON, on every rank; arrays, on rank 0
+Record = tuple[dict[str, Any], dict[str, np.ndarray]]  # values for JSON, on every rank; arrays, on rank 0
 
 
 class CheckpointWriter:

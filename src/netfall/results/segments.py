@@ -1,7 +1,9 @@
 """Segments: consecutive parts of a result file between checkpoints. They are joined at the end of the run."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -19,7 +21,7 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
     limit : number of rows per dataset; datasets without an entry are left out
     """
 
-    def copy(name, item):
+    def copy(name: str, item: h5py.Dataset | h5py.Group) -> None:
         if not isinstance(item, h5py.Dataset) or (limit is not None and name not in limit):
             return
         rows = item.shape[0] if limit is None else limit[name]
@@ -37,7 +39,7 @@ def append_rows(source: h5py.File, target: h5py.File, limit: dict[str, int] | No
     source.visititems(copy)
 
 
-def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> None:
+def join_segments(segments: list[Path], temporary: Path, path: Path, finish: Callable[..., Any]) -> None:
     """Write the result file from its segments and the small datasets, then remove the segments. Rank 0."""
     with writing(path):
         size = sum(segment.stat().st_size for segment in segments) + size_of(finish) + SPARE_BYTES
@@ -52,7 +54,7 @@ def join_segments(segments: list[Path], temporary: Path, path: Path, finish) -> 
         old.unlink(missing_ok=True)
 
 
-def _temporary_file_pattern(path: Path) -> re.Pattern:
+def _temporary_file_pattern(path: Path) -> re.Pattern[str]:
     """Return a pattern for temporary files of a result.
 
     These are segments, unfinished files, and the lock files that Open MPI leaves next to them.

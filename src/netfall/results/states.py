@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,18 +45,18 @@ class StateView:
     slip: Callable[[], np.ndarray] | None = None
 
 
-def form_position(f) -> np.ndarray:
+def form_position(f: Any) -> np.ndarray:
     """Return the nodes (n, 3) [m] in the form that was found, or as given."""
     return f["form_finding/position"][:] if "form_finding" in f else f["net/particles"][:]
 
 
-def last_stage(f) -> str:
+def last_stage(f: Any) -> str:
     """Return the group of the last stage of erection, "" if there was none."""
     stages = [name for name in equilibrium_groups(f) if name.startswith("stages/")]
     return stages[-1] if stages else ""
 
 
-def start_position(f) -> np.ndarray:
+def start_position(f: Any) -> np.ndarray:
     """Return the nodes (n, 3) [m] from which displacements count.
 
     This is the geometry after the last stage of erection, or the form if there is no erection.
@@ -65,7 +65,7 @@ def start_position(f) -> np.ndarray:
     return form_position(f) + (f[last]["displacement"][:] if last else 0.0)
 
 
-def support_angles(f) -> np.ndarray | None:
+def support_angles(f: Any) -> np.ndarray | None:
     """Return the angles (n,) [degrees] of the support axes about z, None if all are along x, y and z."""
     return f["net/angle"][:] if "angle" in f["net"] else None
 
@@ -95,7 +95,7 @@ class Springs(NamedTuple):
         return force
 
 
-def read_springs(f) -> Springs:
+def read_springs(f: Any) -> Springs:
     """Return the springs of a net; k = 0 if it has none."""
     start, empty, angle = start_position(f), np.zeros((0, 3)), support_angles(f)
     if "spring" not in f["net"]:
@@ -106,12 +106,12 @@ def read_springs(f) -> Springs:
     return Springs(nodes, f["net/spring"][:][nodes], to_rotated_axes(rest, angle), start, angle)
 
 
-def strain_measure(f) -> str:
+def strain_measure(f: Any) -> str:
     """Return the strain measure of the run."""
     return f["provenance"].attrs["strain"]
 
 
-def warm_lengths(f) -> np.ndarray:
+def warm_lengths(f: Any) -> np.ndarray:
     """Return the unstressed lengths (m,) [m] at the load temperature, or as in form finding without one."""
     L0 = f["net/unstressed_length"][:]
     if "load/temperature" not in f:
@@ -119,13 +119,13 @@ def warm_lengths(f) -> np.ndarray:
     return heated_length(L0, f["net/expansion"][:], f["load/temperature"][()])
 
 
-def start_tension(f) -> np.ndarray:
+def start_tension(f: Any) -> np.ndarray:
     """Return the tensions (m,) [N] in the geometry of `start_position`."""
     last = last_stage(f)
     return f[last]["tension"][:] if last else form_tension(f)
 
 
-def form_tension(f) -> np.ndarray:
+def form_tension(f: Any) -> np.ndarray:
     """Return the tensions (m,) [N] in the form, or in the net as given, before any load."""
     if "form_finding" in f:
         return f["form_finding/tension"][:]
@@ -135,7 +135,7 @@ def form_tension(f) -> np.ndarray:
     return elastic_forces(L, L0, EA, bar, strain_measure(f))
 
 
-def absent(f, place: str = "") -> np.ndarray:
+def absent(f: Any, place: str = "") -> np.ndarray:
     """Return which elements (m,) are absent from the net in a stage of erection, or after the last stage.
 
     In the form no element is absent.
@@ -144,7 +144,7 @@ def absent(f, place: str = "") -> np.ndarray:
     return f[f"{group}/active"][:] == 0 if group else np.zeros(len(f["net/elements"]), bool)
 
 
-def equilibrium_groups(f) -> list[str]:
+def equilibrium_groups(f: Any) -> list[str]:
     """Return the groups of all equilibria other than the form, in the order of computation."""
     names: list[str] = []
     f.visit(names.append)  # faster than visititems, which opens each object
@@ -153,7 +153,7 @@ def equilibrium_groups(f) -> list[str]:
     return sorted(order, key=order.get)
 
 
-def equilibria(f) -> Iterator[StateView]:
+def equilibria(f: Any) -> Iterator[StateView]:
     """Yield the form, then the equilibria of all `equilibrium_groups`."""
     x = form_position(f)
     is_found = "form_finding" in f
@@ -168,7 +168,7 @@ def equilibria(f) -> Iterator[StateView]:
         yield from group_equilibria(f, name)
 
 
-def group_equilibria(f, name: str) -> Iterator[StateView]:
+def group_equilibria(f: Any, name: str) -> Iterator[StateView]:
     """Yield the equilibria of a group; a load path has one per load increment."""
     x = form_position(f) if name.startswith("stages/") else start_position(f)
     group, words = f[name], group_title(f, name)
@@ -186,7 +186,7 @@ def group_equilibria(f, name: str) -> Iterator[StateView]:
         yield _state(group, f"{words}, {load}{reached}", name, x, row)
 
 
-def force_caps(f) -> ForceLimits:
+def force_caps(f: Any) -> ForceLimits:
     """Return the yield and buckling forces (m,) [N] with random strengths, and Euler loads of other bars."""
     net, m = f["net"], len(f["net/elements"])
     random_factor = net["strength"][:] if "strength" in net else 1.0
@@ -196,47 +196,47 @@ def force_caps(f) -> ForceLimits:
     return limits.caps_of(yield_force, load, buckling, bending)
 
 
-def yielded_elements(f) -> np.ndarray:
+def yielded_elements(f: Any) -> np.ndarray:
     """Return which elements (m,) have yielded by the end of the dynamic stage."""
     if "final/plastic_strain" not in f:
         return np.zeros(len(f["net/elements"]), bool)
     return f["final/plastic_strain"][:] != 0.0
 
 
-def no_equilibrium(group) -> bool:
+def no_equilibrium(group: Any) -> bool:
     """Return whether a group ends with a state for which no equilibrium was found."""
     return group.attrs.get("state") in WITHOUT
 
 
-def is_undecided(group) -> bool:
+def is_undecided(group: Any) -> bool:
     """Return whether the search for the equilibrium of a group ended without a decision."""
     return group.attrs.get("state") == WITHOUT[1]
 
 
-def is_unstable(group) -> bool:
+def is_unstable(group: Any) -> bool:
     """Return whether the equilibrium of a group is unstable, so that compressed bars buckle."""
     return group.attrs.get("state") == "unstable"
 
 
-def state_title(f, state: StateView) -> str:
+def state_title(f: Any, state: StateView) -> str:
     """Return the name of a state for plots, with a mark if the equilibrium is unstable."""
     return f"{state.name} (not stable)" if state.place and is_unstable(f[state.place]) else state.name
 
 
-def start_name(f) -> str:
+def start_name(f: Any) -> str:
     """Return the name of the geometry from which displacements count."""
     if last_stage(f):
         return "the last stage of erection"
     return "the form" if "form_finding" in f else "the net as given"
 
 
-def group_title(f, name: str) -> str:
+def group_title(f: Any, name: str) -> str:
     """Return the name of an equilibrium group for messages: "case snow" for cases/snow."""
     case = "combination" if "factors" in f[name].attrs else "case"
     return re.sub("^stages/", "stage ", re.sub("^cases/", f"{case} ", name))
 
 
-def _state(g, words: str, name: str, x: np.ndarray, row) -> StateView:
+def _state(g: Any, words: str, name: str, x: np.ndarray, row: Any) -> StateView:
     """Return a state of a group from one row of its datasets, or from the whole of them (row : ...)."""
     position = (lambda: g["position"][row]) if "position" in g else (lambda: x + g["displacement"][row])
     reaction = (lambda: g["reaction"][row]) if "reaction" in g else None
@@ -247,7 +247,7 @@ def _state(g, words: str, name: str, x: np.ndarray, row) -> StateView:
     return StateView(words, lambda: g["tension"][row], position, None, name, reaction, **fields)
 
 
-def final(f) -> StateView | None:
+def final(f: Any) -> StateView | None:
     """Return the last state of the dynamic stage, None without one. Fragment ends follow the nodes."""
     if "history" not in f:
         return None
@@ -307,7 +307,7 @@ def _largest(force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return most, np.argmax(force >= most - ALIKE * np.abs(most), axis=0)
 
 
-def compute_envelope(f, resistance: np.ndarray) -> Envelope:
+def compute_envelope(f: Any, resistance: np.ndarray) -> Envelope:
     """Compute the envelope over all equilibria, member removals and the dynamic stage.
 
     resistance : (m,) [N], nan if an element has none

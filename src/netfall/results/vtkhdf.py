@@ -5,11 +5,12 @@ Every step has its own Points. The connectivity is written again only if element
 step. (VTKHDF 2.2; the reader needs one more entry in Offsets than cells, for each part.)
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
+from netfall.core.types import FloatArray
 from netfall.results.h5 import SharedFile
 
 LINE = 3  # VTK_LINE, cell type of VTK
@@ -58,8 +59,8 @@ class VtkSeries:
         }
         self.sizes = {"PointData": points, "CellData": cells}
         self.parts: list[tuple[int, int]] = []  # points and cells of each part
-        self.steps: list[dict] = []
-        self._mesh: dict = {}
+        self.steps: list[dict[str, Any]] = []
+        self._mesh: dict[str, Any] = {}
         self.append_to(file)
 
     def append_to(self, file: SharedFile) -> None:
@@ -72,17 +73,17 @@ class VtkSeries:
             for field in fields:
                 file.create(f"VTKHDF/{group}/{field.name}", field.dtype, field.tail, self.sizes[group])
 
-    def record(self) -> dict:
+    def record(self) -> dict[str, Any]:
         """Return the data for `restore`."""
         return {"parts": self.parts, "steps": self.steps, "mesh": self._mesh}
 
-    def restore(self, record: dict) -> None:
+    def restore(self, record: dict[str, Any]) -> None:
         """Restore the record of an earlier run."""
         self.parts = [tuple(p) for p in record["parts"]]
         self.steps, self._mesh = record["steps"], record["mesh"]
 
     def write_mesh(
-        self, connectivity: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
+        self, connectivity: np.ndarray, point_data: dict[str, Any], cell_data: dict, points: int, cells: int
     ) -> None:
         """Append a new connectivity and the fields that change only with it.
 
@@ -101,7 +102,9 @@ class VtkSeries:
         self._mesh |= self._append_fields(point_data, cell_data, points, cells)
         self.parts.append((points, cells))
 
-    def _append_fields(self, point_data, cell_data, points, cells):
+    def _append_fields(
+        self, point_data: dict[str, FloatArray], cell_data: dict[str, FloatArray], points: int, cells: int
+    ) -> dict[str, int]:
         return {
             f"{group}/{name}": self.file.append(f"VTKHDF/{group}/{name}", block, total)
             for group, data, total in (("PointData", point_data, points), ("CellData", cell_data, cells))
@@ -109,7 +112,13 @@ class VtkSeries:
         }
 
     def write_step(
-        self, time: float, positions: np.ndarray, point_data: dict, cell_data: dict, points: int, cells: int
+        self,
+        time: float,
+        positions: np.ndarray,
+        point_data: dict[str, Any],
+        cell_data: dict,
+        points: int,
+        cells: int,
     ) -> None:
         """Append a step on the latest mesh: this rank's blocks of positions and fields.
 
@@ -155,7 +164,7 @@ class VtkSeries:
                 _growing(steps, f"{data}Offsets/{field.name}", column(f"{data}/{field.name}"))
 
 
-def _growing(group, name, values):
+def _growing(group: h5py.Group, name: str, values: Any) -> None:
     group.create_dataset(
         name,
         data=values,

@@ -1,5 +1,7 @@
 """Warnings and notes on doubtful parts of a result."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.functions import lengths
@@ -16,7 +18,7 @@ FAR = 0.2  # static displacement over the net's largest dimension: netfall print
 BALANCE_COLUMNS = ("balance_error", "balance_error_attached")  # columns of /history
 
 
-def balance_warnings(history) -> list[str]:
+def balance_warnings(history: Any) -> list[str]:
     """Return a warning if the energy balance error of any row is above LARGEST_BALANCE.
 
     history : datasets of /history by name
@@ -35,13 +37,13 @@ def balance_warnings(history) -> list[str]:
     ]
 
 
-def balance_text(history) -> str:
+def balance_text(history: Any) -> str:
     """Return the largest energy balance errors as text; history : see `balance_warnings`."""
     in_play, attached = (f"{np.nanmax(np.abs(history[name]), initial=0.0):.2g}" for name in BALANCE_COLUMNS)
     return f"{in_play} of the energy that took part, {attached} of the largest that attached parts stored"
 
 
-def detached_notes_of(f) -> list[str]:
+def detached_notes_of(f: Any) -> list[str]:
     """Return a warning if a detached part of a result is faster than the largest gust.
 
     Downward velocity does not count, since it comes from the fall.
@@ -115,7 +117,7 @@ def limit_point_warning(what: str, at: str, node: int | None, jump: float) -> st
     )
 
 
-def limit_point_warnings_of(f) -> list[str]:
+def limit_point_warnings_of(f: Any) -> list[str]:
     """Return the warnings of limit points on the paths to the equilibria of a result."""
     return [
         f"warning: {states.group_title(f, place)}: a limit point was passed at load factor "
@@ -187,7 +189,7 @@ def slip_end_notes(equilibria: list[tuple[str, tuple[int, ...]]], element_id: np
 INSTABILITY_TEXT = "the tangent stiffness is not positive definite, compressed bars buckle"
 
 
-def displacement_notes_of(f) -> list[str]:
+def displacement_notes_of(f: Any) -> list[str]:
     """Return the notes of `displacement_notes` for the equilibria of a result."""
     x, node_id, displacements = states.start_position(f), f["net/node_id"][:], []
     for equilibrium in [
@@ -208,7 +210,7 @@ AT_LIMIT = {  # attribute of an equilibrium: its meaning for the elements listed
 }
 
 
-def limit_notes(what: str, labels) -> list[str]:
+def limit_notes(what: str, labels: dict[str, Any]) -> list[str]:
     """Return notes on elements at a limit in an equilibrium; labels : its attributes with element ids."""
     listed = [(np.asarray(labels[name]), words) for name, words in AT_LIMIT.items() if name in labels]
     return [
@@ -217,7 +219,7 @@ def limit_notes(what: str, labels) -> list[str]:
     ]
 
 
-def limit_notes_of(f) -> list[str]:
+def limit_notes_of(f: Any) -> list[str]:
     """Return the notes of `limit_notes` for the equilibria and the dynamic stage of a result."""
     notes = [
         note
@@ -227,7 +229,7 @@ def limit_notes_of(f) -> list[str]:
     return notes + (dynamic_limit_notes_of(f) if "history" in f else [])
 
 
-def dynamic_limit_notes_of(f) -> list[str]:
+def dynamic_limit_notes_of(f: Any) -> list[str]:
     """Return notes on elements that buckled, exceeded the Euler load, or yielded in the dynamic stage."""
     compression, caps = -f["envelope/tension_min"][:], states.force_caps(f)
     reached = {

@@ -4,12 +4,16 @@ import itertools
 import math
 import os
 import secrets
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 from netfall.core.errors import OutputError
+from netfall.core.types import AnyArray, FloatArray
+from netfall.explicit.energy import Snapshot
 from netfall.geometry.bars import BAR_FLAGS, CURVES, buckling_lengths, euler_load
 from netfall.geometry.net import Net
 from netfall.geometry.slip_points import SlidingCables
@@ -78,7 +82,7 @@ class Result:
         self.file = SharedFile(self.comm, self.path, rows)
         self.series.append_to(self.file)  # if it raises, the run discards the file
 
-    def record(self) -> dict:
+    def record(self) -> dict[str, Any]:
         """Return the data for `restore`."""
         return {
             "series": self.series.record(),
@@ -86,7 +90,7 @@ class Result:
             "segments": [os.path.relpath(s, self.path.parent) for s in self.segments],
         }
 
-    def restore(self, record: dict, rows: dict[str, int], segments: list[Path]) -> None:
+    def restore(self, record: dict[str, Any], rows: dict[str, int], segments: list[Path]) -> None:
         """Restore the record of an earlier run, whose segments are given."""
         self.file.discard_all()
         self.segments = segments
@@ -109,7 +113,7 @@ class Result:
         gid = self.distribution.subdomain.element_gid[owned]
         return split(self.file.slabs.collect(gid, stacked[owned], self.distribution.m))
 
-    def write_frame(self, time: float, state: State, snapshot) -> None:
+    def write_frame(self, time: float, state: State, snapshot: Snapshot) -> None:
         """Write one step of /VTKHDF."""
         points, cells, rows = self.log.points, self.distribution.m, snapshot.rows
         if self._drawn_events != len(self.log) + self.losses:
@@ -137,7 +141,9 @@ class Result:
         )
         self._drawn_events = len(self.log) + self.losses
 
-    def _equilibrium(self, state: State, snapshot, place: str, reaction: np.ndarray):
+    def _equilibrium(
+        self, state: State, snapshot: Snapshot, place: str, reaction: np.ndarray
+    ) -> Iterator[tuple[str, FloatArray, int]]:
         """Yield name, this rank's block and total rows of each dataset; see `write_equilibrium`."""
         rows = snapshot.rows
         columns = {place: state.x[rows] - (state.x_start[rows] if place == "displacement" else 0.0)}
@@ -146,7 +152,7 @@ class Result:
         yield from ((name, block, self.distribution.n) for name, block in points.items())
         yield from ((name, block, self.distribution.m) for name, block in cells.items())
 
-    def write_static_step(self, state: State, snapshot, reaction: np.ndarray) -> None:
+    def write_static_step(self, state: State, snapshot: Snapshot, reaction: np.ndarray) -> None:
         """Write one load step of /statics; reaction : (r, 3) [N], see `Balance`."""
         for name, block, total in self._equilibrium(state, snapshot, "displacement", reaction):
             name = f"statics/{name}"
@@ -154,7 +160,9 @@ class Result:
                 self.file.create(name, np.float64, (total, *block.shape[1:]))
             self.file.append_state(name, block, total)
 
-    def write_equilibrium(self, group: str, state: State, snapshot, place: str, reaction: np.ndarray) -> None:
+    def write_equilibrium(
+        self, group: str, state: State, snapshot: Snapshot, place: str, reaction: np.ndarray
+    ) -> None:
         """Write one equilibrium into its own group; place : "position" or "displacement" of its nodes.
 
         reaction : (r, 3) [N], see `Balance`
@@ -168,7 +176,7 @@ class Result:
             low, high = self.file.slabs.bounds(len(values))[self.comm.rank : self.comm.rank + 2]
             self.file.put(f"{group}/{name}", values[low:high], len(values), values.dtype)
 
-    def write_envelope(self, state: State, tension: dict, displacement: dict) -> None:
+    def write_envelope(self, state: State, tension: dict[str, Any], displacement: dict) -> None:
         """Write the datasets of /envelope.
 
         tension : (m,), displacement : (n_owned,), of this rank, by name
@@ -180,7 +188,7 @@ class Result:
             for name, block in columns.items():
                 self.file.put(f"envelope/{name}", block, total)
 
-    def write_final(self, state: State, snapshot) -> None:
+    def write_final(self, state: State, snapshot: Snapshot) -> None:
         """Write the last state in full precision, /final."""
         points, cells = self.log.points, self.distribution.m
         rows = snapshot.rows
@@ -205,14 +213,16 @@ class Result:
             for segment in self.segments:
                 segment.unlink(missing_ok=True)
 
-    def close(self, sections: dict[str, dict], provenance: dict, phases: dict, labels: dict) -> None:
+    def close(
+        self, sections: dict[str, dict[str, Any]], provenance: dict, phases: dict, labels: dict
+    ) -> None:
         """Write the small datasets and the unit of every dataset, and rename the file to its path.
 
         sections : on rank 0, datasets by group ("net", "history", ...)
         provenance : attributes and texts; phases : of `Phases.over_ranks`; labels : attributes of groups
         """
 
-        def finish(file: h5py.File):
+        def finish(file: h5py.File) -> None:
             self.series.finish(file)
             for group, datasets in sections.items():
                 for name, values in datasets.items():
@@ -237,7 +247,7 @@ def _moments(state: State) -> dict[str, np.ndarray]:
     return {"bending_moment": state.bending_moments()} if state.features.bending else {}
 
 
-def _stacked(columns: dict[str, np.ndarray]):
+def _stacked(columns: dict[str, np.ndarray]) -> tuple[AnyArray, Callable[..., Any]]:
     """Return columns (k,) or (k, w) side by side in one array, and a function that separates them again."""
     wide = [values.reshape(len(values), math.prod(values.shape[1:])) for values in columns.values()]
     bounds = np.cumsum([0] + [values.shape[1] for values in wide])
@@ -253,14 +263,14 @@ def _stacked(columns: dict[str, np.ndarray]):
 def label(file: h5py.File) -> None:
     """Write the unit of every numerical dataset. Raises KeyError if the table lacks the dataset."""
 
-    def add(path: str, item) -> None:
+    def add(path: str, item: h5py.Dataset | h5py.Group) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind != "O":
             item.attrs["unit"] = dataset_unit(path)
 
     file.visititems(add)
 
 
-def _write_provenance(group, values, phases):
+def _write_provenance(group: h5py.Group, values: Any, phases: dict[str, FloatArray]) -> None:
     for name, value in values.items():
         if isinstance(value, str):  # names of files may contain bytes that are no valid UTF-8
             value = value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")

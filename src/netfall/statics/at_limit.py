@@ -1,5 +1,7 @@
 """Additional facts on an equilibrium: elements at a limit, and torsion that the model neglects."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.explicit.energy import Snapshot
@@ -16,7 +18,7 @@ from netfall.physics.state import State
 NIL = 1e-9  # of EI / l: a smaller bending moment is rounding error
 
 
-def largest_torsion(distribution: Distribution, state: State, chains) -> tuple[float, int]:
+def largest_torsion(distribution: Distribution, state: State, chains: Any) -> tuple[float, int]:
     """Find the largest torsion of a bending chain, which is not modelled, and its location. Collective.
 
     The torsion is the sum of the moments that support the sections of the chain, independent of refinement.

@@ -1,6 +1,7 @@
 """Slips of cables over nodes at given positions, a convex problem that `slip` solves for each trial."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class SlipChains(Record):
         return np.bincount(self.segment, self.share * values, len(self.slip_in))
 
 
-def build_slip_chains(slides, weight: np.ndarray) -> SlipChains:
+def build_slip_chains(slides: Any, weight: np.ndarray) -> SlipChains:
     """Build the chains of `geometry.slip_points.SlidingCables`. weight : (m,) [N/m] of each element"""
     element = np.flatnonzero(slides.segment >= 0)
     rows = np.searchsorted(element, [slides.before, slides.after])
@@ -104,7 +105,7 @@ class SlipElements(Record):
 
 
 @part_of_kernel
-def _force_of(e, L0, strands, law):
+def _force_of(e: Any, L0: Any, strands: Any, law: Any) -> Any:
     """Compute tension [N], q [N], -dT/dL0, -dq/dL0 [N/m] of element e at the unstressed length L0 [m]."""
     EA, L = strands.EA[e], strands.L[e]
     if EA == 0.0 or L <= L0:
@@ -117,13 +118,26 @@ def _force_of(e, L0, strands, law):
 
 
 @part_of_kernel
-def _stop_overlap(e, L0, strands):
+def _stop_overlap(e: Any, L0: Any, strands: Any) -> Any:
     """Compute how much [m] element e is shorter than its stop allows, at unstressed lengths L0 (q,) [m]."""
     return MIN_SEGMENT_SHARE * strands.strand[e] - L0[e]
 
 
 @kernel
-def compute_slip_forces(s, chains, strands, weights, law, L0, T, q, coupling, stiffness, drive, hold):
+def compute_slip_forces(
+    s: Any,
+    chains: Any,
+    strands: Any,
+    weights: Any,
+    law: Any,
+    L0: Any,
+    T: Any,
+    q: Any,
+    coupling: Any,
+    stiffness: Any,
+    drive: Any,
+    hold: Any,
+) -> None:
     """Compute the forces of the elements at slips s (k,) [m]; all arrays (q,) are filled.
 
     T, q, coupling, stiffness : as `_force_of` returns them; q includes the weight and the stop
@@ -151,7 +165,9 @@ def compute_slip_forces(s, chains, strands, weights, law, L0, T, q, coupling, st
 
 
 @inner_kernel
-def slip_potential(s, old, limit, chains, strands, weights, law, L0):
+def slip_potential(
+    s: Any, old: Any, limit: Any, chains: Any, strands: Any, weights: Any, law: Any, L0: Any
+) -> Any:
     """Compute W [J] at slips s (k,) [m] and unstressed lengths L0 (q,) [m]; inf if a segment is too short."""
     W = 0.0
     for e in range(L0.shape[0]):
@@ -174,7 +190,7 @@ def slip_potential(s, old, limit, chains, strands, weights, law, L0):
 
 
 @kernel
-def compute_slip_limits(chains, strands, T, law, limit):
+def compute_slip_limits(chains: Any, strands: Any, T: Any, law: Any, limit: Any) -> None:
     """Fill limit (k,) with the slip resistances R [N] at tensions T (q,) [N]."""
     for i in range(limit.shape[0]):
         b, a = chains.before[i], chains.after[i]
@@ -193,7 +209,7 @@ def compute_slip_limits(chains, strands, T, law, limit):
 
 
 @inner_kernel
-def slip_residuals(s, old, limit, chains, drive, r, direction):
+def slip_residuals(s: Any, old: Any, limit: Any, chains: Any, drive: Any, r: Any, direction: Any) -> Any:
     """Fill r (k,) [N] with the residual driving forces; return the largest.
 
     direction : (k,), filled with 1, -1, 0: the point sticks, and r is 0
@@ -211,7 +227,9 @@ def slip_residuals(s, old, limit, chains, drive, r, direction):
 
 
 @kernel
-def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
+def solve_chains(
+    chains: Any, way: Any, hold: Any, b: Any, pivot: Any, off_diagonal: Any, border: Any, out: Any
+) -> None:
     """Solve K_ss out = b, slips (k,) [m] and forces (k,) [N] of the points that slip, chain by chain.
 
     hold : (g,) of `compute_slip_forces`. The last slip point of a chain is a border of the matrix, for closed
@@ -255,7 +273,9 @@ def solve_chains(chains, way, hold, b, pivot, off_diagonal, border, out):
 
 
 @kernel
-def solve_slips(old, limit, chains, strands, weights, law, work, s):
+def solve_slips(
+    old: Any, limit: Any, chains: Any, strands: Any, weights: Any, law: Any, work: Any, s: Any
+) -> Any:
     """Compute the slips s (k,) [m] at given positions from `old` (k,); return the relative residual force.
 
     work : `Work`; its forces are then those at s

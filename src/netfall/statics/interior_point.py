@@ -18,12 +18,15 @@ method solves N p = q (limit - N) = k gap instead. Here k is the stiffness [N/m]
 The energy is convex in the positions for any barrier parameter (Kanno and Ohsaki 2003).
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.arithmetic import logarithm
 from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8, u1, whole
 from netfall.core.stop import StopFlag
+from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.mpi import MPI
 from netfall.parallel.sums import exact_sums
 from netfall.physics.state import State
@@ -95,7 +98,9 @@ class InteriorPoint:
     missing : estimated errors after that step, at least the deviation of tensions from the law
     """
 
-    def __init__(self, newton: Newton, state: State, stop: StopFlag, work=None, watch=None):
+    def __init__(
+        self, newton: Newton, state: State, stop: StopFlag, work: Any | None = None, watch: Any = None
+    ):
         """Start from the present positions. Collective. Raises NoConvergence if the net has no cables."""
         self.newton, self.state, self.stop, self.work, self.watch = newton, state, stop, work, watch
         self.cables, self.steps, self.gradients = cable_properties(state), 0, 0
@@ -219,7 +224,7 @@ class InteriorPoint:
 
 
 @part_of_kernel
-def elastic_force(e, length, cables):
+def elastic_force(e: int, length: float, cables: CableProperties) -> tuple[float, float]:
     """Compute the force [N] of element e as if it were elastic at a length [m], and its stiffness [N/m]."""
     EA, L0 = cables.EA[e], cables.L0[e]
     if cables.logarithmic:
@@ -228,7 +233,7 @@ def elastic_force(e, length, cables):
 
 
 @kernel
-def initialise_tensions(cables, L, gap, now):
+def initialise_tensions(cables: CableProperties, L: FloatArray, gap: float, now: FloatArray) -> None:
     """Fill now (m, 4) for lengths L (m,) [m] with an initial guess.
 
     The lower bound is treated as if nothing yielded, the upper bound as if nothing were slack.
@@ -246,7 +251,15 @@ def initialise_tensions(cables, L, gap, now):
 
 
 @kernel
-def compute_target_tensions(cables, L, gap, now, axial, across, aimed):
+def compute_target_tensions(
+    cables: CableProperties,
+    L: FloatArray,
+    gap: float,
+    now: FloatArray,
+    axial: FloatArray,
+    across: FloatArray,
+    aimed: FloatArray,
+) -> None:
     """Fill aimed (m,) with the tension [N] that the next step aims at with fixed ends.
 
     axial, across : filled with the stiffness, in the arrays of a `Tangent`
@@ -263,7 +276,7 @@ def compute_target_tensions(cables, L, gap, now, axial, across, aimed):
 
 
 @kernel
-def add_element_pulls(ends, pull, f):
+def add_element_pulls(ends: IntArray, pull: FloatArray, f: FloatArray) -> None:
     """Add forces (m, 3) [N] to the first ends and subtract them from the second ends, in f (n, 3) [N]."""
     for e in range(ends.shape[0]):
         for i in range(3):
@@ -272,7 +285,16 @@ def add_element_pulls(ends, pull, f):
 
 
 @kernel
-def compute_tension_changes(cables, L, gap, now, aimed, by_motion, changes, step_limit):
+def compute_tension_changes(
+    cables: CableProperties,
+    L: FloatArray,
+    gap: float,
+    now: FloatArray,
+    aimed: FloatArray,
+    by_motion: FloatArray,
+    changes: FloatArray,
+    step_limit: FloatArray,
+) -> None:
     """Fill changes (m, 4) of `now` for a step to the tension aimed at and for moving ends.
 
     by_motion : (m,) [N], the effect of moving ends
@@ -295,7 +317,7 @@ def compute_tension_changes(cables, L, gap, now, aimed, by_motion, changes, step
 
 
 @kernel
-def largest_rotation(u, cables, L, ends):
+def largest_rotation(u: FloatArray, cables: CableProperties, L: FloatArray, ends: IntArray) -> float:
     """Return the largest relative displacement of the ends of a cable, over its length L (m,) [m].
 
     u : displacements (n, 3) [m]
@@ -312,7 +334,9 @@ def largest_rotation(u, cables, L, ends):
 
 
 @kernel
-def apply_tension_changes(cables, share, changes, now):
+def apply_tension_changes(
+    cables: CableProperties, share: float, changes: FloatArray, now: FloatArray
+) -> None:
     """Change now (m, 4) by a share of its changes, but leave at least `MIN_REMAINING` of each value."""
     for e in range(now.shape[0]):
         if not cables.carries[e]:

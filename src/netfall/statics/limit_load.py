@@ -13,6 +13,7 @@ import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
+from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.parallel.sums import exact_sums
@@ -107,7 +108,12 @@ def unbounded_share(comm: MPI.Comm, state: State) -> float:
 
 
 def is_unbounded(
-    comm: MPI.Comm, state: State, load: np.ndarray, held: np.ndarray, fields, residual: float
+    comm: MPI.Comm,
+    state: State,
+    load: np.ndarray,
+    held: np.ndarray,
+    fields: tuple[FloatArray, FloatArray],
+    residual: float,
 ) -> bool:
     """Return whether displacements are unbounded and no equilibrium exists to return to. Collective.
 

@@ -10,14 +10,16 @@ point.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
 from netfall.core.sets import first_largest
+from netfall.core.types import FloatArray
 from netfall.parallel.mpi import MPI
+from netfall.physics.state import State
 from netfall.statics.newton import NoConvergence
 from netfall.statics.stability import unstable_at
 
@@ -70,7 +72,9 @@ class LoadPath:
     find(share) : brings the state to the equilibrium at that factor; raises DivergedError
     """
 
-    def __init__(self, state, newton: Callable, find: Callable[[float], object], hangs: bool):
+    def __init__(
+        self, state: State, newton: Callable[..., Any], find: Callable[[float], object], hangs: bool
+    ):
         """hangs : whether the net may be a mechanism on the way, which is stable only when it is taut."""
         self.state, self.newton, self.find, self.hangs = state, newton, find, hangs
 
@@ -126,7 +130,7 @@ class LoadPath:
             raise _Undecided
         return self.state.x.copy(order="K") if stable else None
 
-    def _motion(self, x, upper, low: float, high: float) -> _Motion | None:
+    def _motion(self, x: FloatArray, upper: FloatArray, low: float, high: float) -> _Motion | None:
         """Compare the motion from x to `upper` (n, 3) [m] with predictions; None if a tangent is singular."""
         state, motion, foreseen = self.state, upper - x, []
         for begin, factor, target, sign in ((x, low, high, 1.0), (upper, high, low, -1.0)):
@@ -171,7 +175,9 @@ class LoadPath:
         return newton.spread.copy()
 
 
-def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: float) -> Callable:
+def load_on_path(
+    finder: Any, load: np.ndarray, before: dict[str, Any], start: dict, carried: float
+) -> Callable[..., Any]:
     """Return a function load(share) (n, 3) [N] of the load on the way from one state to another.
 
     finder : `find.Finder`
@@ -200,6 +206,6 @@ def load_on_path(finder, load: np.ndarray, before: dict, start: dict, carried: f
     return load_at
 
 
-def has_compression(comm: MPI.Comm, state) -> bool:
+def has_compression(comm: MPI.Comm, state: State) -> bool:
     """Return whether anything carries compression or bends; otherwise the energy is convex. Collective."""
     return comm.allreduce(state.joints is not None or bool((state.bar != 0).any()), MPI.LOR)

@@ -6,12 +6,14 @@ tangent is not positive definite, the geometric stiffness of compressed elements
 singular even so (no prestress, all slack), inertia is added until it is not.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.functions import lengths
 from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.types import FloatArray
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
@@ -19,9 +21,10 @@ from netfall.parallel.sums import exact_sums
 from netfall.physics.bending import add_joint_stiffness
 from netfall.physics.elements import add_stiffness, axial_forces
 from netfall.physics.supports import largest_residual, project_on_guides
-from netfall.statics.multigrid.cycle import VCycle
+from netfall.statics.multigrid.cycle import CycleStructure, VCycle
 from netfall.statics.multigrid.distributed import dot_rows, update_direction, update_solution
 from netfall.statics.multigrid.tangent import Tangent, without_compression
+from netfall.statics.relaxation import Net
 
 MAX_CORRECTIONS = 25  # for one equilibrium: searches that converge take 3 to 15
 MAX_CG_ITERATIONS = 200  # conjugate gradient iterations per correction: a singular tangent takes more
@@ -126,7 +129,15 @@ def remaining_errors(
 class Newton:
     """Newton's method for one net, distributed over the ranks."""
 
-    def __init__(self, comm: MPI.Comm, halo: Halo, distribution: Distribution, net, tangent, structure):
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        halo: Halo,
+        distribution: Distribution,
+        net: Net,
+        tangent: Callable[..., Any],
+        structure: CycleStructure,
+    ):
         """net : `relaxation.Net`; tangent() : returns the `Tangent` at its positions. Collective."""
         self.comm, self.halo, self.distribution = comm, halo, distribution
         self.net, self.tangent, self.structure = net, tangent, structure
@@ -147,7 +158,7 @@ class Newton:
         self.comm.Allreduce(MPI.IN_PLACE, high, MPI.MAX)
         self.extent, self.inertia = float((high - low).max()), 0.0
 
-    def inner_products(self, *pairs) -> list[float]:
+    def inner_products(self, *pairs: tuple[FloatArray, FloatArray]) -> list[float]:
         """Compute inner products over all ranks, correctly rounded, of pairs of arrays (n_owned, 3).
 
         Collective.
@@ -157,7 +168,7 @@ class Newton:
             dot_rows(a, b, out)
         return exact_sums(self.comm, *rows)
 
-    def largest(self, *values) -> list[float]:
+    def largest(self, *values: Any) -> list[float]:
         """Return the largest absolute value of each array over all ranks. Collective."""
         maxima = np.array([np.abs(array).max(initial=0.0) for array in values])
         self.comm.Allreduce(MPI.IN_PLACE, maxima, MPI.MAX)
@@ -336,7 +347,7 @@ class Newton:
         s, _ = self.solve(K, self.cycle(K), self.residual())
         return self.sizes(K, s, start)[:2]
 
-    def changes(self, x: np.ndarray, N: np.ndarray, state) -> tuple[float, float]:
+    def changes(self, x: np.ndarray, N: np.ndarray, state: Any) -> tuple[float, float]:
         """Compute the changes since positions x (n, 3) [m] and axial forces N (m,) [N]. Collective.
 
         Returns shares of displacement and tension as `errors` does. Call `begin` first.

@@ -8,7 +8,7 @@ balance, and only that of moments: the torsion of a bending chain is not modelle
 Branches of axial damping carry no force in an equilibrium, so the element forces are the tensions.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,7 +44,7 @@ class Balance(NamedTuple):
     error: float
     unexplained: float
 
-    def numbers(self) -> dict:
+    def numbers(self) -> dict[str, Any]:
         """Return the scalar fields that a result file records."""
         return {"residual_sum": self.residual_sum, "force_balance_error": self.error}
 
@@ -72,7 +72,13 @@ def unknown(state: State) -> Balance:
 
 
 def compute_balance(
-    comm: MPI.Comm, state: State, snapshot: Snapshot, load: np.ndarray, residual: float, tolerance, slips=None
+    comm: MPI.Comm,
+    state: State,
+    snapshot: Snapshot,
+    load: np.ndarray,
+    residual: float,
+    tolerance: float,
+    slips: Any = None,
 ) -> Balance:
     """Compute the balance of an equilibrium under loads (n, 3) [N]. Collective.
 

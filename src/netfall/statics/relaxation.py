@@ -9,13 +9,14 @@ forces.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.kernels import kernel
 from netfall.core.stop import NEVER_STOP, StopFlag
+from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
@@ -84,7 +85,16 @@ def initial_relaxation(x: np.ndarray) -> Relaxation:
 
 
 @kernel
-def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
+def relax_step(
+    x: FloatArray,
+    v: FloatArray,
+    f: FloatArray,
+    mass: FloatArray,
+    free: IntArray,
+    first: bool,
+    n_owned: int,
+    kinetic: FloatArray,
+) -> None:
     """Move all particles (n, 3) by one step; `kinetic` (n_owned,) receives their energy.
 
     `first` : whether the velocity is zero, so that this step takes half a velocity update
@@ -102,7 +112,7 @@ def relax_step(x, v, f, mass, free, first, n_owned, kinetic):
 
 
 @kernel
-def return_to_peak(x, v, f, mass, free):
+def return_to_peak(x: FloatArray, v: FloatArray, f: FloatArray, mass: FloatArray, free: IntArray) -> None:
     """Return the particles, with zero velocity, to the peak of the kinetic energy.
 
     The peak lies half a step before the last but one (Barnes 1999): x* = x - 3/2 v + 1/2 f / M, dt = 1.
@@ -206,7 +216,9 @@ def relax(
     )
 
 
-def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load=None) -> float:
+def largest_force(
+    comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndarray, load: FloatArray | None = None
+) -> float:
     """Return the largest force [N] on anything that can move, the reference of tolerances. Collective.
 
     N : (m,) [N]; ends : (m, 2); free : (n, 3); load : (n_owned, 3) [N], None: tensions alone
@@ -219,7 +231,7 @@ def largest_force(comm: MPI.Comm, N: np.ndarray, ends: np.ndarray, free: np.ndar
     return float(comm.allreduce(local_maximum, MPI.MAX))
 
 
-def net_of(state: State, load: np.ndarray, slips=None) -> Net:
+def net_of(state: State, load: np.ndarray, slips: Any = None) -> Net:
     """Build the `Net` of a state under a load (n, 3) [N] of owned and halo particles, plastic strain fixed.
 
     slips : `slip.Slips`, None: no cable slides
@@ -227,7 +239,7 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
     load = np.asfortranarray(load)  # the layout of positions and forces
     turned = np.zeros((0, 3)) if state.turned is None else state.turned
 
-    def forces(x, f):
+    def forces(x: FloatArray, f: FloatArray) -> None:
         f[:] = 0.0
         if slips is not None:
             slips.forces(x, f)
@@ -240,7 +252,7 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
         if state.turned is not None:
             project_on_guides(state.turned, f)
 
-    def stiffness(x):
+    def stiffness(x: Any) -> Any:
         elements = state.present_element_state()
         return largest_stiffness(state.EA, state.L0) + geometric_stiffness(elements.N, elements.L)
 
@@ -251,7 +263,7 @@ def net_of(state: State, load: np.ndarray, slips=None) -> Net:
         else lambda x, out: add_joint_bounds(x, state.joints, JOINT_MASS_FACTOR, out)
     )
 
-    def lost(comm, u, residual=np.inf):
+    def lost(comm: MPI.Comm, u: FloatArray, residual: float = np.inf) -> bool:
         stiffness = np.zeros(len(u)) if support is None else support.copy()
         if bound is not None:
             bound(state.x, stiffness)
@@ -284,7 +296,9 @@ RELAXATION = "relaxation"  # key in checkpoints
 RELAXATION_ARRAYS = ("x", "v", "mass", "start")  # arrays of a relaxation in checkpoints
 
 
-def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict, dict[str, np.ndarray]]:
+def relaxation_record(
+    distribution: Distribution, at: Relaxation
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Convert a relaxation to small values and, on rank 0, global arrays, for `restored_relaxation`.
 
     Collective.
@@ -297,7 +311,7 @@ def relaxation_record(distribution: Distribution, at: Relaxation) -> tuple[dict,
     return small | {"total": at.total}, arrays if distribution.comm.rank == 0 else {}
 
 
-def restored_relaxation(distribution: Distribution, small: dict, arrays: dict | None) -> Relaxation:
+def restored_relaxation(distribution: Distribution, small: dict[str, Any], arrays: dict | None) -> Relaxation:
     """Restore the relaxation of a record; arrays : on rank 0. Collective."""
     return Relaxation(
         **small, **{name: distribution.particles(arrays and arrays[name]) for name in RELAXATION_ARRAYS}

@@ -6,6 +6,7 @@ repeatedly, until the state no longer changes.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ EXTRA_ITERATIONS = 1000  # iterations allowed for each of these, in addition to 
 
 
 def relax_in_stages(
-    finder,
+    finder: Any,
     newton: Newton,
     tolerance: float,
     reference: float,
@@ -82,7 +83,7 @@ def relax_in_stages(
     return solution
 
 
-def _errors(newton: Newton, state: State, previous: tuple | None) -> tuple[float, float]:
+def _errors(newton: Newton, state: State, previous: tuple[Any, ...] | None) -> tuple[float, float]:
     """Estimate the errors of the relaxed state. Collective.
 
     previous : positions (n, 3) [m] and axial forces (m,) [N] at ten times the residual, None: not known

@@ -16,7 +16,7 @@ Every rank computes all slips from the same positions, so they have the same bit
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -282,7 +282,7 @@ class Slips:
         return tuple(self.chains.element[self.work.L0 < MIN_SEGMENT_SHARE * self.sections[:, 1]].tolist())
 
 
-def _find_sticking(slips: Slips, finder, find: Callable[[], Solution]) -> None:
+def _find_sticking(slips: Slips, finder: Any, find: Callable[[], Solution]) -> None:
     """Bring the net to the equilibrium in which everything sticks, a better start for friction. Collective.
 
     find() : finds it, and may raise. If there is none, or a stop is requested, the positions are restored.
@@ -295,7 +295,7 @@ def _find_sticking(slips: Slips, finder, find: Callable[[], Solution]) -> None:
     slips.held = False
 
 
-def find_with_slip(finder, find: Callable[[], Solution], tolerance: float, name: str) -> Solution:
+def find_with_slip(finder: Any, find: Callable[[], Solution], tolerance: float, name: str) -> Solution:
     """Find the equilibrium of a net with sliding cables, with slip resistances consistent with tensions.
 
     Collective. find() : calls `Finder.find` for the load; tolerance, name : as given to that

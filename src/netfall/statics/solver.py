@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -212,7 +213,7 @@ class EquilibriumFinder:
         newton = self.newton(load + limit.factor * scaled_load)
         return limit, self._interior_point_solution(newton, limit.gradients, limit.missing)
 
-    def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple]:
+    def responses(self, load: np.ndarray) -> Callable[[np.ndarray], tuple[Any, ...]]:
         """Return a function that computes the response to a change (m,) [m] of unstressed lengths.
 
         Collective.
@@ -227,7 +228,7 @@ class EquilibriumFinder:
         K = newton.tangent()
         cycle = newton.cycle(K)
 
-        def respond(change):
+        def respond(change: Any) -> Any:
             fixed = self.fixed_node_response(change)
             newton.f[:] = 0.0
             add_axial_forces_now(state.x, state.ends, fixed, state.present_element_state().L, newton.f)

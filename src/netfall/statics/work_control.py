@@ -23,6 +23,7 @@ from netfall.statics.limit_load import (
     Trial,
     search_limit,
 )
+from netfall.statics.multigrid.cycle import VCycle
 from netfall.statics.multigrid.tangent import Tangent
 from netfall.statics.newton import Newton, NoConvergence
 
@@ -44,7 +45,9 @@ class Work:
         (work,) = self.newton.inner_products((self.load, self.newton.net.x[self.newton.owned] - self.start))
         return work
 
-    def solve(self, K: Tangent, cycle, r: np.ndarray, residual_share: float) -> tuple[np.ndarray, float, int]:
+    def solve(
+        self, K: Tangent, cycle: VCycle, r: np.ndarray, residual_share: float
+    ) -> tuple[np.ndarray, float, int]:
         """Return the correction (n_owned, 3) [m], the change of `factor`, and the iterations. Collective.
 
         r : residual without the load; residual_share : largest share of the residual that may remain

@@ -19,6 +19,8 @@ of
 d_0.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.functions import cos, sin
@@ -29,7 +31,14 @@ GROUPS = ["ridge", "diagonal", "hoop", "ring_upper", "ring_lower", "strut"]
 
 
 def dome(
-    diameter, opening, dome_height, strut, spokes: int, hoops: int, spoke_force, ring_groups=False
+    diameter: Any,
+    opening: Any,
+    dome_height: Any,
+    strut: Any,
+    spokes: int,
+    hoops: int,
+    spoke_force: Any,
+    ring_groups: Any = False,
 ) -> Net:
     """Generate the net with its prestress, by the keys of the job. Its supports are the outermost nodes."""
     r, z, q, d, c, ring, P = profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force)
@@ -61,7 +70,9 @@ def _both_ways(inner: np.ndarray, outer: np.ndarray) -> np.ndarray:
     return np.stack([np.stack([inner, before], -1), np.stack([inner, after], -1)], 1)
 
 
-def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
+def profile(
+    diameter: Any, opening: Any, dome_height: Any, strut: Any, spokes: Any, hoops: Any, spoke_force: Any
+) -> Any:
     """Return radii, heights (h + 2,) [m] of levels; q, d, c (h + 1,) and upper ring [N/m]; P (h + 1,) [N]."""
     r, z = ridge_levels(diameter, opening, dome_height, hoops)
     cosine = cos(np.pi / spokes)
@@ -73,13 +84,13 @@ def profile(diameter, opening, dome_height, strut, spokes, hoops, spoke_force):
     return r, z, q, d, d * out / bend, q[0] * out[0] / bend[0], 2.0 * q * fall
 
 
-def ridge_levels(diameter, opening, dome_height, hoops):
+def ridge_levels(diameter: Any, opening: Any, dome_height: Any, hoops: Any) -> Any:
     """Return radii and heights (h + 2,) [m] of ridge nodes on a paraboloid, from the ring to the supports."""
     r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
     return r, dome_height * (r[-1] ** 2 - r**2) / (r[-1] ** 2 - r[0] ** 2)
 
 
-def dome_error(net) -> str:
+def dome_error(net: Any) -> str:
     """Describe the error in the dimensions of a dome: no cable may be in compression; "": none."""
     r, z = ridge_levels(net.diameter, net.opening, net.dome_height, net.hoops)
     if not (r[1:] * cos(np.pi / net.spokes) > r[:-1]).all():

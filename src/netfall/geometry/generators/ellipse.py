@@ -1,11 +1,15 @@
 """Cables along x and y within an ellipse, at multiples of a spacing, each from edge to edge."""
 
+from typing import Any
+
 import numpy as np
+
+from netfall.core.types import IntArray
 
 SNAP_DISTANCE = 1e-3  # share of the spacing: a grid point this close to the ellipse is a support on it
 
 
-def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True):
+def cables_in_ellipse(a: float, b: float, spacing: float, whole: bool = True) -> Any:
     """Lay out the nodes and elements of a cable grid inside an ellipse.
 
     a, b : half axes [m]; whole : False: only y > 0, where the cables along y start in supports on y = 0
@@ -39,7 +43,7 @@ def _chord(share: np.ndarray) -> np.ndarray:
     return np.where(np.abs(share) <= 1.0, np.sqrt(np.maximum(0.0, 1.0 - share**2)), -np.inf)
 
 
-def _ends(across, along, chord, inside, on_edge):
+def _ends(across: Any, along: Any, chord: Any, inside: Any, on_edge: Any) -> Any:
     """Return both ends (k, 2) [m] of the cables along the second axis of the grid, and their rows.
 
     across, along, chord : coordinates on the axes of the grid, and half the chord of the ellipse there [m]
@@ -56,7 +60,7 @@ def _ends(across, along, chord, inside, on_edge):
     return *ends, rows
 
 
-def _chains(number: np.ndarray, cables: np.ndarray, ends) -> np.ndarray:
+def _chains(number: np.ndarray, cables: np.ndarray, ends: Any) -> np.ndarray:
     """Return the elements (k, 2) of the cables along the second axis of the grid."""
     pairs = np.stack([number[:, :-1], number[:, 1:]], -1).reshape(-1, 2)
     rows = number[cables]
@@ -67,7 +71,7 @@ def _chains(number: np.ndarray, cables: np.ndarray, ends) -> np.ndarray:
     return np.concatenate([np.column_stack([ends[0], first]), inner, np.column_stack([last, ends[1]])])
 
 
-def sort_elements(along_x, along_y):
+def sort_elements(along_x: IntArray, along_y: IntArray) -> tuple[IntArray, IntArray]:
     """Return the elements (m, 2) sorted by their particles, and their group: 0 along x, 1 along y."""
     elements = np.concatenate([along_x, along_y])
     group = np.repeat([0, 1], [len(along_x), len(along_y)])

@@ -1,5 +1,8 @@
 """Nets from dimensions: saddle (4.1) and stadium (4.2) of the paper; ring, wheel and dome."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from netfall.geometry.generators.dome import dome, dome_error
@@ -129,26 +132,33 @@ def ring(length: float, width: float, rise: float, spacing: float) -> Net:
     return Net(x, fixed, elements, group, ["x", "y"], outline=outline)
 
 
-def generate(net) -> Net:
+def generate(net: Any) -> Net:
     """Generate the net of a section [net] with a generator."""
-    makers = {"saddle": saddle, "stadium": stadium, "ring": ring, "wheel": wheel, "dome": dome}
+    makers: dict[str, Callable[..., Net]] = {
+        "saddle": saddle,
+        "stadium": stadium,
+        "ring": ring,
+        "wheel": wheel,
+        "dome": dome,
+    }
     make = makers[net.generator]
     return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
 
 
-def dimension_error(net, most: int) -> str:
+def dimension_error(net: Any, most: int) -> str:
     """Describe the error in the dimensions of a section [net]: too many elements, or no roof; "": none."""
 
-    def half_roof():
+    def half_roof() -> Any:
         return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
 
-    key, size = {
+    sizes: dict[str, tuple[str, Callable[[], float]]] = {
         "saddle": ("cells", lambda: 2.0 * net.cells**2),
         "stadium": ("spacing", lambda: net.halves * half_roof()),
         "ring": ("spacing", lambda: 2.0 * half_roof()),
         "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
         "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
-    }[net.generator]
+    }
+    key, size = sizes[net.generator]
     given = f"{key} = {getattr(net, key):g}:"
     if not size() <= most:
         return f"{given} asks for {size():.3g} elements; at most {most:.0e} fit"

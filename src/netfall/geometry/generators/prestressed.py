@@ -1,11 +1,13 @@
 """Net in equilibrium under its prestress, from the force densities of its groups."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.geometry.net import Net
 
 
-def prestressed_net(x, fixed, kinds, group_names: list[str], ring_groups: bool = False) -> Net:
+def prestressed_net(x: Any, fixed: Any, kinds: Any, group_names: list[str], ring_groups: bool = False) -> Net:
     """Build the net of groups of elements, in the order of their nodes.
 
     x : (n, 3) [m]; fixed : (n, 3) bool

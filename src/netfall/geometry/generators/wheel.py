@@ -24,6 +24,7 @@ therefore have crossed, prestressed diagonals between the tension rings.
 """
 
 from math import sqrt
+from typing import Any
 
 import numpy as np
 
@@ -36,16 +37,16 @@ BRACE = "brace"
 
 
 def wheel(
-    diameter,
-    opening,
-    ring_height,
-    ring_depth,
+    diameter: Any,
+    opening: Any,
+    ring_height: Any,
+    ring_depth: Any,
     spokes: int,
     hoops: int,
-    spoke_force,
-    hoop_force,
-    brace_force=0.0,
-    ring_groups=False,
+    spoke_force: Any,
+    hoop_force: Any,
+    brace_force: Any = 0.0,
+    ring_groups: Any = False,
 ) -> Net:
     """Generate the net with its prestress, by the keys of the job. Without brace_force it has no diagonals.
 
@@ -68,10 +69,10 @@ def wheel(
         x[nodes] = np.column_stack([radius * cos(angle), radius * sin(angle), np.full(spokes, height)])
     step, sine = np.diff(np.append(r, 0.5 * diameter)), sin(np.pi / spokes)
 
-    def ring_density(force, radius):
+    def ring_density(force: Any, radius: Any) -> Any:
         return force / (2.0 * radius * sine)
 
-    def radials(nodes):
+    def radials(nodes: Any) -> Any:
         return np.stack([nodes, np.vstack([nodes[1:], outer])], -1)
 
     brace = brace_force / sqrt(_side(opening, spokes) ** 2 + ring_height**2)
@@ -91,30 +92,32 @@ def wheel(
     return prestressed_net(x, _supports(number, spokes), kinds, [*GROUPS, BRACE][: len(kinds)], ring_groups)
 
 
-def _truss(outer, chord) -> np.ndarray:
+def _truss(outer: Any, chord: Any) -> np.ndarray:
     """Return the outer chord, posts, and two diagonals in each bay (4 n, 2), without the inner chord."""
     sides = [np.column_stack(pair) for pair in ((chord, np.roll(chord, -1)), (outer, chord))]
     return np.concatenate([*sides, _crossed(outer, chord)])
 
 
-def _crossed(one, other) -> np.ndarray:
+def _crossed(one: Any, other: Any) -> np.ndarray:
     """Return two diagonals in each bay between two rings of nodes, (2 n, 2)."""
     pairs = ((one, np.roll(other, -1)), (np.roll(one, -1), other))
     return np.concatenate([np.column_stack(pair) for pair in pairs])
 
 
-def _side(opening, spokes) -> float:
+def _side(opening: Any, spokes: Any) -> float:
     """Compute the length [m] of a side of a tension ring."""
     return opening * sin(np.pi / spokes)
 
 
-def largest_brace_force(opening, ring_height, spokes, spoke_force) -> float:
+def largest_brace_force(opening: Any, ring_height: Any, spokes: Any, spoke_force: Any) -> float:
     """Compute the force [N] of the diagonals at which they carry the whole load of the tension rings."""
     side = _side(opening, spokes)
     return spoke_force / (2.0 * sin(np.pi / spokes) * side) * sqrt(side**2 + ring_height**2)
 
 
-def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_force):
+def profile(
+    diameter: Any, opening: Any, ring_height: Any, spokes: Any, hoops: Any, spoke_force: Any, hoop_force: Any
+) -> Any:
     """Compute radii and heights (h + 1,) [m] of the levels above and below; H (h + 1,), G, P [N] as above."""
     r = np.linspace(0.5 * opening, 0.5 * diameter, hoops + 2)
     step, count = np.diff(r), np.arange(hoops + 1)
@@ -122,7 +125,7 @@ def profile(diameter, opening, ring_height, spokes, hoops, spoke_force, hoop_for
     fall_above, fall_below = (count + 1) / H * step, (count + 1) / G * step  # for P = 1
     P = ring_height / (fall_above + fall_below).sum()
 
-    def heights(falls):
+    def heights(falls: Any) -> Any:
         return P * falls[::-1].cumsum()[::-1]
 
     return r[:-1], heights(fall_above), -heights(fall_below), H, G, P

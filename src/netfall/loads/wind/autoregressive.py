@@ -7,6 +7,7 @@ frequency that the samples carry, by the Yule-Walker equations at the lags l_j. 
 would
 cover a fraction of a second of a process with a memory of half a minute. The lags therefore grow
 geometrically,
+from typing import Any
 from one step to the memory of the gust. The equations hold only between the lags, so the variance of the
 model
 is not exactly R(0). It is computed from the spectrum of the model, and Sigma is scaled to give R(0).
@@ -24,6 +25,7 @@ from netfall.core.errors import InputError
 from netfall.core.functions import cos, geometric, integral, log, sin
 from netfall.core.kernels import kernel
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns, solve_complex
+from netfall.core.types import FloatArray, IntArray
 from netfall.loads.wind.coherence import davenport_coherence
 from netfall.loads.wind.means import SurfaceMeans
 from netfall.loads.wind.noise import standard_normal
@@ -70,9 +72,9 @@ class PointGusts:
 
     points: np.ndarray
     mean: np.ndarray
-    decay: tuple
+    decay: tuple[Any, ...]
 
-    def covariances(self, n, weight) -> np.ndarray:
+    def covariances(self, n: FloatArray, weight: FloatArray) -> np.ndarray:
         """Compute sums (w, c, c) of their coherence over frequencies n (f,) [Hz] with weights (w, f)."""
         points, mean = self.points, self.mean
         i, j = np.triu_indices(len(points))
@@ -84,7 +86,7 @@ class PointGusts:
         R[:, j, i] = R[:, i, j]
         return R
 
-    def kept(self, n, some) -> np.ndarray:
+    def kept(self, n: FloatArray, some: IntArray) -> np.ndarray:
         """Return the share (f,) of the spectrum at n (f,) [Hz] in gusts at points, which is 1."""
         return np.ones(len(n))
 
@@ -125,7 +127,9 @@ def cholesky_root(sigma: np.ndarray) -> np.ndarray:
     return np.triu(upper).T
 
 
-def model_spectrum(n: np.ndarray, lags, psi, sigma, dt: float) -> np.ndarray:
+def model_spectrum(
+    n: np.ndarray, lags: IntArray, psi: FloatArray, sigma: FloatArray, dt: float
+) -> np.ndarray:
     """Compute one-sided spectra (f,) [m2/s2/Hz] of an AR model at n (f,) [Hz], mean over its points."""
     root, total = cholesky_root(sigma).astype(complex), np.empty(len(n))
     phase = 2.0 * np.pi * dt * np.multiply.outer(n, lags)
@@ -177,7 +181,7 @@ class GustModel:
     losses: Losses
 
 
-def covariances(gusts: PointGusts | SurfaceMeans, gust: Gust, dt, lags) -> np.ndarray:
+def covariances(gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float, lags: IntArray) -> np.ndarray:
     """Compute the covariances R(lag dt) (lags, c, c) of the gusts. lags : ascending from 0 [steps]"""
     n = frequency_nodes(gust, dt)
     R = gusts.covariances(n, cosine_weights(n, lags, dt) * gust.spectrum(n))
@@ -203,7 +207,9 @@ def fit_gust_model(gusts: PointGusts | SurfaceMeans, gust: Gust, dt: float, orde
     return GustModel(lags, np.vstack(list(psi.transpose(0, 2, 1))), root, R[0], burn_in, losses)
 
 
-def _gain_and_deficits(R, known, lags, gusts, gust: Gust, dt: float) -> tuple[float, Losses]:
+def _gain_and_deficits(
+    R: FloatArray, known: IntArray, lags: IntArray, gusts: PointGusts, gust: Gust, dt: float
+) -> tuple[float, Losses]:
     """Return the factor on Sigma that gives the variance R(0), and the deficits, judged at a few points."""
     points = np.unique(np.linspace(0, R.shape[1] - 1, JUDGED_POINTS).astype(int))
     R = R[:, points[:, None], points]
@@ -232,7 +238,7 @@ def _mean_diagonal(R: np.ndarray) -> float:
     return R[0, 0] * float(np.mean(np.diagonal(R) / R[0, 0]))
 
 
-def _half_octaves(n, gust: Gust) -> np.ndarray:
+def _half_octaves(n: FloatArray, gust: Gust) -> np.ndarray:
     """Return rows (bands, nodes) of n: the half octaves, without the slowest, that judge the spectrum."""
     power = n * gust.spectrum(n)
     first = int(np.searchsorted(np.cumsum(power), SHARE_BELOW_BANDS * power.sum()))  # nodes are geometric
@@ -242,7 +248,15 @@ def _half_octaves(n, gust: Gust) -> np.ndarray:
 
 
 @kernel
-def step_gusts(noise, noise_root, lags, psi, first, speeds, terms):
+def step_gusts(
+    noise: FloatArray,
+    noise_root: FloatArray,
+    lags: IntArray,
+    psi: FloatArray,
+    first: int,
+    speeds: FloatArray,
+    terms: FloatArray,
+) -> None:
     """Advance the gusts by as many steps from `first` on as noise (s, c) has rows.
 
     noise_root, lags, psi : as in `GustModel`
@@ -283,11 +297,11 @@ class GustRecursion:
         while self.step < 0:
             self.apply_noise(self.noise(self.step)[: -self.step])
 
-    def record(self) -> tuple[dict, dict]:
+    def record(self) -> tuple[dict[str, Any], dict]:
         """Return the state for `restore`: numbers and arrays."""
         return {"step": self.step}, {"past": self.past}
 
-    def restore(self, numbers: dict, arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
         """Restore the state of an earlier run."""
         self.past[:], self.step = arrays["past"], int(numbers["step"])
 

@@ -7,6 +7,8 @@ distance (ordinary kriging with a linear variogram, Matheron 1963), as Davenport
 distances. In a row of points this is linear interpolation.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.functions import lengths
@@ -18,7 +20,7 @@ MAX_KMEANS_ITERATIONS = 50  # largest number of k-means iterations
 BLOCK = 1 << 16  # nodes per block of weights: bounds the memory
 
 
-def cluster_points(surface: Surface, decay, limit: int) -> np.ndarray:
+def cluster_points(surface: Surface, decay: Any, limit: int) -> np.ndarray:
     """Return at most `limit` control points (c, 3) [m] among the patches of a surface, in wind axes."""
     y = surface.place * stretch(decay)
     area = surface.over_patches(surface.area)
@@ -50,7 +52,7 @@ def _centres(y: np.ndarray, area: np.ndarray, label: np.ndarray) -> np.ndarray:
     return mean_by_area(label, area, y)
 
 
-def cluster_weights(y: np.ndarray, points: np.ndarray, decay) -> tuple[np.ndarray, np.ndarray]:
+def cluster_weights(y: np.ndarray, points: np.ndarray, decay: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the nearest control points (n, 4) of each node y (n, 3), and weights (n, 4) whose sum is 1."""
     y, points = y * stretch(decay), points * stretch(decay)
     parts = [_weights(y[first : first + BLOCK], points) for first in range(0, len(y), BLOCK)]

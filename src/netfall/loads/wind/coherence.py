@@ -6,11 +6,14 @@ Coherence: exp(-n sqrt(Cx^2 dx^2 + Cy^2 dy^2 + Cz^2 dz^2) / U), Davenport 1968, 
 import numpy as np
 
 from netfall.core.functions import cos, exp, lengths, power, sin
+from netfall.core.types import FloatArray
 
 LOWEST_HEIGHT = 1.0  # m: below it the mean speed is constant
 
 
-def davenport_coherence(n: np.ndarray, separation: np.ndarray, decay, speed) -> np.ndarray:
+def davenport_coherence(
+    n: np.ndarray, separation: np.ndarray, decay: tuple[float, float, float], speed: FloatArray
+) -> np.ndarray:
     """Compute the root coherence (f, pairs) at frequencies n (f,) [Hz] and separations (pairs, 3) [m].
 
     In axes of the wind. decay : (Cx, Cy, Cz), dimensionless; speed : (pairs,) [m/s], mean of the two points

@@ -1,9 +1,12 @@
 """Errors of interpolated gusts against Davenport's coherence: load on all nodes, correlation of pairs."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.functions import exp, lengths, total
 from netfall.core.linear import product
+from netfall.core.types import FloatArray
 from netfall.loads.wind.autoregressive import PointGusts, cosine_weights, frequency_nodes
 from netfall.loads.wind.coherence import along_wind
 from netfall.loads.wind.field import WindField
@@ -15,7 +18,9 @@ MAX_COMPARED_NODES = 200  # largest number of nodes whose pairs are compared
 CORRELATION_ROWS = 400  # rows of the table of Davenport's correlation
 
 
-def load_power(x: np.ndarray, vector, field: WindField, settings, n, weight) -> np.ndarray:
+def load_power(
+    x: np.ndarray, vector: FloatArray, field: WindField, settings: Any, n: FloatArray, weight: FloatArray
+) -> np.ndarray:
     """Return the power (w,) of the load on all nodes over that of the coherence, for gusts at points.
 
     x : (n, 3); vector : (n, 3) [m2]; n : (f,) [Hz] frequencies; weight : (w, f), weights of frequencies in a
@@ -33,7 +38,7 @@ def load_power(x: np.ndarray, vector, field: WindField, settings, n, weight) -> 
     return load @ at_points @ load / target[:, 0, 0]
 
 
-def coherence_errors(x: np.ndarray, field: WindField, settings, gust: Gust) -> np.ndarray:
+def coherence_errors(x: np.ndarray, field: WindField, settings: Any, gust: Gust) -> np.ndarray:
     """Compute the root mean square errors (2,) of correlations of loaded nodes x (n, 3) against Davenport's.
 
     The first is over pairs separated more over the roof than in height, by decay, the second over all other

@@ -10,10 +10,13 @@ keep the variance, which makes gusts of neighbours more alike than their coheren
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from netfall.core.kernels import kernel
+from netfall.core.types import FloatArray, IntArray
+from netfall.job.job import Job
 from netfall.loads.wind.autoregressive import GustModel, GustRecursion, PointGusts, fit_gust_model
 from netfall.loads.wind.clusters import cluster_points, cluster_weights
 from netfall.loads.wind.coherence import along_wind, mean_speed
@@ -60,7 +63,7 @@ class WindField:
         return speed if self.tapped else speed * speed
 
 
-def force_factor(settings) -> np.ndarray | float:
+def force_factor(settings: Any) -> np.ndarray | float:
     """Return the force on an upward vector area of 1 m2 at 1 m/s, -c_p,net rho / 2 [N s2/m2].
 
     For pressures at taps it is -1, the force at 1 N/m2.
@@ -70,14 +73,14 @@ def force_factor(settings) -> np.ndarray | float:
     return -np.asarray(settings.shape_coefficient) * 0.5 * settings.air_density
 
 
-def mean_wind_force(x: np.ndarray, vector: np.ndarray, settings) -> np.ndarray:
+def mean_wind_force(x: np.ndarray, vector: np.ndarray, settings: Any) -> np.ndarray:
     """Compute the force (n, 3) [N] of the mean wind from its speed at 10 m; as in `make_wind_field`."""
     mean = mean_speed(x[:, 2] + settings.base_height, settings.speed, settings.profile_exponent)
     return np.reshape(force_factor(settings), (-1, 1)) * vector * (mean * mean)[:, None]
 
 
 def make_wind_field(
-    x: np.ndarray, vector: np.ndarray, settings, places: np.ndarray | None = None
+    x: np.ndarray, vector: np.ndarray, settings: Any, places: np.ndarray | None = None
 ) -> WindField:
     """Build the field for a roof at its start: x (n, 3) [m], upward vector areas A (n, 3) [m2].
 
@@ -93,7 +96,7 @@ def make_wind_field(
         return _measured_field(x, force, settings, places)
     y, up = along_wind(x, settings.direction), along_wind(vector, settings.direction)
 
-    def profile(z):
+    def profile(z: FloatArray) -> FloatArray:
         return mean_speed(z + settings.base_height, settings.speed, settings.profile_exponent)
 
     mean, gust, model = profile(x[:, 2]), make_gust(settings), None
@@ -113,7 +116,7 @@ def make_wind_field(
     return WindField(points, profile(points[:, 2]), model, mean, corner, weight, force)
 
 
-def _points(y, vector, mean, settings) -> tuple:
+def _points(y: FloatArray, vector: FloatArray, mean: FloatArray, settings: Any) -> tuple[Any, ...]:
     """Place the control points of `points`: on a grid in plan unless the net rises too steeply for it."""
     loaded = vector.any(1) if vector.any() else np.ones(len(y), bool)
     points, corner, weight, cell = plan_points(y, loaded, settings.control_points)
@@ -122,7 +125,7 @@ def _points(y, vector, mean, settings) -> tuple:
     return _clusters(y, vector, mean, settings)[1:]
 
 
-def _clusters(y, vector, mean, settings) -> tuple:
+def _clusters(y: Any, vector: Any, mean: Any, settings: Any) -> tuple[Any, ...]:
     """Return the loaded surface, control points in its space, those near each node, and their weights."""
     decay, limit = np.array(settings.coherence_decay), settings.control_points
     surface = make_surface(y, vector, mean, decay, limit)
@@ -131,7 +134,7 @@ def _clusters(y, vector, mean, settings) -> tuple:
     return surface, points, corner, weight
 
 
-def _measured_field(x, force, settings, points) -> WindField:
+def _measured_field(x: FloatArray, force: FloatArray, settings: Any, points: Any) -> WindField:
     """Build the field of a table; the profile transfers its speeds to the height of each particle.
 
     The table has one speed at 10 m, or several at their points (c, 3) [m].
@@ -139,7 +142,7 @@ def _measured_field(x, force, settings, points) -> WindField:
     rows = len(x)
     corner, weight = np.zeros((rows, 4), np.int64), np.zeros((rows, 4))
 
-    def profile(z):
+    def profile(z: FloatArray) -> FloatArray:
         return mean_speed(z + settings.base_height, 1.0, settings.profile_exponent)
 
     if points is None:
@@ -151,14 +154,16 @@ def _measured_field(x, force, settings, points) -> WindField:
     return WindField(points, np.zeros(len(points)), None, np.zeros(rows), corner, weight, force)
 
 
-def interpolated_deviation(corner, weight, covariance) -> np.ndarray:
+def interpolated_deviation(corner: IntArray, weight: FloatArray, covariance: FloatArray) -> np.ndarray:
     """Compute the standard deviation (n,) of sums with weights (n, 4) at points with covariance (c, c)."""
     pairs = covariance[corner[:, :, None], corner[:, None, :]]
     return np.sqrt(np.sum(weight[:, :, None] * weight[:, None, :] * pairs, axis=(1, 2)))
 
 
 @kernel
-def particle_speeds(mean, corner, weight, gust, speed):
+def particle_speeds(
+    mean: FloatArray, corner: IntArray, weight: FloatArray, gust: FloatArray, speed: FloatArray
+) -> None:
     """Compute the total wind speed (n,) [m/s] of the particles from the gusts (c,) at the control points."""
     for p in range(mean.shape[0]):
         u = mean[p]
@@ -167,7 +172,7 @@ def particle_speeds(mean, corner, weight, gust, speed):
         speed[p] = u
 
 
-def read_history(job) -> TableHistory | None:
+def read_history(job: Job) -> TableHistory | None:
     """Read the history of measured speeds or tap pressures; None: generated. Raises InputError."""
     wind = job.wind
     if wind is None or not (wind.file or wind.pressures):
@@ -181,7 +186,7 @@ def read_history(job) -> TableHistory | None:
 class GeneratedHistory:
     """Gusts generated sample by sample, on rank 0."""
 
-    def __init__(self, field: WindField, settings):
+    def __init__(self, field: WindField, settings: Any):
         self.dt = settings.time_step
         self.mean_gust = np.zeros(len(field.control_mean))  # m/s, zero over the duration
         self.recursion = GustRecursion(field.model, settings.seed) if field.model else None
@@ -190,11 +195,11 @@ class GeneratedHistory:
         """Return time [s] and gusts (c,) [m/s] of sample k; samples must be requested in order."""
         return k * self.dt, self.recursion.advance() if self.recursion else self.mean_gust
 
-    def record(self) -> tuple[dict, dict]:
+    def record(self) -> tuple[dict[str, Any], dict]:
         """Return the state for `restore`: numbers and arrays."""
         return self.recursion.record() if self.recursion else ({}, {})
 
-    def restore(self, numbers: dict, arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
         """Restore the state of an earlier run."""
         if self.recursion:
             self.recursion.restore(numbers, arrays)

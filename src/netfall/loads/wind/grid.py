@@ -1,14 +1,17 @@
 """Control points on a grid over the plan, along and across the wind, and bilinear gusts between them."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.core.types import FloatArray, IntArray
 
 CLOSEST = 2.0  # m: smallest distance of control points
 NEAREST_TOLERANCE = 1e-5  # share of the plan size up to which distances from a control point count as equal
 
 
-def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple:
+def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple[Any, ...]:
     """Return control points (c, 3) [m] on a grid over the plan of nodes y (n, 3), in axes of the wind.
 
     Also returns the points around each node (n, 4), their weights (n, 4), and the sides (2,) [m] of a cell.
@@ -24,7 +27,14 @@ def plan_points(y: np.ndarray, loaded: np.ndarray, limit: int) -> tuple:
     return points, corner, weight, cell
 
 
-def is_resolved(y, points, corner, weight, cell, decay) -> bool:
+def is_resolved(
+    y: FloatArray,
+    points: FloatArray,
+    corner: IntArray,
+    weight: FloatArray,
+    cell: FloatArray,
+    decay: tuple[float, float, float],
+) -> bool:
     """Tell whether every node y (n, 3) is as close to control points in height as in plan, by coherence.
 
     The height of a node above the surface through the control points counts against half a cell diagonal.
@@ -42,7 +52,7 @@ def control_grid(x: np.ndarray, limit: int) -> tuple[np.ndarray, np.ndarray]:
     nx = int(np.clip(round(np.sqrt(limit * ratio)), 1, min(limit, max_count[0])))
     ny = int(np.clip(limit // nx, 1, max_count[1]))
 
-    def coordinates(k, count):
+    def coordinates(k: int, count: int) -> FloatArray:
         return low[k] + extent[k] * (np.linspace(0, 1, count) if count > 1 else np.array([0.5]))
 
     return coordinates(0, nx), coordinates(1, ny)
@@ -56,7 +66,7 @@ def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
     """
     slack = NEAREST_TOLERANCE * np.ptp(x[:, :2], axis=0).max()
 
-    def height(point):
+    def height(point: FloatArray) -> float:
         distance = np.sqrt(np.sum((x[:, :2] - point) ** 2, axis=1))
         z = x[distance <= distance.min() + slack, 2]
         return 0.5 * (z.min() + z.max())
@@ -64,10 +74,10 @@ def control_heights(plan: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.array([height(point) for point in plan])
 
 
-def _bilinear(x, gx, gy):
+def _bilinear(x: FloatArray, gx: FloatArray, gy: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the control points (n, 4) around each particle in plan, and their weights."""
 
-    def along(values, grid):
+    def along(values: Any, grid: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
         if len(grid) == 1:
             return np.zeros(len(values), np.int64), np.zeros(len(values), np.int64), np.zeros(len(values))
         i = np.clip(np.searchsorted(grid, values, side="right") - 1, 0, len(grid) - 2)

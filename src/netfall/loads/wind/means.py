@@ -13,12 +13,14 @@ weaker at a single node, because they lack gusts smaller than a cell.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import exp
 from netfall.core.linear import factorise_cholesky, product, solve_cholesky_columns
+from netfall.core.types import FloatArray
 from netfall.loads.wind.surface import Surface
 
 
@@ -29,7 +31,7 @@ class SurfaceMeans:
     delay: np.ndarray
     pairs: np.ndarray
 
-    def covariances(self, n, weight) -> np.ndarray:
+    def covariances(self, n: FloatArray, weight: FloatArray) -> np.ndarray:
         """Compute sums (w, c, c) of their coherence over frequencies n (f,) [Hz] with weights (w, f)."""
         r = np.empty((len(weight), len(self.delay)))
         product(weight, self._coherence(n), r)
@@ -37,19 +39,19 @@ class SurfaceMeans:
         product(r, self.pairs.reshape(len(self.delay), -1), sums)
         return sums.reshape(-1, *self.pairs.shape[1:])
 
-    def kept(self, n, some) -> np.ndarray:
+    def kept(self, n: Any, some: Any) -> np.ndarray:
         """Compute the share (f,) of the spectrum at n (f,) [Hz] in the means `some`, averaged over these."""
         shares = np.empty((len(n), len(some)))
         product(self._coherence(n), np.ascontiguousarray(self.pairs[:, some, some]), shares)
         return shares.mean(1)
 
-    def _coherence(self, n) -> np.ndarray:
+    def _coherence(self, n: FloatArray) -> np.ndarray:
         """Compute the coherence (f, a) of the delays."""
         return exp(-np.multiply.outer(n, self.delay))
 
 
 def make_surface_means(
-    surface: Surface, corner: np.ndarray, weight: np.ndarray, count: int, decay
+    surface: Surface, corner: np.ndarray, weight: np.ndarray, count: int, decay: Any
 ) -> SurfaceMeans:
     """Build the means around control points from the interpolation weights (n, 4) of the nodes."""
     corner, weight = corner[surface.node], weight[surface.node]

@@ -15,13 +15,16 @@ values are linear.
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
 from netfall.core.functions import integral, lengths
+from netfall.core.types import FloatArray
 from netfall.job.csv_table import LARGEST, Table
+from netfall.job.job import Job
 from netfall.loads.wind.coherence import LOWEST_HEIGHT
 
 BLOCK_ROWS = 64  # rows of a long file that are read at once
@@ -82,7 +85,14 @@ class TableHistory:
     mean_gust : (c,), the mean over the duration
     """
 
-    def __init__(self, time, rows: Callable[[int, int], np.ndarray], mean_gust, places, notes):
+    def __init__(
+        self,
+        time: FloatArray,
+        rows: Callable[[int, int], np.ndarray],
+        mean_gust: FloatArray,
+        places: FloatArray | None,
+        notes: list[Any],
+    ):
         """time : (t,) [s]; rows(first, end) : values (end - first, c) of these rows"""
         self.first = int(np.searchsorted(time, 0.0, side="right")) - 1
         self.time, self.mean_gust = time[self.first :], mean_gust
@@ -103,15 +113,15 @@ class TableHistory:
         rows = int(np.searchsorted(self.time, end)) + 1
         return self.time[:rows], self._rows(self.first, self.first + rows)
 
-    def record(self) -> tuple[dict, dict]:
+    def record(self) -> tuple[dict[str, Any], dict]:
         """Return an empty state: a row depends only on its number."""
         return {}, {}
 
-    def restore(self, numbers: dict, arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
         """Ignore the state of `record`."""
 
 
-def read_measured(job) -> TableHistory:
+def read_measured(job: Job) -> TableHistory:
     """Read the history of [wind] file, with columns time [s] and speed [m/s], or one per point.
 
     Raises InputError unless times ascend from 0 or before to the end of the simulated time.
@@ -138,7 +148,9 @@ def read_measured(job) -> TableHistory:
     return TableHistory(time, lambda first, end: speed[first:end], mean, places, notes + table.notes)
 
 
-def read_time_table(path: Path, names: list[str], duration: float, low: float = -LARGEST, unit: str = ""):
+def read_time_table(
+    path: Path, names: list[str], duration: float, low: float = -LARGEST, unit: str = ""
+) -> tuple[Table, FloatArray, FloatArray] | None:
     """Read a table, its column time (t,) [s] and columns `names` (t, c) with numbers from `low` on.
 
     Raises InputError unless times ascend from 0 or before to a duration [s], and each cell has a number.
@@ -187,13 +199,13 @@ def read_taps(taps: Path, values: Path, duration: float) -> TableHistory:
         table, time, value = read_time_table(values, names, duration)
         notes = notes + table.notes
 
-        def rows(first, end):
+        def rows(first: int, end: int) -> FloatArray:
             return value[first:end]
 
     return TableHistory(time, rows, _mean(time, rows, duration), places, notes)
 
 
-def _mean(time: np.ndarray, rows, duration: float) -> np.ndarray:
+def _mean(time: np.ndarray, rows: Callable[..., Any], duration: float) -> np.ndarray:
     """Compute mean values (c,) over the duration [s], linear between rows; arguments of `TableHistory`."""
     begin, end = np.clip(time[:-1], 0.0, duration), np.clip(time[1:], 0.0, duration)
     second = (end - begin) * (0.5 * (begin + end) - time[:-1]) / np.diff(time)
@@ -206,7 +218,7 @@ def _mean(time: np.ndarray, rows, duration: float) -> np.ndarray:
     )
 
 
-def _long_file(path: Path, count: int):
+def _long_file(path: Path, count: int) -> tuple[FloatArray, Callable[..., Any]]:
     """Open an HDF5 file; return its times (t,) [s] and a function that reads rows. Raises InputError."""
     try:
         file = h5py.File(path)
@@ -220,7 +232,7 @@ def _long_file(path: Path, count: int):
             f"a column for each of the {count} taps"
         )
 
-    def rows(first, end):
+    def rows(first: int, end: int) -> FloatArray:
         return value[first:end].astype(float)
 
     for first in range(0, len(time), BLOCK_ROWS):

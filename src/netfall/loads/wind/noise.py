@@ -11,6 +11,7 @@ import numpy as np
 from netfall.core.arithmetic import exponential, logarithm
 from netfall.core.functions import exp, log
 from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.types import FloatArray, IntArray
 
 LAYERS = 256
 TAIL = 3.6541528853610088  # start of the tail
@@ -37,13 +38,15 @@ WIDTH, INSIDE, HEIGHT = _layers()
 
 
 @part_of_kernel
-def _share(bits):
+def _share(bits: int) -> float:
     """Convert random bits to a number from 0 to 1, 1 excluded."""
     return np.float64(bits >> np.uint64(11)) * 2.0**-53
 
 
 @kernel
-def fill_normal(raw, width, inside, height, numbers):
+def fill_normal(
+    raw: IntArray, width: FloatArray, inside: IntArray, height: FloatArray, numbers: FloatArray
+) -> int:
     """Fill numbers (n,) from random bits raw (r,) by the layers; return how many the bits sufficed for."""
     enough, used = raw.shape[0] - TAIL_WORDS, 0
     for i in range(numbers.shape[0]):

@@ -1,10 +1,13 @@
 """Onset of the gusts: they grow from zero, starting from the equilibrium under the mean wind."""
 
 import math
+from typing import Any
 
 import numpy as np
 
 from netfall.core.functions import cos
+from netfall.loads.wind.field import GeneratedHistory
+from netfall.loads.wind.measured import TableHistory
 
 MIN_RAMP_SAMPLES = 16  # smallest number of samples of the ramp: the linear interpolation error is 0.3 %
 
@@ -22,7 +25,7 @@ class GrowingGusts:
     If the samples are too far apart to resolve the ramp, linear samples are inserted.
     """
 
-    def __init__(self, history, ramp: float):
+    def __init__(self, history: GeneratedHistory | TableHistory, ramp: float):
         """history : `GeneratedHistory`, `TableHistory`; ramp : [s], 0: everything acts from the start"""
         self.history = history
         self.ramp = ramp if ramp > 0.0 else -math.inf  # a table may have times before 0
@@ -52,13 +55,13 @@ class GrowingGusts:
         mean = self.history.mean_gust
         return mean + gust_growth(time, self.ramp) * (gust - mean)
 
-    def record(self) -> tuple[dict, dict]:
+    def record(self) -> tuple[dict[str, Any], dict]:
         """Return the state for `restore`: numbers and arrays."""
         numbers, arrays = self.history.record()
         own = {"count": self.count, "last_time": self.last[0]}
         return numbers | own, arrays | {"last_gust": self.last[1]}
 
-    def restore(self, numbers: dict, arrays: dict) -> None:
+    def restore(self, numbers: dict[str, Any], arrays: dict) -> None:
         """Restore the state of an earlier run."""
         self.count, self.last = int(numbers["count"]), (float(numbers["last_time"]), arrays["last_gust"])
         self.history.restore(numbers, arrays)

@@ -4,6 +4,7 @@ Coefficients are linear between two directions of the table, also across 360 deg
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class Sectors:
     def at(self, direction: float) -> tuple[float, dict[str, float]]:
         """Return the coefficients of the roof and of the zones for a wind to a direction [degrees]."""
 
-        def value(column):
+        def value(column: Any) -> Any:
             return float(np.interp(direction, self.direction, column, period=360.0))
 
         return value(self.of_roof), {name: value(column) for name, column in self.of_zone.items()}

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from netfall.core.functions import geometric, lengths, log
+from netfall.core.types import FloatArray, IntArray
 
 MAX_PATCHES = 400  # largest number of patches, unless PER_POINT asks for more
 PATCHES_PER_POINT = 4  # allowed patches per control point
@@ -47,7 +48,7 @@ class Surface:
         """Sum values (n,) of the loaded nodes over each patch (q,)."""
         return np.bincount(self.patch, values, len(self.place))
 
-    def pairs(self, shape: np.ndarray, decay) -> tuple[np.ndarray, np.ndarray]:
+    def pairs(self, shape: np.ndarray, decay: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
         """Return delays d (a,) [s] and K (a, c, c) with sum_a f(d_a) K_a = shape^T f(delays) shape.
 
         shape : (q, c), c loads on the patches
@@ -73,7 +74,9 @@ class Surface:
         half = half.reshape(len(d), count, count)
         return d, half + half.transpose(0, 2, 1)
 
-    def _shares(self, d, one, other, decay) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _shares(
+        self, d: FloatArray, one: IntArray, other: IntArray, decay: tuple[float, float, float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distribute pairs of patches over the delays of the table.
 
         Returns the number of the pair (k,), the number of the delay (k,), and the weight (k,). Patches close
@@ -94,7 +97,7 @@ class Surface:
         number, a = np.nonzero(sums)
         return number, a, sums[number, a]
 
-    def _table(self, decay) -> np.ndarray:
+    def _table(self, decay: tuple[float, float, float]) -> np.ndarray:
         """Return delays (a,) [s] in geometric progression, up to the longest between two patches."""
         extent = np.ptp(self.place, axis=0) + 2.0 * np.sqrt(3.0 * self.spread.max(0))
         high = lengths((extent * decay)[None])[0] / self.speed.min()
@@ -102,7 +105,9 @@ class Surface:
         return geometric(SHORTEST * high, high, 1 + int(DELAYS_PER_E_FOLD * float(log(1.0 / SHORTEST))))
 
 
-def make_surface(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, points: int) -> Surface:
+def make_surface(
+    y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay: tuple[float, float, float], points: int
+) -> Surface:
     """Build the loaded surface of nodes y (n, 3) with vector areas (n, 3), in axes of the wind.
 
     speed : (n,) [m/s], mean at the nodes; points : largest number of control points
@@ -121,7 +126,7 @@ def make_surface(y: np.ndarray, vector: np.ndarray, speed: np.ndarray, decay, po
     return Surface(node, patch, area, centre, spread, mean_by_area(patch, area, speed[:, None])[:, 0])
 
 
-def stretch(decay) -> np.ndarray:
+def stretch(decay: tuple[float, float, float]) -> np.ndarray:
     """Return scale factors (3,) along and across the wind and upward, after which patches are cubes.
 
     They are roots of the decays: a compromise between cubes in space, for the shapes of loads, and cubes in

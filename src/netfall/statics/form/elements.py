@@ -3,9 +3,12 @@
 N = T0 + s EA (L - L_start) / L_start, with s a small share of the modulus, or 0 for constant tension.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.kernels import kernel
+from netfall.core.types import FloatArray, IntArray
 from netfall.geometry.net import Net
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.elements import add_axial_forces_now, geometric_stiffness, nodal_stiffness
@@ -16,7 +19,16 @@ LEAST = 1e-6  # artificial stiffness along elements of constant tension, over th
 
 
 @kernel
-def form_tensions(x, ends, T0, stiffness, L_start, bar, N, L):
+def form_tensions(
+    x: FloatArray,
+    ends: IntArray,
+    T0: FloatArray,
+    stiffness: FloatArray,
+    L_start: FloatArray,
+    bar: IntArray,
+    N: FloatArray,
+    L: FloatArray,
+) -> None:
     """Compute tensions N (m,) [N] and lengths L (m,) [m] of form-finding elements; a cable never pushes."""
     for e in range(ends.shape[0]):
         a, b = ends[e, 0], ends[e, 1]
@@ -31,7 +43,13 @@ class Elements:
     """Form-finding elements of one rank: tensions by `form_tensions` and the forces that follow."""
 
     def __init__(
-        self, distribution: Distribution, net: Net | None, x, modulus_factor: float, load=None, turned=None
+        self,
+        distribution: Distribution,
+        net: Net | None,
+        x: FloatArray,
+        modulus_factor: float,
+        load: Any = None,
+        turned: Any = None,
     ):
         """load : (n, 3) [N] that the form carries, None: none; turned : as in `relaxation.Net`"""
         self.load, self.turned = 0.0 if load is None else np.asfortranarray(load), turned
@@ -51,15 +69,15 @@ class Elements:
         with np.errstate(divide="ignore", invalid="ignore"):  # a collapsed form is refused later
             self.stiffness = modulus_factor * EA / self.L_start
 
-    def densities(self):
+    def densities(self) -> Any:
         """Return force densities (m,) [N/m]: as given, otherwise prestress over initial length."""
         return np.where(np.isfinite(self.q), self.q, self.T0 / self.L_start)
 
-    def measure(self, x):
+    def measure(self, x: FloatArray) -> None:
         """Compute tensions `N` and lengths `L` at x."""
         form_tensions(x, self.ends, self.T0, self.stiffness, self.L_start, self.bar, self.N, self.L)
 
-    def forces(self, x, f):
+    def forces(self, x: FloatArray, f: FloatArray) -> None:
         """Write the forces f (n, 3) [N] of the elements at x, without components along held lines."""
         self.measure(x)
         f[:] = self.load
@@ -67,12 +85,12 @@ class Elements:
         if self.turned is not None:
             project_on_guides(self.turned, f)
 
-    def bound(self, x):
+    def bound(self, x: FloatArray) -> FloatArray:
         """Compute an upper bound (m,) [N/m] of the stiffness, axial and transverse."""
         return self.stiffness + geometric_stiffness(self.N, self.L)
 
 
-def tangent_of_form(elements, x: np.ndarray, share: float = LEAST) -> Tangent:
+def tangent_of_form(elements: Any, x: np.ndarray, share: float = LEAST) -> Tangent:
     """Compute the tangent stiffness of form-finding elements at x (n, 3).
 
     share : of the force density, used as stiffness along elements of constant tension, which have none
@@ -84,7 +102,7 @@ def tangent_of_form(elements, x: np.ndarray, share: float = LEAST) -> Tangent:
     return tangent_of(elements, x, elements.N.copy(), np.where(taut, along, 0.0), across)
 
 
-def tangent_of(elements, x: np.ndarray, N, axial, across) -> Tangent:
+def tangent_of(elements: Any, x: np.ndarray, N: Any, axial: Any, across: Any) -> Tangent:
     """Compute the tangent stiffness at x (n, 3) of axial forces N [N].
 
     axial, across : stiffness along and across the elements [N/m]

@@ -4,7 +4,9 @@ The form is the geometry in which the net is in equilibrium under its prestress.
 real material follow in closed form.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -49,9 +51,9 @@ def find_form(
     comm: MPI.Comm,
     net: Net | None,
     distribution: Distribution,
-    settings,
+    settings: Any,
     halo: Halo,
-    report,
+    report: Callable[..., Any],
     stop: StopFlag = NEVER_STOP,
     resume: Relaxation | None = None,
     load: np.ndarray | None = None,
@@ -104,7 +106,9 @@ def find_form(
     return Form(x, elements.N, *result, reference)
 
 
-def _of_densities(comm: MPI.Comm, q, elements: Elements, x, free, n_owned, tolerance, largest) -> Form:
+def _of_densities(
+    comm: MPI.Comm, q: Any, elements: Elements, x: Any, free: Any, n_owned: Any, tolerance: Any, largest: Any
+) -> Form:
     """Build the form at x (n, 3) [m] from force densities q (m,) [N/m] and check its residual. Collective.
 
     largest(N) : returns the largest of forces, see `find_form`
@@ -124,7 +128,7 @@ def _of_densities(comm: MPI.Comm, q, elements: Elements, x, free, n_owned, toler
 
 
 def form_as_given(
-    comm: MPI.Comm, net: Net | None, distribution: Distribution, settings, x, free, load
+    comm: MPI.Comm, net: Net | None, distribution: Distribution, settings: Any, x: Any, free: Any, load: Any
 ) -> Form:
     """Build the form of the given geometry, x (n, 3) [m], with its self-stress. Collective.
 

@@ -1,10 +1,14 @@
 """Form of a job: form finding with pause, restart, and the permanent load that depends on the form."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from netfall.core.errors import DivergedError, interruption_error
+from netfall.core.stop import StopFlag
+from netfall.core.types import FloatArray
 from netfall.geometry.net import space_inner_particles, undo_subdivision
 from netfall.job.derived import carries_permanent
 from netfall.job.job import Job
@@ -16,7 +20,7 @@ from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, split_net
 from netfall.results.checkpoint import Checkpoint, checkpoint_path, remove_old_checkpoints, write_checkpoint
 from netfall.statics.form.find import Form, find_form
-from netfall.statics.relaxation import RELAXATION, Paused, relaxation_record, restored_relaxation
+from netfall.statics.relaxation import RELAXATION, Paused, Relaxation, relaxation_record, restored_relaxation
 
 FORM, INITIAL, FORM_LOAD = "form finding", "initial", "form load"  # names in checkpoints
 # share of the tolerance of the form [-]: a smaller change of the permanent load ends the iteration
@@ -25,8 +29,17 @@ MOST_TURNS = 30  # iterations of form and load; each leaves about 1 % of the cha
 
 
 def find_initial_form(
-    job, layout: Layout | None, distribution, halo, report, result, digest, restart, checkpoint, stop
-):
+    job: Job,
+    layout: Layout | None,
+    distribution: Distribution,
+    halo: Halo,
+    report: Callable[..., Any],
+    result: Path | None,
+    digest: str,
+    restart: Path | None,
+    checkpoint: Checkpoint | None,
+    stop: StopFlag,
+) -> tuple[Form, FloatArray | None, FloatArray | None]:
     """Find the form and return it with positions (n, 3) [m] and tensions (m,) [N] of the net on rank 0.
 
     Collective.
@@ -42,7 +55,7 @@ def find_initial_form(
         distribution = Distribution(comm, *comm.bcast(layout and (as_given.n, as_given.m)), cut)
         halo = own_halo = Halo(comm, distribution.subdomain, 3)
 
-    def find(resume, load=None, start=None) -> Form:
+    def find(resume: Relaxation | None, load: Any = None, start: Any = None) -> Form:
         settings = job.form_finding
         try:
             return find_form(comm, as_given, distribution, settings, halo, report, stop, resume, load, start)
@@ -74,7 +87,7 @@ def find_initial_form(
 
 
 def _find_loaded_form(
-    job: Job, layout: Layout | None, distribution, find, resume, checkpoint: Checkpoint | None
+    job: Job, layout: Layout | None, distribution: Any, find: Any, resume: Any, checkpoint: Checkpoint | None
 ) -> Form:
     """Find the form that carries its own permanent load, by iteration of form and load. Collective.
 
@@ -105,7 +118,7 @@ def _find_loaded_form(
 
 
 def write_before_stages(
-    comm: MPI.Comm, job: Job, result: Path, digest: str, step: int, parts: dict, given: Path | None
+    comm: MPI.Comm, job: Job, result: Path, digest: str, step: int, parts: dict[str, Any], given: Path | None
 ) -> Path:
     """Write a checkpoint of a run before its first stage, in place of older ones; return its path.
 
@@ -121,7 +134,7 @@ def write_before_stages(
     return path
 
 
-def initial_record(form: Form | None, model: Model | None) -> tuple[dict, dict[str, np.ndarray]]:
+def initial_record(form: Form | None, model: Model | None) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return the record of the initial state and of form finding; model : of the net in it, on rank 0."""
     names = ("iterations", "residual", "reference")
     small = {"form": {name: getattr(form, name) for name in names} if form else None}
@@ -131,7 +144,7 @@ def initial_record(form: Form | None, model: Model | None) -> tuple[dict, dict[s
     return small, {"x": model.x, "N": model.N} | states
 
 
-def restored_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple:
+def restored_form(comm: MPI.Comm, job: Job, checkpoint: Checkpoint | None) -> tuple[Any, ...]:
     """Return what `find_initial_form` does, from the checkpoint of the run that is resumed. Collective."""
     small, arrays = checkpoint.part(INITIAL) if checkpoint else (None, None)
     form = comm.bcast(small)["form"]

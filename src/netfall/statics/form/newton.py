@@ -1,6 +1,7 @@
 """Form finding by tensions, by Newton's method from the equilibrium of force densities."""
 
 from functools import cache
+from typing import Any
 
 from netfall.core.arrays import padded_copy
 from netfall.parallel.mpi import MPI
@@ -20,8 +21,15 @@ MOST_AGAIN = 4
 
 
 def newton_form(
-    comm, distribution, halo, net, elements, settings, target_residual: float, stop
-) -> tuple | None:
+    comm: MPI.Comm,
+    distribution: Any,
+    halo: Any,
+    net: Any,
+    elements: Any,
+    settings: Any,
+    target_residual: float,
+    stop: Any,
+) -> tuple[Any, ...] | None:
     """Move net.x to the form; return conjugate gradient iterations and the largest residual [N]. Collective.
 
     net : `relaxation.Net`; elements : `elements.Elements`; target_residual : [N]; stop : stop flag
@@ -56,7 +64,7 @@ def newton_form(
     return None
 
 
-def _approach_force_densities(newton: Newton, elements) -> int:
+def _approach_force_densities(newton: Newton, elements: Any) -> int:
     """Move the net close to the equilibrium of its initial force densities; return the iterations.
 
     Collective.
@@ -77,7 +85,7 @@ def _approach_force_densities(newton: Newton, elements) -> int:
     return count
 
 
-def _approach_constant_tension(newton: Newton, elements) -> int:
+def _approach_constant_tension(newton: Newton, elements: Any) -> int:
     """Move the net closer to the form at constant tension; return the iterations. Collective.
 
     The tangent has no stiffness along elements. Far from the form its corrections would let the nodes of a

@@ -11,7 +11,7 @@ squares over the elements that have a prestress. If that leaves freedom, the sum
 least.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -108,7 +108,7 @@ def _directions(net: Net) -> np.ndarray:
     return along / lengths(along)[:, None]
 
 
-def _nearest(prestress: np.ndarray, equations: Equations, fit, has_prestress: np.ndarray) -> np.ndarray:
+def _nearest(prestress: np.ndarray, equations: Equations, fit: Any, has_prestress: np.ndarray) -> np.ndarray:
     """Compute the shares (k,) of the states whose forces are closest to the prestress.
 
     has_prestress : (m,) bool, elements whose prestress counts
@@ -141,7 +141,7 @@ def _states(equations: Equations, null: np.ndarray) -> np.ndarray:
     return np.where(equations.of >= 0, forces[:, equations.of], 0.0)
 
 
-def _check_states(net: Net, equations: Equations, fit, has_prestress: np.ndarray) -> None:
+def _check_states(net: Net, equations: Equations, fit: Any, has_prestress: np.ndarray) -> None:
     """Raise InputError if there is no state, or if no prestress determines its size."""
     if not fit.null.shape[1]:
         raise InputError(_no_state_message(net, equations, fit.least))
@@ -152,7 +152,7 @@ def _check_states(net: Net, equations: Equations, fit, has_prestress: np.ndarray
         )
 
 
-def _not_in_states_message(net: Net, equations: Equations, fit, asked: np.ndarray) -> str:
+def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.ndarray) -> str:
     """Return the message that no state of self-stress contains the prestress, with the groups that do."""
     states = _states(equations, fit.null)
 

@@ -1,16 +1,21 @@
 """Form finding by tensions: by dynamic relaxation, and by Newton's method for large nets."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from netfall.core.errors import DivergedError
 from netfall.core.functions import lengths
+from netfall.core.stop import StopFlag
 from netfall.geometry.net import Net
+from netfall.parallel.halo import Halo
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.statics.form.elements import Elements
 from netfall.statics.form.newton import newton_form
 from netfall.statics.relaxation import Net as RelaxedNet
-from netfall.statics.relaxation import relax
+from netfall.statics.relaxation import Relaxation, relax
 
 COINCIDENT = 1e-6  # length over the initial one [-], below which the nodes of an element coincide
 COINCIDENCE_CHECKS = 10  # consecutive checks that must find it: a node may pass close to another on its way
@@ -23,25 +28,25 @@ ADVICE = (
 
 
 def form_by_tensions(
-    comm,
-    net,
-    distribution,
-    halo,
+    comm: MPI.Comm,
+    net: Net | None,
+    distribution: Distribution,
+    halo: Halo,
     moving: RelaxedNet,
-    elements,
-    settings,
-    target_residual,
-    report,
-    stop,
-    resume,
-) -> tuple:
+    elements: Elements,
+    settings: Any,
+    target_residual: float,
+    report: Callable[..., Any],
+    stop: StopFlag,
+    resume: Relaxation | None,
+) -> tuple[Any, ...]:
     """Move moving.x to the form by tensions; return iterations and the largest residual [N]. Collective.
 
     Newton's method is used if the net is large or if nodes coincide in a relaxation, otherwise relaxation.
     target_residual : [N]; see `find_form` for the others
     """
 
-    def by_newton() -> tuple | None:
+    def by_newton() -> tuple[Any, ...] | None:
         return newton_form(comm, distribution, halo, moving, elements, settings, target_residual, stop)
 
     start = moving.x.copy(order="K")
@@ -78,7 +83,12 @@ class CoincidenceCheck:
     """
 
     def __init__(
-        self, comm: MPI.Comm, distribution: Distribution, net: Net | None, elements: Elements, report
+        self,
+        comm: MPI.Comm,
+        distribution: Distribution,
+        net: Net | None,
+        elements: Elements,
+        report: Callable[..., Any],
     ):
         """net : on rank 0, None elsewhere; report : called in addition"""
         self.comm, self.net, self.elements, self.report = comm, net, elements, report

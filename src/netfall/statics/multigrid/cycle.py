@@ -14,6 +14,7 @@ precision. A cycle is in single precision. Each rank holds small levels in full.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from netfall.statics.multigrid.levels import (
 from netfall.statics.multigrid.lines import MOST_TOUCHING, Lines, LineSmoother
 from netfall.statics.multigrid.rows import Pattern
 from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, tangent_rows
+from netfall.statics.relaxation import Net
 
 CHEBYSHEV_DEGREE = 4  # of the polynomial before and after each coarser level
 CHEBYSHEV_RANGE = 20.0  # largest eigenvalue over the smallest one that the polynomial damps [-]
@@ -49,14 +51,14 @@ class CycleStructure:
     lines: Callable[[], Lines]
     at: Incidence | None = None
     pattern: Pattern | None = None
-    coarsenings: list = field(default_factory=list)
+    coarsenings: list[Any] = field(default_factory=list)
 
 
 class VCycle:
     """Approximate inverse for rows (n_owned, 3) on each rank."""
 
     def __init__(
-        self, distribution: Distribution, net, K: Tangent, inertia: float, structure: CycleStructure
+        self, distribution: Distribution, net: Net, K: Tangent, inertia: float, structure: CycleStructure
     ):
         """Set up the levels for a net's tangent, without the effect of compression. Collective.
 

@@ -4,10 +4,13 @@ They serve preconditioners. A row sums its blocks in ascending global number of 
 the same bits on any number of ranks.
 """
 
+from typing import Any
+
 import numpy as np
 
 from netfall.core.arithmetic import fused
 from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.mpi import MPI
 from netfall.statics.multigrid.rows import BlockRows, Ghosts
 
@@ -15,7 +18,7 @@ TAG = 31
 
 
 @kernel
-def multiply_rows(start, column, block, x, y):
+def multiply_rows(start: IntArray, column: IntArray, block: FloatArray, x: FloatArray, y: FloatArray) -> None:
     """Compute y (rows, 3) = blocks times x (columns, 3)."""
     for i in range(np.uint64(start.shape[0] - 1)):
         a, b, c = np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -29,7 +32,9 @@ def multiply_rows(start, column, block, x, y):
 
 
 @part_of_kernel
-def apply_block_inverse(i, inverse, r, s, t, scale, keep, step):
+def apply_block_inverse(
+    i: int, inverse: FloatArray, r: float, s: float, t: float, scale: float, keep: float, step: FloatArray
+) -> None:
     """Compute row i of step = keep step + scale inverse (r, s, t).
 
     inverse : (n, 6), the entries 00, 01, 02, 11, 12, 22 of symmetric blocks
@@ -42,7 +47,7 @@ def apply_block_inverse(i, inverse, r, s, t, scale, keep, step):
 
 
 @kernel
-def first_step(inverse, b, scale, step):
+def first_step(inverse: FloatArray, b: FloatArray, scale: float, step: FloatArray) -> None:
     """Compute step = scale inverse b, the step from zero. All (rows, 3); inverse : as in
     `apply_block_inverse`"""
     for i in range(step.shape[0]):
@@ -51,7 +56,9 @@ def first_step(inverse, b, scale, step):
 
 
 @kernel
-def step_rows(start, column, block, inverse, b, x, scale, keep, step):
+def step_rows(
+    start: Any, column: Any, block: Any, inverse: Any, b: Any, x: Any, scale: Any, keep: Any, step: Any
+) -> None:
     """Compute step = keep step + scale inverse (b - blocks times x). inverse : as in `apply_block_inverse`"""
     for i in range(np.uint64(step.shape[0])):
         r, s, t = b[i, 0], b[i, 1], b[i, 2]
@@ -65,14 +72,16 @@ def step_rows(start, column, block, inverse, b, x, scale, keep, step):
 
 
 @kernel
-def dot_rows(a, b, out):
+def dot_rows(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Fill out (n,) with the inner products of the rows of two arrays (n, 3)."""
     for p in range(out.shape[0]):
         out[p] = a[p, 0] * b[p, 0] + a[p, 1] * b[p, 1] + a[p, 2] * b[p, 2]
 
 
 @kernel
-def update_solution(step, p, q, s, remainder, previous):
+def update_solution(
+    step: float, p: FloatArray, q: FloatArray, s: FloatArray, remainder: FloatArray, previous: FloatArray
+) -> None:
     """Compute s += step p, previous = remainder, remainder -= step q. All (n, 3), step a number."""
     for i in range(s.shape[0]):
         for k in range(3):
@@ -82,7 +91,7 @@ def update_solution(step, p, q, s, remainder, previous):
 
 
 @kernel
-def update_direction(share, z, p):
+def update_direction(share: float, z: FloatArray, p: FloatArray) -> None:
     """Compute p = z + share p. Both (n, 3), share a number."""
     for i in range(p.shape[0]):
         for k in range(3):
@@ -139,7 +148,7 @@ class DistributedMatrix:
         multiply_rows(self.start, self.column, self.block, self.x, self.y)
         return self.y
 
-    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale, keep, step: np.ndarray) -> None:
+    def take_step(self, b: np.ndarray, inverse: np.ndarray, scale: Any, keep: Any, step: np.ndarray) -> None:
         """Compute step = keep step + scale inverse (b - product with `own`), add it to `own`, and share.
 
         Collective.

@@ -1,5 +1,7 @@
 """Contribution of bending chains to the tangent stiffness, which couples particles two bars apart."""
 
+from typing import Any
+
 import numpy as np
 
 from netfall.physics.bending import Joints, JointTangent, add_joint_bounds, joint_tangents
@@ -14,7 +16,7 @@ def joint_tangent(x: np.ndarray, joints: Joints, nodal: np.ndarray) -> JointTang
     return JointTangent(joints.particles, stiffness, positive)
 
 
-def with_joints(matrix, K: JointTangent, free: np.ndarray, number: np.ndarray):
+def with_joints(matrix: Any, K: JointTangent, free: np.ndarray, number: np.ndarray) -> Any:
     """Add the stiffness of joints to the rows of a rank, a scipy BSR array with ascending columns.
 
     free : (n, 3) bool; number : (n,) of a particle's column

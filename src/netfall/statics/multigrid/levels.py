@@ -8,10 +8,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.types import FloatArray, IntArray
 from netfall.parallel.agree import on_root
 from netfall.parallel.sums import exact_sums
 from netfall.statics.multigrid.distributed import DistributedMatrix, dot_rows, first_step
@@ -163,7 +165,9 @@ def prolongation(level: Level, coarsening: Coarsening) -> BlockRows:
 
 
 @kernel
-def find_row_aggregates(begin, column, number, start, aggregate):
+def find_row_aggregates(
+    begin: IntArray, column: IntArray, number: IntArray, start: IntArray, aggregate: IntArray
+) -> None:
     """Fill start (rows + 1,) and aggregate (k,) with the aggregates that each row touches, ascending.
 
     k is an upper bound.
@@ -186,7 +190,18 @@ def find_row_aggregates(begin, column, number, start, aggregate):
 
 
 @kernel
-def smooth_rows(begin, column, matrix, number, own, inverse, factor, start, aggregate, block):
+def smooth_rows(
+    begin: IntArray,
+    column: IntArray,
+    matrix: FloatArray,
+    number: IntArray,
+    own: IntArray,
+    inverse: FloatArray,
+    factor: float,
+    start: IntArray,
+    aggregate: IntArray,
+    block: FloatArray,
+) -> None:
     """Fill the blocks (k, 3, 3), zeros, of a prolongation with rows start (rows + 1,), aggregate (k,).
 
     begin, column, matrix : rows of blocks; number : (n,) of each column's aggregate; own : (rows,) of each
@@ -219,7 +234,7 @@ def inverse_diagonal(matrix: BlockRows) -> np.ndarray:
 
 
 @kernel
-def invert_diagonal(diagonal, block, inverse):
+def invert_diagonal(diagonal: IntArray, block: FloatArray, inverse: FloatArray) -> None:
     """Fill inverse (rows, 3, 3) by cofactors; diagonal : (rows,) places of the blocks."""
     for p in range(inverse.shape[0]):
         k = diagonal[p]
@@ -232,7 +247,7 @@ def invert_diagonal(diagonal, block, inverse):
 
 
 @part_of_kernel
-def invert(a, b, c, d, e, f, trace):
+def invert(a: float, b: float, c: float, d: float, e: float, f: float, trace: float) -> tuple[float, ...]:
     """Compute entries 00, 01, 02, 11, 12, 22 of a symmetric block's inverse.
 
     A small share of a trace is added to the diagonal, in case the block is singular.
@@ -277,7 +292,9 @@ def largest_eigenvalue(product: DistributedMatrix, number: np.ndarray, inverse: 
 
 
 @kernel
-def aggregate_nodes(start, column, corners, number, mark, block):
+def aggregate_nodes(
+    start: IntArray, column: IntArray, corners: bool, number: IntArray, mark: IntArray, block: IntArray
+) -> int:
     """Join nodes to aggregates and return their number.
 
     An aggregate is a node, its neighbours and, with corners, the nodes that touch two of these.
@@ -344,7 +361,7 @@ def aggregates(matrix: Pattern, corners: bool) -> tuple[np.ndarray, int]:
     comm = matrix.comm
     gathered = comm.gather((matrix.rows.mine, np.diff(matrix.start), matrix.column))
 
-    def joined():
+    def joined() -> Any:
         row, counts, column = (np.concatenate(arrays) for arrays in zip(*gathered))
         counts, entries = row_entries(counts, np.argsort(row))
         number, block = np.empty((2, len(row)), np.int64)

@@ -8,18 +8,20 @@ cables yield, because the stiffness along a line then varies strongly. The answe
 are added in ascending order of the lines.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.arithmetic import fused
 from netfall.core.kernels import kernel, part_of_kernel
+from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.parallel.agree import on_root
+from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution
 from netfall.statics.multigrid.distributed import SharedRows
 from netfall.statics.multigrid.levels import invert
 from netfall.statics.multigrid.rows import BlockRows, Ghosts, Owners, ghosts_of, row_entries
-from netfall.statics.multigrid.tangent import Tangent, incidence_of, without_compression
+from netfall.statics.multigrid.tangent import Incidence, Tangent, incidence_of, without_compression
 
 MAX_LINE_COSINE = -0.8  # largest cosine of two elements at a particle: a line turns by at most 37 degrees
 MOST_ELEMENTS = 16  # at a particle: with more no two form a line
@@ -51,7 +53,7 @@ class Lines(NamedTuple):
 
 
 @kernel
-def pair_elements(at, ends, x, free, other):
+def pair_elements(at: Incidence, ends: IntArray, x: FloatArray, free: BoolArray, other: IntArray) -> None:
     """Fill other (m, 2) with the element in which the line continues beyond each end, -1: the line ends.
 
     at : `Incidence` of all particles; ends : (m, 2); x : (n, 3) [m]; free : (n, 3) The straightest pair of
@@ -86,7 +88,9 @@ def pair_elements(at, ends, x, free, other):
 
 
 @kernel
-def walk_lines(ends, other, seen, start, node, element):
+def walk_lines(
+    ends: IntArray, other: IntArray, seen: IntArray, start: IntArray, node: IntArray, element: IntArray
+) -> int:
     """Fill start (m + 1,), node, element (2 m,) with all lines and return their number.
 
     other : of `pair_elements`; seen : (m,) of zeros, overwritten A closed line ends at the particle where it
@@ -115,7 +119,7 @@ def walk_lines(ends, other, seen, start, node, element):
     return count
 
 
-def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple:
+def all_lines(ends: np.ndarray, x: np.ndarray, free: np.ndarray) -> tuple[Any, ...]:
     """Return start, node, element of all lines of a net, and `touching`. ends : (m, 2); x, free : (n, 3)"""
     n, m = len(x), len(ends)
     other, seen = np.full((m, 2), -1, np.int32), np.zeros(m, np.uint8)
@@ -159,7 +163,7 @@ def distribute_lines(distribution: Distribution, ends: np.ndarray, x: np.ndarray
     )
 
 
-def _ghosts_and_places(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
+def _ghosts_and_places(comm: MPI.Comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts, np.ndarray]:
     """Return the ghosts among wanted rows, and the local place of each: own rows, then ghosts. Collective."""
     ghosts = ghosts_of(comm, wanted, owners)
     place = owners.place.copy()
@@ -168,14 +172,26 @@ def _ghosts_and_places(comm, wanted: np.ndarray, owners: Owners) -> tuple[Ghosts
 
 
 @part_of_kernel
-def _coupling(e, axial, across, direction, i, j):
+def _coupling(e: int, axial: FloatArray, across: FloatArray, direction: FloatArray, i: int, j: int) -> float:
     """Compute an entry of the stiffness [N/m] of one end of element e against the other."""
     along = (axial[e] - across[e]) * direction[e, i]
     return -along * direction[e, j] - (across[e] if i == j else 0.0)
 
 
 @kernel
-def factorise_lines(start, node, element, diagonal, free, direction, axial, across, work, lower, inverse):
+def factorise_lines(
+    start: IntArray,
+    node: IntArray,
+    element: IntArray,
+    diagonal: FloatArray,
+    free: BoolArray,
+    direction: FloatArray,
+    axial: FloatArray,
+    across: FloatArray,
+    work: FloatArray,
+    lower: FloatArray,
+    inverse: FloatArray,
+) -> None:
     """Factorise each line, L D L^T by blocks: lower (places, 9), inverse (places, 6) of D.
 
     start, node, element : of `Lines`; diagonal (n, 3, 3), free (n, 3) : of particles direction (m, 3), axial,
@@ -217,7 +233,15 @@ def factorise_lines(start, node, element, diagonal, free, direction, axial, acro
 
 
 @kernel
-def solve_lines(start, node, lower, inverse, x, work, y):
+def solve_lines(
+    start: IntArray,
+    node: IntArray,
+    lower: FloatArray,
+    inverse: FloatArray,
+    x: FloatArray,
+    work: FloatArray,
+    y: FloatArray,
+) -> None:
     """Solve each line for y (places, 3), with the rows of x (n, 3) at its places as right-hand side.
 
     start, node, lower, inverse : see `factorise_lines`; work : (places, 3), overwritten
@@ -255,7 +279,7 @@ def solve_lines(start, node, lower, inverse, x, work, y):
 
 
 @kernel
-def add_places(begin, place, y, scale, x):
+def add_places(begin: IntArray, place: IntArray, y: FloatArray, scale: float, x: FloatArray) -> None:
     """Add scale times the sum over the places of each particle to x (n_owned, 3).
 
     begin, place : of `Lines`; y : (k, 3)
@@ -272,7 +296,7 @@ def add_places(begin, place, y, scale, x):
 class LineSmoother:
     """Damped smoother for matrix x = b that adds up the exact solutions of all lines."""
 
-    def __init__(self, lines: Lines, matrix: BlockRows, net, K: Tangent):
+    def __init__(self, lines: Lines, matrix: BlockRows, net: Any, K: Tangent):
         """Factorise the lines of the tangent in `matrix`. Collective. net : `relaxation.Net`"""
         comm, n, K, own_rows = matrix.comm, len(matrix.rows.mine), without_compression(K), lines.element_rows
         element_arrays = (

@@ -10,6 +10,7 @@ import numpy as np
 from netfall.core.arithmetic import fused
 from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import Record, f8_2, i4, i8
+from netfall.core.types import FloatArray, IntArray
 from netfall.statics.multigrid.rows import BlockRows, GhostRows, Pattern, ascending, local_place, row_starts
 
 NO_BLOCKS = np.zeros((0, 9))
@@ -55,7 +56,9 @@ class Product:
 
 
 @kernel
-def product_columns(first, second, ghosts, slot, start, column):
+def product_columns(
+    first: FlatRows, second: FlatRows, ghosts: FlatRows, slot: IntArray, start: IntArray, column: IntArray
+) -> None:
     """Fill start (rows + 1,) and, if it is not empty, column (k,) of a product, in no order.
 
     first, second, ghosts : `FlatRows`, the last ones the second's rows of other ranks; slot : (n,) scratch
@@ -75,7 +78,7 @@ def product_columns(first, second, ghosts, slot, start, column):
 
 
 @part_of_kernel
-def _note_columns(i, rows, j, slot, column, end):
+def _note_columns(i: int, rows: FlatRows, j: int, slot: IntArray, column: IntArray, end: int) -> int:
     """Add the columns of row j to those of row i, marked by i in `slot`; return the new end."""
     for k in range(rows.start[j], rows.start[j + 1]):
         c = rows.column[k]
@@ -88,7 +91,7 @@ def _note_columns(i, rows, j, slot, column, end):
 
 
 @part_of_kernel
-def _add_product(a, i, b, j, c, k):
+def _add_product(a: FloatArray, i: int, b: FloatArray, j: int, c: FloatArray, k: int) -> None:
     """Compute c[k] += a[i] b[j] for blocks (9,)."""
     for row in range(3):
         u, v, w = a[i, 3 * row], a[i, 3 * row + 1], a[i, 3 * row + 2]
@@ -99,7 +102,15 @@ def _add_product(a, i, b, j, c, k):
 
 
 @kernel
-def add_products(first, second, ghosts, start, column, slot, out):
+def add_products(
+    first: FlatRows,
+    second: FlatRows,
+    ghosts: FlatRows,
+    start: IntArray,
+    column: IntArray,
+    slot: IntArray,
+    out: FloatArray,
+) -> None:
     """Add the products of the rows to out (k, 9), zeros, with rows start (rows + 1,), column (k,).
 
     first, second, ghosts : see `product_columns`; slot : (n,) scratch
@@ -117,7 +128,7 @@ def add_products(first, second, ghosts, start, column, slot, out):
 
 
 @part_of_kernel
-def _add_row(block, entry, rows, j, slot, out):
+def _add_row(block: FloatArray, entry: int, rows: FlatRows, j: int, slot: IntArray, out: FloatArray) -> None:
     """Add a block times row j to the row of a product whose columns are at `slot`."""
     for k in range(np.uint64(rows.start[j]), np.uint64(rows.start[j + 1])):
         _add_product(block, entry, rows.block, k, out, np.uint64(slot[rows.column[k]]))
@@ -167,7 +178,17 @@ class TransposedMatrix:
 
 
 @kernel
-def transpose_rows(order, number, begin, column, more_column, place, free_place, row, source):
+def transpose_rows(
+    order: IntArray,
+    number: IntArray,
+    begin: IntArray,
+    column: IntArray,
+    more_column: IntArray,
+    place: IntArray,
+    free_place: IntArray,
+    row: IntArray,
+    source: IntArray,
+) -> None:
     """Fill row (k,) and source (k,) of a transpose.
 
     order : rows by ascending number; rows after the own ones have one entry each, in `more_column`
@@ -185,7 +206,7 @@ def transpose_rows(order, number, begin, column, more_column, place, free_place,
 
 
 @kernel
-def transpose_blocks(source, own, more, out):
+def transpose_blocks(source: IntArray, own: FloatArray, more: FloatArray, out: FloatArray) -> None:
     """Fill out (k, 3, 3) with transposed blocks of `own` and, with indices that continue, `more`."""
     for k in range(source.shape[0]):
         e = source[k]

@@ -5,7 +5,7 @@ the same bits on any number of ranks.
 """
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -169,7 +169,7 @@ def local_place(comm: MPI.Comm, owners: Owners) -> np.ndarray:
     return np.where(owners.rank == comm.rank, owners.place, np.int32(-1))
 
 
-def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int):
+def blocks_of(block: np.ndarray, column: np.ndarray, start: np.ndarray, n_columns: int) -> Any:
     """Build a scipy BSR array of blocks (k, 3, 3) with rows of blocks from start (rows + 1,)."""
     from scipy.sparse import bsr_array
 

@@ -1,11 +1,12 @@
 """Tangent stiffness of a net at its positions, for Newton's method."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from netfall.core.kernels import kernel, part_of_kernel
 from netfall.core.records import is_present
+from netfall.core.types import BoolArray, FloatArray, IntArray
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.bending import JointTangent
 from netfall.physics.elements import element_tangents, nodal_stiffness
@@ -14,6 +15,7 @@ from netfall.physics.state import State
 from netfall.physics.supports import largest_springs
 from netfall.statics.multigrid.joints import joint_tangent, with_joints
 from netfall.statics.multigrid.rows import BlockRows, Owners, Pattern, blocks_of
+from netfall.statics.relaxation import Net
 
 # stiffness over a node's stiffness [-] along a line on which it is held; single precision tolerates it
 GUIDE_STIFFNESS = 1e4
@@ -63,7 +65,7 @@ def tangent_of(state: State) -> Tangent:
     return Tangent(N, direction, axial, across, support, nodal, joints, between=between)
 
 
-def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarray) -> tuple:
+def _with_guides(support: np.ndarray | None, turned: np.ndarray, nodal: np.ndarray) -> tuple[Any, ...]:
     """Return `support` and `between` of a tangent with stiff springs along the lines held by supports.
 
     Nothing moves along these lines. The springs keep matrices positive definite and approximate inverses
@@ -110,7 +112,7 @@ def incidence_of(ends: np.ndarray, number: np.ndarray, rows: int) -> Incidence:
 
 
 @kernel
-def count_elements(ends, start):
+def count_elements(ends: IntArray, start: IntArray) -> None:
     """Fill start (rows + 1,), zeros, with the cumulative number of elements of the rows."""
     rows = start.shape[0] - 1
     for e in range(ends.shape[0]):
@@ -122,7 +124,9 @@ def count_elements(ends, start):
 
 
 @kernel
-def list_elements(ends, number, free_place, start, element, far):
+def list_elements(
+    ends: IntArray, number: IntArray, free_place: IntArray, start: IntArray, element: IntArray, far: IntArray
+) -> None:
     """Fill an `Incidence`; free_place : (rows,) a copy of start, overwritten."""
     rows = start.shape[0] - 1
     for e in range(ends.shape[0]):
@@ -139,14 +143,16 @@ def list_elements(ends, number, free_place, start, element, far):
 
 
 @part_of_kernel
-def _block_of(e, direction, axial, across, i, j):
+def _block_of(e: int, direction: FloatArray, axial: FloatArray, across: FloatArray, i: int, j: int) -> float:
     """Compute an entry of the stiffness [N/m] of one end of an element against itself."""
     along = (axial[e] - across[e]) * direction[e, i]
     return along * direction[e, j] + (across[e] if i == j else 0.0)
 
 
 @kernel
-def add_diagonal(ends, direction, axial, across, out):
+def add_diagonal(
+    ends: IntArray, direction: FloatArray, axial: FloatArray, across: FloatArray, out: FloatArray
+) -> None:
     """Add the elements' stiffness to the diagonal blocks (n, 3, 3) of first ends, then of second ones."""
     for end in range(2):
         for e in range(ends.shape[0]):
@@ -156,7 +162,9 @@ def add_diagonal(ends, direction, axial, across, out):
 
 
 @kernel
-def add_support_blocks(free, support, inertia, between, out):
+def add_support_blocks(
+    free: BoolArray, support: FloatArray, inertia: FloatArray, between: FloatArray, out: FloatArray
+) -> None:
     """Add supports to diagonal blocks (rows, 3, 3), then set held axes to 1. Others : of `block_matrix`
 
     support, between : empty if there is none
@@ -174,7 +182,19 @@ def add_support_blocks(free, support, inertia, between, out):
 
 
 @kernel
-def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, start, column, block):
+def fill_blocks(
+    at: Incidence,
+    ends: IntArray,
+    number: IntArray,
+    free: BoolArray,
+    direction: FloatArray,
+    axial: FloatArray,
+    across: FloatArray,
+    diagonal: FloatArray,
+    start: IntArray,
+    column: IntArray,
+    block: FloatArray,
+) -> None:
     """Fill the rows of a matrix: start (rows + 1,), column (k,), block (k, 3, 3) of zeros; k is a bound.
 
     at : `Incidence`; the others are of `block_matrix`; diagonal : (n, 3, 3)
@@ -210,8 +230,18 @@ def fill_blocks(at, ends, number, free, direction, axial, across, diagonal, star
 
 
 def block_matrix(
-    ends, direction, axial, across, free, support, inertia, number, at: Incidence, columns: int, between=None
-):
+    ends: IntArray,
+    direction: FloatArray,
+    axial: FloatArray,
+    across: FloatArray,
+    free: BoolArray,
+    support: FloatArray | None,
+    inertia: FloatArray,
+    number: IntArray,
+    at: Incidence,
+    columns: int,
+    between: Any = None,
+) -> Any:
     """Build the tangent stiffness as a scipy BSR matrix of 3 x 3 blocks, without held axes.
 
     ends : (m, 2); direction : (m, 3); axial, across : (m,) [N/m]; free : (n, 3) bool; support : (n, 3) or
@@ -232,7 +262,12 @@ def block_matrix(
 
 
 def tangent_rows(
-    distribution: Distribution, net, K: Tangent, at: Incidence, inertia: float, pattern: Pattern | None = None
+    distribution: Distribution,
+    net: Net,
+    K: Tangent,
+    at: Incidence,
+    inertia: float,
+    pattern: Pattern | None = None,
 ) -> BlockRows:
     """Build the tangent as a distributed matrix, without compression. Collective.
 
