@@ -7,7 +7,6 @@ frequency that the samples carry, by the Yule-Walker equations at the lags l_j. 
 would
 cover a fraction of a second of a process with a memory of half a minute. The lags therefore grow
 geometrically,
-from typing import Any
 from one step to the memory of the gust. The equations hold only between the lags, so the variance of the
 model
 is not exactly R(0). It is computed from the spectrum of the model, and Sigma is scaled to give R(0).
@@ -18,6 +17,7 @@ noise is a function of (seed, step). Similar speeds therefore give nearly the sa
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
