@@ -27,6 +27,13 @@ def init(arguments: Any) -> None:
     print_lines(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
 
 
+def schema(arguments: Namespace) -> None:
+    """Print the JSON schema of a job file: netfall schema"""
+    from netfall.job.json_schema import schema_text
+
+    print(schema_text(), end="")
+
+
 def check(arguments: Namespace) -> None:
     """Check a job: netfall check JOB"""
     from netfall.parallel.alone import start_mpi
@@ -124,9 +131,15 @@ def compile(arguments: Any) -> None:
 def info(arguments: Namespace) -> None:
     """Print a summary: netfall info RESULT"""
     from netfall.post.report.info import print_info
+    from netfall.post.report.info_json import print_info_json
     from netfall.study.answers.info import print_study
     from netfall.study.answers.read import is_study
 
+    if arguments.json:
+        if is_study(arguments.result):
+            raise InputError(f"{arguments.result}: --json is for the result of one run, not for a study file")
+        print_info_json(arguments.result, print)
+        return
     (print_study if is_study(arguments.result) else print_info)(arguments.result, print_lines)
 
 

@@ -12,14 +12,15 @@ from netfall.exchange.formats import endings
 
 VERBS = (
     *("check", "partition", "run", "info", "plot", "view", "report", "scale", "trade", "study"),
-    *("import", "export", "init", "compile"),
+    *("import", "export", "init", "schema", "compile"),
 )
 # Line of a command: its name, its argument JOB (with --set) or RESULT; its help.
 # Lines of its options: name, and the attribute if it differs; kind, or choices; value in the help; default;
 # help.
 COMMANDS = f"""
-/init | write a job to start from, with every key in it
-job | file | JOB | job.toml | default: job.toml
+/init | write a job to start from, with every key in it, and the schema with which editors complete it
+job | file | JOB | job.toml | default: job.toml, or the name of the example
+/schema | print the JSON schema of a job file, with which editors complete and check keys
 /check JOB | validate a job; print sizes, step limits, memory and expected run time; draw its net
 -o folder | Path | DIR | | folder for a picture of the net (default: none is drawn)
 /partition JOB | write partitions/NAME.graph and NAME.graph.part.P
@@ -29,9 +30,10 @@ job | file | JOB | job.toml | default: job.toml
 --restart | Path | CHECKPOINT | | go on from a checkpoint, on any number of ranks
 --walltime | duration | HH:MM:SS | | stop with a checkpoint (exit code 4) after this time
 --profile | flag | | | time forces, exchange and drift of every step too (some 0.2 microseconds a step)
---quiet | one flag | | | print errors only
---verbose | one flag | | | print residuals and step limits too
+-q/--quiet | one flag | | | print errors only
+-v/--verbose | one flag | | | print residuals and step limits too
 /info RESULT | what ran, how it ended and what broke first, of a result or study file
+--json | flag | | | print one JSON object instead of text
 /plot RESULT | pictures, or an animation, from a result or study file
 -o folder | Path | DIR | | folder of the pictures (default: beside the result file)
 --case | str | NAME | | one state at rest on a page of its own: a case, a stage, rest, statics, form
@@ -80,7 +82,7 @@ study | Path | STUDY | | a study file
     missing is run
 --retry | flag | | | run failed members again
 --launcher | str | COMMAND | | what starts the ranks (default: "mpirun -n {{ranks}}")
---quiet | flag | | | print errors only
+-q/--quiet | flag | | | print errors only
 /import | a drawing or mesh (.dxf, .json of COMPAS, .vtu) to tables, a picture and a first job
 drawing | Path | FILE | |
 -o folder | Path | FOLDER | required | folder for the tables, the picture, the report and the job
@@ -101,6 +103,8 @@ drawing | Path | FILE | |
 """
 EXAMPLES = """
 netfall init roof.toml
+netfall init --example dome
+netfall schema > netfall.schema.json
 netfall check jobs/stadium.toml -o pictures
 netfall check roof.toml --set wind.speed=45 --set cable.prestress=80e3
 netfall partition jobs/stadium.toml -n 8
@@ -180,7 +184,7 @@ def _add(verb: Any, name: str, kind: str, what: str, default: str, text: str) ->
             settings["required"] = True
         elif default:
             settings |= {"default": default} | ({} if name.startswith("-") else {"nargs": "?"})
-    verb.add_argument(name, help=text or None, **settings)
+    verb.add_argument(*name.split("/"), help=text or None, **settings)
 
 
 def shown(verb: str) -> str:

@@ -1,5 +1,6 @@
 """JSON schema of a job file, with which editors complete keys and mark wrong ones."""
 
+import json
 from typing import Any
 
 from pydantic import Field, create_model
@@ -21,6 +22,11 @@ def job_schema() -> dict[str, Any]:
         fields[name] = (list[model], Field([], description=f"entries [[{name}]]"))  # type: ignore[valid-type]
     job = create_model("Job", __base__=Top, __doc__="Job file of netfall.", **fields)
     return _with_units(job.model_json_schema())
+
+
+def schema_text() -> str:
+    """Return the schema as the text of a file."""
+    return json.dumps(job_schema(), indent=1) + "\n"
 
 
 def _with_units(node: Any) -> Any:

@@ -1,0 +1,105 @@
+"""Contents of a result file for other programs: netfall info --json."""
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from netfall.core.functions import lengths
+from netfall.results import file, states
+
+
+def print_info_json(path: Path, say: Callable[[str], None]) -> None:
+    """Print the summary of a result file as one JSON object in SI units. Raises InputError for a wrong file."""
+    with file.open_checked(path) as f:
+        say(json.dumps(plain(info_of_result(f)), indent=2, allow_nan=False))
+
+
+def info_of_result(f: h5py.File) -> dict[str, Any]:
+    """Return the summary of a result file: run, net, form, equilibria, dynamics, fractures, messages."""
+    provenance, notes = f["provenance"].attrs, file.notes_of_run(f)
+    warnings = [line for line in notes if line.startswith("warning:")]
+    info: dict[str, Any] = {
+        "file": Path(f.filename).name,
+        "title": file.result_title(f),
+        "netfall": provenance["netfall"],
+        "exit_state": provenance["exit_state"],
+        "ranks": provenance["ranks"],
+        "overrides": file.provenance_text(f, "overrides").splitlines(),
+        "particles": len(f["net/particles"]),
+        "elements": len(f["net/elements"]),
+        "roof_area": f["net/tributary_area"][:].sum(),
+        "warnings": warnings,
+        "notes": [line for line in notes if line not in warnings],
+        "equilibria": {path: _equilibrium(f, path) for path in states.equilibrium_groups(f)},
+        "seconds": {name: np.max(value) for name, value in f["provenance/timings"].attrs.items()},
+    }
+    if "form_finding" in f:
+        g = f["form_finding"]
+        info["form_finding"] = {
+            "iterations": g["iterations"][()],
+            "residual": g["residual"][()],
+            "equilibrium": not states.no_equilibrium(g),
+            **_range(g["tension"][:]),
+        }
+    if "history" in f:
+        info |= {"dynamics": _dynamics(f), "fractures": _fractures(f)}
+    return info
+
+
+def _equilibrium(f: h5py.File, path: str) -> dict[str, Any]:
+    """Return the last equilibrium of a group."""
+    x = states.form_position(f) if path.startswith("stages/") else states.start_position(f)
+    g, last = f[path], list(states.group_equilibria(f, path))[-1]
+    displacement = lengths(last.position() - x)
+    return {
+        "title": states.group_title(f, path),
+        "state": g.attrs["state"],
+        "load_factor": g.attrs["load_factor"],
+        "reason": g.attrs["reason"],
+        "elements": g.attrs["elements"],
+        "displacement_max": displacement.max(),
+        "displacement_max_node": f["net/node_id"][displacement.argmax()],
+        "slack": np.ravel(g["slack"][()])[-1],
+        "stable": np.all(g["stable"][()]),
+        **_range(last.tension()[~states.absent(f, path)]),
+    }
+
+
+def _range(tension: np.ndarray) -> dict[str, float]:
+    """Return the smallest and the largest tension [N]."""
+    return {"tension_min": tension.min(), "tension_max": tension.max()}
+
+
+def _dynamics(f: h5py.File) -> dict[str, Any]:
+    """Return steps, energies at the end, and errors of the energies."""
+    h, provenance = f["history"], f["provenance"].attrs
+    at_end = {name: h[name][-1] for name in h if h[name].ndim == 1 and len(h[name])}
+    errors = {f"{name}_max": np.abs(h[name][:]).max() for name in h if name.endswith("_error")}
+    steps = {"steps": provenance["steps"], "time_step": provenance["time_step"]}
+    return steps | {"at_end": at_end} | errors
+
+
+def _fractures(f: h5py.File) -> list[dict[str, Any]]:
+    """Return each fracture with the ids of the tables."""
+    events, element_id = f["events"], f["net/element_id"][:]
+    columns = {name: events[name][:] for name in ("time", "step", "strain", "node_id")}
+    columns["element"] = element_id[events["element"][:]]
+    return [dict(zip(columns, row)) for row in zip(*columns.values())]
+
+
+def plain(value: Any) -> Any:
+    """Return a value with numbers and arrays of numpy as json holds them; nan and infinity are null."""
+    if isinstance(value, dict):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
