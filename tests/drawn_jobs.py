@@ -202,7 +202,10 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
         rows = [[word, *(f * v for v in (DENSITY * AREA, EA, AREA))] for word, f in (("A", 1), ("B", 1.4))]
         head = "name,mass_per_length,axial_stiffness,area,breaking_load\n"
         tables["types.csv"] = head + "".join(f"{','.join(map(str, row))},\n" for row in rows)
-    own |= {"prestress": PRESTRESS, "strain": "logarithmic" if scene["logarithmic"] else "engineering"}
+    own |= {
+        "prestress": PRESTRESS,
+        "strain_measure": "logarithmic" if scene["logarithmic"] else "engineering",
+    }
     thick = {"modulus": {"area": 1.4 * AREA}, "stiffness": {"axial_stiffness": 1.4 * EA}}.get(kind) or {
         "type": "B"
     }
@@ -223,11 +226,11 @@ def draw_cables(draw, scene: dict, tables: dict) -> dict:
         if scene["plastic"] and not scene["bars"] and chance(draw, 3):
             own["breaking_load"] = 0.98 * YIELD
     if (scene["fracture"] or scene["plastic"]) and chance(draw):
-        own |= {"strength_deviation": 0.1, "strength_seed": draw(st.integers(0, 99))}
+        own |= {"strength_cov": 0.1, "strength_seed": draw(st.integers(0, 99))}
     if chance(draw, 3):
-        own["expansion"] = 1.5e-5
+        own["thermal_expansion"] = 1.5e-5
     groups = {"strut": strut if scene["bars"] else None, "thick": thick if scene["sections"] else None}
-    return own | {name: keys for name, keys in groups.items() if keys}
+    return own, {name: keys for name, keys in groups.items() if keys}
 
 
 def draw_load(draw, scene: dict, rng, zones: list) -> dict:
@@ -251,9 +254,9 @@ def draw_load(draw, scene: dict, rng, zones: list) -> dict:
         if scene["growing"]:
             load["zone"][zones[0]]["pressure"] = [5.0, 5.0, -30.0]
         if scene["air"]:
-            load["zone"][zones[0]]["air_mass"] = 1.0
+            load["zone"][zones[0]]["added_mass"] = 1.0
     if scene["air"]:
-        load["air_mass"] = 0.3
+        load["added_mass"] = 0.3
     return load
 
 
@@ -305,22 +308,22 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
         rows = [f"t{k},{net.points[p, 0]!r},{net.points[p, 1]!r}\n" for k, p in enumerate(place)]
         tables["taps.csv"] = "name,x,y\n" + "".join(rows).replace("np.float64(", "").replace(")", "")
         wind |= {"pressures": "pressures.csv", "taps": "taps.csv"}
-        return wind | ({"speed": speed, "air_damping": 0.8} if scene["air"] else {})
+        return wind | ({"speed": speed, "aerodynamic_damping": 0.8} if scene["air"] else {})
     wind |= {"profile_exponent": draw(st.sampled_from((0.0, 0.16))), "base_height": 20.0}
     coefficients(draw, wind, rng, zones, tables)
     if scene["air"]:
-        wind["air_damping"] = 1.0
+        wind["aerodynamic_damping"] = 1.0
         if zones:
-            wind.setdefault("zone", {}).setdefault(zones[-1], {})["air_damping"] = 0.3
+            wind.setdefault("zone", {}).setdefault(zones[-1], {})["aerodynamic_damping"] = 0.3
     if kind in ("steady", "gusts"):
-        wind |= {"speed": speed, "roughness": 0.05 if kind == "gusts" else 0.0}
-    if kind == "gusts":
+        wind |= {"speed": speed, "surface_drag": 0.05 if kind == "gusts" else 0.0}
+    if kind == "gust_field":
         if chance(draw):
-            wind["turbulence"] = float(rng.uniform(0.1, 0.3))
-            del wind["roughness"]
+            wind["turbulence_intensity"] = float(rng.uniform(0.1, 0.3))
+            del wind["surface_drag"]
         wind |= {"time_step": duration / 13.0, "control_points": 6, "ar_order": draw(st.integers(2, 14))}
         wind |= {"seed": draw(st.integers(0, 999)), "air_density": 1.2}
-        wind["gusts"] = ("points", "means")[wind["seed"] % 2]
+        wind["gust_field"] = ("point", "area_mean")[wind["seed"] % 2]
         wind["spectrum"] = draw(st.sampled_from(("davenport", "kaimal", "von_karman", "en1991")))
         wind["gust_length"] = 60.0  # m; what is longer lasts too many of these samples
         if chance(draw):
@@ -343,15 +346,15 @@ def draw_wind(draw, scene: dict, net: DrawnNet, rng, duration: float, zones: lis
 def coefficients(draw, wind: dict, rng, zones: list, tables: dict) -> None:
     """Shape coefficients of the roof and of zones, or both by the direction."""
     if chance(draw, 3):
-        of = ["shape_coefficient", *zones[:1]]
+        of = ["pressure_coefficient", *zones[:1]]
         rows = [[direction, *rng.uniform(-2.0, -0.5, len(of))] for direction in (0.0, 90.0, 200.0)]
         text = "".join(",".join(map(number, row)) + "\n" for row in rows)
         tables["sectors.csv"] = ",".join(["direction", *of]) + "\n" + text
         wind |= {"sectors": "sectors.csv", "direction": float(rng.uniform(-180, 180))}
         return
-    wind["shape_coefficient"] = float(rng.uniform(-2.0, 2.0))
+    wind["pressure_coefficient"] = float(rng.uniform(-2.0, 2.0))
     if zones and chance(draw):
-        wind["zone"] = {zones[-1]: {"shape_coefficient": float(rng.uniform(-2.0, 2.0))}}
+        wind["zone"] = {zones[-1]: {"pressure_coefficient": float(rng.uniform(-2.0, 2.0))}}
 
 
 def draw_losses(draw, scene: dict, net: DrawnNet, columns: dict, rng, duration: float) -> list:
@@ -425,16 +428,14 @@ def draw_output(draw, scene: dict, net: DrawnNet, rng, duration: float) -> dict:
     """[output]: rows and frames that divide the duration and that do not."""
     keys = {
         "frames": draw(st.integers(1, 9)),
-        "history": duration / draw(st.sampled_from((5.0, 8.3, 20.0))),
+        "history_interval": duration / draw(st.sampled_from((5.0, 8.3, 20.0))),
         "energy": scene["energy"],
-        "checkpoint": duration / draw(st.sampled_from((2.5, 3.3, 6.1))),
+        "checkpoint_interval": duration / draw(st.sampled_from((2.5, 3.3, 6.1))),
     }
     if chance(draw):
         place = net.points[int(rng.integers(len(net.points)))]
         keys["probes"] = [net.names[0], [float(c) for c in place[:2]], [float(c) for c in place]]
         keys["elements"] = [net.ids[0], net.ids[-1]]
-    if chance(draw, 6):
-        keys["modes"] = 2
     return keys
 
 
@@ -445,7 +446,7 @@ def jobs(draw, scenes=SCENES) -> DrawnJob:
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     net, tables = draw_net(draw, scene, rng), {}
     form = draw(FORMS if scene["rests"] else LINEAR)
-    cable = draw_cables(draw, scene, tables)
+    cable, groups = draw_cables(draw, scene, tables)
     nodes = node_columns(draw, scene, net, rng)
     elements = element_columns(draw, scene, net, rng, form, "types.csv" in tables)
     zones, names = draw_zones(draw, net, nodes)
@@ -457,12 +458,14 @@ def jobs(draw, scenes=SCENES) -> DrawnJob:
         "title": "drawn",
         "net": {"nodes": "nodes.csv", "elements": "elements.csv", "subdivide": subdivide},
         "cable": cable,
+        "group": groups or None,
         "form_finding": form,
         "load": draw_load(draw, scene, rng, names),
         "roof": draw_roof(draw, net, tables),
         "zone": zones,
         "wind": draw_wind(draw, scene, net, rng, duration, names, tables) if scene["wind"] else None,
         "output": draw_output(draw, scene, net, rng, duration),
+        "modes": {"count": 2} if chance(draw, 6) else None,
         "dynamics": draw_dynamics(draw, scene, dt, duration),
     }
     if scene["rests"] and chance(draw, 5):
@@ -491,12 +494,12 @@ def draw_dynamics(draw, scene: dict, dt: float, duration: float) -> dict:
     keys = {
         "duration": duration,
         "time_step": "auto" if chance(draw, 4) else dt,
-        "damping": draw(st.sampled_from((0.0, 0.8))),
+        "mass_damping": draw(st.sampled_from((0.0, 0.8))),
         "fragments": scene["fragments"],
         "fragment_mass": draw(st.sampled_from((0.5, 0.05, 0.0))),
     }
     if scene["band"]:
-        keys |= {"damping_ratio": 0.005, "damping_band": [1.0 / duration, 30.0 / duration]}
+        keys |= {"axial_damping_ratio": 0.005, "axial_damping_band": [1.0 / duration, 30.0 / duration]}
     if chance(draw, 4):
         keys["safety"] = 0.6
     if not (scene["fragments"] and scene["fracture"]) and chance(draw, 3):

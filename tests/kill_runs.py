@@ -28,6 +28,7 @@ from results import assert_same_results
 
 JOB = """[net]
 generator = "saddle"
+[net.saddle]
 side = 40.0
 cells = 8
 [cable]
@@ -44,19 +45,19 @@ self_weight = true
 [wind]
 onset = "sudden"
 speed = 60.0
-shape_coefficient = -3.0
+pressure_coefficient = -3.0
 base_height = 10.0
-roughness = 0.03
-gusts = "points"
+surface_drag = 0.03
+gust_field = "point"
 seed = 3
 [dynamics]
 duration = 0.4
 time_step = 2e-5
-damping = 0.2
+mass_damping = 0.2
 [output]
-history = 0.005
+history_interval = 0.005
 frames = 80
-checkpoint = 0.02
+checkpoint_interval = 0.02
 probes = [[0.0, 0.0]]
 """
 HANG = 60.0  # s after which what is left of a killed run counts as hanging

@@ -90,7 +90,7 @@ class LoadedNet:
         if "taps" in self.features:
             pressure = float(self.tables["pressures.csv"].splitlines()[1].split(",")[1])
             return -pressure * self.area[:, None] * self.normal
-        return self.of_wind(wind["speed"], wind["shape_coefficient"], x, wind)
+        return self.of_wind(wind["speed"], wind["pressure_coefficient"], x, wind)
 
 
 def loaded_net(seed: int) -> LoadedNet:
@@ -232,15 +232,22 @@ def _supports(net: LoadedNet, nodes: dict, rng) -> None:
 def _job(net: LoadedNet, nodes: dict, rng) -> None:
     """The sections of the job."""
     has, between = net.features, lambda low, high: float(rng.uniform(low, high))
-    cable = {"modulus": MODULUS, "area": AREA, "density": DENSITY, "prestress": FORCE, "expansion": 1.2e-5}
-    cable["strain"] = "logarithmic" if "logarithmic" in has else "engineering"
+    cable = {
+        "modulus": MODULUS,
+        "area": AREA,
+        "density": DENSITY,
+        "prestress": FORCE,
+        "thermal_expansion": 1.2e-5,
+    }
+    groups: dict = {}
+    cable["strain_measure"] = "logarithmic" if "logarithmic" in has else "engineering"
     if "yield" in has:
         cable["yield_stress"] = between(1.2, 2.0) * FORCE / AREA
     if "bars" in has:
-        cable["strut"] = {"kind": "bar"} | ({"yield_stress": 1e12} if "yield" in has else {})
+        groups["strut"] = {"kind": "bar"} | ({"yield_stress": 1e12} if "yield" in has else {})
     if "bending" in has:
-        cable["beam"] = {"kind": "bar", "area": BEAM_AREA, "density": BEAM_DENSITY}
-        cable["beam"] |= {"second_moment": between(3e-4, 1e-3), "bending": True}
+        groups["beam"] = {"kind": "bar", "area": BEAM_AREA, "density": BEAM_DENSITY}
+        groups["beam"] |= {"second_moment": between(3e-4, 1e-3), "bending": True}
     load = {
         "self_weight": "weight" in has,
         "steps": int(rng.integers(1, 3)),
@@ -259,6 +266,7 @@ def _job(net: LoadedNet, nodes: dict, rng) -> None:
         "title": "loaded",
         "net": {"nodes": "nodes.csv", "elements": "elements.csv"},
         "cable": cable,
+        "group": groups,
         "load": load,
     }
     if "subdivided" in has:
@@ -273,22 +281,22 @@ def _job(net: LoadedNet, nodes: dict, rng) -> None:
         if "loaded_form" in has:
             net.job["form_finding"]["loads"] = "permanent"
     if "targets" in has:
-        net.job["target"] = [{"group": "stay", "force": 0.15 * FORCE, "by": "stay"}]
+        net.job["target"] = [{"group": "stay", "force": 0.15 * FORCE, "adjust": "stay"}]
     if "slide" in has:
         rope = [p + 10 for p in nodes["rope"]]
         friction = [0.0, 0.1, 0.3][int(rng.integers(3))]
         net.job["slide"] = [{"group": "rope", "nodes": [rope[1], rope[-2]], "friction": friction}]
         if "clamps" in has:
-            net.job["slide"].append({"group": "rope", "nodes": rope[2:4], "resistance": 40e3})
+            net.job["slide"].append({"group": "rope", "nodes": rope[2:4], "slip_resistance": 40e3})
     if "stages" in has:
         net.job["stage"] = _stages(net, nodes, rng)
     if "cases" in has:
         _cases(net, nodes, rng)
     if has & {"wind", "band"}:
-        net.job["dynamics"] = {"duration": 2e-3, "damping": 0.5}
+        net.job["dynamics"] = {"duration": 2e-3, "mass_damping": 0.5}
         net.job["output"] = {"frames": 1}
     if "band" in has:
-        net.job["dynamics"] |= {"damping_ratio": between(0.005, 0.08), "damping_band": [0.3, 9.0]}
+        net.job["dynamics"] |= {"axial_damping_ratio": between(0.005, 0.08), "axial_damping_band": [0.3, 9.0]}
     if "wind" in has:
         net.job["wind"] = {"onset": "static", "ramp": 0.0, "after_fracture": "particle"}
         if "taps" in has:
@@ -297,9 +305,9 @@ def _job(net: LoadedNet, nodes: dict, rng) -> None:
             net.tables["taps.csv"] = table({"name": ["t"], "x": ["3"], "y": ["4"]})
             net.job["wind"] |= {"pressures": "pressures.csv", "taps": "taps.csv"}
         else:
-            net.job["wind"] |= {"speed": between(5.0, 15.0), "roughness": 0.0, "gusts": "points"}
+            net.job["wind"] |= {"speed": between(5.0, 15.0), "surface_drag": 0.0, "gust_field": "point"}
             net.job["wind"] |= {"profile_exponent": [0.0, 0.2][int(rng.integers(2))], "base_height": 6.0}
-            net.job["wind"]["shape_coefficient"] = between(-1.5, 1.5)
+            net.job["wind"]["pressure_coefficient"] = between(-1.5, 1.5)
 
 
 def _stages(net: LoadedNet, nodes: dict, rng) -> list[dict]:
@@ -339,7 +347,7 @@ def _cases(net: LoadedNet, nodes: dict, rng) -> None:
         p = int(rng.choice([p for p in nodes["edge"] if able[p]]))
         cases.append({"name": "sunk", "settlement": {str(p + 10): rng.uniform(-0.02, 0.02, 3).tolist()}})
     if "static_wind" in has:
-        wind = {"speed": between(5.0, 15.0), "shape_coefficient": between(-1.2, 1.2), "base_height": 6.0}
+        wind = {"speed": between(5.0, 15.0), "pressure_coefficient": between(-1.2, 1.2), "base_height": 6.0}
         wind |= {"profile_exponent": 0.2, "direction": between(-180.0, 180.0), "pressure_factor": 1.5}
         cases.append({"name": "blown", "set": {f"wind.{key}": value for key, value in wind.items()}})
     if "tables" in has:
@@ -363,7 +371,7 @@ def case_load(net: LoadedNet, case: dict, x: np.ndarray) -> np.ndarray:
     force, changed = np.zeros_like(net.x), case.get("set", {})
     wind = {key.partition(".")[2]: value for key, value in changed.items() if key.startswith("wind.")}
     if wind:
-        force += wind["pressure_factor"] * net.of_wind(wind["speed"], wind["shape_coefficient"], x, wind)
+        force += wind["pressure_factor"] * net.of_wind(wind["speed"], wind["pressure_coefficient"], x, wind)
     if "pressure_table" in case:
         pressure = float(net.tables["case.csv"].splitlines()[1].split(",")[2])
         force += -pressure * net.area[:, None] * net.normal

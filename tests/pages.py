@@ -17,7 +17,8 @@ from pathlib import Path
 from netfall.cli.parser import parser
 from netfall.explicit.history import COLUMNS
 from netfall.job.fields import Key
-from netfall.job.schema import GENERATOR_KEYS, LIST_KEYS, OVERRIDES, SECTIONS
+from netfall.job.models import GLOBAL_CABLE_KEYS
+from netfall.job.schema import LIST_KEYS, TABLES, ZONE_KEYS
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "netfall"
@@ -25,7 +26,7 @@ WIDEST = 110  # characters of a line of a page
 PACKAGES = (  # each imports from those before it
     *("core", "physics", "physics/law", "physics/slip", "job", "geometry", "geometry/generators", "parallel"),
     *("loads", "loads/wind", "model", "explicit", "results", "statics", "statics/multigrid", "statics/form"),
-    *("driver", "driver/erection", "driver/messages", "study", "study/answers"),
+    *("driver", "driver/erection", "driver/removal", "driver/messages", "study", "study/answers"),
     *("post", "post/checks", "post/plots", "post/plots/study", "post/report", "post/page", "post/accuracy"),
     *("exchange", "exchange/formats", "exchange/drawings", "api", "cli"),
 )
@@ -125,28 +126,18 @@ def table_of_keys(keys: tuple[Key, ...]) -> str:
 
 def overridden(section: str) -> str:
     """The sentence on the tables inside a section that override some of its keys; empty without them."""
-    if section not in OVERRIDES:
-        return ""
-    inside, keys = OVERRIDES[section]
-    place = f"[{section}.{inside}.NAME]" if inside else f"[{section}.GROUP]"
-    names = ", ".join(f"`{key.name}`" for key in keys)
-    others = [f"`{key.name}`" for key in SECTIONS[section] if key.name not in {each.name for each in keys}]
-    all_but = f"every key but {', '.join(others)}"
-    return f"\n\n`{place}` may give {names if len(keys) < len(others) else all_but}."
-
-
-def generators() -> str:
-    """The table of the keys that each generator of [net] takes."""
-    rows = [
-        f"| `{name}` | {', '.join(f'`{key}`' for key in keys)} |" for name, keys in GENERATOR_KEYS.items()
-    ]
-    return "\n".join(["| generator | its keys |", "|---|---|", *rows])
+    if section == "cable":
+        others = ", ".join(f"`{name}`" for name in GLOBAL_CABLE_KEYS)
+        return f"\n\n`[group.NAME]` may give every key but {others}."
+    if section in ZONE_KEYS:
+        names = ", ".join(f"`{key.name}`" for key in ZONE_KEYS[section])
+        return f"\n\n`[{section}.zone.NAME]` may give {names}."
+    return ""
 
 
 def keys_of(section: str, keys: tuple[Key, ...]) -> str:
     """What jobs/KEYS.md has of a section or of the entries of a list."""
-    more = f"\n\n{generators()}" if section == "net" else overridden(section)
-    return table_of_keys(keys) + more
+    return table_of_keys(keys) + overridden(section)
 
 
 # --- the options of the commands
@@ -223,10 +214,7 @@ RUNNING = ROOT / "jobs" / "RUNNING.md"
 PAGES = {  # page: its text as the code says it
     KEYS: lambda: with_parts(
         KEYS,
-        {
-            f"keys of {name or 'the job'}": keys_of(name, keys)
-            for name, keys in (SECTIONS | LIST_KEYS).items()
-        },
+        {f"keys of {name or 'the job'}": keys_of(name, keys) for name, keys in (TABLES | LIST_KEYS).items()},
     ),
     RESULTS: lambda: with_history_rows(RESULTS),
     RUNNING: lambda: with_parts(RUNNING, {"options": options()}),

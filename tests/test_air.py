@@ -6,7 +6,7 @@ from conftest import STEEL
 
 RHO = 1.25
 BARE = STEEL.replace("prestress = 100e3\n", "")
-STEADY = '[wind]\nonset = "sudden"\nspeed = 20.0\nroughness = 0.0\nprofile_exponent = 0.0\n'
+STEADY = '[wind]\nonset = "sudden"\nspeed = 20.0\nsurface_drag = 0.0\nprofile_exponent = 0.0\n'
 PLATE = "id,x,y,z,fixed,mass,load_z,area,normal_x,normal_y,normal_z\n1,0,0,0,1,0,0,0,0,0,1\n"
 
 
@@ -14,9 +14,10 @@ def free_plate(kappa, step, damping=0.0, air=0.0):
     """A plate of 4 m2 and 100 kg under 500 N upward, on a cable that is slack for as long as it flies."""
     nodes = PLATE + "2,0,0,-9,0,100,500,4,0,0,1\n"
     text = BARE + STEADY
-    text += f"shape_coefficient = 0.0\nair_damping = {kappa}\n[load]\nself_weight = false\nair_mass = {air}\n"
-    text += f"[dynamics]\nduration = 1.0\ntime_step = {step}\ndamping = {damping}\n"
-    text += f"[output]\nhistory = {step}\nprobes = [2]\n"
+    text += f"pressure_coefficient = 0.0\naerodynamic_damping = {kappa}\n"
+    text += f"[load]\nself_weight = false\nadded_mass = {air}\n"
+    text += f"[dynamics]\nduration = 1.0\ntime_step = {step}\nmass_damping = {damping}\n"
+    text += f"[output]\nhistory_interval = {step}\nprobes = [2]\n"
     return text, nodes, "start,end,unstressed_length\n1,2,10.0\n"
 
 
@@ -63,7 +64,7 @@ def test_between_samples_of_the_wind_the_factor_of_the_air_is_linear(workshop):
     kappa, step = 0.7, 2e-3
     text, nodes, elements = free_plate(kappa, step)
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n0.4,40\n1,10\n")
-    text = text.replace("speed = 20.0", 'file = "wind.csv"').replace("roughness = 0.0\n", "")
+    text = text.replace("speed = 20.0", 'file = "wind.csv"').replace("surface_drag = 0.0\n", "")
     f = workshop.solve(text, nodes, elements)
     z, M = f["history/probe_displacement"][:, 0, 2], 100.0 + HALF_CABLE
     factor = lambda U, dt: kappa * RHO * 4.0 * U / (1 + 0.5 * dt / M * kappa * RHO * 4.0 * U)
@@ -91,8 +92,10 @@ def hanging_plate(extra, damping=0.0):
     """A plate of 8 m2 and 1000 kg on a 10 m cable, let go 1 mm below its rest; the load keeps it taut."""
     L = 10.0 * (1 + 20e3 / (1.95e11 * 683.08e-6)) + 1e-3
     nodes = PLATE + f"2,0,0,{-L!r},0,1000,-20e3,8,0,0,1\n"
-    text = BARE + STEADY + f"shape_coefficient = 0.0\n{extra}\n[dynamics]\nduration = 0.5\ntime_step = 2e-5\n"
-    text += f"damping = {damping}\n[output]\nhistory = 2e-4\nprobes = [2]\nmodes = 3\n"
+    text = (
+        BARE + STEADY + f"pressure_coefficient = 0.0\n{extra}\n[dynamics]\nduration = 0.5\ntime_step = 2e-5\n"
+    )
+    text += f"mass_damping = {damping}\n[output]\nhistory_interval = 2e-4\nprobes = [2]\n[modes]\ncount = 3\n"
     return text, nodes, "start,end,unstressed_length\n1,2,10.0\n"
 
 
@@ -110,7 +113,7 @@ def decrement(f):
 
 def test_a_plate_on_a_spring_has_the_decrement_of_the_air(workshop):
     """2 pi xi / sqrt(1 - xi^2), xi = kappa rho U A / (2 M omega): to 1e-4, the peaks' interpolation."""
-    f = workshop.solve(*hanging_plate("air_damping = 2.0"))
+    f = workshop.solve(*hanging_plate("aerodynamic_damping = 2.0"))
     M, k = 1000.0 + HALF_CABLE, 1.95e11 * 683.08e-6 / 10.0
     xi = 2.0 * RHO * 20.0 * 8.0 / (2 * M * np.sqrt(k / M))
     assert decrement(f) == pytest.approx(2 * np.pi * xi / np.sqrt(1 - xi**2), rel=1e-4)
@@ -120,9 +123,9 @@ def test_a_plate_on_a_spring_has_the_decrement_of_the_air(workshop):
 
 def test_air_that_moves_along_lengthens_the_period_of_a_known_mode(workshop):
     """30 kg/m2: the period times sqrt(1 + m_air / m) in /modes, and in the motion; its weight is nothing."""
-    text, nodes, elements = hanging_plate("[load]\nself_weight = false\nair_mass = 30.0")
+    text, nodes, elements = hanging_plate("[load]\nself_weight = false\nadded_mass = 30.0")
     f = workshop.solve(text, nodes, elements, output="with.vtkhdf")
-    bare = workshop.solve(text.replace("air_mass = 30.0", ""), nodes, elements)
+    bare = workshop.solve(text.replace("added_mass = 30.0", ""), nodes, elements)
     own = 1000.0 + HALF_CABLE
     longer = np.sqrt(1.0 + 30.0 * 8.0 / own)
     assert f["modes/period"][2] == pytest.approx(longer * bare["modes/period"][2], rel=1e-12)

@@ -177,7 +177,7 @@ def test_the_resultant_of_a_pressure_is_that_on_the_outline(workshop, rise):
     The wind of 20 m/s, of 250 N/m2, 4 kN up, and a suction at taps likewise.
     """
     text = SOFT + "[load]\nself_weight = false\npressure = 10.0\n[dynamics]\nduration = 0.01\n"
-    wind = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\nprofile_exponent = 0.0\n"
+    wind = "[wind]\nspeed = 20.0\nsurface_drag = 0.0\npressure_coefficient = -1.0\nprofile_exponent = 0.0\n"
     job = read_job(workshop.job(text + wind, *dome_tables(rise)))
     layout = make_layout(job, 1)
     model = make_model(job, layout, layout.net.x, None)
@@ -346,7 +346,9 @@ def test_a_positive_pressure_presses_on_the_roof(workshop, load, sign):
 @pytest.mark.parametrize("coefficient", [0.8, -0.8])
 def test_suction_lifts_and_a_positive_coefficient_presses(workshop, coefficient):
     """A steady wind moves the middle against the sign of the coefficient."""
-    wind = f"[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+    wind = (
+        f"[wind]\nonset = 'sudden'\nspeed = 10.0\nsurface_drag = 0.0\npressure_coefficient = {coefficient}\n"
+    )
     wind += "base_height = 10.0\n"
     wind += "[dynamics]\nduration = 0.02\n"
     with workshop.solve(SOFT + wind, *grid_tables()) as f:

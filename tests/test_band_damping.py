@@ -7,7 +7,7 @@ from test_motion import BAR, oscillators
 
 from netfall.physics.law.branches import band_branches, branch_stiffening
 
-BAND = "damping_ratio = 0.01\ndamping_band = [0.3, 9.0]\n"
+BAND = "axial_damping_ratio = 0.01\naxial_damping_band = [0.3, 9.0]\n"
 
 
 def struck(workshop, frequencies, keys, duration, step=5e-4):
@@ -52,7 +52,7 @@ HUNG_NODES = "id,x,y,z,fixed,load_z,mass\n4,0,0,0,1,,\n9,0,0,-10,0,-20000,1000\n
 HUNG_ELEMENTS = "start,end\n4,9\n"
 HUNG = (
     "[cable]\nmodulus = 1.6e11\narea = 100e-6\ndensity = 0.001\n[dynamics]\nduration = {duration}\n"
-    "time_step = 2e-4\n{keys}[output]\nprobes = [9]\nelements = [0]\nhistory = 2e-4\n"
+    "time_step = 2e-4\n{keys}[output]\nprobes = [9]\nelements = [0]\nhistory_interval = 2e-4\n"
 )
 
 
@@ -69,7 +69,7 @@ def test_the_step_is_shorter_by_the_stiffness_of_the_branches(workshop):
 
 def test_what_is_written_swings_by_less_than_what_is_carried_and_a_note_says_how_much(workshop):
     """A weight let go on a cable is stopped by more force than is written, by what the note bounds."""
-    keys = "damping_ratio = 0.02\ndamping_band = [1.0, 20.0]\n"
+    keys = "axial_damping_ratio = 0.02\naxial_damping_band = [1.0, 20.0]\n"
     f = workshop.solve(HUNG.format(keys=keys, duration=0.2), HUNG_NODES, HUNG_ELEMENTS)
     t, z = f["history/time"][:], f["history/probe_displacement"][:, 0, 2]
     carried = 20e3 + 1000.0 * np.gradient(np.gradient(z, t), t)
@@ -101,8 +101,8 @@ def test_a_cable_that_goes_slack_is_never_in_compression_and_balances(workshop):
 @pytest.mark.parametrize(
     "keys, message",
     [
-        ("damping_ratio = 0.01\n", "damping_band: missing"),
-        ("damping_ratio = 0.01\ndamping_band = [9.0, 0.3]\n", "the second larger"),
+        ("axial_damping_ratio = 0.01\n", "axial_damping_band: missing"),
+        ("axial_damping_ratio = 0.01\naxial_damping_band = [9.0, 0.3]\n", "the second larger"),
     ],
 )
 def test_wrong_bands_are_refused(workshop, keys, message):
@@ -115,11 +115,13 @@ def test_wrong_bands_are_refused(workshop, keys, message):
 def test_modes_tell_what_the_branches_damp(workshop):
     """On bars all of the stiffness is stretch: the ratio that is asked; across a string it is prestress."""
     text, nodes, elements = oscillators([1.0], "", 1e-4, 0.01)
-    text = text.replace("[dynamics]", "[dynamics]\n" + BAND).replace("[output]", "[output]\nmodes = 1")
+    text = text.replace("[dynamics]", "[dynamics]\n" + BAND).replace(
+        "[output]", "[modes]\ncount = 1\n[output]"
+    )
     f = workshop.solve(text, nodes, elements)
     assert f["modes/band_damping_ratio"][0] == pytest.approx(0.01, rel=0.08)
     nodes = "id,x,y,z,fixed,mass\n0,0,0,0,1,0\n1,10,0,0,0,100\n2,20,0,0,1,0\n"
     text = BAR.replace('kind = "bar"\n', "prestress = 500.0\n")
-    text += f"[dynamics]\nduration = 0.01\n{BAND}[output]\nmodes = 1\n"
+    text += f"[dynamics]\nduration = 0.01\n{BAND}[modes]\ncount = 1\n"
     f = workshop.solve(text, nodes, "start,end\n0,1\n1,2\n", output="string.vtkhdf")
     assert abs(f["modes/band_damping_ratio"][0]) < 1e-9

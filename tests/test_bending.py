@@ -304,14 +304,14 @@ def test_the_search_for_buckling_knows_of_bending(workshop):
         assert not f["statics/stable"][-1] and f["statics"].attrs["state"] == "unstable"
 
 
-RING = STEEL + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5) + "[cable.other]\n"
+RING = STEEL + "[group.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5) + "[group.other]\n"
 RING += BAR.format(2e11, 1e-2, 1e-5)
 
 
 def chains(workshop, elements, parts=1):
     """The joints of a table of elements between nodes 1 to 6, by ids of nodes; and of each element's ends."""
     nodes = "id,x,y,z,fixed\n" + "".join(f"{k},{k},{k * k % 5},{k % 3},{int(k == 1)}\n" for k in range(1, 7))
-    text = RING if "other" in elements else RING.partition("[cable.other]")[0]
+    text = RING if "other" in elements else RING.partition("[group.other]")[0]
     job = read_job(workshop.job(text, nodes, elements), [f"net.subdivide={parts}"])
     net = build_net(job)
     found = find_bending_chains(net)
@@ -392,7 +392,7 @@ def test_a_beam_vibrates_about_its_sag(workshop):
     held = np.zeros((n + 1, 2), bool)
     held[0], held[-1, 1] = True, True
     load = np.where(np.isin(np.arange(n + 1), (0, n)), 0.0, line * span / n)
-    more = "[dynamics]\nduration = 0.08\n[output]\nhistory = 0.001\nframes = 4\nmodes = 2\n"
+    more = "[dynamics]\nduration = 0.08\n[output]\nhistory_interval = 0.001\nframes = 4\n[modes]\ncount = 2\n"
     more += "probes = [[3.0, 0.0]]\n"
     with workshop.run(chain_job(workshop, places, held, load, (2.1e11, 0.005, 2e-5), more)) as f:
         h, period = f["history"], 2.0 * span**2 / np.pi * np.sqrt(per_length / EI)
@@ -417,11 +417,11 @@ time = 0.05
 duration = 0.01
 [dynamics]
 duration = 0.6
-damping = 0.2
+mass_damping = 0.2
 [output]
 frames = 3
-history = 0.005
-checkpoint = 0.1
+history_interval = 0.005
+checkpoint_interval = 0.1
 """
 
 
@@ -432,8 +432,8 @@ def torn(shared_workshop):
     text = text.replace('"bicycle/', f'"{ROOT}/jobs/bicycle/').replace(
         "= true\n\n[[zone", "= true\nsnow = 300.0\n\n[[zone"
     )
-    limits = "".join(f"[cable.{name}]\nfracture_strain = 0.0022\n\n" for name in ("upper", "lower"))
-    job = shared_workshop.job(text.replace("[cable.ring] ", limits + "[cable.ring] ") + LOST, name="torn")
+    limits = "".join(f"[group.{name}]\nfracture_strain = 0.0022\n\n" for name in ("upper", "lower"))
+    job = shared_workshop.job(text.replace("[group.ring] ", limits + "[group.ring] ") + LOST, name="torn")
     with shared_workshop.run(job, output="torn.vtkhdf") as f:
         yield job, f
 
@@ -465,7 +465,7 @@ def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
     assert_same_bits_on(ranks, *torn, shared_workshop, "torn")
 
 
-BEAM = STEEL.replace("100e3", "0.0") + "[cable.beam]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
+BEAM = STEEL.replace("100e3", "0.0") + "[group.beam]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
 
 
 def beam_on_a_hanger(workshop, stages):
@@ -483,7 +483,9 @@ def test_a_beam_bends_as_its_hanger_is_pulled_in_a_stage(both_ways):
     """
     stages = '[[stage]]\nname = "alone"\nactive = ["beam"]\n'
     stages += '[[stage]]\nname = "lifted"\nactive = ["beam", "hanger"]\nlengths = {hanger = {force = 1e3}}\n'
-    f = both_ways.run(beam_on_a_hanger(both_ways, stages + "[dynamics]\nduration = 0.02\ndamping = 0.0\n"))
+    f = both_ways.run(
+        beam_on_a_hanger(both_ways, stages + "[dynamics]\nduration = 0.02\nmass_damping = 0.0\n")
+    )
     alone, lifted = f["stages/alone"], f["stages/lifted"]
     assert np.abs(alone["bending_moment"][:10]).max() < 1e-6
     M = 0.5e3 * np.minimum(np.arange(11), 10 - np.arange(11))
@@ -505,10 +507,10 @@ def test_bars_that_bend_are_there_in_each_stage(workshop):
 
 def test_what_bending_is_not_computed_in_is_refused(workshop):
     """Targets, bars that can break, are lost, or lack a second moment: exit code 2."""
-    more = '[[target]]\ngroup = "ring"\nforce = 1e3\nby = "ring"\n[dynamics]\nduration = 1.0\n'
+    more = '[[target]]\ngroup = "ring"\nforce = 1e3\nadjust = "ring"\n[dynamics]\nduration = 1.0\n'
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
     elements = "start,end,group\n1,2,ring\n2,3,ring\n"
-    ring = STEEL.replace("100e3", "0.0") + "[cable.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
+    ring = STEEL.replace("100e3", "0.0") + "[group.ring]\n" + BAR.format(2.1e11, 1e-2, 1e-5)
     lines = workshop.solve(ring + "fracture_strain = 0.1\n" + more, nodes, elements, code=2).stderr
     assert "[[target]]: lengths are not changed where bars bend" in lines
     assert "bending = true, and it can break" in lines

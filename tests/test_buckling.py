@@ -16,7 +16,7 @@ from netfall.post.checks.codes import read_codes
 NODES = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z\n1,0,0,0,1,1,1,0\n2,0,0,4,1,1,0,-200e3\n3,5,0,4,1,1,1,0\n"
 ELEMENTS = "id,start,end,group\n7,1,2,post\n8,2,3,\n"
 POST = (
-    '[cable.post]\nkind = "bar"\nmodulus = 2.1e11\narea = 3e-3\nprestress = 0.0\nyield_stress = 355e6\n'
+    '[group.post]\nkind = "bar"\nmodulus = 2.1e11\narea = 3e-3\nprestress = 0.0\nyield_stress = 355e6\n'
     "second_moment = 5e-6\n"
 )
 STATICS = STEEL.replace("100e3", "0.0") + "[load]\nself_weight = false\nsteps = 1\n"
@@ -117,7 +117,7 @@ def test_keys_of_bars_for_cables_are_refused(workshop):
     """With the group, the key, the value and what to do; also a bar whose modulus is not known."""
     cable = POST.replace('kind = "bar"\n', "")
     error = workshop.solve(STATICS + cable, NODES, ELEMENTS, code=2).stderr
-    assert "[cable.post] second_moment = 5e-06: of bars alone" in error
+    assert "[group.post] second_moment = 5e-06: of bars alone" in error
     nameless = POST.replace(
         "modulus = 2.1e11\narea = 3e-3\n", "axial_stiffness = 6e8\nmass_per_length = 20.0\n"
     )
@@ -140,8 +140,8 @@ def test_a_check_is_of_tension_or_of_compression(tmp_path):
 EA, EULER, M = 3e-3 * 2.1e11, np.pi**2 * 2.1e11 * 5e-6 / 16.0, 5e4  # N, N, kg
 STIFF, LOAD = EA / 4.0, 0.75 * EULER  # N/m, N
 FREE = NODES.replace("load_z", "mass,load_z").replace("1,0\n", "1,0,0\n").partition("2,0,0,4")[0]
-DROP = STEEL.replace("100e3", "0.0") + "[dynamics]\nduration = 0.2\ndamping = 0.0\nsafety = 0.1\n"
-DROP += "[output]\nframes = 2\nhistory = 0.0005\ncheckpoint = 0.02\n"
+DROP = STEEL.replace("100e3", "0.0") + "[dynamics]\nduration = 0.2\nmass_damping = 0.0\nsafety = 0.1\n"
+DROP += "[output]\nframes = 2\nhistory_interval = 0.0005\ncheckpoint_interval = 0.02\n"
 DROP += POST.replace("yield_stress = 355e6\n", "buckling = true\n")
 
 
@@ -187,7 +187,7 @@ def test_a_bar_that_has_buckled_has_no_stiffness_in_modes(workshop, load, stiffn
     )
     post = '[cable]\nkind = "bar"\nmodulus = 2e11\narea = 1e-4\ndensity = 1e-3\nsecond_moment = 8.1e-9\n'
     text = post + "buckling = true\n[load]\nself_weight = false\n"
-    text += "steps = 1\n[dynamics]\nduration = 1e-3\n[output]\nmodes = 1\n"
+    text += "steps = 1\n[dynamics]\nduration = 1e-3\n[modes]\ncount = 1\n"
     with workshop.solve(text, nodes, "start,end\n1,2\n") as f:
         period = f["modes/period"][0]
     assert period == pytest.approx(2.0 * np.pi * np.sqrt(2000.0 / stiffness), rel=1e-6)
@@ -200,7 +200,7 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
     """
     nodes = FREE + f"2,0,0,4,1,1,0,0,{-1.5 * EULER}\n3,0,0,10,1,1,1,0,0\n4,0,0,12,1,1,1,0,0\n"
     post = POST.replace("yield_stress = 355e6\n", "buckling = true\n")
-    soft = f"[cable.soft]\nyield_stress = {0.2 * EULER / 683.08e-6}\n"
+    soft = f"[group.soft]\nyield_stress = {0.2 * EULER / 683.08e-6}\n"
     hung = nodes, "id,start,end,group\n7,1,2,post\n8,2,3,\n9,2,4,soft\n"
     job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *hung)
     with both_ways.run(job) as f:
@@ -215,7 +215,7 @@ def test_what_buckles_and_yields_at_rest_is_named(both_ways):
     for text in told:
         assert "ote: statics: element 7 at Euler's load: buckled, and a bar that is not quite" in text
         assert "ote: statics: element 9 at the yield force" in text
-    less = [f"{name}={value}" for name, value in (("load.steps", 2), ("cable.soft.yield_stress", 1e12))]
+    less = [f"{name}={value}" for name, value in (("load.steps", 2), ("group.soft.yield_stress", 1e12))]
     tables = nodes.replace(f"{-1.5 * EULER}", f"{-0.5 * EULER}"), hung[1]
     job = both_ways.job(STATICS.replace("[load]", f"{post}{soft}[load]"), *tables)
     with both_ways.run(job, "--set", less[0], "--set", less[1]) as f:
@@ -268,7 +268,7 @@ def test_a_study_is_told_of_what_breaks_in_compression(workshop):
     where it held, at rest by its force.
     """
     nodes, post = FREE + f"2,0,0,4,1,1,0,{M},{-LOAD}\n", "id,start,end,group\n7,1,2,post\n"
-    drop = DROP.replace("checkpoint = 0.02\n", "")
+    drop = DROP.replace("checkpoint_interval = 0.02\n", "")
     used = lambda strain: used_by(workshop.job(f"{drop}fracture_strain = {strain}\n", nodes, post))
     assert used(1.5e-3) == pytest.approx(1.0, abs=5e-3) and used(1.5e-3) > 1.0
     assert EULER / EA / 0.1 * (1 - 1e-9) < used(0.1) < 1.0

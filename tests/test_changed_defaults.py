@@ -94,15 +94,15 @@ def test_a_polygon_cuts_by_default(workshop):
 @pytest.mark.parametrize(
     "keys, affected",
     [
-        ("speed = 20.0\nturbulence = 0.2\n", True),
-        ("speed = 20.0\nturbulence = 0.2\ngusts = 'points'\n", False),
-        ("speed = 20.0\nturbulence = 0.0\n", False),
+        ("speed = 20.0\nturbulence_intensity = 0.2\n", True),
+        ("speed = 20.0\nturbulence_intensity = 0.2\ngust_field = 'point'\n", False),
+        ("speed = 20.0\nturbulence_intensity = 0.0\n", False),
         ("file = 'speeds.csv'\n", False),
     ],
 )
 def test_gusts_of_no_kind_are_warned_of(workshop, keys, affected):
     """A wind with gusts that does not say of which kind they are; not a steady or a measured one."""
-    text = JOB + "[wind]\nshape_coefficient = -1.0\nbase_height = 0.0\n" + keys
+    text = JOB + "[wind]\npressure_coefficient = -1.0\nbase_height = 0.0\n" + keys
     job = read_job(workshop.job(text))
-    line = 'warning: [wind] gusts is not set: "means" since version 0.5 ("points" before)'
+    line = 'warning: [wind] gust_field is not set: "area_mean" since version 0.5 ("point" before)'
     assert (line in default_warnings(job, build_net(job))) == affected

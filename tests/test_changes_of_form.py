@@ -79,9 +79,9 @@ def test_twice_the_mass_under_twice_the_force_moves_the_same(original, workshop)
 
 def test_four_times_the_size_in_twice_the_time_is_the_same_motion(original, workshop):
     """To the bit, with Froude's numbers: speeds times two, forces and masses times four, gravity as it is."""
-    factors = dict.fromkeys(("modulus", "yield_stress"), 4.0) | {"air_density": 1 / 16, "damping": 0.5}
+    factors = dict.fromkeys(("modulus", "yield_stress"), 4.0) | {"air_density": 1 / 16, "mass_damping": 0.5}
     factors |= dict.fromkeys(("dead", "snow", "pressure"), 0.25)
-    factors |= dict.fromkeys(("ramp", "duration", "time_step", "history"), 2.0)
+    factors |= dict.fromkeys(("ramp", "duration", "time_step", "history_interval"), 2.0)
     t = make_tables()
     t |= {name: 4.0 * t[name] for name in ("x", "L0", "carried", "load")} | {"area": 16.0 * t["area"]}
     text = times(JOB.format(after="particle"), factors).replace("[4.0, 8.0]", "[16.0, 32.0]")
@@ -184,9 +184,9 @@ tolerance = 1e-11
 duration = {duration}
 time_step = {dt}
 [output]
-history = {history}
+history_interval = {history}
 frames = 2
-checkpoint = {checkpoint}
+checkpoint_interval = {checkpoint}
 [[remove]]
 elements = [1]
 time = {time}
@@ -226,7 +226,7 @@ def test_what_has_yielded_at_rest_yields_no_more(workshop):
     """Dead load beyond yield, found at rest, then most of it lifted: the sag that plastic strain leaves."""
     text = CABLE
     text += "yield_stress = 2e7\n[load]\nself_weight = false\ndead = 400.0\npressure = -250.0\nsteps = 1\n"
-    text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory = 0.01\n"
+    text += "tolerance = 1e-9\n[dynamics]\nduration = 0.05\n[output]\nhistory_interval = 0.01\n"
     job = workshop.job(text, nodes(), ELEMENTS)
     f = workshop.run_here(job)
     sine = 0.5 * 1600.0 / 2000.0
@@ -256,7 +256,7 @@ def test_a_spring_holds_the_form_that_was_found(workshop):
     """It begins with the reaction there; nothing moves."""
     table = "id,x,y,z,fixed_x,fixed_y,fixed_z,spring_x\n1,0,0,0,1,1,1,\n2,5,0,0,0,1,1,4e5\n"
     text = CABLE + "prestress = 20e3\n[form_finding]\n[dynamics]\nduration = 0.01\ntime_step = 2e-4\n"
-    job = workshop.job(text + "[output]\nhistory = 0.002\n", table, "start,end\n1,2\n")
+    job = workshop.job(text + "[output]\nhistory_interval = 0.002\n", table, "start,end\n1,2\n")
     f = workshop.run_here(job)
     assert np.abs(f["final/position"][1] - [5.0, 0.0, 0.0]).max() < 1e-14  # rounding: 20 kN over 4e5 N/m
     assert f["net/spring"][1, 0] == 4e5
@@ -406,8 +406,8 @@ def test_gusts_keep_their_variance_between_control_points():
     settings = SimpleNamespace(
         pressures=None, file=None, direction=20.0, control_points=9, base_height=10.0, speed=30.0,
         profile_exponent=0.0, coherence_decay=(8.0, 10.0, 10.0), time_step=0.5, ar_order=4,
-        shape_coefficient=-1.0, air_density=1.25, turbulence=0.2, roughness=0.0, spectrum="kaimal",
-        gust_length="auto", gusts="points",
+        pressure_coefficient=-1.0, air_density=1.25, turbulence_intensity=0.2, surface_drag=0.0,
+        spectrum="kaimal", gust_length="auto", gust_field="point",
     )  # fmt: skip
     field = make_wind_field(x, np.tile([0.0, 0.0, 1.0], (42, 1)), settings)
     pairs = field.model.covariance[field.corner[:, :, None], field.corner[:, None, :]]

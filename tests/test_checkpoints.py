@@ -23,7 +23,7 @@ def steps(folder: Path) -> list[int]:
 
 def test_the_checkpoint_that_was_given_stays(workshop):
     """Five newer ones are written after it. A later run, which is given a newer one, removes it."""
-    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
+    job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     workshop.run(job, *AT_ONCE, code=4)
     (given,) = workshop.folder.glob("result.checkpoint-*")
     before = given.read_bytes()
@@ -77,7 +77,7 @@ def test_results_with_other_endings_have_checkpoints_of_their_own(workshop):
 @pytest.mark.parametrize("name", ["r[12].vtkhdf", "r*.vtkhdf", "r?.vtkhdf"])
 def test_a_name_with_wildcards_takes_nothing_of_another_run(workshop, name):
     """It writes checkpoints, segments and its result; a stopped run r1 beside it can still be taken up."""
-    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
+    job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     workshop.run(job, *AT_ONCE, output="r1.vtkhdf", code=4)
     before = {path: path.read_bytes() for path in workshop.folder.iterdir() if "r1." in path.name}
     assert len(before) == 2  # a checkpoint and a segment
@@ -93,7 +93,7 @@ def test_what_a_killed_run_left_of_open_files_goes_with_the_next(workshop):
     """The run's own result, segment and checkpoint as far as they were written, and locks of Open MPI beside
     them; another run's stay.
     """
-    job = tiny_job(workshop, 0.006, "checkpoint = 0.001\n")
+    job = tiny_job(workshop, 0.006, "checkpoint_interval = 0.001\n")
     own = (".r.vtkhdf", "..r.vtkhdf.segment-0123abcd-000002", ".r.checkpoint-5-000000000036.h5")
     of_others = (".r.b.vtkhdf", "..r2.vtkhdf.segment-0123abcd-000002", ".r2.checkpoint-5-000000000036.h5")
     parts = (".part", ".part-1310064641-8956.lock")

@@ -125,7 +125,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it i
 sys.path.insert(0, sys.argv[1])
 import netfall
 from test_python import cross
-long = cross(dynamics={"duration": 1e5}, output={"history": 1.0, "frames": 1, "checkpoint": 1e4})
+rare = {"history_interval": 1.0, "frames": 1, "checkpoint_interval": 1e4}
+long = cross(dynamics={"duration": 1e5}, output=rare)
 try:
     netfall.run(long, output="long.vtkhdf", ranks=int(sys.argv[2]))
 except KeyboardInterrupt as stop:
@@ -402,7 +403,7 @@ def test_a_link_is_followed(kept, tmp_path, ranks, there):
     link.symlink_to("disk/r.vtkhdf")
     if there:
         shutil.copy(kept / "job.vtkhdf", target)
-    overrides = ["--set", "dynamics.duration=0.02", "--set", "output.checkpoint=0.01"]
+    overrides = ["--set", "dynamics.duration=0.02", "--set", "output.checkpoint_interval=0.01"]
     run_netfall("run", kept / "job.toml", "-o", link, *overrides, ranks=ranks)
     assert link.is_symlink()
     with h5py.File(target) as file:
@@ -444,7 +445,7 @@ def test_letters_of_any_alphabet_in_paths(kept, tmp_path, name, mode, ranks):
         assert done.returncode == 0, done.stderr
 
     result = job.with_suffix(".vtkhdf")
-    netfall("run", job, "--set", "output.checkpoint=0.01", ranks=ranks)
+    netfall("run", job, "--set", "output.checkpoint_interval=0.01", ranks=ranks)
     netfall("info", result)
     netfall("report", result)
     netfall("export", result, "-o", here / f"{here.name}.vtu")

@@ -215,8 +215,8 @@ def test_the_corner_of_a_frame_that_swings_has_the_moment_of_statics(workshop):
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,load_z,mass\n" + "".join(rows)
     elements = "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(last))
     bar = BAR.format(1e7, 1.0, 1e-2).replace("7850.0", "5.0")
-    more = f"[load]\nself_weight = false\n[dynamics]\nduration = {end}\ndamping = 0.0\n"
-    more += f"[output]\nhistory = {end / 500}\nmodes = 2\n"
+    more = f"[load]\nself_weight = false\n[dynamics]\nduration = {end}\nmass_damping = 0.0\n"
+    more += f"[output]\nhistory_interval = {end / 500}\n[modes]\ncount = 2\n"
     with workshop.solve("[cable]\n" + bar + more, nodes, elements) as f:
         periods = np.sort(f["modes/period"][:])
         assert periods == pytest.approx(2.0 * np.pi / omega, rel=0.01)  # the mass of the bars

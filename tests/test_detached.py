@@ -30,11 +30,11 @@ def flight(wind: str, steps: int, load: str = "self_weight = false\n", after: st
         STRING
         + f'[wind]\nonset = "sudden"\ndirection = 90.0\nprofile_exponent = 0.0\nafter_fracture = "{after}"\n'
         + f"{wind}[load]\nsteps = 0\n{load}{CUT}[dynamics]\nduration = {steps * STEP}\ntime_step = {STEP}\n"
-        + f"[output]\nhistory = {STEP}\nprobes = [2, 3]\n"
+        + f"[output]\nhistory_interval = {STEP}\nprobes = [2, 3]\n"
     )
 
 
-STEADY = "speed = 30.0\nturbulence = 0.0\nshape_coefficient = 0.0\n"
+STEADY = "speed = 30.0\nturbulence_intensity = 0.0\npressure_coefficient = 0.0\n"
 
 
 def place(v: np.ndarray) -> np.ndarray:
@@ -103,7 +103,7 @@ def test_a_part_that_keeps_its_pressure_is_warned_of(workshop):
 
     `info` and `run` say so, with the time; with "detached" the same plates stay below, and nothing is said.
     """
-    wind = "speed = 5.0\nturbulence = 0.0\nshape_coefficient = -64.0\n"  # 1000 N/m2
+    wind = "speed = 5.0\nturbulence_intensity = 0.0\npressure_coefficient = -64.0\n"  # 1000 N/m2
     lift = 64.0 * 0.5 * RHO * 25.0 * AREA / MASS  # m/s2
     f = workshop.solve(flight(wind, 200, after="none"), plates(), CABLES)
     passed = np.ceil(5.0 / lift / 0.01) * 0.01  # the next evaluation

@@ -20,8 +20,8 @@ def oscillator(step, damping=0.0, ranks=1):
     L0 = 10.0
     L = L0 * (1 + hold / EA) + stretch
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,{-hold}\n"
-    text = ELASTIC + f"[dynamics]\nduration = 0.5\ntime_step = {step}\ndamping = {damping}\n"
-    text += "[output]\nhistory = 0.005\nprobes = [[0.0, 0.0]]\n"
+    text = ELASTIC + f"[dynamics]\nduration = 0.5\ntime_step = {step}\nmass_damping = {damping}\n"
+    text += "[output]\nhistory_interval = 0.005\nprobes = [[0.0, 0.0]]\n"
     return text, nodes, f"start,end,unstressed_length\n1,2,{L0}\n"
 
 
@@ -138,7 +138,10 @@ def test_divergence_names_the_last_good_checkpoint(workshop, monkeypatch):
     from netfall.driver import dynamics
 
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,-10,0\n3,5,5,-10,1\n"
-    text = ELASTIC + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint = 0.02\nhistory = 0.05\n"
+    text = (
+        ELASTIC
+        + "[dynamics]\nduration = 0.1\n[output]\ncheckpoint_interval = 0.02\nhistory_interval = 0.05\n"
+    )
     tables = nodes, "start,end\n1,2\n2,3\n"
     job = workshop.job(text, *tables)
     advance = dynamics.Simulation.advance_block

@@ -28,6 +28,7 @@ from netfall.statics.relaxation import Paused
 SADDLE = """
 [net]
 generator = "saddle"
+[net.saddle]
 side = 73.2
 rise = 3.66
 cells = {cells}
@@ -101,9 +102,9 @@ STRUT = """
 modulus = 2e11
 density = 7850.0
 area = 1e-3
-[cable.tie]
+[group.tie]
 prestress = 10e3
-[cable.strut]
+[group.strut]
 kind = "bar"
 [load]
 self_weight = false
@@ -174,7 +175,7 @@ HUNG = """
 modulus = 2e11
 area = 1e-3
 density = 7850.0
-strain = "{strain}"
+strain_measure = "{strain}"
 {yields}
 [load]
 self_weight = false
@@ -223,6 +224,7 @@ def test_slack_cables_are_found_with_tensions_as_unknowns(workshop, strain, yiel
 GIVEN = """
 [net]
 generator = "saddle"
+[net.saddle]
 side = 200.0
 rise = 20.0
 cells = {cells}
@@ -320,7 +322,7 @@ def hung_wheel():
 
     Struts that would tip over stand in it: no tangent tells an error.
     """
-    changes = ["net.spokes=8", "net.hoops=1"]
+    changes = ["net.wheel.spokes=8", "net.wheel.hoops=1"]
     job = replace(read_job(ROOT / "jobs" / "wheel_erection.toml", changes), stages=(), cases=())
     scene, _ = prepare_problem(MPI.COMM_SELF, job, PhaseTimes())
     L0 = scene.model.cut_length
@@ -378,6 +380,6 @@ def test_a_weight_on_one_cable_is_an_equilibrium_only_where_the_cable_carries_it
     elements = "id,start,end,prestress\n7,1,2,500\n9,1,3,500\n"
     text = "[cable]\nmodulus = 1.95e11\narea = 683.08e-6\ndensity = 7850.0\n[load]\nself_weight = false\n"
     text += "steps = 1\n[[remove]]\nelements = [7]\ntime = 0.0\n"
-    text += "[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n"
+    text += "[dynamics]\nduration = 1e-3\n[output]\nhistory_interval = 1e-3\n"
     with workshop.solve(text, nodes, elements) as f:
         assert f["removal/tension_after"][0] == pytest.approx([0.0, 1000.0], rel=1e-6)

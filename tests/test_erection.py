@@ -137,8 +137,8 @@ def test_turns_that_are_used_up_are_told(workshop, monkeypatch, capsys):
     text += stage("pulled", lengths="{right = {force = 300.0}}")
     with pytest.raises(DivergedError, match=r"pulled.*not reached in 1 turns: the weight still changes"):
         run_here(workshop, workshop.job(text, NODES, TWO))
-    text = CABLES + '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nself_weight = true\n'
-    text += '[form_finding]\nmethod = "keep"\nloads = "permanent"\ntolerance = 1e-9\n'
+    text = CABLES + '[[target]]\ngroup = "stay"\nforce = 2e4\nadjust = "right"\n[load]\nself_weight = true\n'
+    text += '[form_finding]\nmethod = "given_geometry"\nloads = "permanent"\ntolerance = 1e-9\n'
     run_here(workshop, workshop.job(text, *STAYED))
     assert "the permanent load changes with lengths:" in capsys.readouterr().out
 
@@ -183,7 +183,7 @@ def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, d
     nodes += "".join(f"{k},{2 * k},0,0,{int(k in (0, 4))},1,{int(k in (0, 4))}\n" for k in range(5))
     pairs = "start,end,group\n" + "".join(f"{k},{k + 1},rope\n" for k in range(4))
     text = f"{CABLES}prestress = 1e4\n{cable}[dynamics]\nduration = 0.1\n{dynamics}"
-    prop = '[cable.prop]\nkind = "bar"\narea = 5e-2\nprestress = 0.0\n' + stage("struck", active=["rope"])
+    prop = '[group.prop]\nkind = "bar"\narea = 5e-2\nprestress = 0.0\n' + stage("struck", active=["rope"])
     told = []
     for more, node, pair in (("", "", ""), (prop, "9,4,0,-1,1,1,1\n", "2,9,prop\n")):
         job = workshop.job(text + more, nodes + node, pairs + pair)
@@ -198,7 +198,7 @@ def test_a_prop_that_was_struck_sets_no_step_and_gets_no_mass(workshop, cable, d
 def test_a_loss_of_what_was_taken_out_is_told_to_be_none(workshop):
     """Of a prop that was struck; of a cable that is there no word."""
     nodes = "id,x,y,z,fixed\n1,-4,0,0,1\n2,0,0,0,0\n3,4,0,0,1\n4,0,0,-3,1\n"
-    text = CABLES + 'prestress = 1e4\n[cable.prop]\nkind = "bar"\nprestress = 0.0\n'
+    text = CABLES + 'prestress = 1e4\n[group.prop]\nkind = "bar"\nprestress = 0.0\n'
     text += stage("struck", active=["rope"]) + "[dynamics]\nduration = 0.1\n"
     text += "[[remove]]\nelements = [7, 8]\ntime = 0.05\n[[remove]]\nelements = [9]\ntime = 0.06\n"
     job = workshop.job(text, nodes, "id,start,end,group\n7,1,2,rope\n8,2,4,prop\n9,2,3,rope\n")
@@ -215,7 +215,7 @@ def test_a_struck_prop_neither_holds_an_end_nor_a_part_nor_is_used(workshop):
     nodes = "id,x,y,z,fixed,load_z,mass\n1,0,0,0,1,0,0\n2,0,0,-3,0,0,0\n3,0,0,-6,1,0,0\n"
     elements = "start,end,group,unstressed_length\n1,2,rope,3\n2,3,prop,3\n"
     text = CABLES + "fracture_strain = 0.01\n" + stage("struck", active=["rope"])
-    prop = '[cable.prop]\nkind = "bar"\n'
+    prop = '[group.prop]\nkind = "bar"\n'
     move = '[[motion]]\ndisplacement = "up.csv"\n[dynamics]\nduration = 0.1\n'
     (workshop.folder / "up.csv").write_text("time,z\n0,0\n0.001,0.08\n")
     with workshop.solve(text + prop + move, nodes, elements) as f:
@@ -262,7 +262,7 @@ def test_a_start_under_the_loads_of_the_last_stage_is_in_equilibrium(workshop):
         in run_on_standing_ranks("check", job).stdout
     )
     # errors of length alone bring no equilibrium
-    drawn = CABLES + "length_deviation = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
+    drawn = CABLES + "length_std = 1e-3\n[load]\nself_weight = false\nsteps = 1\n"
     lines = run_on_standing_ranks(
         "check", workshop.job(drawn, NODES, TWO.replace("left,5", "left,4.9"))
     ).stdout
@@ -417,7 +417,7 @@ def drawn_in():
         stage("shut", clamps='"closed"'),
     ]
     text = "[cable]\nmodulus = 1e11\narea = 1e-3\ndensity = 1.0\n"
-    text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\nresistance = 3e5\n'
+    text += '[load]\nself_weight = false\nsteps = 1\n[[slide]]\ngroup = "rope"\nslip_resistance = 3e5\n'
     return text + "".join(stages), nodes, elements
 
 
@@ -484,7 +484,7 @@ def test_an_erection_that_is_paused_goes_on_from_its_stage(workshop, net, looks)
     [
         ("", "", {"lengths": "{right = {force = -10.0}}"}, "not reached in", np.nan, []),
         ("yield_stress = 0.7e6\n", "", {}, "yield in it", np.nan, [1, 2]),
-        ("breaking_load = 700.0\n", "breaking = true\n", {}, "breaks", 700 / 833.8, [1, 2]),
+        ("breaking_load = 700.0\n", "stop_at_strength = true\n", {}, "breaks", 700 / 833.8, [1, 2]),
     ],
 )
 def test_a_stage_without_equilibrium_leaves_a_file(workshop, cable, load, keys, words, factor, elements):
@@ -544,10 +544,10 @@ def test_three_hoops_get_their_forces_by_three_diagonals(shared_workshop):
 
 def test_a_node_gets_its_height(workshop):
     """By the length of one of two cables."""
-    text = CABLES + '[[target]]\nnode = 3\nheight = -2.5\nby = "right"\n'
+    text = CABLES + '[[target]]\nnode = 3\nheight = -2.5\nadjust = "right"\n'
     elements = TWO.replace("unstressed_length", "prestress").replace(",5\n", ",0\n")
     nodes = NODES.replace(f"4,0,-3,0,-{WEIGHT}", "4,0,-3,0,0")
-    loads = '[form_finding]\nmethod = "keep"\nloads = "permanent"\n[load]\nself_weight = true\n'
+    loads = '[form_finding]\nmethod = "given_geometry"\nloads = "permanent"\n[load]\nself_weight = true\n'
     with workshop.solve(text + loads, nodes, elements) as f:
         assert f["form_finding/position"][2, 2] == pytest.approx(-2.5, abs=FOUND * SPAN)
 
@@ -588,7 +588,9 @@ STAYED = (  # a V of two cables, a stay below it, no load
 def test_a_net_as_given_has_a_form_once_it_has_its_targets(workshop):
     """In balance where the file says that it is; displacements count from there."""
     text = CABLES
-    text += '[[target]]\ngroup = "stay"\nforce = 2e4\nby = "right"\n[load]\nself_weight = false\nsteps = 1\n'
+    text += (
+        '[[target]]\ngroup = "stay"\nforce = 2e4\nadjust = "right"\n[load]\nself_weight = false\nsteps = 1\n'
+    )
     with workshop.solve(text, *STAYED) as f:
         x, N = start_position(f), f["form_finding/tension"][:]
         assert N[2] == pytest.approx(2e4, rel=FOUND)
@@ -602,7 +604,8 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
     """With the nearest form, the reason; exit code 3; nothing comes after it."""
     text = (
         CABLES
-        + '[[target]]\ngroup = "stay"\nforce = -10.0\nby = "right"\n[load]\nself_weight = false\nsteps = 1\n'
+        + '[[target]]\ngroup = "stay"\nforce = -10.0\nadjust = "right"\n'
+        + "[load]\nself_weight = false\nsteps = 1\n"
     )
     path = workshop.folder / "result.vtkhdf"
     done = run_on_standing_ranks("run", workshop.job(text + stage("s"), *STAYED), "-o", path, ranks=2, code=3)
@@ -621,11 +624,15 @@ def test_targets_that_are_not_reached_leave_a_file(workshop):
     "text, code, words",
     [
         (
-            '[[target]]\ngroup = "left"\nforce = 1e3\nby = "rigth"\n',
+            '[[target]]\ngroup = "left"\nforce = 1e3\nadjust = "rigth"\n',
             2,
-            'by = "rigth"|"rigth": neither a group',
+            'adjust = "rigth"|"rigth": neither a group',
         ),
-        ('[[target]]\ngroup = "left"\nheight = 1e3\nby = "right"\n', 2, "expected group and force, or node"),
+        (
+            '[[target]]\ngroup = "left"\nheight = 1e3\nadjust = "right"\n',
+            2,
+            "expected group and force, or node",
+        ),
         (stage("s", move="{3 = [0.0, 0.0, 1.0]}"), 2, "move: node 3: an axis that moves must be held"),
         (stage("s", release="[1, 2]"), 2, "no support holds the part"),
         (stage("s", hold="[9]"), 2, "hold: no node 9"),
@@ -654,7 +661,9 @@ def test_what_is_wrong_is_named(workshop, text, code, words):
 def test_errors_of_length_without_equilibrium_leave_a_file(workshop):
     """With their scatter and the reason; exit code 3; nothing comes after it."""
     text = CABLES
-    text += 'yield_stress = 2.2e7\nlength_deviation = 0.2\nlength_seed = 7\n[form_finding]\nmethod = "keep"\n'
+    text += (
+        'yield_stress = 2.2e7\nlength_std = 0.2\nlength_seed = 7\n[form_finding]\nmethod = "given_geometry"\n'
+    )
     path = workshop.folder / "result.vtkhdf"
     job = workshop.job(text + "[load]\nself_weight = false\nsteps = 1\n" + stage("never"), *line_of_three())
     done = run_on_standing_ranks("run", job, "-o", path, ranks=2, code=3)
@@ -680,7 +689,7 @@ def line_of_three(prestress=2e4):
 def test_scatter_of_tensions_by_hand_and_by_runs(workshop):
     """EA s sqrt(3) / L for three errors s of pieces in a line; 1,000 draws have that scatter and no bias."""
     s, count = 0.002, 1000
-    text = CABLES + f'length_deviation = {s}\n[form_finding]\nmethod = "keep"\n'
+    text = CABLES + f'length_std = {s}\n[form_finding]\nmethod = "given_geometry"\n'
     job = workshop.job(text, *line_of_three())
     with workshop.run(job) as f:
         L0 = 15.0 / (1 + 2e4 / EA)

@@ -87,21 +87,33 @@ TABLES = {  # a net that has a value in every column, some of them in some rows 
     },
 }
 SECTIONS = STEEL | {
-    "expansion": 1.5e-5,
-    "strength_deviation": 0.1,
-    "strut": {"kind": "bar", "expansion": 1e-5},
+    "thermal_expansion": 1.5e-5,
+    "strength_cov": 0.1,
+}
+GROUPS = {
+    "strut": {"kind": "bar", "thermal_expansion": 1e-5},
     "low": {"density": 8000.0, "fracture_strain": 0.03},
 }
 LOADS = {"snow": 300.0, "pressure": 100.0, "self_weight": True, "steps": 1, "temperature": -15.0}
-SADDLE = {"generator": "saddle", "side": 20.0, "rise": 3.0, "cells": 6}
+SADDLE = {"generator": "saddle", "saddle": {"side": 20.0, "rise": 3.0, "cells": 6}}
 POLYGONS = [
     {"name": "corner", "polygon": [[0, 0], [10, 0], [10, 10], [0, 10]], "cut": False},
     {"name": "nowhere", "polygon": [[100, 100], [101, 100], [101, 101]]},
 ]
 AGAIN = {
-    "every column": {"net": TABLES, "cable": SECTIONS, "form_finding": {}, "load": LOADS},
-    "logarithmic": {"net": TABLES, "cable": SECTIONS | {"strain": "logarithmic"}, "load": LOADS},
-    "warm, as given": {"net": TABLES, "cable": SECTIONS, "load": LOADS | {"temperature": 30.0}},
+    "every column": {"net": TABLES, "cable": SECTIONS, "group": GROUPS, "form_finding": {}, "load": LOADS},
+    "logarithmic": {
+        "net": TABLES,
+        "cable": SECTIONS | {"strain_measure": "logarithmic"},
+        "group": GROUPS,
+        "load": LOADS,
+    },
+    "warm, as given": {
+        "net": TABLES,
+        "cable": SECTIONS,
+        "group": GROUPS,
+        "load": LOADS | {"temperature": 30.0},
+    },
     "subdivided": {
         "net": SADDLE | {"subdivide": 3},
         "cable": STEEL,
@@ -128,7 +140,8 @@ AGAIN = {
     },
     "errors of length, lost in motion": {
         "net": TABLES | {"node_columns": TABLES["node_columns"] | {"zone": ""}} | {"subdivide": 2},
-        "cable": SECTIONS | {"length_deviation": 0.002, "strut": SECTIONS["strut"] | {"second_moment": 1e-6}},
+        "cable": SECTIONS | {"length_std": 0.002},
+        "group": GROUPS | {"strut": GROUPS["strut"] | {"second_moment": 1e-6}},
         "form_finding": {},
         "load": {"self_weight": True},
         "dynamics": {"duration": 0.05, "fragments": False},
@@ -192,7 +205,8 @@ def test_what_a_stage_took_out_is_in_no_export(tmp_path):
     net = TABLES | {name: [value, *TABLES[name]] for name, value in first.items()}
     first = {"cable": "", "prestress": 2e3}
     net["element_columns"] = {k: [first.get(k, NAN), *v] for k, v in TABLES["element_columns"].items()}
-    job = {"net": net, "cable": SECTIONS | {"stay": {"area": 2e-4}}, "form_finding": {}, "load": LOADS}
+    job = {"net": net, "cable": SECTIONS, "form_finding": {}, "load": LOADS}
+    job["group"] = GROUPS | {"stay": {"area": 2e-4}}
     job["stage"] = [{"name": "struck", "active": ["up", "low", "link", "strut"]}]
     netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True).close()
     told = {
@@ -322,7 +336,7 @@ def test_an_export_leaves_no_history_of_another_result(broken, tmp_path):
         mine.mkdir()
         (mine / name).write_text("my own")
         (tmp_path / "wind.csv").write_text("time,speed\n0,20\n9,20\n")
-        wind = {"file": str(tmp_path / "wind.csv"), "shape_coefficient": -0.1}
+        wind = {"file": str(tmp_path / "wind.csv"), "pressure_coefficient": -0.1}
         gusty = cross(wind=wind, dynamics={"duration": 0.02})
         gusty["net"]["node_columns"] |= {"area": 1.0, "normal_x": 0.0, "normal_y": 0.0, "normal_z": 1.0}
         netfall.run(gusty, output=tmp_path / "gusty.vtkhdf", quiet=True).close()
@@ -467,7 +481,7 @@ GIVEN = {  # two cables of 1.98 m in a gap of 4 m; EA = 1 MN
         "fixed": np.array([True, False, True]),
         "element_columns": {"unstressed_length": 1.98},
     },
-    "cable": {"modulus": 1e10, "area": 1e-4, "density": 1.0, "expansion": 1e-4},
+    "cable": {"modulus": 1e10, "area": 1e-4, "density": 1.0, "thermal_expansion": 1e-4},
 }
 
 
@@ -476,7 +490,10 @@ def test_tensions_of_a_given_geometry_are_those_of_the_law(tmp_path, strain, law
     """EA (L / L0 - 1) or EA ln(L / L0) at the temperature of form finding; the model for OpenSees stands in
     the equilibrium 30 K above it, its lengths L0 (1 + 30 expansion).
     """
-    job = GIVEN | {"cable": GIVEN["cable"] | {"strain": strain}, "load": {"temperature": 30.0, "steps": 1}}
+    job = GIVEN | {
+        "cable": GIVEN["cable"] | {"strain_measure": strain},
+        "load": {"temperature": 30.0, "steps": 1},
+    }
     with netfall.run(job, output=tmp_path / "r.vtkhdf", quiet=True) as result:
         assert result.elements["unstressed_length"].tolist() == [1.98] * 2
         warm = 1.98 * (1.0 + 30.0 * 1e-4)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 BARE = STEEL.replace("prestress = 100e3\n", "")
 A, E = 683.08e-6, 1.95e11
 EA, HALF = E * A, 0.5 * 7850.0 * A  # N; kg for each metre
-QUICK = "[output]\nhistory = {}\nframes = {}\n"
+QUICK = "[output]\nhistory_interval = {}\nframes = {}\n"
 
 
 def reached(what: str, asked: str, figure: float, within: float) -> None:
@@ -32,7 +32,7 @@ def oscillator(time_step, duration, zeta=0.0, history=1.0, stretch=1e-3):
     """1000 kg on a cable of 10 m under 20 kN, let go `stretch` below its rest."""
     L = 10.0 * (1 + 20e3 / EA) + stretch
     nodes = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,{-L!r},0,1000,-20000\n"
-    text = BARE + f"[dynamics]\nduration = {duration!r}\ntime_step = {time_step!r}\ndamping = {zeta!r}\n"
+    text = BARE + f"[dynamics]\nduration = {duration!r}\ntime_step = {time_step!r}\nmass_damping = {zeta!r}\n"
     text += QUICK.format(history, 10)
     return text, nodes, "start,end,unstressed_length\n1,2,10\n"
 
@@ -115,7 +115,8 @@ def test_a_millimetre_beside_a_kilometre(workshop):
     """
     nodes, elements = chain([1e-3, 1.0, 1e3], [1.95e11] * 3, [0.0, 100.0, 100.0, 1e5], 1000.0)
     text = BARE
-    text += "[dynamics]\nduration = 20.0\n[output]\nhistory = 0.02\nframes = 5\nprobes = [[1001.001, 0.0]]\n"
+    text += "[dynamics]\nduration = 20.0\n"
+    text += "[output]\nhistory_interval = 0.02\nframes = 5\nprobes = [[1001.001, 0.0]]\n"
     job = workshop.job(text, nodes, elements)
     f = workshop.run(job)
     identity, _ = audits(f)
@@ -178,7 +179,7 @@ def test_short_edge_cables_stay_right_without_fracture(workshop):
     """
     text = (ROOT / "jobs" / "stadium_paper.toml").read_text()
     job = workshop.job(
-        "".join(line for line in text.splitlines(keepends=True) if not line.startswith("checkpoint"))
+        "".join(line for line in text.splitlines(keepends=True) if not line.startswith("checkpoint_interval"))
     )
     keys = ["--set", "dynamics.duration=2.5", "--set", "output.frames=250"]
     keys += ["--set", "cable.fracture_strain=0.9", "--set", "dynamics.fragments=false"]  # never reached
@@ -207,7 +208,7 @@ def test_a_net_far_from_the_origin(workshop):
         nodes = "id,x,y,z,fixed,mass,load_z\n" + "".join(
             f"{p},{float(x[p])!r},{shift!r},{float(z[p])!r},{int(p in (0, 5))},100,-500\n" for p in k
         )
-        text = STEEL.replace("100e3", "5e3") + "[dynamics]\nduration = 2.0\ndamping = 0.5\n"
+        text = STEEL.replace("100e3", "5e3") + "[dynamics]\nduration = 2.0\nmass_damping = 0.5\n"
         elements = "start,end\n" + "".join(f"{p},{p + 1}\n" for p in range(5))
         job = workshop.job(text + QUICK.format(0.01, 20), nodes, elements)
         f = workshop.run(job, output=f"{shift:g}.vtkhdf")
@@ -226,7 +227,7 @@ def test_no_prestress_and_almost_yield(workshop):
         0.0,
         0.99 / 1.0277 * 1.75e9 * A,
     ):  # the steepest cable carries 1.0277 times the prestress
-        text = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+        text = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n'
         text += STEEL.replace("100e3", repr(prestress)) + "yield_stress = 1.75e9\nfracture_strain = 0.04\n"
         text += (
             ('[form_finding]\nmethod = "force_density"\n' if prestress else "")
@@ -267,7 +268,7 @@ def test_an_element_pushed_through_zero_length(workshop, kind):
 
 
 STORM = (
-    '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+    '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n'
     + STEEL
     + """yield_stress = 1.75e9
 fracture_strain = 0.0404
@@ -284,9 +285,9 @@ def test_wind_of_150_metres_a_second(workshop):
     """The roof is torn off; both audits hold through it.
     No wind at all is refused as a speed: leave the section out.
     """
-    wind = "[wind]\nonset = 'sudden'\nspeed = {}\nshape_coefficient = -1.5\n"
-    wind += "base_height = 10.0\nroughness = 0.03\ngusts = 'points'\n"
-    wind += "[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
+    wind = "[wind]\nonset = 'sudden'\nspeed = {}\npressure_coefficient = -1.5\n"
+    wind += "base_height = 10.0\nsurface_drag = 0.03\ngust_field = 'point'\n"
+    wind += "[dynamics]\nduration = 1.0\nmass_damping = 0.5\n" + QUICK.format(0.01, 5)
     f = workshop.solve(STORM + wind.format(150.0))
     assert f["history/broken"][-1] > 10
     identity, balance = audits(f)
@@ -301,8 +302,8 @@ def test_a_gust_from_nothing_within_a_step(workshop):
     (workshop.folder / "gust.csv").write_text("time,speed\n0,0\n0.1,0\n0.100001,120\n2,120\n")
     f = workshop.solve(
         STORM.replace("[load]\nself_weight = false\ndead = 300.0\n", "")
-        + '[wind]\nonset = "sudden"\nfile = "gust.csv"\nshape_coefficient = -1.5\n'
-        "[dynamics]\nduration = 1.0\ndamping = 0.5\n" + QUICK.format(0.01, 5)
+        + '[wind]\nonset = "sudden"\nfile = "gust.csv"\npressure_coefficient = -1.5\n'
+        "[dynamics]\nduration = 1.0\nmass_damping = 0.5\n" + QUICK.format(0.01, 5)
     )
     assert f["events/time"][0] > 0.1 and not f["history/kinetic_energy"][:9].max() > 1e-6
     identity, balance = audits(f)

@@ -17,7 +17,7 @@ JOB = """
 modulus = 1e9
 area = 1e-2
 density = 1000.0
-[cable.hanger]
+[group.hanger]
 density = 1e-3
 [load]
 self_weight = true
@@ -29,7 +29,7 @@ elements = [0]
 time = 0.0
 [output]
 frames = 1
-history = 5e-4
+history_interval = 5e-4
 """
 
 

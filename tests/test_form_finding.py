@@ -160,7 +160,10 @@ def test_iterations_that_run_out_end_the_run(workshop):
 
 def test_a_subdivided_net_has_the_form_of_the_net_as_given(both_ways):
     """At constant tension nothing keeps the new nodes apart: they are spaced evenly on straight lines."""
-    job = '[net]\ngenerator = "saddle"\nside = 20.0\nrise = 2.0\ncells = 4\nsubdivide = {}\n' + STEEL
+    job = (
+        '[net]\ngenerator = "saddle"\nsubdivide = {}\n[net.saddle]\nside = 20.0\nrise = 2.0\ncells = 4\n'
+        + STEEL
+    )
     form = "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
     whole = both_ways.solve(job.format(1) + form, name="whole")
     parts = both_ways.solve(job.format(40) + form, name="parts", output="parts.vtkhdf")
@@ -221,7 +224,7 @@ def test_what_newton_s_method_does_not_find_is_relaxed(form_of, monkeypatch):
 def test_form_and_equilibria_of_a_large_net_have_the_same_bits_on_any_ranks(shared_workshop):
     """A saddle of 10,305 particles, loaded until it goes by parts of the load; one rank's bits on three."""
     load = "[load]\nself_weight = true\npressure = [0.0, 0.0, 1e3]\nsteps = 1\n"
-    job = f'[net]\ngenerator = "saddle"\ncells = 100\n{STEEL}[form_finding]\n{load}'
+    job = f'[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 100\n{STEEL}[form_finding]\n{load}'
     job = shared_workshop.job(job, name="large")
     one = shared_workshop.run(job, output="one.vtkhdf")
     three = shared_workshop.run(job, ranks=3, output="three.vtkhdf")

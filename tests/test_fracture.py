@@ -23,7 +23,7 @@ from netfall.physics.state import State
 from netfall.post.report.info import print_info
 
 BRITTLE = STEEL.replace("prestress = 100e3\n", "yield_stress = 1e12\nfracture_strain = 1e-3\n")
-DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory = 0.001\nframes = {}\n"
+DYNAMICS = "[dynamics]\nduration = {}\n[output]\nhistory_interval = 0.001\nframes = {}\n"
 
 
 def events(f):
@@ -53,7 +53,7 @@ def test_what_a_loose_end_carries_falls_off(workshop, ranks):
 
 
 PULLED = (
-    '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+    '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n'
     + STEEL
     + """yield_stress = 1.75e9
 fracture_strain = 0.0404
@@ -103,7 +103,7 @@ def test_frames_and_checkpoints_move_no_step(workshop):
     """Which steps are taken back follows from the fractures alone: the same bits."""
     path = workshop.job(PULLED.format(0.6))
     one = workshop.run(path, *LIGHT, output="one.vtkhdf")
-    more = (*LIGHT, "--set", "output.frames=37", "--set", "output.checkpoint=0.0173")
+    more = (*LIGHT, "--set", "output.frames=37", "--set", "output.checkpoint_interval=0.0173")
     other = workshop.run(path, *more, output="other.vtkhdf")
     assert one["history/broken"][-1] > 10
     for group in ("events", "history", "envelope", "final"):
@@ -129,7 +129,7 @@ def test_elements_taken_out_balance_and_leave_the_mass(both_ways, strain):
     no particle comes, what was stored in the broken elements counts as dissipated, both audits hold; the step
     is that of the intact net.
     """
-    text = PULLED.format(0.6).replace("fracture_strain", f'strain = "{strain}"\nfracture_strain')
+    text = PULLED.format(0.6).replace("fracture_strain", f'strain_measure = "{strain}"\nfracture_strain')
     f = both_ways.solve(text, "", "", "--set", "dynamics.fragments=false", "--set", "dynamics.safety=0.1")
     assert f["history/broken"][-1] > 10
     assert (f["events/new_particle"][:] == -1).all()

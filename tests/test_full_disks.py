@@ -111,6 +111,7 @@ def test_a_run_ends_where_the_disk_is_full(disk, workshop, ranks, left):
 
 LOADED = """[net]
 generator = "saddle"
+[net.saddle]
 cells = 24
 [form_finding]
 METHOD
@@ -164,7 +165,7 @@ def test_pictures_and_reports_end_where_the_disk_is_full(disk, workshop):
 
 def test_a_first_job_or_a_partition_that_does_not_fit_leaves_nothing(tmp_path):
     """Of a job that did not fit a part stayed, and ended the next `netfall init` as one that is there."""
-    (tmp_path / "roof.toml").write_text('[net]\ngenerator = "saddle"\ncells = 60\n' + STEEL)
+    (tmp_path / "roof.toml").write_text('[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 60\n' + STEEL)
     for kilobytes, *words in ((4, "init", "new.toml"), (20, "partition", "roof.toml", "-n", "2")):
         command = ["bash", "-c", f'ulimit -f {kilobytes}; exec "$0" "$@"', BIN / "netfall", *words]
         there = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}  # Python leaves what it cannot write, cut off
@@ -210,7 +211,7 @@ def test_studies_end_where_the_disk_is_full(disk, workshop):
     workshop.job(TINY.replace("16.2", "0.002"), NODES, ELEMENTS)
     study = workshop.folder / "study.toml"
     seeds = ", ".join(map(str, range(1, 13)))
-    study.write_text(f'job = "job.toml"\n[vary]\n"dynamics.damping" = [{seeds}]\n')
+    study.write_text(f'job = "job.toml"\n[vary]\n"dynamics.mass_damping" = [{seeds}]\n')
     place = disk.folder / "s.study.h5"
     for kilobytes, left in ((0, set()), (12, {"s.study.journal"})):
         disk.leave(kilobytes)

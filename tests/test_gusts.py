@@ -34,7 +34,7 @@ def settings(**given):
 
 def model_of(dt, points=POINTS, **given):
     """The gusts at one point, and their model."""
-    wind = settings(**({"speed": 40.0, "turbulence": 0.2} | given))
+    wind = settings(**({"speed": 40.0, "turbulence_intensity": 0.2} | given))
     gust = make_gust(wind)
     gusts = PointGusts(points, np.full(len(points), wind.speed), DECAY)
     return gust, fit_gust_model(gusts, gust, dt, wind.ar_order)
@@ -70,7 +70,7 @@ ABOVE = {  # share of the variance above x = n L / U0, integrated by hand
 @pytest.mark.parametrize("spectrum", SHAPES)
 def test_spectra_integrate_to_the_variance(spectrum):
     """sigma^2 = (I U0)^2 = 6 k U0^2 over all frequencies; what lies above one is the integral by hand."""
-    gust = make_gust(settings(speed=40.0, roughness=0.03, spectrum=spectrum))
+    gust = make_gust(settings(speed=40.0, surface_drag=0.03, spectrum=spectrum))
     n = np.geomspace(1e-9, 1e6, 400_001)
     total = np.trapezoid(gust.spectrum(n) * n, np.log(n))
     assert total == pytest.approx(6 * 0.03 * 40**2, rel=1e-4)  # x^(-2/3) of 1e6 Hz lies beyond
@@ -83,7 +83,9 @@ def test_spectra_integrate_to_the_variance(spectrum):
 
 def test_spectra_are_those_of_their_sources():
     """At 1 Hz and 40 m/s as the sources write them, n S / sigma^2 with their own symbols."""
-    value = lambda name: make_gust(settings(speed=40.0, turbulence=0.2, spectrum=name)).spectrum(1.0)
+    value = lambda name: make_gust(settings(speed=40.0, turbulence_intensity=0.2, spectrum=name)).spectrum(
+        1.0
+    )
     variance, x, f = (0.2 * 40) ** 2, 1200 / 40, 63.2 / 40
     assert value("davenport") == pytest.approx(4 * (0.2**2 / 6) * 40**2 * x**2 / (1 + x**2) ** (4 / 3))
     iec = 8.1 * 0.7 * 10 / 40
@@ -143,11 +145,11 @@ def test_coherence_follows_the_direction(direction):
     """Control points along the wind, across it and askew, by the model itself."""
     wind = settings(
         speed=40.0,
-        turbulence=0.2,
+        turbulence_intensity=0.2,
         direction=direction,
-        shape_coefficient=-1.0,
+        pressure_coefficient=-1.0,
         profile_exponent=0.0,
-        gusts="points",
+        gust_field="point",
     )
     field = make_wind_field(ROOF, np.tile([0.0, 0, 1], (45, 1)), wind)
     angle = math.radians(direction)
@@ -175,8 +177,8 @@ def test_means_load_the_roof_as_its_coherence_does(direction):
     """
     a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [(np.arange(24) + 0.5) / 24]), indexing="ij"))
     x, up = np.column_stack([88 * a, 66 * b, 0 * a]), np.tile([0.0, 0, 1], (len(a), 1))
-    common = dict(speed=60.0, turbulence=0.2, direction=direction, shape_coefficient=-1.0)
-    means, points = (make_wind_field(x, up, settings(gusts=g, **common)) for g in ("means", "points"))
+    common = dict(speed=60.0, turbulence_intensity=0.2, direction=direction, pressure_coefficient=-1.0)
+    means, points = (make_wind_field(x, up, settings(gust_field=g, **common)) for g in ("area_mean", "point"))
     y, gust = along_wind(x, direction), make_gust(settings(**common))
     delay = np.hypot(8 * (y[:, :1] - y[:, 0]), 16 * (y[:, 1:2] - y[:, 1])) / 60
     n = np.geomspace(1e-4, 10, 60)
@@ -209,7 +211,7 @@ def test_direction_is_a_turn_of_the_net():
     """The same gusts for a net turned with the wind; direction 0 leaves the bits of the places."""
     turned = along_wind(ROOF, 30.0)
     up = np.tile([0.0, 0, 1], (45, 1))
-    wind = dict(speed=40.0, turbulence=0.4, shape_coefficient=-1.0, gusts="points")
+    wind = dict(speed=40.0, turbulence_intensity=0.4, pressure_coefficient=-1.0, gust_field="point")
     skew = make_wind_field(ROOF, up, settings(direction=30.0, **wind))
     straight = make_wind_field(turned, up, settings(**wind))
     assert np.allclose(along_wind(skew.control_point, 30.0), straight.control_point, atol=1e-12)
@@ -232,13 +234,13 @@ def uneven_facade():
 
 
 @pytest.mark.parametrize("net", [uneven_saddle, uneven_facade])
-@pytest.mark.parametrize("gusts", ["means", "points"])
+@pytest.mark.parametrize("gusts", ["area_mean", "point"])
 def test_the_order_of_the_nodes_does_not_matter_to_the_gusts(net, gusts):
     """The same bits in another order, and beside nodes of another layer that the wind does not act on; points
     of a mirror image are mirror images.
     """
     x, vector = net()
-    wind = settings(speed=30.0, turbulence=0.2, shape_coefficient=1.0, gusts=gusts)
+    wind = settings(speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, gust_field=gusts)
     one, order = make_wind_field(x, vector, wind), np.random.default_rng(1).permutation(len(x))
     other = make_wind_field(x[order], vector[order], wind)
     assert np.array_equal(one.control_point, other.control_point)
@@ -246,7 +248,7 @@ def test_the_order_of_the_nodes_does_not_matter_to_the_gusts(net, gusts):
     assert np.array_equal(one.weight[order], other.weight)
     layer = np.vstack([x - (0.0, 0.0, 6.0), x]), np.vstack([0 * vector, vector])
     assert np.array_equal(one.control_point, make_wind_field(*layer, wind).control_point)
-    if net is uneven_saddle and gusts == "points":
+    if net is uneven_saddle and gusts == "point":
         mirrored = make_wind_field(x * (1, -1, 1), vector, wind).control_point
         places = {tuple(np.round(p, 9) + 0.0) for p in mirrored * (1, -1, 1)}
         assert places == {tuple(np.round(p, 9) + 0.0) for p in one.control_point}
@@ -300,10 +302,10 @@ def test_the_burn_in_forgets_where_it_began():
 
 def test_turbulence_is_another_word_for_roughness():
     """k = I^2 / 6."""
-    assert make_gust(settings(speed=40.0, turbulence=0.18)).deviation == pytest.approx(0.18 * 40)
-    a = make_gust(settings(speed=40.0, roughness=0.18**2 / 6)).deviation
+    assert make_gust(settings(speed=40.0, turbulence_intensity=0.18)).deviation == pytest.approx(0.18 * 40)
+    a = make_gust(settings(speed=40.0, surface_drag=0.18**2 / 6)).deviation
     assert a == pytest.approx(0.18 * 40)
-    assert make_gust(settings(speed=40.0, turbulence=0.0)) is None
+    assert make_gust(settings(speed=40.0, turbulence_intensity=0.0)) is None
 
 
 def test_a_recursion_goes_on_from_its_record():
@@ -380,7 +382,11 @@ def test_a_facade_is_loaded_as_its_coherence_says(upward):
     x, vector = facade(25, 16)
     decay = (8.0, 16.0, upward)
     wind = settings(
-        speed=40.0, turbulence=0.2, shape_coefficient=1.0, profile_exponent=0.0, coherence_decay=decay
+        speed=40.0,
+        turbulence_intensity=0.2,
+        pressure_coefficient=1.0,
+        profile_exponent=0.0,
+        coherence_decay=decay,
     )
     field, gust = make_wind_field(x, vector, wind), make_gust(wind)
     mode = np.sin(np.pi * x[:, 1] / WIDE) * np.sin(np.pi * x[:, 2] / HIGH)
@@ -404,11 +410,15 @@ def test_each_decay_changes_the_load_of_a_masted_net():
     a, b = (grid.ravel() for grid in np.meshgrid(*(2 * [np.linspace(-20.0, 20.0, 11)]), indexing="ij"))
     x = np.column_stack([a, b, 20.0 * (1 - np.hypot(a, b) / 29.0) ** 2])
     vector = np.tile([0.0, 0.0, 16.0], (len(x), 1))
-    for gusts in ("means", "points"):
+    for gusts in ("area_mean", "point"):
         found = []
         for decay in ((8.0, 16.0, 10.0), (4.0, 16.0, 10.0), (8.0, 8.0, 10.0), (8.0, 16.0, 20.0)):
             wind = settings(
-                speed=40.0, turbulence=0.2, shape_coefficient=1.0, gusts=gusts, coherence_decay=decay
+                speed=40.0,
+                turbulence_intensity=0.2,
+                pressure_coefficient=1.0,
+                gust_field=gusts,
+                coherence_decay=decay,
             )
             field = make_wind_field(x, vector, wind)
             load = load_on(field, vector[:, 2])
@@ -422,7 +432,7 @@ def test_each_decay_changes_the_load_of_a_masted_net():
 def test_points_of_a_roof_stand_on_a_grid_and_those_of_a_wall_in_space():
     """A roof keeps the grid in plan of the paper; the same surface upright has points over its height."""
     wall, vector = facade()
-    common = dict(speed=40.0, turbulence=0.2, shape_coefficient=1.0, gusts="points")
+    common = dict(speed=40.0, turbulence_intensity=0.2, pressure_coefficient=1.0, gust_field="point")
     roof = make_wind_field(wall[:, [1, 2, 0]], vector[:, [1, 2, 0]], settings(**common))
     assert [len(np.unique(roof.control_point[:, k])) for k in range(3)] == [6, 4, 1]
     field = make_wind_field(wall, vector, settings(**common))
@@ -438,12 +448,13 @@ def test_few_nodes_have_a_point_each(nodes, points):
     x = np.column_stack([np.zeros(nodes), np.zeros(nodes), 10.0 * np.arange(nodes)])
     vector = np.tile([4.0, 0.0, 0.0], (nodes, 1))
     for gusts, decay in (
-        ("means", (8.0, 16.0, 10.0)),
-        ("points", (8.0, 16.0, 10.0)),
-        ("means", (0.0, 0.0, 0.0)),
+        ("area_mean", (8.0, 16.0, 10.0)),
+        ("point", (8.0, 16.0, 10.0)),
+        ("area_mean", (0.0, 0.0, 0.0)),
     ):
         wind = settings(
-            speed=30.0, turbulence=0.2, shape_coefficient=1.0, control_points=points, gusts=gusts,
+            speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, control_points=points,
+            gust_field=gusts,
             coherence_decay=decay,
         )  # fmt: skip
         field = make_wind_field(x, vector, wind)
@@ -455,7 +466,9 @@ def test_few_nodes_have_a_point_each(nodes, points):
 def test_the_largest_decay_is_no_division_by_zero():
     """With a decay of 1e6 nothing is left of a mean at the fastest frequencies; warnings are errors."""
     x, vector = facade(9, 6)
-    wind = settings(speed=30.0, turbulence=0.2, shape_coefficient=1.0, coherence_decay=(1e6, 1e6, 1e6))
+    wind = settings(
+        speed=30.0, turbulence_intensity=0.2, pressure_coefficient=1.0, coherence_decay=(1e6, 1e6, 1e6)
+    )
     field = make_wind_field(x, vector, wind)
     assert np.isfinite(field.model.losses.misfit) and field.deviation.max() < 0.01 * 0.2 * 30.0
 
@@ -465,7 +478,12 @@ def test_the_error_of_the_coherence_is_told():
     x = np.array([[0.0, 15.0 * k, 12.0 * j] for k in range(3) for j in range(3)])
     vector = np.tile([4.0, 0.0, 0.0], (9, 1))
     wind = dict(
-        speed=30.0, turbulence=0.2, shape_coefficient=1.0, gusts="points", profile_exponent=0.0, time_step=0.5
+        speed=30.0,
+        turbulence_intensity=0.2,
+        pressure_coefficient=1.0,
+        gust_field="point",
+        profile_exponent=0.0,
+        time_step=0.5,
     )
     gust = make_gust(settings(**wind))
     own = coherence_errors(x, make_wind_field(x, vector, settings(**wind)), settings(**wind), gust)

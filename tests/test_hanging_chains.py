@@ -230,7 +230,10 @@ def test_an_undecided_case_is_one_among_others(workshop):
     held = [net.node((100.0 * k, 0.0, 0.0), 1) for k in range(2)]
     net.chain(*held, 60, 1.0 / 1.0005)
     case = '[[case]]\nname = "slack"\nset = {"load.temperature" = 500.0}\n'
-    text = LINKS.replace("steps = 1\n", "steps = 0\n").replace("[load]", "expansion = 1e-4\n[load]") + case
+    text = (
+        LINKS.replace("steps = 1\n", "steps = 0\n").replace("[load]", "thermal_expansion = 1e-4\n[load]")
+        + case
+    )
     with workshop.run(net.job(workshop, text)) as f:
         assert f["cases/slack"].attrs["state"] == "undecided"
         assert f["provenance"].attrs["exit_state"] == "finished"

@@ -305,10 +305,10 @@ dead = 200.0
 [wind]
 onset = "sudden"
 speed = 20.0
-turbulence = 0.3
-shape_coefficient = -1.5
+turbulence_intensity = 0.3
+pressure_coefficient = -1.5
 base_height = 10.0
-gusts = "points"
+gust_field = "point"
 [dynamics]
 duration = 0.1
 [output]

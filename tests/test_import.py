@@ -563,7 +563,7 @@ def test_springs_and_posts_come_from_layers(tmp_path):
     places = sorted([float(row[k]) for k in "xyz"] for row in sprung)
     assert np.array(places) == pytest.approx(np.array([sketch.corner(0, 0), sketch.corner(4, 3)]))
     text = (tmp_path / "roof" / "roof.toml").read_text()
-    assert '[cable.post]\nkind = "bar"' in text and "# [cable.stay]" in text and '# catalogue = "' in text
+    assert '[group.post]\nkind = "bar"' in text and "# [group.stay]" in text and '# catalogue = "' in text
     check_job(read_job(tmp_path / "roof" / "roof.toml"), lambda line: None)
     for wrong in ("elastic", "elastic=0", "elastic=1,2"):
         done = run_on_standing_ranks("import", "s.dxf", "-o", "no", "--springs", wrong, cwd=tmp_path, code=2)
@@ -610,7 +610,7 @@ def test_upright_cables_are_no_bars(tmp_path, draw, bars, cables):
     path = sketch.save(tmp_path / "a.dxf")
     import_file(path, tmp_path / "net", ImportOptions(supports="held"), said.append)
     told, text = "\n".join(said), (tmp_path / "net" / "net.toml").read_text()
-    assert re.findall(r"^\[cable\.(.*)\]", text, re.M) == bars
+    assert re.findall(r"^\[group\.(.*)\]", text, re.M) == bars
     assert re.findall(r'group "(.*)": upright, taken as kind', told) == bars
     assert re.findall(r'group "(.*)": upright, taken as cables; if these are posts or struts', told) == cables
 

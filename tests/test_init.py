@@ -1,19 +1,21 @@
 """Where people begin: `netfall init`, and the examples in --help."""
 
+import json
 import shlex
 import tomllib
 
 import numpy as np
 import pytest
-from conftest import STEEL
+from conftest import STEEL, run_netfall
 
 from netfall.cli.parser import EXAMPLES, VERBS, parser
 from netfall.core.errors import InputError
 from netfall.driver.check import check_job, plot_job_net
 from netfall.geometry.build import build_net
+from netfall.job.json_schema import job_schema
 from netfall.job.read import read_job
-from netfall.job.schema import LIST_KEYS, SECTIONS
-from netfall.job.template import new_template
+from netfall.job.schema import LIST_KEYS, TABLES
+from netfall.job.template import new_job
 from netfall.model.layout import make_layout
 from netfall.post.plots import canvas
 from netfall.post.plots.net import select_cables
@@ -22,12 +24,12 @@ from netfall.post.plots.net import select_cables
 def test_the_first_job_is_valid_and_names_every_key(tmp_path):
     """It passes the check as it stands; each key is there, and a section that is uncommented is read."""
     path = tmp_path / "roof.toml"
-    path.write_text(new_template(path))
+    path.write_text(new_job(path))
     said = []
     check_job(read_job(path), said.append)
     assert any(line.startswith("stages: form finding") for line in said)
     text = path.read_text()
-    for section, keys in (SECTIONS | LIST_KEYS).items():
+    for section, keys in (TABLES | LIST_KEYS).items():
         place = f"[[{section}]]" if section in LIST_KEYS else f"[{section}]"
         part = text.split(f"{place}\n")[-1].split("\n\n")[0] if section else text
         assert [key.name for key in keys if f"{key.name} =" not in part] == [], section
@@ -37,7 +39,7 @@ def test_the_first_job_is_valid_and_names_every_key(tmp_path):
     path.write_text(text.replace("# [dynamics]\n" + dynamics, "[dynamics]\n" + "\n".join(given)))
     assert read_job(path).dynamics.safety == 0.8  # all defaults, written out, are right
     with pytest.raises(InputError, match="is there already"):
-        new_template(path)
+        new_job(path)
 
 
 def test_examples_are_commands_that_the_program_takes():
@@ -64,10 +66,10 @@ snow = 900.0
 [wind]
 speed = 25.0
 direction = 200.0
-shape_coefficient = -0.6
+pressure_coefficient = -0.6
 base_height = 10.0
-roughness = 0.03
-gusts = "points"
+surface_drag = 0.03
+gust_field = "point"
 [[remove]]
 time = 0.1
 elements = [5, 9]
@@ -117,7 +119,9 @@ def test_check_draws_what_the_job_says(workshop, monkeypatch):
 def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
     """Of each group, evenly: a saddle of 100 cables each way, of which each fifth is left."""
     path = tmp_path / "job.toml"
-    path.write_text(f'[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 101\n{STEEL}')
+    path.write_text(
+        f'[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 101\n{STEEL}'
+    )
     net = build_net(read_job(path))
     rows, every = select_cables(net.x, net.elements, net.cable, net.group, net.m // 5)
     assert every == 5 and net.m == 20_200
@@ -125,3 +129,15 @@ def test_the_picture_of_a_large_net_shows_every_kth_cable(tmp_path):
         mine = rows[net.group[rows] == group]
         at = np.unique(net.x[net.elements[mine], axis].round(9))
         assert len(at) == 20 and len(mine) == 20 * 101 and np.allclose(np.diff(at), 5 * 40.0 / 101)
+
+
+@pytest.mark.parametrize("name", ["saddle", "dome", "wheel"])
+def test_each_example_is_short_and_runs(tmp_path, name):
+    """It needs nothing but itself, and editors find its schema beside it."""
+    assert run_netfall("init", "--example", name, cwd=tmp_path).returncode == 0
+    text = (tmp_path / f"{name}.toml").read_text()
+    assert len([line for line in text.splitlines() if line and not line.startswith("#")]) <= 40
+    assert text.splitlines()[0] == "#:schema ./netfall.schema.json"
+    assert json.loads((tmp_path / "netfall.schema.json").read_text()) == job_schema()
+    done = run_netfall("run", f"{name}.toml", "--set", "title=short", cwd=tmp_path)
+    assert done.returncode == 0 and "warning:" not in done.stdout + done.stderr

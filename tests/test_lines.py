@@ -16,6 +16,7 @@ from netfall.statics.multigrid.tangent import incidence_of, tangent_rows
 SADDLE = """
 [net]
 generator = "saddle"
+[net.saddle]
 side = 40
 rise = 4
 cells = 9
@@ -114,7 +115,7 @@ def test_by_lines_conjugate_gradients_take_fewer_iterations_than_by_particles(
     workshop, prestress, monkeypatch
 ):
     """At most 0.7 times as many: taut 11 for 17, soft 84 for 173."""
-    job, counts = read_job(workshop.job(SADDLE), [f"cable.prestress={prestress}", "net.cells=40"]), []
+    job, counts = read_job(workshop.job(SADDLE), [f"cable.prestress={prestress}", "net.saddle.cells=40"]), []
     for most in (MOST_TOUCHING, 0):
         monkeypatch.setattr(cycle, "MOST_TOUCHING", most)
         *_, newton, K = smoother(job)

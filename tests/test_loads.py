@@ -52,7 +52,7 @@ def test_snow_lies_on_the_plan_and_its_mass_moves(workshop):
     table = nodes().replace("4,0,0,1", "4,-0.6,0,0.8")
     job = workshop.job(
         CABLE + "[load]\nself_weight = false\n"
-        "snow = 500.0\ndead = 100.0\n[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n",
+        "snow = 500.0\ndead = 100.0\n[dynamics]\nduration = 1e-3\n[output]\nhistory_interval = 1e-3\n",
         table,
         ELEMENTS,
     )
@@ -68,7 +68,7 @@ def test_snow_lies_on_the_plan_and_its_mass_moves(workshop):
 def test_temperature_changes_the_unstressed_length(workshop, strain):
     """A cable between rigid supports, 20 kN found as its form, cooled by 30 K: L0 (1 - 30 alpha)."""
     job = workshop.job(
-        CABLE + f'prestress = 20e3\nstrain = "{strain}"\nexpansion = 2e-5\n'
+        CABLE + f'prestress = 20e3\nstrain_measure = "{strain}"\nthermal_expansion = 2e-5\n'
         "[form_finding]\n[load]\nself_weight = false\ntemperature = -30.0\nsteps = 1\ntolerance = 1e-10\n",
         nodes(),
         ELEMENTS.replace(",unstressed_length", "").replace("2,5", "2").replace("3,5", "3"),
@@ -121,7 +121,7 @@ def test_a_mass_on_a_spring_and_a_cable_swings_with_their_stiffness(both_ways):
     )
     job = both_ways.job(
         CABLE + "prestress = 20e3\n[form_finding]\n[dynamics]\nduration = 0.2\ntime_step = 1e-5\n"
-        "[output]\nhistory = 0.01\nprobes = [[0.0, 0.0]]\n",
+        "[output]\nhistory_interval = 0.01\nprobes = [[0.0, 0.0]]\n",
         table,
         "start,end\n1,2\n",
     )
@@ -157,9 +157,9 @@ def test_cases_start_from_the_permanent_state_and_leave_nothing_behind(both_ways
     assert f["cases/lift/tension"][0] == pytest.approx(EA * (np.hypot(5, sag(3000.0)) / 5 - 1), rel=1e-8)
 
 
-WIND = "[wind]\nspeed = 30.0\nroughness = {k}\nshape_coefficient = -1.0\nbase_height = 10.0\n"
-WIND += "gusts = 'points'\n{more}"
-MOVES = "[dynamics]\nduration = {time}\n[output]\nhistory = 0.01\nprobes = [[0.0, 0.0]]\n"
+WIND = "[wind]\nspeed = 30.0\nsurface_drag = {k}\npressure_coefficient = -1.0\nbase_height = 10.0\n"
+WIND += "gust_field = 'point'\n{more}"
+MOVES = "[dynamics]\nduration = {time}\n[output]\nhistory_interval = 0.01\nprobes = [[0.0, 0.0]]\n"
 FORCE = 0.5 * 1.25 * 30.0**2 * 4.0  # N, at 10 m above ground
 
 
@@ -195,7 +195,7 @@ def test_gusts_grow_in_by_half_a_cosine(both_ways):
 def test_a_table_of_speeds_rests_under_its_mean_and_shows_the_ramp(workshop):
     """Two rows, 20 m/s rising to 40 over 4 s: mean 30; samples are put in while what differs grows in."""
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n4,40\n")
-    text = CABLE + '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n' + MOVES.format(time=4)
+    text = CABLE + '[wind]\nfile = "wind.csv"\npressure_coefficient = -1.0\n' + MOVES.format(time=4)
     f = workshop.solve(text, nodes(), ELEMENTS)
     assert f["wind/mean_speed"][:] == pytest.approx([30.0])
     assert f["rest/position"][1, 2] == pytest.approx(sag(FORCE), rel=1e-4)
@@ -248,12 +248,13 @@ CROSS = (
 )
 TORN = (
     "[cable]\nmodulus = 1e10\narea = 1e-4\ndensity = 1000.0\nyield_stress = 1e12\n"
-    "[cable.weak]\nfracture_strain = 2e-4\n"
+    "[group.weak]\nfracture_strain = 2e-4\n"
     "[load]\nself_weight = false\n"
-    "dead = 50.0\n[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\n"
+    "dead = 50.0\n[wind]\nspeed = 20.0\nsurface_drag = 0.0\npressure_coefficient = -1.0\n"
     "base_height = 10.0\n"
-    'onset = "sudden"\nafter_fracture = "{}"\n[dynamics]\nduration = 20\ndamping = 1.0\nfragment_mass = 0\n'
-    "[output]\nhistory = 0.5\n"
+    'onset = "sudden"\nafter_fracture = "{}"\n'
+    "[dynamics]\nduration = 20\nmass_damping = 1.0\nfragment_mass = 0\n"
+    "[output]\nhistory_interval = 0.5\n"
 )
 
 
@@ -285,12 +286,13 @@ def test_panels_at_a_broken_cable_leave_with_their_wind_and_weight(both_ways, af
 def test_panels_take_their_energy_along_whatever_tears(both_ways):
     """A collapse on one rank and on three: the same bits, and both audits hold."""
     text = (
-        '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
+        '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 4\n'
+        "[cable]\nmodulus = 1e11\n"
         "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
         "[form_finding]\n[load]\nself_weight = false\n"
-        "dead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence = 0.2\n"
-        'shape_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
-        "base_height = 10.0\ngusts = 'points'\n"
+        "dead = 200.0\nsnow = 100.0\n[wind]\nspeed = 50.0\nturbulence_intensity = 0.2\n"
+        'pressure_coefficient = -1.5\nonset = "sudden"\nafter_fracture = "panels"\n'
+        "base_height = 10.0\ngust_field = 'point'\n"
         "[dynamics]\nduration = 1.0\nsafety = 0.2\n"
     )
     f = both_ways.solve(text)
@@ -411,7 +413,7 @@ def pull(w):
     [
         ('pressures = "p.csv"\n', "taps: missing"),
         ('pressures = "p.csv"\ntaps = "taps.csv"\nspeed = 20\n', "speed and pressures exclude each other"),
-        ('pressures = "p.csv"\ntaps = "taps.csv"\nshape_coefficient = 1\n', "need no coefficients"),
+        ('pressures = "p.csv"\ntaps = "taps.csv"\npressure_coefficient = 1\n', "need no coefficients"),
         ('pressures = "p.csv"\ntaps = "taps.csv"\n', "p.csv: column"),
     ],
 )
@@ -424,14 +426,16 @@ def test_wrong_pressures_are_refused(workshop, lines, message):
 
 
 STORM = (
-    '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
+    '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 2.0\ncells = 4\n[cable]\nmodulus = 1e11\n'
     "area = 5e-4\ndensity = 7850.0\nprestress = 1e5\nyield_stress = 1e9\nfracture_strain = 0.015\n"
     "[form_finding]\n[load]\nself_weight = false\n"
     "dead = 200.0\nsnow = 100.0\nsteps = 2\ntemperature = -20.0\n"
     '[[case]]\nname = "deep"\nset = {"load.snow" = 300.0}\n[[case]]\nname = "none"\nset = {"load.snow" = 0}\n'
-    "[wind]\nspeed = 33.0\nturbulence = 0.3\nshape_coefficient = -1.5\nramp = 0.2\ndirection = 30.0\n"
-    "base_height = 10.0\ngusts = 'points'\n"
-    'after_fracture = "panels"\n[dynamics]\nduration = 0.6\n[output]\ncheckpoint = 0.31\nframes = 20\n'
+    "[wind]\nspeed = 33.0\nturbulence_intensity = 0.3\npressure_coefficient = -1.5\nramp = 0.2\n"
+    "direction = 30.0\n"
+    "base_height = 10.0\ngust_field = 'point'\n"
+    'after_fracture = "panels"\n[dynamics]\nduration = 0.6\n'
+    "[output]\ncheckpoint_interval = 0.31\nframes = 20\n"
 )
 
 
@@ -457,7 +461,9 @@ def test_a_pause_anywhere_in_the_equilibria_changes_no_bit(workshop, text, after
 
     With cases alone the loads act at once after them, from the state of the start.
     """
-    job = workshop.job(text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint = 0.31\n", ""))
+    job = workshop.job(
+        text.replace("duration = 0.6", "duration = 0.01").replace("checkpoint_interval = 0.31\n", "")
+    )
     whole = workshop.run(job, output="whole.vtkhdf")
     checkpoint, said = workshop.pause(job, after)
     assert "in statics, " in said

@@ -19,16 +19,16 @@ prestress = 1e3
 [wind]
 onset = "sudden"
 speed = 20.0
-roughness = 0
-shape_coefficient = -1.0
+surface_drag = 0
+pressure_coefficient = -1.0
 base_height = 10.0
 [dynamics]
 duration = 16.2
 time_step = 1e-6
-damping = 1.0
+mass_damping = 1.0
 [output]
 frames = 1
-history = 100.0
+history_interval = 100.0
 """
 
 

@@ -38,7 +38,7 @@ area = {AREA}
 density = {DENSITY}
 yield_stress = {YIELD}
 fracture_strain = {BREAK}
-[cable.strut]
+[group.strut]
 kind = "bar"
 yield_stress = {WEAK}
 fracture_strain = {BRITTLE}
@@ -52,7 +52,7 @@ ramp = 0.2
 [wind]
 onset = "sudden"
 file = "wind.csv"
-shape_coefficient = -1.1
+pressure_coefficient = -1.1
 air_density = 1.25
 profile_exponent = 0.0
 after_fracture = "{{after}}"
@@ -60,10 +60,10 @@ after_fracture = "{{after}}"
 duration = {DT * STEPS}
 time_step = {DT}
 safety = {SAFETY}
-damping = 0.7
+mass_damping = 0.7
 fragment_mass = 0.5
 [output]
-history = {DT * 10}
+history_interval = {DT * 10}
 frames = 4
 probes = [12, [4.0, 8.0]]
 elements = [41, 3, 29]
@@ -258,7 +258,7 @@ def test_what_is_cut_free_is_dragged_as_in_the_plain_step(workshop):
 def test_two_ranks_and_a_restart_give_its_bits(torn, shared_workshop):
     """Cut through what breaks and yields; then from its checkpoint."""
     job, one = torn
-    more = "--set", f"output.checkpoint={MIDDLE}"
+    more = "--set", f"output.checkpoint_interval={MIDDLE}"
     with shared_workshop.run(job, *more, ranks=2, output="two.vtkhdf") as two:
         assert_same_results(one, two)
     (checkpoint,) = shared_workshop.folder.glob("two.checkpoint*")
@@ -286,15 +286,15 @@ def test_air_and_two_branches_have_the_same_bits_on_three_ranks_and_through_a_re
     """
     text = JOB.format(after="detached").replace(f"= {BREAK}", f"= {WEAKER}")
     for section, keys in {
-        "load": "air_mass = 2.0",
-        "wind": "air_damping = 0.8",
-        "dynamics": "damping_ratio = 0.01\ndamping_band = [1.0, 20.0]",
+        "load": "added_mass = 2.0",
+        "wind": "aerodynamic_damping = 0.8",
+        "dynamics": "axial_damping_ratio = 0.01\naxial_damping_band = [1.0, 20.0]",
     }.items():
         text = text.replace(f"[{section}]\n", f"[{section}]\n{keys}\n")
     job, one = run_here(shared_workshop, text, make_tables(), name="air", wind=(1.0, 1.5))
     assert one["history/broken"][-1] > 3 and np.abs(one["history/identity_error"][:]).max() < 1e-10
     assert one["history/air_work"][-1] > 0.0 and one["history/band_damping_work"][-1] > 0.0
-    more = "--set", f"output.checkpoint={100 * DT}"
+    more = "--set", f"output.checkpoint_interval={100 * DT}"
     with shared_workshop.run(job, *more, ranks=3, output="three.vtkhdf") as three:
         assert_same_results(one, three)
     (checkpoint,) = shared_workshop.folder.glob("three.checkpoint*")
@@ -310,13 +310,13 @@ modulus = 1e10
 area = 1e-4
 density = 1000.0
 fracture_strain = 2e-3
-[cable.strong]
+[group.strong]
 fracture_strain = 5e-3
 [dynamics]
 duration = 0.008
 time_step = 1e-4
 [output]
-history = 0.001
+history_interval = 0.001
 """
 THREE = "id,x,y,z,fixed,load_y\n0,-5,0,0,1,0\n1,0,0,0,0,2e4\n2,5,0,0,1,0\n"
 
@@ -352,7 +352,7 @@ yield_stress = 4e7
 duration = {T}
 time_step = {dt}
 [output]
-history = {T}
+history_interval = {T}
 """
 
 
@@ -375,7 +375,7 @@ TAPPED = """
 modulus = 1e10
 area = 1e-4
 density = 5000.0
-strain = "logarithmic"
+strain_measure = "logarithmic"
 [wind]
 taps = "taps.csv"
 pressures = "pressures.csv"
@@ -383,9 +383,9 @@ onset = "sudden"
 [dynamics]
 duration = {T}
 time_step = {dt}
-damping = 0.6
+mass_damping = 0.6
 [output]
-history = {T}
+history_interval = {T}
 probes = [2, 3]
 """
 HALF_LINE = (
@@ -451,7 +451,7 @@ def test_a_prescribed_motion_is_met_at_second_order(workshop):
 def test_ranks_that_are_stopped_at_random_change_no_bit(workshop, seed):
     """Three ranks with shared memory, each stopped and continued again and again while the others go on."""
     run_long = JOB.format(after="particle").replace(f"duration = {DT * STEPS}", "duration = 10.0")
-    run_long = run_long.replace(f"history = {DT * 10}", "history = 5.0")
+    run_long = run_long.replace(f"history_interval = {DT * 10}", "history_interval = 5.0")
     (workshop.folder / "wind.csv").write_text("time,speed\n-0.1,22.0\n0.06,36.0\n0.2,25.0\n70.0,12.0\n")
     job = workshop.job(run_long, *as_files(make_tables()))
     one = workshop.run(job, output="one.vtkhdf")

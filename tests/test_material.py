@@ -82,7 +82,8 @@ def test_what_never_yields_beside_what_does_dissipates_nothing(measure, tmp_path
     """Two cables of the tutorial yield, two have no yield stress: the heat is that of the former, with the
     engineering strain N_y L0 eps_p in all, and the audits are there; those two are named.
     """
-    job = cross(cable=cross()["cable"] | {"strain": measure, "hanging": {"yield_stress": 2.3e8}})
+    cable = cross()["cable"] | {"strain_measure": measure}
+    job = cross(cable=cable, group={"hanging": {"yield_stress": 2.3e8}})
     with netfall.run(job, {"dynamics.safety": 0.02}, output=tmp_path / "r.vtkhdf", quiet=True) as result:
         heat = result.history["plastic_dissipation"]
         eps_p, L0 = result.file["final/plastic_strain"][:], result.elements["unstressed_length"]

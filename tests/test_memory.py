@@ -7,11 +7,19 @@ from test_study import NODES
 from test_study import TABLES as STUDY_TABLES
 
 from netfall.job.cache import WIND_SPEED_KEYS, ResultCache, cache_key
-from netfall.job.fields import inner_models
+from netfall.job.fields import inner_models, keys_of
 from netfall.job.job import PATH_KEYS, Job
 from netfall.job.models import Group
 from netfall.job.read import read_job
-from netfall.job.schema import LIST_KEYS, LISTS, OVERRIDES, SECTIONS, TABLES
+from netfall.job.schema import (
+    GENERATORS,
+    GROUP_KEYS,
+    LIST_KEYS,
+    LIST_MODELS,
+    MODELS,
+    SECTIONS,
+    ZONE_KEYS,
+)
 from netfall.model.layout import make_layout
 from netfall.study.file import read_study_plan
 from netfall.study.files import Watch
@@ -40,12 +48,13 @@ AFTER_REST = {
     "title": "a name",
     "text": "its values stand in the sections; what else stands there is comments",
     "overrides": "their values stand in the sections",
+    "warnings": "on names, not on values",
     "output.frames": "of the dynamic stage",
-    "output.history": "of the dynamic stage",
+    "output.history_interval": "of the dynamic stage",
     "output.probes": "of the dynamic stage",
     "output.elements": "of the dynamic stage",
-    "output.checkpoint": "of the dynamic stage",
-    "output.modes": "each run finds its own",
+    "output.checkpoint_interval": "of the dynamic stage",
+    "modes.count": "each run finds its own",
     "wind.seed": "noise of the gusts, not of their model",
     "wind.ramp": "over which gusts grow in after the rest",
     "removes.elements": "lost after the rest",
@@ -57,7 +66,9 @@ AFTER_REST = {
 NO_WIND_YET = dict.fromkeys(WIND_SPEED_KEYS, "the net and its form know no wind")
 NOT_ASKED = {
     "path": "the same job elsewhere, with the same files, is the same job",
+    "text": "its values stand in the sections; what else stands there is comments",
     "overrides": "their values stand in the sections",
+    "warnings": "on names, not on values",
 }
 
 
@@ -75,20 +86,26 @@ def values_of(keys):
     return {key.name: key.checked(two_values(key)[0]) for key in keys}
 
 
+def dimensions(name, **changed):
+    """Dimensions of a generator, with other values of some."""
+    model = GENERATORS[name]
+    return model.model_construct(**values_of(keys_of(model).values()) | changed)
+
+
 @pytest.fixture
 def whole_job(tmp_path):
     """A job in which every key of the schema has a value."""
     for name in ("a.csv", "b.csv"):
         (tmp_path / name).write_text("the same\n")
-    sections = {
-        name: TABLES[name].model_construct(**values_of(keys)) for name, keys in SECTIONS.items() if name
+    sections = {name: MODELS[name].model_construct(**values_of(SECTIONS[name])) for name in MODELS}
+    for name, keys in ZONE_KEYS.items():
+        zone = inner_models(MODELS[name])["zone"].model_construct(**values_of(keys))
+        sections[name] = sections[name].replaced(zone={"one": zone})
+    sections["net"] = sections["net"].replaced(**{name: dimensions(name) for name in GENERATORS})
+    lists = {
+        f"{name}s": [LIST_MODELS[name].model_construct(**values_of(keys))] for name, keys in LIST_KEYS.items()
     }
-    for name, (under, keys) in OVERRIDES.items():
-        if under:
-            inner = inner_models(TABLES[name])[under].model_construct(**values_of(keys))
-            sections[name] = sections[name].replaced(**{under: {"one": inner}})
-    lists = {f"{name}s": [LISTS[name].model_construct(**values_of(keys))] for name, keys in LIST_KEYS.items()}
-    groups = {"one": Group.model_construct(**values_of(OVERRIDES["cable"][1]))}
+    groups = {"one": Group.model_construct(**values_of(GROUP_KEYS))}
     return Job(tmp_path / "job.toml", "[net]\n", (), "a roof", groups=groups, **sections, **lists)
 
 
@@ -98,22 +115,26 @@ def changed(job):
         for key in keys if name else ():
             section = getattr(job, name).replaced(**{key.name: two_values(key)[1]})
             yield f"{name}.{key.name}", replace(job, **{name: section})
-    for name, (under, keys) in OVERRIDES.items():
+    for name, keys in ZONE_KEYS.items():
+        section = getattr(job, name)
         for key in keys:
-            before = getattr(job, name).zone if under else job.groups
-            inner = {"one": before["one"].replaced(**{key.name: two_values(key)[1]})}
-            if under:
-                section = getattr(job, name).replaced(**{under: inner})
-                yield f"{name}.{under}.one.{key.name}", replace(job, **{name: section})
-            else:
-                yield f"groups.one.{key.name}", replace(job, groups=inner)
+            zone = section.zone["one"].replaced(**{key.name: two_values(key)[1]})
+            yield f"{name}.zone.one.{key.name}", replace(job, **{name: section.replaced(zone={"one": zone})})
+    for name, model in GENERATORS.items():
+        for key in keys_of(model).values():
+            changed_net = job.net.replaced(**{name: dimensions(name, **{key.name: two_values(key)[1]})})
+            yield f"net.{name}.{key.name}", replace(job, net=changed_net)
+    for key in GROUP_KEYS:
+        group = job.groups["one"].replaced(**{key.name: two_values(key)[1]})
+        yield f"groups.one.{key.name}", replace(job, groups={"one": group})
     for name, keys in LIST_KEYS.items():
         for key in keys:
-            entry = LISTS[name].model_construct(**values_of(keys) | {key.name: two_values(key)[1]})
+            entry = LIST_MODELS[name].model_construct(**values_of(keys) | {key.name: two_values(key)[1]})
             yield f"{name}s.{key.name}", replace(job, **{f"{name}s": [entry]})
     yield "title", replace(job, title="another")
     yield "text", replace(job, text="[net]  # a comment\n")
     yield "overrides", replace(job, overrides=("wind.speed=30",))
+    yield "warnings", replace(job, warnings=("warning: an old name",))
     yield "path", replace(job, path=job.path.with_name("other.toml"))
 
 
@@ -147,7 +168,7 @@ def test_that_something_is_lost_at_all_counts(whole_job):
 
 def test_an_override_of_the_net_counts(whole_job):
     """Then a partition that was made for the job's own net does not apply."""
-    assert cache_key(replace(whole_job, overrides=("net.cells=4",))) != cache_key(whole_job)
+    assert cache_key(replace(whole_job, overrides=("net.saddle.cells=4",))) != cache_key(whole_job)
 
 
 @pytest.mark.parametrize("section, name", PATH_KEYS)
@@ -172,7 +193,7 @@ def test_all_paths_are_known(whole_job):
     }
     assert not in_lists & unnoticed(whole_job, Job.files)
     assert all(key.kind == "path" for keys in LIST_KEYS.values() for key in keys if "path of" in key.meaning)
-    for _, keys in OVERRIDES.values():
+    for keys in ZONE_KEYS.values():
         assert not [key.name for key in keys if key.kind == "path" or "path of" in key.meaning]
 
 
@@ -198,12 +219,13 @@ def test_members_are_batched_by_all_that_is_shared(workshop):
     """Seeds and rows of the history share a rest, dampings do not (they may in truth, but nobody says so)."""
     workshop.job(STUDY_TABLES, NODES, "start,end\n1,2\n2,3\n3,1\n")
     (workshop.folder / "wind.csv").write_text("time,speed\n0,20\n1,20\n")
-    vary = '"dynamics.damping" = [0.1, 0.2]\n"output.history" = [0.01, 0.02]\n"wind.seed" = [1, 2]\n'
+    vary = '"dynamics.mass_damping" = [0.1, 0.2]\n"output.history_interval" = [0.01, 0.02]\n'
+    vary += '"wind.seed" = [1, 2]\n'
     plan = plan_of(workshop, 'job = "job.toml"\n[vary]\n' + vary)
     queue, last, batches = SampleQueue(plan, [*range(len(plan))]), None, {}
     while task := queue.take(last):
         last = task[0]
-        batches.setdefault(last, []).append(plan.member(task[1]).values["dynamics.damping"])
+        batches.setdefault(last, []).append(plan.member(task[1]).values["dynamics.mass_damping"])
     assert sorted(batches.values()) == [[0.1] * 4, [0.2] * 4]
 
 

@@ -20,17 +20,17 @@ def test_a_long_title_is_told_and_drawn(workshop):
 
 
 @pytest.mark.parametrize(
-    "speed, roughness, says",
+    "speed, surface_drag, says",
     [
         ("1e200", "0.03", "expected a number of m/s >= 0.1 and <= 200"),
         ("0.001", "0.03", "expected a number of m/s >= 0.1 and <= 200"),
-        ("0.5", "0.03", "expected [wind] time_step >= 0.1, or roughness = 0"),
+        ("0.5", "0.03", "expected [wind] time_step >= 0.1, or surface_drag = 0"),
     ],
 )
-def test_a_wind_beyond_all_winds_is_refused(workshop, speed, roughness, says):
+def test_a_wind_beyond_all_winds_is_refused(workshop, speed, surface_drag, says):
     """At once: neither an overflow nor minutes for the memory of gusts that last half an hour."""
     job = workshop.job(TINY, NODES, ELEMENTS)
-    values = ("--set", f"wind.speed={speed}", "--set", f"wind.roughness={roughness}")
+    values = ("--set", f"wind.speed={speed}", "--set", f"wind.surface_drag={surface_drag}")
     assert says in refused("check", job, *values, timeout=120)
 
 

@@ -27,9 +27,10 @@ def test_all_supports_at_one_velocity_leave_the_tensions_as_at_rest(workshop, da
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,1,0,0,20\n4,30,0,3,1,\n"
     text = (
         STEEL
-        + '[cable.idle]\nkind = "bar"\narea = 1e-8\nprestress = 0.0\n'  # the features of other tests here
+        + '[group.idle]\nkind = "bar"\narea = 1e-8\nprestress = 0.0\n'  # the features of other tests here
         + '[form_finding]\n[[motion]]\ndisplacement = "move.csv"\n'
-        + f"[dynamics]\nduration = 0.5\ntime_step = 5e-4\ndamping = {damping}\n[output]\nhistory = 0.01\n"
+        + f"[dynamics]\nduration = 0.5\ntime_step = 5e-4\nmass_damping = {damping}\n"
+        + "[output]\nhistory_interval = 0.01\n"
     )
     job = workshop.job(text, nodes, "start,end,group\n1,2,\n2,3,\n3,4,\n1,4,idle\n")
     (job.parent / "move.csv").write_text("time,x,y,z\n0,0,0,0\n1,2.0,-1.0,0.5\n")
@@ -53,7 +54,7 @@ def oscillators(periods, extra, step, duration, mass=100.0):
         elements += f"{2 * k},{2 * k + 1},{stiffness * 10.0 / 1e-4!r}\n"
     text = BAR + extra + f"[dynamics]\nduration = {duration}\ntime_step = {step}\n"
     probes = [2 * k + 1 for k in range(len(periods))]
-    return text + f"[output]\nhistory = {max(step, 0.005)}\nprobes = {probes}\n", nodes, elements
+    return text + f"[output]\nhistory_interval = {max(step, 0.005)}\nprobes = {probes}\n", nodes, elements
 
 
 def made_record(count=1500, dt=0.01):
@@ -93,8 +94,8 @@ def test_the_spectrum_of_a_record_is_that_of_a_direct_integration(workshop):
     periods, zeta = [0.2, 0.3, 0.5, 0.8, 1.3], 0.4
     extra = '[[motion]]\nacceleration = "quake.AT2"\ndirection = [1.0, 0.0, 0.0]\nbaseline = false\n'
     text, nodes, elements = oscillators(periods, extra, 5e-4, 4.0)
-    text = text.replace("history = 0.005", "history = 5e-4").replace(
-        "[dynamics]", f"[dynamics]\ndamping = {zeta}"
+    text = text.replace("history_interval = 0.005", "history_interval = 5e-4").replace(
+        "[dynamics]", f"[dynamics]\nmass_damping = {zeta}"
     )
     job = workshop.job(text, nodes, elements)
     head = "PEER NGA STRONG MOTION DATABASE RECORD\nmade\nACCELERATION TIME SERIES IN UNITS OF G\n"
@@ -114,7 +115,11 @@ def test_a_support_that_settles_ends_as_a_net_built_so(workshop):
     """A damped net whose support sinks has the tensions of one that was built so."""
     nodes = "id,x,y,z,fixed,mass\n1,0,0,0,1,\n2,10,0,0,0,50\n3,20,0,{z},1,\n"
     elements = "start,end,unstressed_length\n1,2,9.99\n2,3,9.99\n"
-    text = STEEL + "[dynamics]\nduration = 3.0\ntime_step = 1e-4\ndamping = 20.0\n[output]\nhistory = 0.05\n"
+    text = (
+        STEEL
+        + "[dynamics]\nduration = 3.0\ntime_step = 1e-4\nmass_damping = 20.0\n"
+        + "[output]\nhistory_interval = 0.05\n"
+    )
     job = workshop.job(
         text + '[[motion]]\nnodes = [3]\ndisplacement = "move.csv"\n', nodes.format(z=0), elements
     )
@@ -142,7 +147,7 @@ def test_a_pulse_travels_along_a_string_and_a_wave_over_its_supports(workshop):
     elements = "start,end\n" + "".join(f"{k},{k + 1}\n" for k in range(n))
     text = STEEL
     text += f'[[motion]]\ndisplacement = "pulse.csv"\nspeed = {span / 0.35}\ntravel = [2.0, 0.0, 0.0]\n'
-    text += "[dynamics]\nduration = 0.4\n[output]\nhistory = 0.002\nprobes = [0, 80, 240]\n"
+    text += "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 0.002\nprobes = [0, 80, 240]\n"
     job = workshop.job(text, nodes, elements)
     t = np.linspace(0.0, 0.1, 201)
     shape = lambda s: 0.001 * np.where((s > 0) & (s < 0.1), np.sin(np.pi * s / 0.1) ** 2, 0.0)

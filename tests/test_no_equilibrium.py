@@ -37,7 +37,7 @@ yield_stress = 1e9
 fracture_strain = 0.04
 [load]
 self_weight = false
-breaking = true
+stop_at_strength = true
 steps = {steps}
 """
 SUPPORTS, SAG, EA, YIELD, FRACTURE = 10.0, 1.0, 2e8, 1e6, 0.04
@@ -82,7 +82,7 @@ def test_nearly_all_of_what_they_bear_is_an_equilibrium(workshop):
         assert label["reason"] == "" and len(label["elements"]) == 0
 
 
-PLASTIC = CABLES.replace("fracture_strain = 0.04\n", "").replace("breaking = true\n", "")
+PLASTIC = CABLES.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true\n", "")
 
 
 def borne_at_last() -> float:
@@ -112,6 +112,7 @@ def test_what_yields_without_end_is_told_by_hand(workshop, times):
 SADDLE = """
 [net]
 generator = "saddle"
+[net.saddle]
 side = 73.2
 rise = 3.66
 cells = 8
@@ -128,7 +129,7 @@ start = "force_density"
 [load]
 self_weight = true
 pressure = [0.0, 0.0, 9000.0]
-breaking = true
+stop_at_strength = true
 steps = {steps}
 """
 
@@ -216,7 +217,11 @@ def test_nothing_gives_way_in_what_is_told_to_be_borne(workshop, times):
     """A line that bears little, then moves far under hardly more: the state found is not beyond that."""
     loads = (round(times * load) for load in (120.8e3, 2.4e3, 38.9e3, 106.9e3, -11.3e3, 36.1e3))
     ends = "id,start,end,area\n" + "".join(f"{i},{i},{i + 1},{A}\n" for i, A in enumerate(AREAS, 1))
-    text = PLASTIC.format(steps=1).replace("1e9", "1e8").replace("2e11", '1.6e11\nstrain = "logarithmic"')
+    text = (
+        PLASTIC.format(steps=1)
+        .replace("1e9", "1e8")
+        .replace("2e11", '1.6e11\nstrain_measure = "logarithmic"')
+    )
     scene, _ = prepare_problem(
         MPI.COMM_SELF, read_job(workshop.job(text, LINE.format(*loads), ends)), PhaseTimes()
     )
@@ -281,7 +286,9 @@ def test_work_control_finds_what_trials_of_the_load_find(workshop, monkeypatch, 
     """A saddle that yields until cables break, or without end; what it moves too, as near as the load is."""
     text = SADDLE.format(steps=1).replace("9000.0", "9000.0" if breaks else "40000.0")
     job = workshop.job(
-        text if breaks else text.replace("fracture_strain = 0.04\n", "").replace("breaking = true", "")
+        text
+        if breaks
+        else text.replace("fracture_strain = 0.04\n", "").replace("stop_at_strength = true", "")
     )
     found = [by_work(monkeypatch, job, works) for works in (True, False)]
     (_, work, asked), (_, trials, none) = found

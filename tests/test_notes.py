@@ -71,8 +71,8 @@ def test_a_prestress_that_no_state_has_is_refused_by_its_group(workshop):
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,5,0,0,0\n3,10,0,0,1\n4,5,5,0,1\n"
     elements = "start,end,group\n1,2,line\n2,3,line\n2,4,stay\n"
     assert "prestress = 100e3\n" in STEEL
-    text = STEEL.replace("prestress = 100e3\n", "") + "[cable.stay]\nprestress = 1e4\n"
-    job = workshop.job(text + '[form_finding]\nmethod = "keep"\n', nodes, elements)
+    text = STEEL.replace("prestress = 100e3\n", "") + "[group.stay]\nprestress = 1e4\n"
+    job = workshop.job(text + '[form_finding]\nmethod = "given_geometry"\n', nodes, elements)
     line = refused("run", job, "-o", workshop.folder / "result.vtkhdf")
     assert "prestress of group stay: no state of self-stress of the geometry has it" in line
     assert "(1 known, with forces in line;" in line and "axial force is" not in line

@@ -11,14 +11,13 @@ import netfall
 from netfall.core.errors import InputError
 from netfall.results.reader import Result
 
-SADDLE = '[net]\ngenerator = "saddle"\ncells = 4\n' + STEEL
+SADDLE = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\n' + STEEL
 BREAKS = SADDLE + "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 FOUND = '[form_finding]\nmethod = "force_density"\n'
 LOADED = "[load]\nself_weight = false\nsnow = 300.0\n"
 SHORT = "[dynamics]\nduration = 0.02\n"
-WIND = (
-    '[wind]\nspeed = 20.0\nshape_coefficient = -1.0\nbase_height = 10.0\nonset = "sudden"\nroughness = 0.0\n'
-)
+WIND = '[wind]\nspeed = 20.0\npressure_coefficient = -1.0\nbase_height = 10.0\nonset = "sudden"\n'
+WIND += "surface_drag = 0.0\n"
 LOST = "[[remove]]\nelements = [ELEMENT]\ntime = 0.005\n"
 TRIPOD = "id,x,y,z,fixed\n1,0,0,0,1\n2,6,0,0,1\n3,3,5,0,1\n4,3,2,3,0\n"
 LEGS = "id,start,end\n1,1,4\n2,2,4\n3,3,4\n"
@@ -33,7 +32,7 @@ JOBS = {
     "statics alone": (SADDLE + LOADED + "steps = 2\n",),
     "dynamics alone": (SADDLE + SHORT,),
     "dynamics at rest, no load": (SADDLE + FOUND + SHORT,),
-    "modes": (SADDLE + FOUND + "[output]\nmodes = 3\n",),
+    "modes": (SADDLE + FOUND + "[modes]\ncount = 3\n",),
     "cases alone": (SADDLE + FOUND + LOADED + '[[case]]\nname = "a b"\nset = {"load.snow" = 500.0}\n',),
     "a loss": (SADDLE + FOUND + LOADED + SHORT + LOST.replace("ELEMENT", "3"),),
     "two losses, the second of nothing more": (
@@ -128,7 +127,7 @@ def test_every_shipped_job_is_answered(path, tmp_path, request):
 
 def test_what_is_no_result_is_refused_by_all(workshop):
     """What an interrupted run leaves, a file cut short, a text, other HDF5, nothing: a line each, code 2."""
-    job = workshop.job(SADDLE + FOUND + WIND + SHORT + "[output]\ncheckpoint = 0.01\nframes = 4\n")
+    job = workshop.job(SADDLE + FOUND + WIND + SHORT + "[output]\ncheckpoint_interval = 0.01\nframes = 4\n")
     workshop.run(job, "--walltime", "00:00:00", code=4)
     places = {path.suffix or path.name: path for path in workshop.folder.iterdir() if path != job}
     (checkpoint,) = (path for path in places.values() if "checkpoint" in path.name)
@@ -157,7 +156,7 @@ def test_a_run_without_an_equilibrium_says_so_in_its_file(workshop):
     """Exit code 3, and a file that has the load factor that was reached and where it gives way."""
     job = workshop.job(
         HANGS.replace("density = 7850.0", "density = 7850.0\nbreaking_load = 10.0")
-        + "steps = 1\nbreaking = true\n",
+        + "steps = 1\nstop_at_strength = true\n",
         *ROPE,
     )
     assert "element 1 breaks" in workshop.run(job, code=3).stderr

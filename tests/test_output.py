@@ -37,6 +37,7 @@ from netfall.results.warning_text import balance_warnings
 STORM = """title = "Storm over a saddle"
 [net]
 generator = "saddle"
+[net.saddle]
 side = 40.0
 cells = 6
 [cable]
@@ -55,16 +56,16 @@ steps = 3
 [wind]
 onset = "sudden"
 speed = 60.0
-shape_coefficient = -3.0
+pressure_coefficient = -3.0
 base_height = 10.0
-roughness = 0.03
-gusts = "points"
+surface_drag = 0.03
+gust_field = "point"
 seed = 3
 [dynamics]
 duration = 0.8
-damping = 0.2
+mass_damping = 0.2
 [output]
-history = 0.004
+history_interval = 0.004
 frames = 16
 probes = [[0.0, 0.0]]
 """
@@ -417,7 +418,9 @@ def test_the_expected_run_time_counts_erection_targets_and_losses():
 
 def test_the_expected_run_time_counts_checkpoints(workshop):
     """Of a small net some 26 ms each: 299 within 6 s, one each 20 ms."""
-    told = run_netfall("check", ROOT / "jobs" / "saddle.toml", "--set", "output.checkpoint=0.02").stdout
+    told = run_netfall(
+        "check", ROOT / "jobs" / "saddle.toml", "--set", "output.checkpoint_interval=0.02"
+    ).stdout
     assert float(re.search(r"checkpoints ([0-9.]+) s", told)[1]) == pytest.approx(299 * 0.0264, rel=0.05)
 
 
@@ -465,7 +468,7 @@ def test_full_disk_is_one_line(workshop, ranks):
     """A limit on file sizes stands for the full disk:
     exit code 1, one line that names file and room, nothing left.
     """
-    job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
+    job = workshop.job(JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0"))
     limited = (
         "from mpi4py import MPI; import resource; resource.setrlimit(resource.RLIMIT_FSIZE, "
         "(300_000, 300_000)); from netfall.__main__ import main; main()"

@@ -24,9 +24,9 @@ JOB = """
 modulus = 1.6e11
 area = 2300e-6
 density = 8000.0
-[cable.rope]
+[group.rope]
 breaking_load = 3000e3
-[cable.post]
+[group.post]
 kind = "bar"
 area = 6000e-6
 [load]
@@ -39,7 +39,7 @@ duration = 2.0
 [output]
 frames = 4
 """
-INHERITED = JOB.replace("[cable.rope]\nbreaking_load", "breaking_load")
+INHERITED = JOB.replace("[group.rope]\nbreaking_load", "breaking_load")
 
 
 def carried(most, strength, broke, time=2.0):
@@ -107,7 +107,7 @@ def test_a_bar_that_cannot_break_beside_ropes_that_can_is_told(workshop):
     note = 'note: bar 9 of group "post" without a strength, while others can break'
     job = workshop.job(JOB, NODES, ELEMENTS)
     assert note in run_on_standing_ranks("check", job).stdout
-    strong = run_on_standing_ranks("check", job, "--set", "cable.post.yield_stress=355e6").stdout
+    strong = run_on_standing_ranks("check", job, "--set", "group.post.yield_stress=355e6").stdout
     assert "without a strength" not in strong
 
 
@@ -117,21 +117,21 @@ def test_a_bar_takes_no_breaking_load_of_the_cables(workshop):
     net = build_net(read_job(job))
     assert np.isinf(net.breaking_load[net.bar]).all() and (net.breaking_load[~net.bar] == 3e6).all()
     warning = (
-        "warning: [cable.post] breaking_load of bar 9 is not set: none since version 0.5 (3e+06 N of [cable] "
+        "warning: [group.post] breaking_load of bar 9 is not set: none since version 0.5 (3e+06 N of [cable] "
         "before)"
     )
     assert run_on_standing_ranks("check", job).stdout.count(warning) == 1
-    own = run_on_standing_ranks("check", job, "--set", "cable.post.breaking_load=4e6").stdout
+    own = run_on_standing_ranks("check", job, "--set", "group.post.breaking_load=4e6").stdout
     assert "breaking_load of bar" not in own
 
 
 def test_a_group_that_nobody_has_is_told_before_what_is_missing_for_want_of_it(workshop):
-    """[cable.POSTS] for group post: both lines, the cause first."""
-    text = JOB.replace("modulus = 1.6e11\n", "", 1).replace("[cable.post]", "[cable.posts]\nmodulus = 2e11")
-    text = text.replace("[cable.rope]", "[cable.rope]\nmodulus = 1.6e11")
+    """[group.POSTS] for group post: both lines, the cause first."""
+    text = JOB.replace("modulus = 1.6e11\n", "", 1).replace("[group.post]", "[group.posts]\nmodulus = 2e11")
+    text = text.replace("[group.rope]", "[group.rope]\nmodulus = 1.6e11")
     done = workshop.solve(text, NODES, ELEMENTS, code=2)
     first, second = done.stderr.splitlines()
-    assert "[cable.posts]: no element is of this group" in first and "post" in first.split("group;")[1]
+    assert "[group.posts]: no element is of this group" in first and "post" in first.split("group;")[1]
     assert "modulus" in second and "element 9" in second
 
 
@@ -144,7 +144,7 @@ def test_what_breaks_at_rest_is_told_by_its_subject(workshop):
 
 def test_what_breaks_before_the_wind_is_told_with_the_key_that_helps(workshop):
     """Without load steps it is the wind's onset that asks for a rest."""
-    wind = "[wind]\nspeed = 10.0\nshape_coefficient = -1.0\nbase_height = 10.0\nroughness = 0.0\n"
+    wind = "[wind]\nspeed = 10.0\npressure_coefficient = -1.0\nbase_height = 10.0\nsurface_drag = 0.0\n"
     text = JOB.replace("[[remove]]\nelements = [1]\ntime = 0.1\n", wind)
     head, *rows = NODES.replace("-150e3", "-1500e3").splitlines()
     nodes = "\n".join([head + ",area,normal_x,normal_y,normal_z", *(row + ",1,0,0,1" for row in rows)])

@@ -43,17 +43,17 @@ steps = 2
 [wind]
 onset = "sudden"
 speed = 80.0
-shape_coefficient = -1.3
+pressure_coefficient = -1.3
 base_height = 10.0
-roughness = 0.03
-gusts = "points"
+surface_drag = 0.03
+gust_field = "point"
 after_fracture = "{after}"
 [dynamics]
 duration = 1.0
-damping = 0.5
+mass_damping = 0.5
 [output]
 frames = 10
-history = 0.02
+history_interval = 0.02
 probes = [[0.0, 15.0], [22.0, 10.0]]
 """
 
@@ -126,7 +126,7 @@ def test_more_ranks_than_free_particles(workshop, ranks):
     assert_same_results(one, many)
 
 
-SMALL = '[net]\ngenerator = "saddle"\ncells = 6\n' + STEEL
+SMALL = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 6\n' + STEEL
 SMALL += "[form_finding]\nmodulus_factor = 0\n[dynamics]\nduration = 0.02\n"
 
 

@@ -168,9 +168,9 @@ set = {"load.snow" = 0.0}
 [wind]
 onset = "static"
 speed = 10.0
-roughness = 0.0
+surface_drag = 0.0
 profile_exponent = 0.0
-shape_coefficient = 0.0
+pressure_coefficient = 0.0
 [dynamics]
 duration = 0.002
 """

@@ -12,7 +12,7 @@ import netfall
 from netfall.cli.parser import parser
 from netfall.geometry.sections import TYPE_COLUMNS
 from netfall.geometry.tables import ELEMENT_COLUMNS, NODE_COLUMNS
-from netfall.job.schema import LIST_KEYS, SECTIONS
+from netfall.job.schema import LIST_KEYS, TABLES
 from netfall.post.checks.reactions import sum_end_forces
 
 PAGES = sorted(
@@ -95,7 +95,7 @@ def test_a_part_without_a_place_is_an_error(tmp_path):
 def test_every_key_stands_in_the_page_of_keys():
     """jobs/KEYS.md has each key of each section, with its unit, range and meaning."""
     text = pages.KEYS.read_text()
-    for name, keys in (SECTIONS | LIST_KEYS).items():
+    for name, keys in (TABLES | LIST_KEYS).items():
         part = text.split(f"<!-- keys of {name or 'the job'}:")[1].split("<!-- end -->")[0]
         rows = {row.split("`")[1]: row for row in part.splitlines() if row.startswith("| `")}
         for key in keys:

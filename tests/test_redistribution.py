@@ -168,17 +168,17 @@ ramp = 0.2
 tolerance = 1e-10
 [wind]
 speed = 30.0
-shape_coefficient = 0.4
-roughness = 0.0
+pressure_coefficient = 0.4
+surface_drag = 0.0
 profile_exponent = 0.0
 base_height = 50.0
 onset = "sudden"
 [dynamics]
 duration = 0.6
-damping = 3.0
+mass_damping = 3.0
 fragments = false
 [output]
-history = 0.01
+history_interval = 0.01
 [[remove]]
 elements = [2, 3, 4]
 time = 0.3
@@ -240,7 +240,11 @@ def test_the_hangers_carry_all_that_hung_on_the_lost_cable(workshop, parts):
 def test_it_has_the_same_bits_on_any_ranks_and_through_a_pause(both_ways):
     """From checkpoints at 0.33 s, while the tension fades and what grows has been handed over."""
     text = HUNG.replace("ramp = 0.2", "ramp = 0.5").replace("duration = 0.6", "duration = 0.4")
-    job = hung_job(both_ways, 2, text.replace("history = 0.01", "history = 0.01\ncheckpoint = 0.11"))
+    job = hung_job(
+        both_ways,
+        2,
+        text.replace("history_interval = 0.01", "history_interval = 0.01\ncheckpoint_interval = 0.11"),
+    )
     one = both_ways.run(job, ranks=3)
     for kept, ranks in (("ranks-result", 1), ("result", 2)):
         checkpoint = max(both_ways.folder.glob(f"{kept}.checkpoint*"))
@@ -261,14 +265,14 @@ ramp = 0.4
 [wind]
 speed = 40.0
 onset = "sudden"
-shape_coefficient = -0.3
+pressure_coefficient = -0.3
 base_height = 10.0
-gusts = "points"
-roughness = 0.02
+gust_field = "point"
+surface_drag = 0.02
 seed = 3
 [dynamics]
 duration = 0.44
-damping = 0.2
+mass_damping = 0.2
 """
     + LOSSES
     + """[[remove]]
@@ -276,8 +280,8 @@ elements = [0, 1, 2, 3, 5, 6, 7, 8, 9, 30, 31]
 time = 0.3
 duration = 0.1
 [output]
-history = 0.02
-checkpoint = 0.15
+history_interval = 0.02
+checkpoint_interval = 0.15
 probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]
 elements = [40, 20, 33]
 """
@@ -311,9 +315,10 @@ def test_a_roof_that_breaks_and_loses_cables_has_the_same_bits(workshop, what_le
 STANDING = """
 [net]
 generator = "saddle"
+subdivide = {parts}
+[net.saddle]
 side = 40.0
 cells = 6
-subdivide = {parts}
 [cable]
 modulus = 1.95e11
 area = 400e-6
@@ -327,13 +332,13 @@ dead = 50.0
 tolerance = 1e-9
 [dynamics]
 duration = 1.0
-damping = 2.0
+mass_damping = 2.0
 [[remove]]
 elements = [20]
 time = 0.05
 duration = 0.3
 [output]
-history = 0.02
+history_interval = 0.02
 """
 
 

@@ -62,7 +62,7 @@ def dynamics(duration, steps, history=1e-2, more=""):
     """Dynamics with steps of a period over so many."""
     return (
         f"[dynamics]\nduration = {duration!r}\ntime_step = {PERIOD / steps!r}\n{more}"
-        f"[output]\nframes = 1\nhistory = {history}\n"
+        f"[output]\nframes = 1\nhistory_interval = {history}\n"
     )
 
 
@@ -132,7 +132,7 @@ def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, 
         exact = -0.5 * WEIGHT * L0 / EA * (1.0 - later / (w * d * PERIOD))
     errors = []
     for steps in (20, 60, 180):
-        text = CABLE + dynamics(t * PERIOD, steps, t * PERIOD / 9, "damping = 0.0\n")
+        text = CABLE + dynamics(t * PERIOD, steps, t * PERIOD / 9, "mass_damping = 0.0\n")
         text += "probes = [2]\n" + entry([0], time * PERIOD, d * PERIOD)
         f = workshop.solve(text, *weights(1))
         y = f["history/probe_displacement"][:, 0, 2]
@@ -148,9 +148,10 @@ def test_the_motion_after_a_loss_is_of_second_order_in_the_step(workshop, time, 
 BREAKING = """
 [net]
 generator = "saddle"
+subdivide = {parts}
+[net.saddle]
 side = 40.0
 cells = 6
-subdivide = {parts}
 [cable]
 modulus = 1.95e11
 area = 400e-6
@@ -179,19 +180,19 @@ TORN = (
     BREAKING.format(parts=2, strain=0.005)
     + """[wind]
 speed = 35.0
-shape_coefficient = -0.3
+pressure_coefficient = -0.3
 base_height = 10.0
-gusts = "points"
-roughness = 0.02
+gust_field = "point"
+surface_drag = 0.02
 seed = 3
 ramp = 0.0
 [dynamics]
 duration = 0.44
-damping = 0.2
+mass_damping = 0.2
 """
     + LOSSES
     + """[output]
-history = 0.005
+history_interval = 0.005
 frames = 88
 probes = [[0.0, 0.0], 15, [10.0, 6.0, 2.0]]
 elements = [40, 20, 33]
@@ -305,7 +306,9 @@ def test_what_is_left_of_an_element_that_broke_has_no_part_in_the_extremes(works
     nodes += "1,-4,0,3,1,,\n2,4,0,3,1,,\n3,0,-4,3,1,,\n4,0,4,3,1,,\n"
     job = workshop.job(
         "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\nbreaking_load = 1700.0\n"
-        "[dynamics]\nduration = 1.0\ntime_step = 1e-3\ndamping = 0.5\n" + entry([13], 0.1) + entry([11], 0.5),
+        "[dynamics]\nduration = 1.0\ntime_step = 1e-3\nmass_damping = 0.5\n"
+        + entry([13], 0.1)
+        + entry([11], 0.5),
         nodes,
         "id,start,end\n11,1,5\n12,2,5\n13,3,5\n14,4,5\n",
     )
@@ -355,8 +358,8 @@ def test_forces_between_rows_are_in_the_envelope_where_elements_break(workshop, 
     job = "[cable]\naxial_stiffness = 2e5\nmass_per_length = 0.5\n"
     if strut:
         nodes, elements = nodes + "6,0,0,-2,1,,\n", elements + "15,6,5,,strut\n"
-        job += '[cable.strut]\nkind = "bar"\n'
-    job += "[dynamics]\nduration = 0.5\ntime_step = 1e-3\ndamping = 0.5\n[output]\nhistory = "
+        job += '[group.strut]\nkind = "bar"\n'
+    job += "[dynamics]\nduration = 0.5\ntime_step = 1e-3\nmass_damping = 0.5\n[output]\nhistory_interval = "
     few, all_steps = (
         {name: rows[:] for name, rows in workshop.solve(job + at, nodes, elements)["envelope"].items()}
         for at in ("0.25\n", "1e-3\n")
@@ -617,12 +620,12 @@ tolerance = 1e-10
 [dynamics]
 duration = 0.25
 time_step = 1e-4
-damping = 0.5
+mass_damping = 0.5
 [[remove]]
 elements = [17, 60]
 time = 0.0
 [output]
-history = 0.025
+history_interval = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
     f = both_ways.solve(text)

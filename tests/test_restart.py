@@ -21,21 +21,29 @@ from conftest import (
 from kill_runs import JOB
 
 # Fewer steps and frames where none has to be met in the middle of them: ranks wait for one another in each.
-SLOW = JOB.replace("checkpoint = 0.02", "checkpoint = 0.1").replace("time_step = 2e-5", "time_step = 1e-4")
-SLOW = SLOW.replace("frames = 80", "frames = 8").replace("history = 0.005", "history = 0.02")
+SLOW = JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0.1").replace(
+    "time_step = 2e-5", "time_step = 1e-4"
+)
+SLOW = SLOW.replace("frames = 80", "frames = 8").replace(
+    "history_interval = 0.005", "history_interval = 0.02"
+)
 
 
 @pytest.fixture(scope="module")
 def calm(shared_workshop):
     """The undisturbed run, without checkpoints."""
-    job = shared_workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"), name="calm")
+    job = shared_workshop.job(
+        JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0"), name="calm"
+    )
     return shared_workshop.run(job, output="calm.vtkhdf")
 
 
 @pytest.fixture(scope="module")
 def calm_slow(shared_workshop):
     """That of SLOW."""
-    job = shared_workshop.job(SLOW.replace("checkpoint = 0.1", "checkpoint = 0"), name="calm_slow")
+    job = shared_workshop.job(
+        SLOW.replace("checkpoint_interval = 0.1", "checkpoint_interval = 0"), name="calm_slow"
+    )
     return shared_workshop.run(job, output="calm_slow.vtkhdf")
 
 
@@ -84,7 +92,7 @@ def test_elements_that_were_taken_out_stay_out_after_a_restart(workshop):
 )
 def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
     """Exit code 4, a line that names the checkpoint, no result file; taken up, the same bits."""
-    job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
+    job = workshop.job(JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0"))
     process = begun(job, workshop.folder / "result.vtkhdf", ranks)
     if ranks == 1 or number == signal.SIGUSR1:
         process.send_signal(number)  # mpirun hands SIGUSR1 on to the ranks
@@ -100,7 +108,7 @@ def test_signal_ends_the_run_with_a_checkpoint(workshop, calm, ranks, number):
 
 def test_walltime_ends_the_run_with_a_checkpoint(workshop, calm):
     """--walltime stops at a common step; restarts until done, as the Slurm scripts do."""
-    job = workshop.job(JOB.replace("checkpoint = 0.02", "checkpoint = 0"))
+    job = workshop.job(JOB.replace("checkpoint_interval = 0.02", "checkpoint_interval = 0"))
     done = workshop.run(job, "--walltime", "00:00:00", ranks=2, code=4)
     assert "interrupted in form finding, iteration 0" in done.stderr
     (checkpoint,) = workshop.folder.glob("*checkpoint*")
@@ -143,7 +151,7 @@ def test_damaged_checkpoint_is_refused_and_the_other_offered(checkpoints, ranks,
 
 
 @pytest.mark.parametrize(
-    "override, message", [("wind.seed=4", "another job or net"), ("net.cells=6", "another job or net")]
+    "override, message", [("wind.seed=4", "another job or net"), ("net.saddle.cells=6", "another job or net")]
 )
 def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
     """A changed key is another job."""
@@ -156,8 +164,8 @@ def test_checkpoint_of_another_job_is_refused(checkpoints, override, message):
 
 def test_checkpoint_of_other_tables_is_refused(workshop):
     """Another number in the wind's table, or another group of an element, is another job."""
-    text = JOB[JOB.index("[cable]") : JOB.index("[form_finding]")] + "[cable.edge]\ndensity = 7900.0\n"
-    text += '[wind]\nonset = "sudden"\nfile = "wind.csv"\nshape_coefficient = -1.0\n'
+    text = JOB[JOB.index("[cable]") : JOB.index("[form_finding]")] + "[group.edge]\ndensity = 7900.0\n"
+    text += '[wind]\nonset = "sudden"\nfile = "wind.csv"\npressure_coefficient = -1.0\n'
     text += "[dynamics]\nduration = 0.1\ntime_step = 1e-6\n"
     elements = "start,end,group\n1,2,cable\n2,3,cable\n3,1,edge\n"
     job = workshop.job(text, "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n", elements)
@@ -224,7 +232,9 @@ def test_a_strain_that_no_cable_bears_is_told_though_it_was_before_the_restart(w
     """
     period = 2 * math.pi * math.sqrt(1000.5 / 1e4)
     text = "[cable]\nmodulus = 1e9\narea = 1e-4\ndensity = 1000.0\n[dynamics]\n"
-    text += f"duration = {period}\ntime_step = 1e-3\n[output]\nframes = 1\ncheckpoint = {0.8 * period}\n"
+    text += (
+        f"duration = {period}\ntime_step = 1e-3\n[output]\nframes = 1\ncheckpoint_interval = {0.8 * period}\n"
+    )
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,1000,-1e4\n"
     job = workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")
     path, note = workshop.folder / "result.vtkhdf", f"has a strain of 0.2 at t = {period / 2:.2f}"
@@ -238,7 +248,9 @@ def test_a_strain_that_no_cable_bears_is_told_though_it_was_before_the_restart(w
 PAUSED = JOB.replace("[load]", "[load]\npressure = [0.0, 0.0, 300.0]\nsteps = 4\ntolerance = 1e-10").replace(
     "modulus_factor = 0", "modulus_factor = 0\ntolerance = 1e-10"
 )
-PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace("checkpoint = 0.02", "checkpoint = 0")
+PAUSED = PAUSED.replace("duration = 0.4", "duration = 0.02").replace(
+    "checkpoint_interval = 0.02", "checkpoint_interval = 0"
+)
 PAUSED = PAUSED.replace("time_step = 2e-5", "time_step = 1e-4")
 
 

@@ -111,8 +111,10 @@ duration = 0.01
 """
 WINDY = BRITTLE.replace("195.0", "1.95e11").replace("fracture_strain = 0.0404\n", "")
 WINDY += "[load]\nself_weight = false\n"
-WINDY += "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\n"
-WINDY += "base_height = 10\nroughness = 0.03\ngusts = 'points'\n" + "[output]\nhistory = 0.002\n"
+WINDY += "dead = 100\n[wind]\nonset = 'sudden'\nspeed = 20\npressure_coefficient = -1\n"
+WINDY += (
+    "base_height = 10\nsurface_drag = 0.03\ngust_field = 'point'\n" + "[output]\nhistory_interval = 0.002\n"
+)
 
 
 def test_a_modulus_in_gigapascals_is_refused(workshop):
@@ -155,13 +157,13 @@ def test_an_unstressed_length_beyond_the_limits_is_refused(workshop, limit, says
         ("load.pressure=[0, 0, -0.8]", "pressure = [0, 0, -0.8] N/m2 is far from"),
         ("load.temperature=293", "temperature = 293.0 K is far from"),
         ("load.snow=0.75", "snow = 0.75 N/m2 is far from"),
-        ("load.air_mass=2000", "air_mass = 2000.0 kg/m2 is far from"),
+        ("load.added_mass=2000", "added_mass = 2000.0 kg/m2 is far from"),
         ("wind.speed=150", "speed = 150.0 m/s is far from"),
-        ("wind.shape_coefficient=-800", "shape_coefficient = -800.0 is far from"),
+        ("wind.pressure_coefficient=-800", "pressure_coefficient = -800.0 is far from"),
         ("wind.air_density=1250", "air_density = 1250.0 kg/m3 is far from"),
-        ("dynamics.damping=50", "[dynamics] damping = 50 1/s is far from"),
+        ("dynamics.mass_damping=50", "[dynamics] mass_damping = 50 1/s is far from"),
         ("cable.breaking_load=6e2;cable.prestress=500", "breaking_load = 600 N of 112 elements"),
-        ("net.side=7e4", "the net is 7e+04 m from end to end"),
+        ("net.saddle.side=7e4", "the net is 7e+04 m from end to end"),
     ],
 )
 def test_values_in_other_units_are_noted(workshop, change, says):
@@ -191,24 +193,26 @@ def test_stiffness_and_mass_in_other_units_are_noted(workshop, stiffness, mass, 
 def test_gusts_of_short_and_of_long_runs_are_noted(workshop, duration, said):
     """Those that never come to their full size; those of minutes, which Davenport's has less of."""
     text = WINDY.replace("onset = 'sudden'\n", "").replace("speed = 20", "speed = 46")
-    text = text.replace("roughness = 0.03", "turbulence = 0.2")
-    changes = ["--set", f"dynamics.duration={duration}", "--set", "output.history=0.1"]
+    text = text.replace("surface_drag = 0.03", "turbulence_intensity = 0.2")
+    changes = ["--set", f"dynamics.duration={duration}", "--set", "output.history_interval=0.1"]
     told = run_on_standing_ranks("check", workshop.job(text), *changes).stdout
     assert ("[wind] ramp" in told or "slower than" in told) == bool(said) and said in told
 
 
 def test_cases_and_combinations_in_other_units_are_noted(workshop):
     """A pressure for a coefficient, per cent for a factor."""
-    text = WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.shape_coefficient" = 900.0}\n'
+    text = (
+        WINDY + '[[case]]\nname = "west"\nset = {"wind.speed" = 30.0, "wind.pressure_coefficient" = 900.0}\n'
+    )
     text += '[[combination]]\nname = "U"\nfactors = {permanent = 135.0, west = 1.5}\n'
     notes = make_layout(read_job(workshop.job(text)), 1).notes
-    assert any(note.startswith("shape_coefficient = 900.0 is far from") for note in notes)
+    assert any(note.startswith("pressure_coefficient = 900.0 is far from") for note in notes)
     assert any(note.startswith('[[combination]] "U": factors: permanent = 135 is far') for note in notes)
 
 
-IN_TIME = '[wind]\nfile = "wind.csv"\nshape_coefficient = -1.0\n'
+IN_TIME = '[wind]\nfile = "wind.csv"\npressure_coefficient = -1.0\n'
 AT_TAPS = '[wind]\npressures = "wind.csv"\ntaps = "taps.csv"\n'
-BY_SECTORS = '[wind]\nspeed = 30.0\nroughness = 0.0\nbase_height = 10.0\nsectors = "wind.csv"\n'
+BY_SECTORS = '[wind]\nspeed = 30.0\nsurface_drag = 0.0\nbase_height = 10.0\nsectors = "wind.csv"\n'
 AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
 
 
@@ -222,8 +226,8 @@ AT_POINTS = '[[case]]\nname = "tunnel"\npressure_table = "wind.csv"\n'
         (AT_TAPS, "time,a\n0,1\n0.5,-800\n2,1\n", ""),
         (
             BY_SECTORS,
-            "direction,shape_coefficient\n0,-800\n90,2\n",
-            "wind.csv: shape_coefficient of up to 800",
+            "direction,pressure_coefficient\n0,-800\n90,2\n",
+            "wind.csv: pressure_coefficient of up to 800",
         ),
         (AT_POINTS, "x,y,pressure\n0,0,0.8\n", "[[case]] tunnel: pressure_table: pressure of up to 0.8 N/m2"),
     ],
@@ -257,15 +261,17 @@ def test_an_unstressed_length_in_millimetres_is_noted(workshop):
 
 # --- keys without effect
 
+NO_GUSTS = "[wind] seed, gust_field: no effect: surface_drag = 0: there are no gusts"
+LATE = "[output] checkpoint_interval: no effect: it is not shorter than the duration"
 IDLE = {
     "dynamics.safety=0.5 dynamics.time_step=1e-5": "[dynamics] safety: no effect: time_step is fixed",
     "dynamics.fragment_mass=0.1": "[dynamics] fragment_mass: no effect: nothing can break",
     "form_finding.method=force_density form_finding.start=given": "[form_finding] start, modulus_factor",
     "load.tolerance=1e-3": "[load] tolerance: no effect: steps = 0: no statics",
-    "wind.shape_coefficient=0": "[wind]: no effect: shape_coefficient = 0",
-    "wind.roughness=0 wind.seed=3": "[wind] seed, gusts: no effect: roughness = 0: there are no gusts",
+    "wind.pressure_coefficient=0": "[wind]: no effect: pressure_coefficient = 0",
+    "wind.surface_drag=0 wind.seed=3": NO_GUSTS,
     "wind.after_fracture=all": "[wind] after_fracture: no effect: nothing can break",
-    "output.checkpoint=1": "[output] checkpoint: no effect: it is not shorter than the duration",
+    "output.checkpoint_interval=1": LATE,
 }
 
 
@@ -333,7 +339,10 @@ def swing(workshop, phase: float):
     Two cables of 1.6e7 N from 0.99 m: k = 2 * 1.6e7 / 0.99 N/m; the mass follows from omega = phase / 1 ms.
     """
     mass = 2 * 1.6e7 / 0.99 / (phase / 1e-3) ** 2 - 7850 * 1e-4 * 0.99
-    text = SECTION + "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n[output]\nhistory = 1e-3\nframes = 1\n"
+    text = (
+        SECTION
+        + "[dynamics]\nduration = 0.2\ntime_step = 1e-3\n[output]\nhistory_interval = 1e-3\nframes = 1\n"
+    )
     elements = "start,end,unstressed_length\n1,2,0.99\n2,3,0.99\n"
     return workshop.solve(text, SPRING.format(mass), elements)
 
@@ -389,7 +398,7 @@ def test_a_step_too_long_for_what_is_unstressed_is_refused(workshop, kind):
 
 
 TWO = SECTION
-TWO += "[cable.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.05\nfragment_mass = 0\n"
+TWO += "[group.weak]\nfracture_strain = {0}\n[dynamics]\nduration = 0.05\nsafety = 0.05\nfragment_mass = 0\n"
 
 
 def test_what_cannot_break_does_not_shorten_the_step(workshop):
@@ -432,7 +441,7 @@ def test_a_compressed_bar_in_parts_is_noted(workshop):
     """A mast of 1 m under 100 N, held down by a cable: in parts nothing keeps its middle in line."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,0,0,1,0\n3,0,0,-1,1\n"
     elements = "id,start,end,group,prestress\n5,1,2,mast,-100\n6,3,2,,100\n"
-    job = workshop.job(SECTION + '[cable.mast]\nkind = "bar"\n', nodes, elements)
+    job = workshop.job(SECTION + '[group.mast]\nkind = "bar"\n', nodes, elements)
     assert notes_of(workshop, job) == []
     (note,) = notes_of(workshop, job, "net.subdivide=2")
     assert "subdivide cuts element 5 in parts, compressed bars" in note
@@ -453,7 +462,7 @@ def test_a_run_that_ends_later_than_asked_says_so(workshop):
 def test_a_probe_over_two_layers_says_whose_histories_it_keeps(workshop):
     """Nodes 2 and 5 are 1 m above one another; at [0, 0] there is one alone."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n4,0.5,0,1,1\n5,1,0,1,0\n6,1.5,0,1,1\n"
-    text = SECTION + "prestress = 1e3\n[dynamics]\nduration = 1e-3\n[output]\nhistory = 1e-3\n"
+    text = SECTION + "prestress = 1e3\n[dynamics]\nduration = 1e-3\n[output]\nhistory_interval = 1e-3\n"
     job = workshop.job(text + "probes = [[1, 0], [0, 0]]\n", nodes, "start,end\n1,2\n2,3\n4,5\n5,6\n")
     (note,) = [note for note in notes_of(workshop, job) if "probes" in note]
     assert "[1, 0]: nodes 2, 5 lie above one another there; its histories are those of node 2" in note
@@ -467,7 +476,7 @@ def test_a_strain_that_no_cable_bears_is_said_at_the_end(workshop, ranks):
     """4.4 kN at once on EA = 10 kN: 44 % at rest, at most twice that."""
     nodes = "id,x,y,z,fixed,mass,load_z\n1,0,0,0,1,0,0\n2,0,0,-10,0,100,-4400\n"
     text = "[cable]\nmodulus = 1e8\narea = 1e-4\ndensity = 7850.0\n[dynamics]\nduration = 2.5\n"
-    job = workshop.job(text + "[output]\nhistory = 0.05\n", nodes, "id,start,end\n7,1,2\n")
+    job = workshop.job(text + "[output]\nhistory_interval = 0.05\n", nodes, "id,start,end\n7,1,2\n")
     line = ["run", job, "-o", workshop.folder / "r.vtkhdf"]
     (note,) = lines_with("has a strain of", *line, ranks=ranks)
     # omega = sqrt(1e4 / 10 / 103.9) = 3.1 1/s: within 0.025 s of the lowest point, 1 - cos(0.08) = 0.3 %
@@ -493,7 +502,8 @@ def test_nodes_below_the_wind_s_profile_are_noted(workshop):
     """Of a roof at z = -3, -2 and 5 m with z = 0 at 2 m above ground, two nodes in the wind are too low."""
     nodes = "id,x,y,z,fixed\n1,0,0,5,1\n2,2,0,5,1\n3,2,2,-2,0\n4,0,2,-3,0\n5,5,5,-9,1\n6,6,6,-9,1\n"
     text = SECTION
-    text += "[wind]\nonset = 'sudden'\nspeed = 20\nshape_coefficient = -1\nroughness = 0\nbase_height = {}\n"
+    text += "[wind]\nonset = 'sudden'\nspeed = 20\npressure_coefficient = -1\nsurface_drag = 0\n"
+    text += "base_height = {}\n"
     elements = "start,end\n1,2\n2,3\n3,4\n4,1\n5,6\n"
     job = workshop.job(text.format(2) + "[dynamics]\nduration = 1e-3\n", nodes, elements)
     (note,) = lines_with("base_height", "check", job)
@@ -502,11 +512,11 @@ def test_nodes_below_the_wind_s_profile_are_noted(workshop):
 
 
 def test_a_group_whose_section_has_another_name_is_noted(workshop):
-    """Group Mast beside [cable.mast] takes [cable]; group edge, which nothing resembles, is meant to."""
+    """Group Mast beside [group.mast] takes [cable]; group edge, which nothing resembles, is meant to."""
     nodes = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,0,0,0\n3,2,0,0,1\n"
     elements = "start,end,group\n1,2,Mast\n2,3,mast\n2,3,edge\n"
-    job = workshop.job(SECTION + "[cable.mast]\narea = 2e-4\n", nodes, elements)
+    job = workshop.job(SECTION + "[group.mast]\narea = 2e-4\n", nodes, elements)
     (note,) = [note for note in notes_of(workshop, job) if "group" in note]
     assert note == (
-        'note: group "Mast" of the elements has no section [cable.Mast] and takes [cable]; was "mast" meant?'
+        'note: group "Mast" of the elements has no section [group.Mast] and takes [cable]; was "mast" meant?'
     )

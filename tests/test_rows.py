@@ -33,8 +33,12 @@ def test_sums_in_blocks_are_exact_beyond_what_three_pieces_hold(lowest):
 
 def test_a_stop_between_two_rows_of_a_table_changes_no_bit(workshop, monkeypatch):
     """Rows every 5 steps, 32 in a table, a look every 233: stopped at step 2097, where 14 rows wait."""
-    text = SLOW.replace("duration = 0.4", "duration = 0.3").replace("checkpoint = 0.1", "checkpoint = 0")
-    job = workshop.job(text.replace("history = 0.02", "history = 5e-4").replace("frames = 8", "frames = 1"))
+    text = SLOW.replace("duration = 0.4", "duration = 0.3").replace(
+        "checkpoint_interval = 0.1", "checkpoint_interval = 0"
+    )
+    job = workshop.job(
+        text.replace("history_interval = 0.02", "history_interval = 5e-4").replace("frames = 8", "frames = 1")
+    )
     whole = workshop.run(job, output="whole.vtkhdf")
     assert len(whole["history/time"]) == 601 and len(whole["events/step"]) > 3
     stop, report = SimpleNamespace(wanted=False), dynamics.Simulation.report
@@ -61,7 +65,7 @@ def let_go(workshop, **output) -> Path:
     text += (
         f"[dynamics]\nduration = {0.9 * PERIOD!r}\ntime_step = {PERIOD / (4 * dynamics.ENVELOPE_STEPS)!r}\n"
     )
-    text += f"[output]\nhistory = {PERIOD!r}\nframes = 1\n"
+    text += f"[output]\nhistory_interval = {PERIOD!r}\nframes = 1\n"
     text += "".join(f"{key} = {value!r}\n" for key, value in output.items())
     return workshop.job(text, nodes, "start,end,unstressed_length\n1,2,10\n")
 
@@ -98,7 +102,7 @@ def test_divergence_within_a_table_is_told_of_its_first_row(workshop, monkeypatc
         "[load]\nself_weight = false\n"
         "pressure = [0.0, 0.0, -1e9]\n[dynamics]\nduration = 0.1\ntime_step = 3.1e-3\n"
     )
-    text += "[output]\nframes = 1\nhistory = 1e-4\n"
+    text += "[output]\nframes = 1\nhistory_interval = 1e-4\n"
     job, told = workshop.job(ELASTIC + text, nodes, "start,end\n1,2\n2,3\n"), []
     for room in (128, 1):
         monkeypatch.setattr(rows, "MOST_ROWS", room)

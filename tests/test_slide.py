@@ -42,7 +42,7 @@ def test_a_ring_with_a_weight_finds_its_place(workshop):
 
 def test_a_clamp_that_holds_is_as_without_slip(workshop):
     """Up to its resistance nothing passes, and tensions are the same, to what Newton's method leaves."""
-    held = workshop.solve(*weight_on_a_ring('group = "rope"\nresistance = 1e6\n'))
+    held = workshop.solve(*weight_on_a_ring('group = "rope"\nslip_resistance = 1e6\n'))
     text, nodes, elements = weight_on_a_ring('group = "rope"\n')
     fixed = workshop.solve(text.partition("[[slide]]")[0], nodes, elements, output="fixed.vtkhdf")
     assert not held["statics/slip"][:].any()
@@ -76,7 +76,7 @@ def test_friction_over_saddles_is_that_of_a_capstan(workshop, n, published):
 
 def test_clamps_take_the_tension_one_after_the_other(both_ways):
     """1000 N against clamps of 300 N: 1000, 700, 400, 100, and what lies behind stays slack and sticks."""
-    f = both_ways.solve(*half_circle(5, "resistance = 300.0\n"), ranks=3)
+    f = both_ways.solve(*half_circle(5, "slip_resistance = 300.0\n"), ranks=3)
     assert np.allclose(f["statics/tension"][-1], [0, 0, 100, 400, 700, 1000], atol=1e-2)
     slip = f["statics/slip"][-1]
     assert not slip[:1].any() and (np.diff(slip) >= 0.0).all()
@@ -84,7 +84,7 @@ def test_clamps_take_the_tension_one_after_the_other(both_ways):
 
 def test_how_far_saddles_and_clamps_are_used(workshop):
     """As above: clamps at 1 but the last, 100 of 300 N; a saddle that slips, its friction over 1.65."""
-    f = workshop.solve(*half_circle(5, "resistance = 300.0\n"))
+    f = workshop.solve(*half_circle(5, "slip_resistance = 300.0\n"))
     used = slip_point_columns(f)
     passed, of_clamps = (panel.lines[5].get_ydata() for panel in slips(f).axes)  # of the last load step
     last = used["stage"] == "statics, load factor 1"
@@ -104,7 +104,7 @@ def test_a_weight_on_a_rope_over_a_pulley_swings_on_all_of_it(workshop, slide, s
     EA, T, m = 1e8, 9810.0, 1000.0
     nodes = "id,x,y,z,fixed_x,fixed_y,fixed_z,mass\n1,0,0,0,1,1,1,0\n2,0,0,10,1,1,1,0\n3,0,0,3,1,1,0,1000\n"
     job = rope() + f'[[slide]]\ngroup = "rope"\nnodes = [2]\n{slide}[dynamics]\nduration = 1e-3\n'
-    job += "[output]\nmodes = 1\nframes = 1\n"
+    job += "[output]\nframes = 1\n[modes]\ncount = 1\n"
     f = workshop.solve(job, nodes, f"start,end,group,prestress\n1,2,rope,{T}\n2,3,rope,{T}\n")
     expected = 2.0 * np.pi * np.sqrt(m * strand / (1.0 + T / EA) / EA)
     assert f["modes/period"][0] == pytest.approx(expected, rel=1e-6)  # half of the rope's mass is 4e-9 of m
@@ -189,7 +189,7 @@ def test_a_line_over_two_pulleys_with_a_weight(workshop):
     others = [("stay", count, 100.0, 10.0, 1), ("weight", end, 200.0, -11.0, 0)]
     nodes, elements = spans(points, 10.0, {0, 2 * count}, others)
     weight = (4700 - 30 * slipped) / 9.81e-2  # as a density
-    sections = f"[cable.stay]\ndensity = 1.0\n[cable.weight]\narea = 1e-2\ndensity = {weight}\n"
+    sections = f"[group.stay]\ndensity = 1.0\n[group.weight]\narea = 1e-2\ndensity = {weight}\n"
     f = workshop.solve(sections + LINE + f"nodes = [{count}, {2 * count}]\n", nodes, elements)
     z = f["net/particles"][:, 2] + f["statics/displacement"][-1, :, 2]
     sag = f["statics/displacement"][-1, count, 2] - z[: 2 * count].min()
@@ -223,12 +223,13 @@ def test_a_line_whose_end_moves_in(workshop):
         ('group = "rope"\nnodes = [1]\n', "no cable of these runs through there"),
         ('group = "rope"\nnodes = [9]\n', "no node 9"),
         ('group = "rope"\n[[slide]]\ngroup = "rope"\n', "entry 1 says already how this cable slips there"),
-        ('group = "rope"\n[cable.rope]\nyield_stress = 1e9\n', "what slips may not yield"),
-        ('group = "rope"\n[cable.rope]\nkind = "bar"\n', "bars do not slip"),
+        ('group = "rope"\n[group.rope]\nyield_stress = 1e9\n', "what slips may not yield"),
+        ('group = "rope"\n[group.rope]\nkind = "bar"\n', "bars do not slip"),
         ('group = "rope"\n[[stage]]\nname = "a"\nclamps = "shut"\n', 'expected one of "open", "closed"'),
         (
-            'group = "rope"\n[dynamics]\nduration = 0.1\ndamping_ratio = 0.01\ndamping_band = [1.0, 9.0]\n',
-            "[dynamics] damping_ratio: not together with [[slide]]",
+            'group = "rope"\n'
+            "[dynamics]\nduration = 0.1\naxial_damping_ratio = 0.01\naxial_damping_band = [1.0, 9.0]\n",
+            "[dynamics] axial_damping_ratio: not together with [[slide]]",
         ),
     ],
 )

@@ -27,8 +27,8 @@ def atwood(mu, ends=1.0):
     lengths = LOW / (1.0 + T["light"] / EA), HIGH / (1.0 + T["heavy"] / EA)
     elements = table(LENGTHS, [(3, 1, "rope", lengths[0]), (1, 2, "rope", lengths[1])])
     text = ROPE.format(area=1e-3, density=1e-3)
-    text += f"[dynamics]\nduration = {ends}\ntime_step = {DT}\ndamping = 0.0\n"
-    text += "[output]\nframes = 1\nhistory = 0.1\n"
+    text += f"[dynamics]\nduration = {ends}\ntime_step = {DT}\nmass_damping = 0.0\n"
+    text += "[output]\nframes = 1\nhistory_interval = 0.1\n"
     return text + f'[[slide]]\ngroup = "rope"\nfriction = {mu}\n', nodes, elements, a, T
 
 
@@ -53,7 +53,9 @@ def test_a_rope_that_runs_breaks_at_its_fracture_strain(workshop):
     """
     text, nodes, _, _, _ = atwood(0.0, 0.02)
     text = text.replace(f"{DT}", "5e-4").replace("[dynamics]", "fracture_strain = 1e-4\n[dynamics]")
-    text = text.replace("damping = 0.0", "fragments = false").replace("history = 0.1", "history = 5e-4")
+    text = text.replace("mass_damping = 0.0", "fragments = false").replace(
+        "history_interval = 0.1", "history_interval = 5e-4"
+    )
     f = workshop.solve(text, nodes, table(LENGTHS, [(3, 1, "rope", LOW), (1, 2, "rope", HIGH)]))
     strain, history = f["events/strain"][:], f["history"]
     assert len(strain) and (strain > 1e-4).all() and (strain < 1.1e-4).all()
@@ -66,7 +68,7 @@ def test_a_rope_that_runs_out_stops(both_ways):
     The other weight then falls on a rope that is held: N = W + sqrt(W^2 + k m v^2) at most, by energy.
     """
     text, nodes, elements, a, T = atwood(0.0, 2.4)
-    f = both_ways.solve(text.replace("history = 0.1", "history = 0.02"), nodes, elements)
+    f = both_ways.solve(text.replace("history_interval = 0.1", "history_interval = 0.02"), nodes, elements)
     at, way = f["slide/stopped"][0], 0.8 * LOW
     assert at == pytest.approx(np.sqrt(2.0 * way / a), abs=1e-3)  # s of a rope that stretches
     slip, time = f["slide/slip"][:, 0], f["history/time"][:]
@@ -112,8 +114,8 @@ def clamped_ring(resistance, duration=0.5, step=1e-4, density=1e-3):
     lines.append((CLAMPS, 0, CLAMPS, "line", 1000.0))
     text = ROPE.format(area=1e-3, density=density)
     text += f"[dynamics]\nduration = {duration + 0.1}\ntime_step = {step}\n"
-    text += "[output]\nframes = 1\nhistory = 0.05\n[[remove]]\nelements = [0]\ntime = 0.0\n"
-    text += f'duration = {duration}\n[[slide]]\ngroup = "hoop"\nresistance = {resistance}\n'
+    text += "[output]\nframes = 1\nhistory_interval = 0.05\n[[remove]]\nelements = [0]\ntime = 0.0\n"
+    text += f'duration = {duration}\n[[slide]]\ngroup = "hoop"\nslip_resistance = {resistance}\n'
     return text, table(NODES, rows), table("id,start,end,group,prestress", lines)
 
 
@@ -169,10 +171,10 @@ def torn(shared_workshop):
     lines.append((6, 60, "tie", 2e4, 2e-3))
     text = ROPE.format(area=1e-3, density=8000.0)
     text += "[dynamics]\nduration = 0.4\nsafety = 0.4\n"
-    text += "[output]\nframes = 4\nhistory = 0.02\ncheckpoint = 0.1\n"
+    text += "[output]\nframes = 4\nhistory_interval = 0.02\ncheckpoint_interval = 0.1\n"
     text += '[[remove]]\ngroup = "tie"\ntime = 0.02\nduration = 0.0\n'
     text += "[[remove]]\nelements = [0]\ntime = 0.2\nduration = 0.01\n"
-    text += '[[slide]]\ngroup = "hoop"\nresistance = 8e3\nfriction = 0.02\n'
+    text += '[[slide]]\ngroup = "hoop"\nslip_resistance = 8e3\nfriction = 0.02\n'
     elements = table("start,end,group,prestress,fracture_strain", lines)
     job = shared_workshop.job(text, table(NODES, rows), elements, name="torn")
     return job, shared_workshop.run(job, output="torn.vtkhdf")
@@ -195,7 +197,9 @@ def test_bits_of_a_torn_ring(torn, shared_workshop, ranks):
 def automatic(text, safety, ends=1.0):
     """The job of `atwood` with the automatic step."""
     text = text.replace(f"time_step = {DT}\n", f"safety = {safety}\n")
-    return text.replace("history = 0.1", "history = 0.5").replace("duration = 1.0", f"duration = {ends}")
+    return text.replace("history_interval = 0.1", "history_interval = 0.5").replace(
+        "duration = 1.0", f"duration = {ends}"
+    )
 
 
 @pytest.mark.parametrize("parts, safety", [(1, 0.8), (1, 0.2), (8, 0.8)])
@@ -259,7 +263,7 @@ def test_a_hoop_of_steel_keeps_its_own_inertia_between_heavy_clamps(workshop):
     lines = [(k, k, (k + 1) % n, "hoop", T0) for k in range(n)]
     lines += [(n + k, k, n + k, "spoke", 2.0 * T0 * np.sin(np.pi / n)) for k in range(n)]
     text = automatic(atwood(0.0)[0], safety, 0.02).replace("density = 0.001", "density = 8000.0")
-    text = text.replace("friction = 0.0", "resistance = 2e3").replace('"rope"', '"hoop"')
+    text = text.replace("friction = 0.0", "slip_resistance = 2e3").replace('"rope"', '"hoop"')
     text += "[[remove]]\nelements = [0]\ntime = 0.0\nduration = 0.001\n"
     tables = (
         table("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", rows),

@@ -22,7 +22,7 @@ MEMBERS = 6  # of STUDY
 SHORT = f"""
 job = "{ROOT}/jobs/saddle.toml"
 [vary]
-"net.cells" = [4]
+"net.saddle.cells" = [4]
 "dynamics.duration" = [0.3]
 "wind.seed" = [1, 2]
 """
@@ -216,7 +216,7 @@ def test_the_scaling_script_runs_on_ranks_that_srun_starts(slurm, site):
 @pytest.mark.skipif(os.getuid() != 0, reason="namespaces for hosts of their own need root")
 def test_two_ranks_on_two_hosts_have_the_bits_of_one(tmp_path):
     """A rank on each of two hosts that share a network and their files."""
-    settings = ["net.cells=4", "dynamics.duration=0.3", "wind.speed=40.0", "wind.ramp=0.1"]
+    settings = ["net.saddle.cells=4", "dynamics.duration=0.3", "wind.speed=40.0", "wind.ramp=0.1"]
     words = ["run", ROOT / "jobs" / "saddle.toml", *(w for each in settings for w in ("--set", each))]
     done = run_netfall(*words, "-o", tmp_path / "one.vtkhdf", cwd=tmp_path)
     with two_hosts(BIN / "mpirun", tmp_path) as mpirun:

@@ -12,8 +12,10 @@ def test_a_job_after_others_gives_the_bits_of_processes_of_its_own(tmp_path, ran
     stays, own = Workshop(tmp_path, standing=True), Workshop(tmp_path)
     small, collapse = stays.job(SMALL, name="small"), stays.job(JOB, name="collapse")
     assert len(stays.run(collapse, ranks=ranks, output="collapse.vtkhdf")["events/step"]) > 3
-    done = run_on_standing_ranks("run", small, "--set", "net.cells=0", ranks=ranks, cwd=tmp_path, code=2)
-    assert "[net] cells" in done.stderr
+    done = run_on_standing_ranks(
+        "run", small, "--set", "net.saddle.cells=0", ranks=ranks, cwd=tmp_path, code=2
+    )
+    assert "[net.saddle] cells" in done.stderr
     after = stays.run(small, ranks=ranks, output="after.vtkhdf")
     assert assert_same_results(after, own.run(small, ranks=ranks, output="own.vtkhdf")) > 20
 

@@ -29,7 +29,10 @@ def test_a_net_that_is_slack_all_over_before_its_load_comes(workshop):
     Then the cables that are taut carry the snow: forces balance at every free node, with the tensions of
     Hooke's law at the lengths there.
     """
-    text = '[net]\ngenerator = "saddle"\ncells = 16\n[form_finding]\nmethod = "force_density"\n' + STEEL
+    text = (
+        '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 16\n[form_finding]\nmethod = "force_density"\n'
+        + STEEL
+    )
     f = workshop.solve(text + "[load]\nself_weight = false\nsnow = 500.0\ntemperature = 300.0\nsteps = 2\n")
     N, m = f["statics/tension"][-1], len(f["net/elements"])
     assert f["statics/slack"][0] == m and 0 < f["statics/slack"][-1] == (N == 0).sum() < m
@@ -62,8 +65,8 @@ def test_buckling_is_looked_for_where_the_net_has_moved_far(workshop):
         elements += [f"{first},{top},mast", f"{first + 1},{top},stay", f"{first + 2},{top},stay"]
     job = workshop.job(
         "[cable]\nmodulus = 1.6e11\narea = 120e-6\ndensity = 7850.0\nprestress = 15e3\n"
-        "[cable.edge]\narea = 600e-6\nprestress = 110e3\n[cable.stay]\narea = 900e-6\nprestress = 100e3\n"
-        '[cable.mast]\nkind = "bar"\narea = 6e-3\nprestress = -160e3\n'
+        "[group.edge]\narea = 600e-6\nprestress = 110e3\n[group.stay]\narea = 900e-6\nprestress = 100e3\n"
+        '[group.mast]\nkind = "bar"\narea = 6e-3\nprestress = -160e3\n'
         '[form_finding]\nmethod = "force_density"\n[load]\nself_weight = true\ndead = 50.0\n'
         '[[case]]\nname = "uplift"\nset = {"load.pressure" = -2400.0}\n',
         "\n".join(nodes),

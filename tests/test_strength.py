@@ -67,7 +67,7 @@ def test_lines_of_a_generated_net_are_its_cables(tmp_path):
     """A saddle of 32 cells, whose start is steep at its edge, has 31 cables each way; a wheel 36 radials."""
     cells = 32
     path = tmp_path / "job.toml"
-    path.write_text(f'[net]\ngenerator = "saddle"\ncells = {cells}\n{STEEL}')
+    path.write_text(f'[net]\ngenerator = "saddle"\n[net.saddle]\ncells = {cells}\n{STEEL}')
     net = build_net(read_job(path, []))
     across = np.unique(np.column_stack([net.group, net.cable]), axis=0)
     assert np.bincount(across[:, 0]).tolist() == [cells - 1] * 2
@@ -86,9 +86,9 @@ def test_rows_override_groups_and_these_the_cable(workshop):
     (workshop.folder / "cables.csv").write_text(CATALOGUE)
     section = (
         '[cable]\ncatalogue = "cables.csv"\ntype = "FLC40"\nprestress = 1e5\n'
-        "[cable.steel]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8000.0\n"
-        '[cable.strong]\ntype = "FLC60"\nbreaking_load = 3.0e6\n'
-        "[cable.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"
+        "[group.steel]\nmodulus = 1.6e11\narea = 1e-3\ndensity = 8000.0\n"
+        '[group.strong]\ntype = "FLC60"\nbreaking_load = 3.0e6\n'
+        "[group.light]\naxial_stiffness = 1e8\nmass_per_length = 2.0\n"
     )
     rows = ["a,,", "steel,,", "strong,,", "light,,", "steel,FLC60,", "strong,,2e6", "strong,FLC40,1e6"]
     net = net_of(workshop, table("group,type,breaking_load", rows), section=section)
@@ -173,8 +173,8 @@ def test_a_breaking_load_counts_beside_fracture_strain_as_whichever_comes_first(
 def test_strength_scatters_from_cable_to_cable(tmp_path):
     """Of 398 cables: one factor each, mean and deviation those that were asked for; the seed changes all."""
     path = tmp_path / "job.toml"
-    section = STEEL + "breaking_load = 1.2e6\nstrength_deviation = 0.05\n"
-    path.write_text(f'[net]\ngenerator = "saddle"\ncells = 200\n{section}')
+    section = STEEL + "breaking_load = 1.2e6\nstrength_cov = 0.05\n"
+    path.write_text(f'[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 200\n{section}')
     net = build_net(read_job(path, []))
     of_cable = net.strength[np.unique(net.cable, return_index=True)[1]]
     assert (net.strength == of_cable[net.cable]).all() and len(np.unique(of_cable)) == len(of_cable) == 398
@@ -213,13 +213,14 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
         f"{2 * k},{2 * k + 1},{P - 100.0}\n" for k, P in enumerate(loads)
     )
     section = (
-        f'[cable]\naxial_stiffness = {EA}\nmass_per_length = 20.0\narea = {AREA}\nstrain = "{strain}"\n'
+        f"[cable]\naxial_stiffness = {EA}\nmass_per_length = 20.0\narea = {AREA}\n"
+        f'strain_measure = "{strain}"\n'
         f"breaking_load = {F}\n"
     )
     if law == "plastic":
         section += f"yield_stress = {3600e3 / AREA}\n"
     probes = ", ".join(f"[0.0, {k}.0]" for k in range(4))
-    run = f"[dynamics]\nduration = 0.3\n[output]\nframes = 3\nhistory = 0.001\nprobes = [{probes}]\n"
+    run = f"[dynamics]\nduration = 0.3\n[output]\nframes = 3\nhistory_interval = 0.001\nprobes = [{probes}]\n"
     with workshop.solve(section + run, nodes, elements) as f:
         assert sorted(set(f["events/element"][:].tolist())) == [1, 3]
         peak = f["history/probe_tension"][:].max(0)
@@ -232,8 +233,8 @@ def test_a_cable_holds_just_below_its_breaking_load_and_breaks_just_above(worksh
 
 def test_drawn_strengths_break_the_same_on_three_ranks(both_ways):
     """A saddle whose cables differ: some break as a load falls on it; the same bits, and what was drawn."""
-    text = '[net]\ngenerator = "saddle"\ncells = 4\nside = 20.0\nrise = 2.0\n' + STEEL
-    text += "breaking_load = 200e3\nstrength_deviation = 0.2\n[form_finding]\n"
+    text = '[net]\ngenerator = "saddle"\n[net.saddle]\ncells = 4\nside = 20.0\nrise = 2.0\n' + STEEL
+    text += "breaking_load = 200e3\nstrength_cov = 0.2\n[form_finding]\n"
     text += "[load]\nself_weight = false\ndead = 500.0\npressure = [0.0, 0.0, 1500.0]\n"
     text += "[dynamics]\nduration = 0.5\n[output]\nframes = 3\n"
     with both_ways.solve(text, ranks=3) as f:

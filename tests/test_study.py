@@ -18,7 +18,7 @@ from netfall.study.journal import read_journal
 
 LIMITS = "yield_stress = 1.75e9\nfracture_strain = 0.0404\n"
 JOB = (
-    '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n'
+    '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n'
     + STEEL
     + LIMITS
     + """[form_finding]
@@ -29,13 +29,13 @@ dead = 300.0
 [wind]
 onset = "sudden"
 speed = 90.0
-shape_coefficient = -1.5
+pressure_coefficient = -1.5
 base_height = 10.0
-roughness = 0.03
-gusts = "points"
+surface_drag = 0.03
+gust_field = "point"
 [dynamics]
 duration = 0.2
-damping = 0.5
+mass_damping = 0.5
 [output]
 frames = 10
 """
@@ -140,7 +140,8 @@ def test_the_audit_changes_nothing_and_can_be_left_out(workshop):
 
 TABLES = (
     STEEL
-    + '[wind]\nonset = "sudden"\nfile = "wind.csv"\nshape_coefficient = -1.0\n[dynamics]\nduration = 0.02\n'
+    + '[wind]\nonset = "sudden"\nfile = "wind.csv"\npressure_coefficient = -1.0\n'
+    + "[dynamics]\nduration = 0.02\n"
 )
 NODES = "id,x,y,z,fixed\n1,0,0,0,1\n2,1,1,0,0\n3,2,0,0,1\n"
 
@@ -174,7 +175,7 @@ def test_what_failed_is_tried_again(workshop):
     _, arguments = with_tables(workshop)
     failed = run_on_standing_ranks(*arguments, "--launcher", "false {ranks}", cwd=workshop.folder, code=2)
     assert "does not start" in failed.stderr
-    run_on_standing_ranks(*arguments, "--set", "output.checkpoint=0.005", cwd=workshop.folder)
+    run_on_standing_ranks(*arguments, "--set", "output.checkpoint_interval=0.005", cwd=workshop.folder)
     assert not [p.name for p in workshop.folder.iterdir() if p.name.startswith(".") or "checkpoint" in p.name]
 
 
@@ -240,7 +241,7 @@ def test_digest_of_a_job_is_that_of_what_it_computes(workshop):
     plain = digest()
     assert digest("cable.area=1e-3", "cable.area=2e-3") != digest("cable.area=2e-3", "cable.area=1e-3")
     assert digest("cable.area=1e-3", "cable.area=2e-3") == digest("cable.area=2e-3")
-    assert digest("dynamics.damping=0", "wind.seed=2") == digest("wind.seed=2") != plain
+    assert digest("dynamics.mass_damping=0", "wind.seed=2") == digest("wind.seed=2") != plain
     assert [path.name for path in read_job(job).files()] == ["nodes.csv", "elements.csv", "wind.csv"]
     for path in read_job(job).files():
         before = path.read_bytes()

@@ -39,6 +39,7 @@ from netfall.study.table import Table
 JOB = """
 [net]
 generator = "saddle"
+[net.saddle]
 side = 40.0
 rise = 2.0
 cells = 4
@@ -57,10 +58,10 @@ steps = 2
 max_iterations = 2000
 [wind]
 speed = 33.0
-turbulence = 0.3
-shape_coefficient = -1.5
+turbulence_intensity = 0.3
+pressure_coefficient = -1.5
 base_height = 10.0
-gusts = "points"
+gust_field = "point"
 [dynamics]
 duration = 1.6
 """
@@ -162,7 +163,7 @@ def test_a_killed_study_goes_on_to_the_same_bits(whole, tmp_path):
 
 STATIC = (
     JOB.partition("[wind]")[0].replace("steps = 2", "steps = 0")
-    + """breaking = true
+    + """stop_at_strength = true
 [[case]]
 name = "snow"
 set = {"load.snow" = 100.0}
@@ -209,7 +210,7 @@ def test_equilibria_beyond_the_strength_are_told_and_no_failure_is_of_what_break
     """In a study of equilibria nothing breaks: 0 broken of all was no answer, and more than the strength
     no word.
     """
-    job = STATIC.replace("breaking = true", "breaking = false")
+    job = STATIC.replace("stop_at_strength = true", "stop_at_strength = false")
     (tmp_path / "static.toml").write_text(job)
     study = tmp_path / "cases.toml"
     study.write_text('job = "static.toml"\n[vary]\n"cable.breaking_load" = [1.5e5, 4.9e6]\n')
@@ -235,7 +236,8 @@ def workers_of(pid: int) -> list[int]:
 
 def test_nets_may_differ_between_members(tmp_path):
     """Each with its own elements: ids are its own, and nothing is counted by element."""
-    text = 'job = "roof.toml"\n[vary]\n"net.cells" = [4, 6]\n"wind.seed" = [1, 2]\n"wind.speed" = [30.0]\n'
+    text = 'job = "roof.toml"\n'
+    text += '[vary]\n"net.saddle.cells" = [4, 6]\n"wind.seed" = [1, 2]\n"wind.speed" = [30.0]\n'
     run_on_standing_ranks("study", write(tmp_path, text), "--workers", 1, cwd=tmp_path)
     path = tmp_path / "storm.study.h5"
     with h5py.File(path) as f:
@@ -243,7 +245,14 @@ def test_nets_may_differ_between_members(tmp_path):
         assert "first_breaks" not in f and f["members/broken"][0] > 0
         first, ids = f["members/first_element"][:], f["members/first_element_id"][:]
     for row, (cells, seed) in enumerate([(4, 1), (4, 2), (6, 1), (6, 2)]):
-        words = ["--set", f"net.cells={cells}", "--set", f"wind.seed={seed}", "--set", "wind.speed=30.0"]
+        words = [
+            "--set",
+            f"net.saddle.cells={cells}",
+            "--set",
+            f"wind.seed={seed}",
+            "--set",
+            "wind.speed=30.0",
+        ]
         own = tmp_path / "own.vtkhdf"
         run_on_standing_ranks("run", tmp_path / "roof.toml", "-o", own, *words, cwd=tmp_path)
         with h5py.File(own) as run:
@@ -328,7 +337,7 @@ def test_each_cable_is_lost_in_a_run_of_its_own(tmp_path):
     (tmp_path / "job.toml").write_text(
         '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.95e11\n'
         "area = 683.08e-6\ndensity = 7850.0\n"
-        "[dynamics]\nduration = 0.4\n[output]\nhistory = 1e-3\n"
+        "[dynamics]\nduration = 0.4\n[output]\nhistory_interval = 1e-3\n"
     )
     lost = '[vary]\nremove = {each = "element", time = 0.0}\n[run]\nkeep = "all"\n'
     study = write(tmp_path, f'job = "job.toml"\n{lost}', "lost")
@@ -375,12 +384,12 @@ elements = "elements.csv"
 modulus = 2e11
 area = 1e-3
 density = 7850.0
-[cable.post]
+[group.post]
 kind = "bar"
 [dynamics]
 duration = 0.05
 [output]
-history = 0.01
+history_interval = 0.01
 """
 
 
@@ -419,7 +428,7 @@ def test_the_balance_of_a_member_is_the_worst_of_its_history(tmp_path, capsys):
     job.write_text(
         '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n[cable]\nmodulus = 1.6e11\narea = 1e-4\n'
         f"density = 1.0\n[dynamics]\nduration = {2.0 * period}\ntime_step = {0.1 * period}\n"
-        f"[output]\nhistory = {0.1 * period}\n"
+        f"[output]\nhistory_interval = {0.1 * period}\n"
     )
     run_on_standing_ranks("run", job, "-o", tmp_path / "job.vtkhdf")
     with h5py.File(tmp_path / "job.vtkhdf") as f:
@@ -659,9 +668,9 @@ WRONG = [
     ('[vary]\n"wind.speed" = [20.0]\nwind.speed = [30.0]\n', "wind.speed: stands twice"),
     ("[vary]\nremoved = [1]\n", "removed = 1: expected a key of the job, SECTION.KEY"),
     ("[vary]\nremove = {time = 1.0}\n", 'expected {{each = "element", ...}}'),
-    ('[vary]\n"output.modes" = [2]\n', "members leave no checkpoints and find no modes"),
+    ('[vary]\n"modes.count" = [2]\n', "members leave no checkpoints and find no modes"),
     (
-        '[vary]\n"net.cells" = [4, 6]\nremove = {each = "element", time = 1.0}\n',
+        '[vary]\n"net.saddle.cells" = [4, 6]\nremove = {each = "element", time = 1.0}\n',
         "make a study of each net",
     ),
     (

@@ -43,7 +43,7 @@ elements = "elements.csv"
 modulus = 1.95e11
 area = 683.08e-6
 density = 7850.0
-[cable.{upper}]
+[group.{upper}]
 breaking_load = 240e3
 [load]
 self_weight = false

@@ -26,7 +26,7 @@ BARS = ("ring_outer", "ring_truss", "strut")
 JOB = (
     '[net]\nnodes = "nodes.csv"\nelements = "elements.csv"\n'
     "[cable]\ndensity = 7850.0\n"
-    + "".join(f'[cable.{group}]\nkind = "bar"\n' for group in BARS)
+    + "".join(f'[group.{group}]\nkind = "bar"\n' for group in BARS)
     + '[roof]\ngroups = ["ring_outer", "ring_upper", "upper", "hoop"]\n'
     "openings = [[0.0, 0.0]]\n[load]\ntolerance = 1e-11\nself_weight = true\ndead = 250.0\nsteps = 2\n"
     '[[case]]\nname = "snow"\nset = {"load.snow" = 400.0}\n'
@@ -43,7 +43,9 @@ def wheel(folder, angle: float, more: str = "", tighter: float = 1.0, guides: bo
     Of the supports at the ring one is held along a line and has a spring across, two have springs.
     """
     place = ROOT / "jobs" / "wheel.toml"
-    net = build_net(read_job(place, ["net.spokes=12", "net.hoops=1", "net.ring_groups=false"]))
+    net = build_net(
+        read_job(place, ["net.wheel.spokes=12", "net.wheel.hoops=1", "net.wheel.ring_groups=false"])
+    )
     supports = np.flatnonzero(net.fixed.any(1))
     fixed, spring = net.fixed.astype(int), np.zeros((net.n, 3))
     spring[supports[1], :2], spring[supports[2], :2] = (2e7, 0.0), (3e7, 5e6)
@@ -236,7 +238,7 @@ def test_stages_of_erection_turn_with_the_supports(tmp_path):
 
 
 MOVES = "[[remove]]\nelements = [{lost}]\ntime = 0.1\n[dynamics]\n"
-MOVES += "duration = 0.3\ndamping = 0.5\n[output]\nframes = 3\nhistory = 0.05\n"
+MOVES += "duration = 0.3\nmass_damping = 0.5\n[output]\nframes = 3\nhistory_interval = 0.05\n"
 
 
 def hoop_of(path) -> int:

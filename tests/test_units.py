@@ -13,7 +13,7 @@ from netfall.geometry.tables import read_tables
 from netfall.job.fields import keys_of
 from netfall.job.json_schema import job_schema
 from netfall.job.read import read_job
-from netfall.job.schema import LIST_KEYS, LISTS, SECTIONS, TABLES
+from netfall.job.schema import LIST_KEYS, LIST_MODELS, MODELS, TABLES
 from netfall.job.units import EXAMPLES, QUANTITY, UnitError, factor, to_unit
 
 JOB = """
@@ -96,9 +96,7 @@ def test_a_wrong_unit_of_a_column_is_an_error(tables, units, words):
 
 def test_each_unit_of_a_key_has_an_example_that_converts():
     """Messages show the example, so it must be right."""
-    every = {
-        key.unit for keys in (*SECTIONS.values(), *LIST_KEYS.values()) for key in keys if key.takes_units
-    }
+    every = {key.unit for keys in (*TABLES.values(), *LIST_KEYS.values()) for key in keys if key.takes_units}
     for unit in every:
         number, given = QUANTITY.fullmatch(EXAMPLES.get(unit, f"1.5 {unit}")).groups()
         assert factor(given, unit) > 0 and Decimal(number)
@@ -127,7 +125,7 @@ def test_the_schema_accepts_every_shipped_job_and_shows_a_wrong_key():
 
 def test_the_schema_has_each_key_with_meaning_and_unit():
     text = job_schema()["$defs"]
-    for model in (*TABLES.values(), *LISTS.values()):
+    for model in (*MODELS.values(), *LIST_MODELS.values()):
         properties = text[model.__name__]["properties"]
         for name, key in keys_of(model).items():
             description = properties[name]["description"]

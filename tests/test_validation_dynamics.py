@@ -31,8 +31,8 @@ def soft(modulus: float) -> str:
 def timing(duration: float, dt: float, every: int, probes=(), frames=1, damping=0.0) -> str:
     """Sections of a run with steps dt [s], a history row every few steps."""
     return (
-        f"[dynamics]\nduration = {float(duration)!r}\ntime_step = {float(dt)!r}\ndamping = {damping!r}\n"
-        f"[output]\nhistory = {float(every * dt)!r}\nframes = {frames}\n"
+        f"[dynamics]\nduration = {float(duration)!r}\ntime_step = {float(dt)!r}\nmass_damping = {damping!r}\n"
+        f"[output]\nhistory_interval = {float(every * dt)!r}\nframes = {frames}\n"
         f"probes = {[list(map(float, p)) for p in probes]}\n"
     )
 
@@ -459,9 +459,9 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
     """Half the step, a quarter of the error:
     a saddle roof in a steady wind, all displacements against a step of a sixteenth.
     """
-    text = '[net]\ngenerator = "saddle"\nside = 40.0\ncells = 6\n' + STEEL
+    text = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\ncells = 6\n' + STEEL
     text += '[form_finding]\nmethod = "force_density"\n'
-    text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nroughness = 0.0\nshape_coefficient = -1.3\n"
+    text += "[wind]\nonset = 'sudden'\nspeed = 10.0\nsurface_drag = 0.0\npressure_coefficient = -1.3\n"
     text += "base_height = 10.0\n" + timing(0.2, 2e-4, 25, frames=100)
     job, steps = both_ways.job(text), (2e-4, 1e-4, 5e-5, 1.25e-5)
     found = [
@@ -470,7 +470,7 @@ def test_order_of_accuracy_of_a_net(both_ways, compare):
             "--set",
             f"dynamics.time_step={h}",
             "--set",
-            "output.history=0.1",
+            "output.history_interval=0.1",
             ranks=3 if h == 2e-4 else 1,
             output=f"{h}.vtkhdf",
         )

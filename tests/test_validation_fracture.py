@@ -132,7 +132,7 @@ def test_step_load_breaks_the_weak_element_behind_the_reflection(both_ways, comp
     strain = load / EA
     dt = length / C * WHOLE
     nodes, elements = chain(n, length, {0}, load, weak)
-    text = CABLE + f"[cable.weak]\nfracture_strain = {1.5 * strain!r}\n"
+    text = CABLE + f"[group.weak]\nfracture_strain = {1.5 * strain!r}\n"
     text += f"[dynamics]\nduration = {(n + weak + 4) * dt!r}\ntime_step = {dt!r}\n"
     f = both_ways.solve(text, nodes, elements)
     case = f"step load on a chain of {n}, weak element {weak}: "
@@ -162,10 +162,10 @@ def test_whip_of_a_released_end(both_ways, compare):
     dt, m = L0 / C * WHOLE, RHO * A * L0
     nodes, elements = chain(n, length, {0, n}, weak=n - 1)
     nodes = nodes.replace(f"{(n - 1) * length!r},0,0\n", f"{(n - 1) * length!r},0,{-1e-10 * tension}\n")
-    text = STEEL + f"[cable.weak]\nfracture_strain = {strain * (1 + 1e-11)!r}\n"
+    text = STEEL + f"[group.weak]\nfracture_strain = {strain * (1 + 1e-11)!r}\n"
     text += f"[dynamics]\nduration = {(n + 2) * dt!r}\ntime_step = {dt!r}\n"
     f = both_ways.solve(
-        text + f"[output]\nhistory = {dt!r}\nframes = 2\nprobes = [[0, 0]]\n", nodes, elements
+        text + f"[output]\nhistory_interval = {dt!r}\nframes = 2\nprobes = [[0, 0]]\n", nodes, elements
     )
     v0, v = tension / (np.sqrt(E * RHO) * A), f["final/velocity"][:, 2]
     assert f["events/particle"][0] == n and f["events/step"][0] == 1 and len(v) == n + 2
@@ -208,9 +208,9 @@ def test_dead_load_goes_with_what_carries_it(both_ways, compare):
         f"start,end,group,area,unstressed_length\n1,2,upper,{A},{length}\n"
         f"2,3,lower,{A},{length}\n3,4,thread,1e-12,{thread}\n"
     )
-    text = CABLE + f"[cable.lower]\nfracture_strain = {limit}\n"
+    text = CABLE + f"[group.lower]\nfracture_strain = {limit}\n"
     text += f"[load]\nself_weight = true\ndead = {dead}\n[dynamics]\nduration = 0.25\ntime_step = 1e-3\n"
-    text += "[output]\nframes = 250\nhistory = 0.001\n"
+    text += "[output]\nframes = 250\nhistory_interval = 0.001\n"
     f = both_ways.solve(text, nodes, elements)
     dt = f["history/time_step"][0]
     step = int(f["events/step"][0])

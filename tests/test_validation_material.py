@@ -19,7 +19,7 @@ MEASURES = ["engineering", "logarithmic"]
 
 def section(strain: str) -> str:
     """The elastic cable section with a measure of strain."""
-    return STEEL.replace("prestress = 100e3\n", f'strain = "{strain}"\n')
+    return STEEL.replace("prestress = 100e3\n", f'strain_measure = "{strain}"\n')
 
 
 @pytest.mark.parametrize("strain", MEASURES)
@@ -48,7 +48,7 @@ def test_elongation_under_a_known_force(both_ways, compare, strain):
     tables = table("id,x,y,z,fixed_x,fixed_y,fixed_z,load_x", nodes), elements
     f = both_ways.solve(
         section(strain)
-        + '[cable.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
+        + '[group.strut]\nkind = "bar"\n[load]\nself_weight = false\nsteps = 2\ntolerance = 1e-10\n',
         *tables,
     )
     for s, share in enumerate(shares):
@@ -166,8 +166,8 @@ def test_cycles_with_slack(both_ways, compare, strain):
         ]
         sections = (group, L0, area, E), *[("driver", L0, 1e-2, k * L0 / 1e-2)] * 2
         elements += [(10 * s + j, 10 * s + j + 1, *of) for j, of in enumerate(sections)]
-    text = section(strain) + 'yield_stress = 1.75e9\n[cable.strut]\nkind = "bar"\n'
-    text += '[cable.driver]\nkind = "bar"\nyield_stress = 1e14\n'  # which never yields
+    text = section(strain) + 'yield_stress = 1.75e9\n[group.strut]\nkind = "bar"\n'
+    text += '[group.driver]\nkind = "bar"\nyield_stress = 1e14\n'  # which never yields
     text += timing(2.5, dt, 1, [(nodes[1][1], 0.0), (nodes[5][1], 5.0)])
     tables = (
         table("id,x,y,z,fixed_x,fixed_y,fixed_z,mass", nodes),

@@ -298,15 +298,15 @@ tolerance = 1e-10
 [wind]
 onset = "sudden"
 speed = 40.0
-roughness = 0
-shape_coefficient = 0.8
+surface_drag = 0
+pressure_coefficient = 0.8
 base_height = 10.0
 [dynamics]
 duration = 1.0
 time_step = 1e-4
-damping = 0.5
+mass_damping = 0.5
 [output]
-history = 0.025
+history_interval = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
     f = both_ways.solve(shipped("saddle") + text)
@@ -355,7 +355,7 @@ pressure = [0.0, 0.0, 800.0]
 duration = 0.5
 time_step = 1e-4
 [output]
-history = 0.025
+history_interval = 0.025
 probes = [[0.0, 0.0], [0.0, -27.45], [18.3, 9.15]]
 """
     job = both_ways.job(shipped("saddle") + text)
@@ -427,9 +427,9 @@ dead = 1000.0
 [dynamics]
 duration = 0.5
 time_step = 2.5e-4
-damping = 0.5
+mass_damping = 0.5
 [output]
-history = 0.025
+history_interval = 0.025
 probes = [[0.0, 15.4], [0.0, 2.2], [22.0, 15.4]]
 """
     f = both_ways.solve(shipped("stadium") + text)

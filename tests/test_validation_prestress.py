@@ -13,7 +13,7 @@ from netfall.job.read import read_job
 from netfall.statics.form.self_stress import self_stress
 
 BY_HAND = 1e-9  # of a force, as asked; rounding is some 1e-14
-KEEP = '[form_finding]\nmethod = "keep"\n'
+KEEP = '[form_finding]\nmethod = "given_geometry"\n'
 
 
 def shipped(name, ring_groups):
@@ -232,15 +232,15 @@ def v_by_hand():
     return N
 
 
-@pytest.mark.parametrize("method", ["keep", "fpm", "force_density"])
+@pytest.mark.parametrize("method", ["given_geometry", "fpm", "force_density"])
 def test_a_form_carries_its_permanent_load(workshop, method):
     """The V stays where it is, or finds its place; the permanent load then moves nothing."""
     form = f'[form_finding]\nmethod = "{method}"\nloads = "permanent"\ntolerance = 1e-10\n'
     load = "[load]\nself_weight = true\nsteps = 1\ntolerance = 1e-9\n"
     legs = LEGS.replace("group\n", "group,prestress\n").replace("leg\n", "leg,10000\n")
-    with workshop.solve(HEAVY + form + load, V, LEGS if method == "keep" else legs) as f:
+    with workshop.solve(HEAVY + form + load, V, LEGS if method == "given_geometry" else legs) as f:
         x, N = f["form_finding/position"][:], f["form_finding/tension"][:]
-        if method == "keep":
+        if method == "given_geometry":
             assert (x == f["net/particles"][:]).all()
             assert N == pytest.approx([v_by_hand()] * 2, rel=1e-9)  # as asked of the load
         assert np.abs(f["statics/displacement"][0]).max() < 1e-8  # 1e-10 of the tension over N / L
@@ -279,7 +279,7 @@ def test_published_prestress_of_all_groups_gives_the_same(workshop):
     """Least squares over all of them stay within their digits."""
     job = (ROOT / "jobs" / "levy.toml").read_text().replace("levy/", f"{ROOT}/jobs/levy/")
     for name, force in LEVY.items():
-        job = job.replace(f"[cable.{name}]\n", f"[cable.{name}]\nprestress = {force}\n")
+        job = job.replace(f"[group.{name}]\n", f"[group.{name}]\nprestress = {force}\n")
     job = job.replace("prestress = 650806.2            # N: all other forces follow\n", "")
     path = workshop.folder / "all.toml"
     path.write_text(job)

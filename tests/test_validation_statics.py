@@ -222,7 +222,7 @@ def test_two_elements_under_a_load(both_ways, compare):
             f"{3 * k + 2},{a},{k},0,1,1,1,0",
         ]
         elements += [f"{3 * k + i},{3 * k + i + 1},{'bar' if rise else 'cable'},{N0}" for i in range(2)]
-    section = f'[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[cable.bar]\nkind = "bar"\n'
+    section = f'[cable]\nmodulus = {modulus}\narea = {area}\ndensity = 7850.0\n[group.bar]\nkind = "bar"\n'
     text = section + "[load]\nself_weight = false\nsteps = 5\ntolerance = 1e-12\n"
     tables = "\n".join(nodes), "\n".join(elements)
     f = both_ways.solve(text, *tables)
@@ -575,9 +575,9 @@ def test_load_case_of_the_paper(both_ways, compare):
     downward load, as it says; jobs/saddle.toml is the mirror image.
     """
     T, EA = 1800e3, 1.95e11 * 3600e-6
-    net = '[net]\ngenerator = "saddle"\nrise = -3.66\n' + STEEL.replace("683.08e-6", "3600e-6").replace(
-        "100e3", "1800e3"
-    )
+    net = '[net]\ngenerator = "saddle"\n[net.saddle]\nrise = -3.66\n' + STEEL.replace(
+        "683.08e-6", "3600e-6"
+    ).replace("100e3", "1800e3")
     net += (
         "[form_finding]\nmodulus_factor = 0\ntolerance = 1e-9\n"
         "[load]\nself_weight = false\npressure = [0.0, 0.0, -2000.0]\nsteps = 10\ntolerance = 1e-9\n"

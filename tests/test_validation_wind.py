@@ -31,7 +31,7 @@ LIMP = "[cable]\nmodulus = 1.0\narea = 1e-12\ndensity = 1.0\n"
 NODES = f"id,x,y,z,fixed,mass,load_z\n1,0,0,0,0,{MASS},0\n" + CORNERS.format(z=0) + f"6,0,0,{-TIE},1,0,0\n"
 OSCILLATOR = (
     LIMP
-    + f"""[cable.tie]
+    + f"""[group.tie]
 kind = "bar"
 modulus = {EA / 1e-4}
 area = 1e-4
@@ -39,9 +39,9 @@ density = 1.0
 [wind]
 onset = "sudden"
 speed = {U0}
-roughness = {K}
-shape_coefficient = -0.02
-gusts = "points"
+surface_drag = {K}
+pressure_coefficient = -0.02
+gust_field = "point"
 profile_exponent = 0.0
 time_step = {DT}
 control_points = 9
@@ -49,9 +49,9 @@ control_points = 9
 fragments = false
 duration = {{duration}}
 time_step = {{dt}}
-damping = {ZETA}
+mass_damping = {ZETA}
 [output]
-history = {{history}}
+history_interval = {{history}}
 frames = 1
 probes = [[0, 0]]
 """
@@ -279,7 +279,9 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
     u_s A rho U^2 / 2 with a third of the square; suction lifts.
     """
     text = LIMP
-    text += f"[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = 0.0\nshape_coefficient = {coefficient}\n"
+    text += (
+        f"[wind]\nonset = 'sudden'\nspeed = 30.0\nsurface_drag = 0.0\npressure_coefficient = {coefficient}\n"
+    )
     text += "profile_exponent = 0.2\nbase_height = 25.0\n"
     text += "[dynamics]\nduration = 1.0\ntime_step = 0.01\n"
     f = both_ways.solve(
@@ -301,9 +303,11 @@ def test_force_on_a_flat_roof_by_hand(both_ways, compare, coefficient):
 def test_profile_of_the_mean_speed(both_ways, compare):
     """The power law at each control point's height above ground."""
     f = both_ways.solve(
-        '[net]\ngenerator = "saddle"\nrise = 8.0\n' + STEEL + "[form_finding]\nmodulus_factor = 0\n"
-        "[wind]\nonset = 'sudden'\nspeed = 30.0\nshape_coefficient = -1.0\n"
-        "roughness = 0.03\ngusts = 'points'\n"
+        '[net]\ngenerator = "saddle"\n[net.saddle]\nrise = 8.0\n'
+        + STEEL
+        + "[form_finding]\nmodulus_factor = 0\n"
+        "[wind]\nonset = 'sudden'\nspeed = 30.0\npressure_coefficient = -1.0\n"
+        "surface_drag = 0.03\ngust_field = 'point'\n"
         "profile_exponent = 0.2\nbase_height = 30.0\n[dynamics]\nduration = 0.1\n"
     )
     z, U = f["wind/control_point"][:, 2] + 30.0, f["wind/mean_speed"][:]

@@ -32,6 +32,7 @@ BREAKS = f"""
 title = "All </script> breaks & falls"
 [net]
 generator = "saddle"
+[net.saddle]
 cells = 4
 {STEEL}yield_stress = 1.75e9
 fracture_strain = 0.0404
@@ -39,10 +40,10 @@ fracture_strain = 0.0404
 method = "force_density"
 [wind]
 speed = 200.0
-shape_coefficient = -9.0
+pressure_coefficient = -9.0
 base_height = 10.0
 onset = "sudden"
-roughness = 0.0
+surface_drag = 0.0
 [dynamics]
 duration = 0.5
 [output]

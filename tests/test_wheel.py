@@ -62,7 +62,7 @@ def test_diagonals_that_leave_the_rings_slack_are_refused(workshop):
     most = H / (2 * SINE * side) * np.hypot(side, HEIGHT)
     assert largest_brace_force(2 * INNER, HEIGHT, N_SPOKES, H) == pytest.approx(most, rel=1e-14)
     done = run_on_standing_ranks(
-        "check", workshop.job(CHECKED), "--set", f"net.brace_force={1.001 * most}", code=2
+        "check", workshop.job(CHECKED), "--set", f"net.wheel.brace_force={1.001 * most}", code=2
     )
     assert f"expected less than {most:.4g} N" in done.stderr
 
@@ -79,6 +79,7 @@ def test_without_hoops_it_is_a_pair_of_straight_cables():
 CHECKED = """
 [net]
 generator = "wheel"
+[net.wheel]
 diameter = 100.0
 opening = 40.0
 ring_height = 6.0
@@ -91,17 +92,17 @@ hoop_force = 1e4
 modulus = 1.6e11
 area = 1e-3
 density = 8000.0
-[cable.ring_upper]
+[group.ring_upper]
 area = 6e-3
-[cable.ring_lower]
+[group.ring_lower]
 area = 6e-3
-[cable.ring_outer]
+[group.ring_outer]
 kind = "bar"
 area = 0.1
-[cable.ring_truss]
+[group.ring_truss]
 kind = "bar"
 area = 0.02
-[cable.strut]
+[group.strut]
 kind = "bar"
 area = 3e-3
 [roof]
@@ -112,7 +113,7 @@ self_weight = false
 dead = 300.0
 [dynamics]
 duration = 0.1
-damping = 0.2
+mass_damping = 0.2
 """
 
 
@@ -209,7 +210,7 @@ def test_the_same_bits_on_two_ranks_and_through_a_restart(shipped, shared_worksh
     job = ROOT / "jobs" / "wheel.toml"
     with shared_workshop.run(job, *SHORT, ranks=2, output="two.vtkhdf") as two:
         assert assert_same_results(shipped, two) > 90
-    more = (*SHORT, "--set", "output.checkpoint=0.08")
+    more = (*SHORT, "--set", "output.checkpoint_interval=0.08")
     shared_workshop.run(job, *more, output="saved.vtkhdf").close()
     last = sorted(shared_workshop.folder.glob("saved.checkpoint-5-*.h5"))[-1]
     with shared_workshop.run(job, *more, "--restart", last, ranks=2, output="saved.vtkhdf") as again:

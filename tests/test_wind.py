@@ -13,19 +13,19 @@ from netfall.loads.wind.measured import point_weights
 from netfall.model.layout import make_layout
 from netfall.model.model import make_model
 
-FLAT = '[net]\ngenerator = "saddle"\nside = 40.0\nrise = 0.0\ncells = 4\n' + STEEL
+FLAT = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 40.0\nrise = 0.0\ncells = 4\n' + STEEL
 FLAT += "[form_finding]\nmodulus_factor = 0\n"
 BLOW = (
-    "[wind]\nonset = 'sudden'\nspeed = 30.0\nroughness = {k}\nshape_coefficient = {u}\n"
+    "[wind]\nonset = 'sudden'\nspeed = 30.0\nsurface_drag = {k}\npressure_coefficient = {u}\n"
     "base_height = 10.0\nair_density = 1.25\nprofile_exponent = 0.0\n"
-    "[dynamics]\nduration = 0.002\ntime_step = 1e-5\n[output]\nhistory = 0.001\n"
+    "[dynamics]\nduration = 0.002\ntime_step = 1e-5\n[output]\nhistory_interval = 0.001\n"
 )
 
 
 def test_measured_wind_from_a_table(workshop):
     """Speeds from a table, interpolated in time: impulse of a linear ramp on a flat roof."""
     (workshop.folder / "speed.csv").write_text("time,speed\n-1,99\n0,0\n0.001,20\n0.004,20\n")
-    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nroughness = 0.0", 'file = "speed.csv"')
+    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"')
     f = workshop.solve(text)
     mass = 7850 * 683.08e-6 * 20 / (1 + 100e3 / (1.95e11 * 683.08e-6))
     impulse = 100 * 0.625 * (20**2 / 3 * 0.001 + 20**2 * 0.001)
@@ -42,7 +42,7 @@ def test_measured_wind_at_several_points(workshop):
     (workshop.folder / "speed.csv").write_text("time,East,west\n0,30,20\n0.004,30,20\n")
     (workshop.folder / "points.csv").write_text(MAST)
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
-        "speed = 30.0\nroughness = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
+        "speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
     )
     f = workshop.solve(text.replace("profile_exponent = 0.0", "profile_exponent = 0.2"))
     assert f["wind/control_point"][:].tolist() == [[-15, 0, 5], [15, 0, 30]]
@@ -95,7 +95,7 @@ def test_wrong_points_are_refused(workshop, points, speeds, message):
     (workshop.folder / "speed.csv").write_text(speeds)
     (workshop.folder / "points.csv").write_text(points)
     text = FLAT + BLOW.format(k=0.0, u=-1.0).replace(
-        "speed = 30.0\nroughness = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
+        "speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"\npoints = "points.csv"'
     )
     assert message in workshop.solve(text, code=2).stderr
 
@@ -103,9 +103,12 @@ def test_wrong_points_are_refused(workshop, points, speeds, message):
 @pytest.mark.parametrize(
     "keys, message",
     [
-        ("roughness = 0.03\nturbulence = 0.2\n", "roughness and turbulence exclude each other"),
+        (
+            "surface_drag = 0.03\nturbulence_intensity = 0.2\n",
+            "surface_drag and turbulence_intensity exclude each other",
+        ),
         ('points = "points.csv"\n', "points: only with file"),
-        ("turbulence = 1.5\n", "turbulence = 1.5: expected a number >= 0 and <= 1"),
+        ("turbulence_intensity = 1.5\n", "turbulence_intensity = 1.5: expected a number >= 0 and <= 1"),
         ('spectrum = "karman"\n', 'expected one of "davenport", "kaimal", "von_karman", "en1991"'),
         ("gust_length = 0\n", 'expected a number of m >= 0.1 and <= 100000 or "auto"'),
         ("direction = 400\n", "expected a number of degrees >= -360 and <= 360"),
@@ -114,15 +117,15 @@ def test_wrong_points_are_refused(workshop, points, speeds, message):
 def test_wrong_keys_of_the_gusts_are_refused(tmp_path, keys, message):
     """Each on its own."""
     job = tmp_path / "job.toml"
-    job.write_text(FLAT + BLOW.replace("roughness = {k}\n", keys).format(u=-1.0))
+    job.write_text(FLAT + BLOW.replace("surface_drag = {k}\n", keys).format(u=-1.0))
     with pytest.raises(InputError, match=re.escape(message)):
         read_job(job)
 
 
 def checked(workshop, keys):
     """The lines of `check` on the wind of a flat roof at 10 m, and its notes on the wind."""
-    keys += "" if "gusts = " in keys or "= 0\n" in keys else 'gusts = "points"\n'
-    text = FLAT + BLOW.replace("roughness = {k}\n", keys).format(u=-1.0).replace("= 0.002", "= 60.0")
+    keys += "" if "gust_field = " in keys or "= 0\n" in keys else 'gust_field = "point"\n'
+    text = FLAT + BLOW.replace("surface_drag = {k}\n", keys).format(u=-1.0).replace("= 0.002", "= 60.0")
     text = text.replace("time_step = 1e-5", "time_step = 0.001").replace("speed = 30.0", "speed = 40.0")
     job = workshop.job(text)
     done = run_on_standing_ranks("check", job)
@@ -132,7 +135,7 @@ def checked(workshop, keys):
 
 def test_check_tells_of_the_gusts(workshop):
     """Intensity, negative speeds, gust lengths and factor, and what samples and lags lose, by hand."""
-    lines = checked(workshop, "roughness = 0.05\n")
+    lines = checked(workshop, "surface_drag = 0.05\n")
     intensity = np.sqrt(6 * 0.05)
     assert f"intensity {intensity:.3g} there ({40 * intensity:.3g} m/s, davenport)" in lines[0]
     negative = 0.5 * math.erfc(1 / intensity / math.sqrt(2))  # of a normal distribution
@@ -152,25 +155,25 @@ def test_check_tells_of_the_gusts(workshop):
     assert told == pytest.approx(100 * between, abs=0.02)  # digits; a uniform grid here
     assert re.search(r"differs from that of Davenport's coherence by \S+ over the roof \(root", lines[3])
     assert [line.split(":")[1][:14] for line in lines[4:]] == [" [wind] roughn"]
-    line = checked(workshop, "roughness = 0.05\ncoherence_decay = [100.0, 200.0, 100.0]\n")[-1]
+    line = checked(workshop, "surface_drag = 0.05\ncoherence_decay = [100.0, 200.0, 100.0]\n")[-1]
     told = re.search(r"roof is ([\d.]+) times .* makes of it, at ([\d.]+) Hz ([\d.]+) times", line)
     assert 1.1 <= float(told[1]) < float(told[3]) and 0.8 < float(told[2]) < 1.25
-    line = checked(workshop, 'roughness = 0.05\ngusts = "means"\n')[4]
+    line = checked(workshop, 'surface_drag = 0.05\ngust_field = "area_mean"\n')[4]
     share = re.search(r"at a node they have (\d+)% to (\d+)% of the deviation", line)
     assert 50 < float(share[1]) < float(share[2]) < 110
 
 
 def test_check_notes_what_time_step_and_lags_lose(workshop):
     """A step of 0.5 s, two lags; coefficients that do not follow the direction; nothing where all is well."""
-    lines = checked(workshop, "turbulence = 0.18\ntime_step = 0.5\nar_order = 2\ndirection = 30\n")
+    lines = checked(workshop, "turbulence_intensity = 0.18\ntime_step = 0.5\nar_order = 2\ndirection = 30\n")
     told = ("time_step = 0.5:", "ar_order = 2: the spectrum", "direction = 30 (from 210 degrees):")
     notes = [next(line for line in lines if word in line) for word in told]
     assert len(lines) == 7 and all(note.startswith("note: ") for note in notes), lines
     above, rest = (1 + 30.0**2) ** (-1 / 3), float(re.search(r"([\d.]+)% of the gusts", notes[0])[1])
     assert above < rest / 100 < 1.7 * above  # with what interpolation takes, which is less
-    quiet = checked(workshop, 'turbulence = 0.18\nspectrum = "kaimal"\ntime_step = 0.02\n')
+    quiet = checked(workshop, 'turbulence_intensity = 0.18\nspectrum = "kaimal"\ntime_step = 0.02\n')
     assert [line for line in quiet if line.startswith("note")] == []
-    assert checked(workshop, "roughness = 0\n") == [
+    assert checked(workshop, "surface_drag = 0\n") == [
         "wind: steady, 40 m/s at 10 m, to 0 degrees (from 180 degrees)"
     ]
 
@@ -178,10 +181,11 @@ def test_check_notes_what_time_step_and_lags_lose(workshop):
 def test_gusts_that_load_nothing_have_no_note(workshop):
     """Coefficients of 0: nothing is too strong."""
     text = FLAT + BLOW.replace(
-        "roughness = {k}", "coherence_decay = [100.0, 200.0, 100.0]\nturbulence = 0.18\ngusts = 'points'"
+        "surface_drag = {k}",
+        "coherence_decay = [100.0, 200.0, 100.0]\nturbulence_intensity = 0.18\ngust_field = 'point'",
     )
     done = [run_on_standing_ranks("check", workshop.job(text.format(u=u))) for u in (-1.0, 0.0)]
-    assert ['gusts = "points"' in each.stdout for each in done] == [True, False]
+    assert ['gust_field = "point"' in each.stdout for each in done] == [True, False]
     assert not any("nan" in each.stdout + each.stderr or "Warning" in each.stderr for each in done)
 
 
@@ -190,11 +194,11 @@ def test_means_that_are_weak_at_nodes_are_noted(workshop, points, weak):
     """With the shares that check tells; not where there are points enough."""
     said = checked(
         workshop,
-        f'roughness = 0.03\ncontrol_points = {points}\ngusts = "means"\n'
+        f'surface_drag = 0.03\ncontrol_points = {points}\ngust_field = "area_mean"\n'
         "coherence_decay = [24.0, 60.0, 10.0]\n",
     )
     least = re.search(r"at a node they have (\d+%) to", " ".join(said))[1]
-    notes = [line for line in said if line.startswith("note") and '"means"' in line]
+    notes = [line for line in said if line.startswith("note") and '"area_mean"' in line]
     assert len(notes) == weak and all(f"; {least} at the least" in note for note in notes), said
 
 
@@ -210,11 +214,11 @@ def facade_tables() -> tuple[str, str]:
     return nodes, "start,end\n" + "".join(elements)
 
 
-@pytest.mark.parametrize("gusts", ["means", "points"])
+@pytest.mark.parametrize("gusts", ["area_mean", "point"])
 def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
     """Each decay changes the gusts of the job; `check` and /wind say how far they are from the coherence."""
-    keys = f"turbulence = 0.18\ngusts = '{gusts}'\nMORE\n"
-    text, found = STEEL + BLOW.replace("roughness = {k}\n", keys).format(u=1.0), []
+    keys = f"turbulence_intensity = 0.18\ngust_field = '{gusts}'\nMORE\n"
+    text, found = STEEL + BLOW.replace("surface_drag = {k}\n", keys).format(u=1.0), []
     for decay in ("[8.0, 16.0, 10.0]", "[8.0, 4.0, 10.0]", "[8.0, 16.0, 1.0]", "[8.0, 16.0, 1000.0]"):
         job = read_job(workshop.job(text.replace("MORE", f"coherence_decay = {decay}"), *facade_tables()))
         layout = make_layout(job, 1)
@@ -223,7 +227,7 @@ def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
         found.append(np.sqrt(load @ field.model.covariance @ load))
     assert found[1] > 1.02 * found[0] and found[3] < 0.6 * found[0], found
     # gusts at points are too strong, the more so the less they are alike: with 1 about the load of 10
-    assert found[2] > 1.02 * found[0] if gusts == "means" else found[2] != found[0], found
+    assert found[2] > 1.02 * found[0] if gusts == "area_mean" else found[2] != found[0], found
     job = workshop.job(text.replace("MORE\n", ""), *facade_tables())
     (line,) = re.findall("gusts: the correlation.*", run_on_standing_ranks("check", job).stdout)
     told = re.search(r"by (\S+) over the roof, (\S+) in height \(root mean", line)
@@ -233,7 +237,9 @@ def test_a_facade_from_tables_has_gusts_over_its_height(workshop, gusts):
 
 def test_result_keeps_what_is_known_of_the_gusts(workshop):
     """In /wind, of the speeds there and of the model."""
-    text = FLAT + BLOW.replace("roughness = {k}", "turbulence = 0.6\ngusts = 'points'").format(u=-1.0)
+    text = FLAT + BLOW.replace(
+        "surface_drag = {k}", "turbulence_intensity = 0.6\ngust_field = 'point'"
+    ).format(u=-1.0)
     f = workshop.solve(text.replace("duration = 0.002", "duration = 0.5"))["wind"]
     u, mean = f["speed"][:], f["mean_speed"][:]
     assert (f["gust_factor"][:] == u.max(0) / mean).all()
@@ -256,7 +262,7 @@ def test_result_keeps_what_is_known_of_the_gusts(workshop):
 def test_wrong_wind_table_is_refused(workshop, table, message):
     """With file, line and what is expected."""
     (workshop.folder / "speed.csv").write_text(table)
-    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nroughness = 0.0", 'file = "speed.csv"')
+    text = FLAT + BLOW.format(k=0.0, u=-1.0).replace("speed = 30.0\nsurface_drag = 0.0", 'file = "speed.csv"')
     assert message in workshop.solve(text, code=2).stderr
 
 
@@ -271,6 +277,7 @@ def test_wind_without_normals_is_refused(workshop):
 
 STORM = """[net]
 generator = "saddle"
+[net.saddle]
 side = 40.0
 cells = 6
 [cable]
@@ -285,16 +292,16 @@ modulus_factor = 0
 [wind]
 onset = "sudden"
 speed = 60.0
-shape_coefficient = -3.0
+pressure_coefficient = -3.0
 base_height = 10.0
-roughness = 0.03
-gusts = "points"
+surface_drag = 0.03
+gust_field = "point"
 seed = 3
 after_fracture = "{after}"
 [dynamics]
 duration = 1.0
 [output]
-history = 0.002
+history_interval = 0.002
 frames = 20
 """
 

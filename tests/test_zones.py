@@ -16,7 +16,7 @@ from netfall.model.model import make_model
 
 SIDE = 6  # nodes along a side of the flat grid: 5 x 5 cells of 1 m
 STILL = "[dynamics]\nduration = 0.01\n"
-WIND = "[wind]\nspeed = 20.0\nroughness = 0.0\nshape_coefficient = -1.0\nbase_height = 10.0\n"
+WIND = "[wind]\nspeed = 20.0\nsurface_drag = 0.0\npressure_coefficient = -1.0\nbase_height = 10.0\n"
 
 
 def node(x: int, y: int) -> int:
@@ -226,10 +226,11 @@ def test_values_of_zones_stand_in_for_those_of_the_section(workshop):
 
 def test_set_reaches_the_values_of_zones(workshop):
     """Those that the file has and those that it has not."""
-    text = STILL + WIND + "[wind.zone.a]\nshape_coefficient = -2.2\n" + square("a", 0, 0, 1, 1)
-    job, _, found = zones(workshop, text, "wind.zone.a.shape_coefficient=-2", "load.zone.a.snow=1500")
-    assert job.wind.zone == {"a": {"shape_coefficient": -2.0}} and job.load.zone == {"a": {"snow": 1500.0}}
-    assert found.spread(job.wind, "shape_coefficient").tolist().count(-2.0) == 4
+    text = STILL + WIND + "[wind.zone.a]\npressure_coefficient = -2.2\n" + square("a", 0, 0, 1, 1)
+    job, _, found = zones(workshop, text, "wind.zone.a.pressure_coefficient=-2", "load.zone.a.snow=1500")
+    assert job.wind.zone_values("pressure_coefficient") == {"a": -2.0}
+    assert job.load.zone_values("snow") == {"a": 1500.0}
+    assert found.spread(job.wind, "pressure_coefficient").tolist().count(-2.0) == 4
 
 
 def test_a_zone_without_nodes_is_told(workshop):
@@ -256,7 +257,7 @@ def test_a_zone_without_nodes_is_told(workshop):
             "nodes.csv, which does not have it",
         ),
         (
-            square("edge", 0, 0, 1, 1) + STILL + WIND + "[wind.zone.egde]\nshape_coefficient = 1\n",
+            square("edge", 0, 0, 1, 1) + STILL + WIND + "[wind.zone.egde]\npressure_coefficient = 1\n",
             '[wind.zone.egde]: there is no zone "egde"; did you mean "edge"?',
         ),
         (
@@ -304,7 +305,7 @@ def test_a_zone_of_the_column_has_no_polygon_too(workshop):
         ("[load.zone.a]\nsnow = -1\n", "[load.zone.a] snow = -1: expected a number of N/m2 >= 0"),
         (
             "[load.zone.a]\nsteps = 1\n",
-            "[load.zone.a] steps: unknown key; known: air_mass, dead, pressure, snow",
+            "[load.zone.a] steps: unknown key; known: added_mass, dead, pressure, snow",
         ),
         ('[[case]]\nname = "c"\n', "[[case]] c: set, pressure_table or settlement: missing; say what acts"),
         (
@@ -354,7 +355,7 @@ def test_a_case_sets_loads_and_those_of_zones(workshop):
 # --- what they do to the wind
 
 ZONED = WIND.replace("[wind]\n", "[wind]\ndirection = 0\n") + STILL
-ZONED += "[wind.zone.edge]\nshape_coefficient = -2.2\n" + square("edge", 0, 0, 1, 5)
+ZONED += "[wind.zone.edge]\npressure_coefficient = -2.2\n" + square("edge", 0, 0, 1, 5)
 EDGE = 7.5  # m2: the nodes at x = 0 carry 2 x 0.25 + 4 x 0.5, those at x = 1 twice that
 REST = 25.0 - EDGE
 SUCTION = 0.5 * 1.25 * 20.0**2  # N/m2; z = 0 is 10 m above ground, where the speed is [wind] speed
@@ -419,14 +420,14 @@ def test_the_roof_is_drawn_with_zones_and_pressures(workshop):
 def test_mean_pressure_of_a_table_is_that_of_its_mean_speed(workshop):
     """Speeds of 10 and 30 m/s in turns: the mean, 20 m/s."""
     (workshop.folder / "gust.csv").write_text("time,speed\n0,10\n0.01,30\n")
-    text = STEEL + ZONED.replace("speed = 20.0\nroughness = 0.0", 'file = "gust.csv"')
+    text = STEEL + ZONED.replace("speed = 20.0\nsurface_drag = 0.0", 'file = "gust.csv"')
     with workshop.solve(text, *grid()) as f:
         expected = np.where(f["net/zone"][:] == 0, -2.2, -1.0) * SUCTION
         assert f["wind/mean_pressure"][:] == pytest.approx(expected, rel=1e-14)
 
 
-SECTORS = "direction,shape_coefficient,Edge\n30,-1,2\n90,-2,2\n350,0.5,-4\n"
-BY_SECTORS = ZONED.replace("shape_coefficient = -1.0", 'sectors = "cp.csv"').split("[wind.zone")[0]
+SECTORS = "direction,pressure_coefficient,Edge\n30,-1,2\n90,-2,2\n350,0.5,-4\n"
+BY_SECTORS = ZONED.replace("pressure_coefficient = -1.0", 'sectors = "cp.csv"').split("[wind.zone")[0]
 BY_SECTORS += square("Edge", 0, 0, 1, 5)
 
 
@@ -453,16 +454,18 @@ def test_sectors_are_linear_in_the_direction_and_around(workshop, direction, roo
     """By hand, for the roof and a zone with a column; its name in capital letters too."""
     model = model_of(sectors_job(workshop, BY_SECTORS, SECTORS, f"wind.direction={direction}"))
     expected = np.where(model.roof.zones.of_node == 0, edge, roof)
-    assert model.layout.shape_coefficient == pytest.approx(expected, abs=1e-15)  # rounding of numbers near 1
+    assert model.layout.pressure_coefficient == pytest.approx(
+        expected, abs=1e-15
+    )  # rounding of numbers near 1
 
 
 def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop):
     """In the wind of any direction."""
-    table = "direction,shape_coefficient\n0,-1\n180,-2\n"
+    table = "direction,pressure_coefficient\n0,-1\n180,-2\n"
     job = sectors_job(workshop, BY_SECTORS, table, "wind.direction=90")
-    assert make_layout(job, 1).shape_coefficient.tolist() == [-1.5] * SIDE**2
-    job = sectors_job(workshop, BY_SECTORS, table, "wind.zone.Edge.shape_coefficient=-3")
-    assert sorted(set(make_layout(job, 1).shape_coefficient)) == [-3.0, -1.0]
+    assert make_layout(job, 1).pressure_coefficient.tolist() == [-1.5] * SIDE**2
+    job = sectors_job(workshop, BY_SECTORS, table, "wind.zone.Edge.pressure_coefficient=-3")
+    assert sorted(set(make_layout(job, 1).pressure_coefficient)) == [-3.0, -1.0]
 
 
 @pytest.mark.parametrize(
@@ -478,7 +481,7 @@ def test_a_zone_without_a_column_has_its_own_value_or_that_of_the_roof(workshop)
         (SECTORS.replace("Edge", "egde"), "line 1: 'egde': unknown column; did you mean \"edge\"?"),
         (
             "direction,edge\n0,1\n",
-            "column shape_coefficient is missing; expected direction, shape_coefficient",
+            "column pressure_coefficient is missing; expected direction, pressure_coefficient",
         ),
     ],
 )
@@ -491,28 +494,28 @@ def test_a_wrong_table_of_sectors_is_one_line(workshop, table, line):
 
 def test_a_coefficient_is_given_once(workshop):
     """For the roof by a number or by sectors, for a zone likewise."""
-    with pytest.raises(InputError, match="shape_coefficient and sectors exclude each other"):
-        sectors_job(workshop, BY_SECTORS, SECTORS, "wind.shape_coefficient=-1")
-    missing = "shape_coefficient: missing; expected a number, or sectors = a table"
-    assert lines_of(workshop, ZONED.replace("shape_coefficient = -1.0", ""))[0].startswith(
+    with pytest.raises(InputError, match="pressure_coefficient and sectors exclude each other"):
+        sectors_job(workshop, BY_SECTORS, SECTORS, "wind.pressure_coefficient=-1")
+    missing = "pressure_coefficient: missing; expected a number, or sectors = a table"
+    assert lines_of(workshop, ZONED.replace("pressure_coefficient = -1.0", ""))[0].startswith(
         f"[wind] {missing}"
     )
-    both = sectors_job(workshop, BY_SECTORS, SECTORS, "wind.zone.Edge.shape_coefficient=-3")
-    with pytest.raises(InputError, match=r"column edge and \[wind.zone.Edge\] shape_coefficient exclude"):
+    both = sectors_job(workshop, BY_SECTORS, SECTORS, "wind.zone.Edge.pressure_coefficient=-3")
+    with pytest.raises(InputError, match=r"column edge and \[wind.zone.Edge\] pressure_coefficient exclude"):
         read_sectors(both, ["Edge"])
 
 
 def test_zones_and_directions_without_effect_are_told(workshop):
     """A zone that nothing names, and a direction that coefficients do not follow."""
     idle = 'zone "{}": no effect: neither [wind] nor [load] nor a case has a value for it'
-    follow = "[wind] direction = 0 (from 180 degrees): the shape coefficients do not follow it; sectors = "
+    follow = "[wind] direction = 0 (from 180 degrees): the pressure coefficients do not follow it; sectors = "
     follow += "a table gives them by direction"
     notes = make_layout(read_job(workshop.job(STEEL + ZONED + square("b", 4, 4, 5, 5), *grid())), 1).notes
     assert idle.format("b") in notes and idle.format("edge") not in notes and follow in notes
     notes = make_layout(sectors_job(workshop), 1).notes
     assert idle.format("Edge") not in notes and follow not in notes
     notes = make_layout(sectors_job(workshop, BY_SECTORS, SECTORS.replace("Edge", "rim")), 1).notes
-    left = 'columns not known and left alone: "rim"; known: direction, shape_coefficient, edge'
+    left = 'columns not known and left alone: "rim"; known: direction, pressure_coefficient, edge'
     assert idle.format("Edge") in notes and f"{workshop.folder / 'cp.csv'}: {left}" in notes
 
 
@@ -541,9 +544,9 @@ def test_a_zone_alone_brings_loads_on_the_roof(workshop):
     crossing = elements + f"\n{node(1, 1)},{node(2, 2)},y\n{node(1, 2)},{node(2, 1)},y"
     with pytest.raises(InputError, match="cross in plan without a node"):
         make_layout(read_job(workshop.job(STEEL + text, nodes, crossing)), 1)
-    zero = ZONED.replace("shape_coefficient = -1.0", "shape_coefficient = 0.0")
+    zero = ZONED.replace("pressure_coefficient = -1.0", "pressure_coefficient = 0.0")
     notes = make_layout(read_job(workshop.job(STEEL + zero, *grid())), 1).notes
-    assert not any("shape_coefficient = 0" in note for note in notes)
+    assert not any("pressure_coefficient = 0" in note for note in notes)
 
 
 # --- polygons that cut

@@ -49,7 +49,7 @@ duration = {net.TORN_STEPS * net.TORN_DT}
 time_step = {net.TORN_DT}
 fragments = {str(not arguments.even).lower()}
 [output]
-history = {net.TORN_STEPS * net.TORN_DT / 10}
+history_interval = {net.TORN_STEPS * net.TORN_DT / 10}
 frames = 1
 """
 SCENES = {"intact": "", "torn": ""}

@@ -39,19 +39,29 @@ CARRIES = {  # pressure of each cell of 8 x 8 [N/m2], of more cells so much that
 }
 
 OVERLOADS = {  # the same, of what they do not carry
-    "breaking": (60e3, ["cable.fracture_strain=0.01", "load.breaking=true"]),
+    "breaking": (60e3, ["cable.fracture_strain=0.01", "load.stop_at_strength=true"]),
     "yielding and breaking": (
         12e3,
-        ["cable.yield_stress=0.75e9", "cable.fracture_strain=0.04", "load.breaking=true"],
+        ["cable.yield_stress=0.75e9", "cable.fracture_strain=0.04", "load.stop_at_strength=true"],
     ),
     "yielding": (60e3, ["cable.yield_stress=0.75e9"]),
 }
-LIGHT = ["net.side=200", "net.rise=10", "cable.modulus=1.6e11", "cable.area=400e-6", "cable.density=7850"]
+LIGHT = [
+    "net.saddle.side=200",
+    "net.saddle.rise=10",
+    "cable.modulus=1.6e11",
+    "cable.area=400e-6",
+    "cable.density=7850",
+]
 NETS = {  # in place of what equilibrium.toml has: under 100 N/m2, downward
     "taut": [*LIGHT, "cable.prestress=80e3", "load.self_weight=false"],
     "soft": [*LIGHT, "cable.prestress=8e3", "load.self_weight=false"],
-    "given": [*LIGHT, "cable.prestress=80e3", "net.rise=1"],  # no form is found: not in equilibrium at first
-    "given slack": [*LIGHT, "cable.prestress=80e3", "net.rise=20"],  # a fifth of it slack at rest
+    "given": [
+        *LIGHT,
+        "cable.prestress=80e3",
+        "net.saddle.rise=1",
+    ],  # no form is found: not in equilibrium at first
+    "given slack": [*LIGHT, "cable.prestress=80e3", "net.saddle.rise=20"],  # a fifth of it slack at rest
 }
 CARRIED = 0.8  # of what is borne: an equilibrium to compare with
 
@@ -117,7 +127,7 @@ class Direct:
 
 def job_of(cells: int):
     """The saddle of so many cells, and what it carries."""
-    more = [f"net.cells={cells}"]
+    more = [f"net.saddle.cells={cells}"]
     if arguments.until:
         pressure, cable = CARRIES[arguments.until]
         more += [f"load.pressure=[0, 0, {pressure * cells / 8}]", *cable]
@@ -180,7 +190,7 @@ def overload(comm: MPI.Comm, cells: int) -> str:
     pressure, more = OVERLOADS[arguments.overload]
     pressure, seconds = pressure * cells / 8, []
     for _ in range(2):
-        keys = [f"net.cells={cells}", "load.steps=1", f"load.pressure=[0, 0, {pressure}]", *more]
+        keys = [f"net.saddle.cells={cells}", "load.steps=1", f"load.pressure=[0, 0, {pressure}]", *more]
         scene, _ = prepare_problem(comm, read_job(JOB, keys), PhaseTimes())
         path, began = StaticPath(), time.perf_counter()
         find_equilibria(scene, Mock(stop=NEVER_STOP), path)

@@ -18,13 +18,16 @@ ANIMATION_OPTIONS = ("format", "fps", "view", "size", "zoom", "until")  # option
 
 def init(arguments: Any) -> None:
     """Write a new job file: netfall init JOB"""
-    from netfall.job.template import new_template
+    from netfall.job.json_schema import schema_text
+    from netfall.job.template import SCHEMA_FILE, new_job
     from netfall.results.locks import whole
 
-    text = new_template(arguments.job)
-    with whole(arguments.job) as place:
-        place.write_text(text, encoding="utf-8")
-    print_lines(f"{arguments.job}: a job to start from; next: netfall check {arguments.job}")
+    path = arguments.job or Path(f"{arguments.example or 'job'}.toml")
+    texts = {path: new_job(path, arguments.example), path.parent / SCHEMA_FILE: schema_text()}
+    for file, text in texts.items():
+        with whole(file) as place:
+            place.write_text(text, encoding="utf-8")
+    print_lines(f"{path}: a job to start from; next: netfall check {path}")
 
 
 def schema(arguments: Namespace) -> None:
@@ -56,6 +59,7 @@ def partition(arguments: Any) -> None:
     if arguments.parts < 1:
         raise InputError(f"-n {arguments.parts}: expected a number of parts >= 1")
     job = read_job(arguments.job, arguments.overrides)
+    print_lines(*job.warnings)
     net = build_net(job)
     if arguments.parts > net.n:
         raise InputError(f"-n {arguments.parts}: expected at most as many parts as particles, {net.n}")

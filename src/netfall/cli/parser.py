@@ -19,7 +19,8 @@ VERBS = (
 # help.
 COMMANDS = f"""
 /init | write a job to start from, with every key in it, and the schema with which editors complete it
-job | file | JOB | job.toml | default: job.toml, or the name of the example
+job | optional file | JOB | | default: job.toml, or the name of the example
+--example | saddle,dome,wheel | | | a short job that runs as it is
 /schema | print the JSON schema of a job file, with which editors complete and check keys
 /check JOB | validate a job; print sizes, step limits, memory and expected run time; draw its net
 -o folder | Path | DIR | | folder for a picture of the net (default: none is drawn)
@@ -104,13 +105,13 @@ drawing | Path | FILE | |
 EXAMPLES = """
 netfall init roof.toml
 netfall init --example dome
-netfall schema > netfall.schema.json
+netfall schema
 netfall check jobs/stadium.toml -o pictures
 netfall check roof.toml --set wind.speed=45 --set cable.prestress=80e3
 netfall partition jobs/stadium.toml -n 8
 netfall run roof.toml
 mpirun -n 2 netfall run jobs/stadium.toml -o results/stadium.vtkhdf
-netfall run roof.toml -o gust.vtkhdf --set wind.seed=7 --set output.checkpoint=1
+netfall run roof.toml -o gust.vtkhdf --set wind.seed=7 --set output.checkpoint_interval=1
 netfall run roof.toml --restart roof.checkpoint-5-00004000.h5 --walltime 02:00:00
 netfall info results/stadium.vtkhdf
 netfall plot results/stadium.vtkhdf -o pictures
@@ -173,6 +174,8 @@ def _add(verb: Any, name: str, kind: str, what: str, default: str, text: str) ->
     settings = {"dest": attribute[0]} if attribute else {}
     if kind.endswith("flag"):
         settings["action"] = "store_true"
+    elif kind == "optional file":
+        settings |= {"type": take.file, "metavar": what, "nargs": "?"}
     elif kind == "several":
         settings |= {"action": "append", "default": [], "metavar": what}
     elif "," in kind:

@@ -27,8 +27,8 @@ from netfall.parallel.halo import buffers_without_neighbours, exchange_rows
 from netfall.parallel.mpi import MPI
 
 PATIENCE = 300.0  # s that a process waits for another process to compile
-SADDLE = '[net]\ngenerator = "saddle"\nside = 24.0\nrise = 3.0\ncells = 4\n'
-RING = '[net]\ngenerator = "ring"\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 2.0\n'
+SADDLE = '[net]\ngenerator = "saddle"\n[net.saddle]\nside = 24.0\nrise = 3.0\ncells = 4\n'
+RING = '[net]\ngenerator = "ring"\n[net.ring]\nlength = 40.0\nwidth = 40.0\nrise = 3.0\nspacing = 2.0\n'
 ROOF = """
 [cable]
 modulus = 1.6e11
@@ -42,12 +42,12 @@ fracture_strain = 0.03
 dead = 300.0
 steps = 2
 """
-CASE = '[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n[output]\nmodes = 1\n'
+CASE = '[[case]]\nname = "snow"\nset = {"load.snow" = 500.0}\n[modes]\ncount = 1\n'
 MOTION = """
 [wind]
 speed = 20.0
-turbulence = 0.2
-shape_coefficient = -1.0
+turbulence_intensity = 0.2
+pressure_coefficient = -1.0
 base_height = 10.0
 [[remove]]
 elements = [20]
@@ -56,7 +56,7 @@ time = 0.01
 duration = 0.02
 [output]
 frames = 2
-history = 0.01
+history_interval = 0.01
 """
 GROUPS = {  # group of kernels: a job that compiles them
     "forms, loads, equilibria, modes": SADDLE + ROOF + CASE,

@@ -22,7 +22,7 @@ from netfall.driver.load_sequence import equilibria, loaded
 from netfall.driver.problem import Outcome, Problem, RunContext
 from netfall.geometry.net import GRAVITY, Net
 from netfall.geometry.turned import global_spring_stiffness, rotation_column
-from netfall.job.derived import has_added_air_mass, has_statics, starts_loaded_for_removal
+from netfall.job.derived import has_added_air_mass, has_statics, mode_count, starts_loaded_for_removal
 from netfall.job.job import Job
 from netfall.job.values import format_list
 from netfall.model.model import Model
@@ -224,14 +224,14 @@ NAME = "modes"
 
 def required(job: Job) -> bool:
     """Return whether the job asks for modes."""
-    return bool(job.output.modes)
+    return mode_count(job) > 0
 
 
 def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Compute the modes about the last equilibrium of the statics and write /modes. Collective."""
     if not context.saver.is_completed(NAME):
         with context.phases.phase(NAME):
-            modes = current_modes(problem, problem.job.output.modes)
+            modes = current_modes(problem, mode_count(problem.job))
             context.result.write_whole(NAME, modes and modes_section(problem.job, problem.model, modes))
     return Outcome()
 
@@ -255,10 +255,10 @@ def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]
     section = {"period": modes.period, "shape": modes.shape, "effective_mass": modes.effective_mass}
     if job.dynamics:
         section["damping_ratio"] = mass_damping(job, model, modes)
-    if job.dynamics and job.dynamics.damping_ratio:
+    if job.dynamics and job.dynamics.axial_damping_ratio:
         section["band_damping_ratio"] = band_damping(job, modes)
     if model.air is not None:
-        section["air_damping_ratio"] = air_damping(job, model, modes)
+        section["air_damping_ratio"] = aerodynamic_damping(job, model, modes)
     return section
 
 
@@ -312,38 +312,38 @@ def _notes(model: Model, modes: Modes) -> list[str]:
 
 def _damping_lines(job: Job, model: Model, modes: Modes) -> list[str]:
     """Return the text on the damping ratio of each kind of damping, and on free fall with mass damping."""
-    zeta, air = job.dynamics.damping, ", without the air that moves along" * has_added_air_mass(job)
+    zeta, air = job.dynamics.mass_damping, ", without the air that moves along" * has_added_air_mass(job)
     lines = [
-        f"damping: damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the critical in "
-        f"them (damping x period / 4 pi{air})"
+        f"damping: mass_damping = {zeta:g} 1/s is {_percent(mass_damping(job, model, modes))} of the "
+        f"critical in them (mass_damping x period / 4 pi{air})"
     ]
     if zeta:
         lines.append(
-            f"falling: damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
-            f"g / damping = {GRAVITY / zeta:.4g} m/s"
+            f"falling: mass_damping = {zeta:g} 1/s holds back what falls too: it comes to no more than "
+            f"g / mass_damping = {GRAVITY / zeta:.4g} m/s"
         )
-    if job.dynamics.damping_ratio:
+    if job.dynamics.axial_damping_ratio:
         lines.append(
-            f"damping: damping_ratio is {_percent(band_damping(job, modes))} in them: it acts on the stretch "
-            f"of elements, {_percent(modes.stretch)} of their stiffness; the rest is prestress"
+            f"damping: axial_damping_ratio is {_percent(band_damping(job, modes))} in them: it acts on the "
+            f"stretch of elements, {_percent(modes.stretch)} of their stiffness; the rest is prestress"
         )
     if job.wind is None or not np.isfinite(modes.period).any():
         return lines
     if model.air is not None:
-        percent = _percent(air_damping(job, model, modes))
+        percent = _percent(aerodynamic_damping(job, model, modes))
         lines.append(f"damping: that of the air is {percent} at the mean wind")
     elif not job.wind.pressures:
-        percent = _percent(air_damping(job, model, modes, kappa=1.0))
+        percent = _percent(aerodynamic_damping(job, model, modes, kappa=1.0))
         lines.append(
             f"damping: the air's own is left out; it would be of the order of {percent} "
-            "([wind] air_damping = 1)"
+            "([wind] aerodynamic_damping = 1)"
         )
     return lines
 
 
 def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
-    """Compute the damping ratio (k,) of `damping`, which does not act on the added mass of the air."""
-    ratio = modes.damping_ratio(job.dynamics.damping)
+    """Compute the damping ratio (k,) of `mass_damping`, which does not act on the added mass of the air."""
+    ratio = modes.damping_ratio(job.dynamics.mass_damping)
     if model.air_mass is None:
         return ratio
     square = np.sum(modes.shape**2, axis=2)
@@ -351,13 +351,15 @@ def mass_damping(job: Job, model: Model, modes: Modes) -> np.ndarray:
 
 
 def band_damping(job: Job, modes: Modes) -> np.ndarray:
-    """Compute the damping ratio (k,) of `damping_ratio`, which acts on the axial stiffness alone."""
-    alpha, tau = np.reshape(band_branches(job.dynamics.damping_ratio, *job.dynamics.damping_band), (2, -1))
+    """Compute the damping ratio (k,) of `axial_damping_ratio`, which acts on the axial stiffness alone."""
+    alpha, tau = np.reshape(
+        band_branches(job.dynamics.axial_damping_ratio, *job.dynamics.axial_damping_band), (2, -1)
+    )
     phase = 2.0 * np.pi / modes.period[:, None] * tau
     return 0.5 * modes.stretch * np.sum(alpha * phase / (1.0 + phase * phase), axis=1)
 
 
-def air_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:
+def aerodynamic_damping(job: Job, model: Model, modes: Modes, kappa: float | None = None) -> np.ndarray:
     """Compute the aerodynamic damping ratio (k,) at the mean wind.
 
     sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `physics.air`; kappa : for the whole roof, None: as set

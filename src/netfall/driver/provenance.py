@@ -53,7 +53,7 @@ def provenance_values(problem: Problem) -> dict:
         "overrides": "\n".join(job.overrides),
         "job_digest": problem.digest,
         "title": job.title,
-        "strain": job.cable.strain,
+        "strain": job.cable.strain_measure,
         "netfall": netfall.__version__,
         "python": platform.python_version(),
         "numpy": np.__version__,

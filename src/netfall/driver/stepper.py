@@ -37,7 +37,7 @@ class Stepper:
         self.log, self.model = context.log, problem.model
         self.phases, self.stop = context.phases, context.stop
         self.loads = VaryingLoads(self.state, loads, schedule.step_at)
-        self.zeta = job.dynamics.damping
+        self.zeta = job.dynamics.mass_damping
         self.ground = ground_of(problem.comm, self.model, self.state)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         stable_dt = schedule.stable_dt  # Maxwell branches stiffen elements, so this one is longer

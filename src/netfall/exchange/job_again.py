@@ -8,6 +8,7 @@ import numpy as np
 from netfall.core.progress import one_line
 from netfall.exchange.state import MARK, ExportState
 from netfall.job.cases import split
+from netfall.job.groups import group_values, unmatched_sections
 from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import toml_text
 from netfall.results.file import provenance_text, read_job_tables
@@ -43,19 +44,18 @@ def write_rerun_job(
         job.pop(section, None)
     job["net"] = {"nodes": "nodes.csv", "elements": "elements.csv"}
     present = {*state.group[~state.out()]}
-    group_names = {name for name, table in job["cable"].items() if isinstance(table, dict)}
-    job["cable"] = {name: value for name, value in job["cable"].items() if name not in group_names - present}
-    applied_keys = ["prestress", "length_deviation"]  # the unstressed lengths include both
-    applied_keys += ["strength_deviation"] if state.out().any() else []  # included in the strengths
-    for table in [job["cable"], *job["cable"].values()]:
-        if isinstance(table, dict):
-            for key in applied_keys:
-                table.pop(key, None)
+    groups = job.get("group", {})
+    job["group"] = {name: groups[name] for name in groups if name not in unmatched_sections(groups, present)}
+    applied_keys = ["prestress", "length_std"]  # the unstressed lengths include both
+    applied_keys += ["strength_cov"] if state.out().any() else []  # included in the strengths
+    for table in [job["cable"], *job["group"].values()]:
+        for key in applied_keys:
+            table.pop(key, None)
     if faces:
         job["roof"] = {"faces": "faces.csv"}
     _reduce_zones(job, _used_zones(result))
     lines = _removal_notes(result, job) + _moment_notes(result) + _rename_subdivided(result, state, job)
-    if "strength_deviation" in applied_keys and "strength" in result.file["net"]:
+    if "strength_cov" in applied_keys and "strength" in result.file["net"]:
         lines.append(
             "note: strengths are those that were drawn, in reports too: without all elements others would be"
         )
@@ -66,7 +66,7 @@ def write_rerun_job(
         job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported)
     )
     head = HEAD.format(mark=MARK, title=one_line(result.title))
-    ordered_job = {name: job[name] for name in ("title", "net", "cable")} | job
+    ordered_job = {name: job[name] for name in ("title", "net", "cable", "group")} | job
     (folder / "job.toml").write_text(head + toml_text(ordered_job), encoding="utf-8")
     return [f"{folder / 'job.toml'}: runs this net again, without form finding", *lines]
 
@@ -128,9 +128,9 @@ def _buckling_lengths(result: Result, job: dict) -> list[str]:
     length, group = net["buckling_length"][:], net["group"][:]
     for g, name in enumerate(net["group_names"].asstr()[:].tolist()):
         bar_lengths = length[(group == g) & np.isfinite(net["euler_load"][:])]
-        table = job["cable"].setdefault(name, {}) if name else job["cable"]
-        if not len(bar_lengths) or "buckling_length" in table:
+        if not len(bar_lengths) or "buckling_length" in group_values(job["group"], name):
             continue
+        table = job["group"].setdefault(name, {}) if name else job["cable"]
         table["buckling_length"] = float(bar_lengths.max())
         if bar_lengths.min() < bar_lengths.max():
             lines.append(

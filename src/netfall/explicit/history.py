@@ -44,9 +44,9 @@ strain_energy | J | | change since the start
 plastic_dissipation | J | | also what was stored in elements that were lost, or taken out with
     `fragments = false`
 damping_work | J | |
-air_work | J | air | taken by `[wind] air_damping`
-band_damping_work | J | band | against the branches of `damping_ratio`: what they dissipated, and the little
-    that they store
+air_work | J | air | taken by `[wind] aerodynamic_damping`
+band_damping_work | J | band | against the branches of `axial_damping_ratio`: what they dissipated, and the
+    little that they store
 slip_dissipation | J | sliding | heat of clamps and saddles over which cables slip, [[slide]]
 support_work | J | motion | of the supports that move, [[motion]], and of the ground that damping holds to
 external_work | J | |

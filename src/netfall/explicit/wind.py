@@ -55,9 +55,9 @@ def wind_section(job: Job, model: Model, time: np.ndarray, gust: np.ndarray) -> 
         "mean_speed": mean,
         "gust_factor": speed.max(0) / np.where(mean > 0.0, mean, np.nan),
         "negative_share": np.mean(speed < 0.0, axis=0),
-        "shape_coefficient": model.layout.shape_coefficient,
+        "shape_coefficient": model.layout.pressure_coefficient,
         "mean_pressure": mean_pressure(
-            job, model.layout.shape_coefficient, model.wind_field, model.history.mean_gust
+            job, model.layout.pressure_coefficient, model.wind_field, model.history.mean_gust
         ),
     }
     spectrum = make_gust(job.wind)

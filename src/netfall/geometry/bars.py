@@ -1,6 +1,6 @@
 """Properties of compressed bars in addition to an area: second moment, buckling length and curve; Euler load.
 
-N_cr = pi^2 E I / L_k^2. [cable] gives them for all bars, [cable.GROUP] for the bars of a group.
+N_cr = pi^2 E I / L_k^2. [cable] gives them for all bars, [group.NAME] for the bars of a group.
 """
 
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ import numpy as np
 
 from netfall.core.types import BoolArray, IntArray
 from netfall.geometry.net import Net
-from netfall.geometry.sections import given_by_group
+from netfall.job.groups import group_values
 from netfall.job.job import Job
 from netfall.job.schema import CURVES
 from netfall.job.values import counted
@@ -65,10 +65,10 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
 
     for g, name in enumerate(net.group_names):
         if not net.bar[net.group == g].any():
-            given = given_by_group(job, name)
+            given = group_values(job.groups, name)
             for key in (key for key in BAR_KEYS if key in given):
                 yield (
-                    f"[cable.{name}] {key} = {given[key]}: of bars alone, for a cable carries no "
+                    f"[group.{name}] {key} = {given[key]}: of bars alone, for a cable carries no "
                     'compression; give the group kind = "bar", or remove the key'
                 )
     moment = np.full(net.m, np.nan) if net.second_moment is None else net.second_moment
@@ -94,7 +94,7 @@ def bar_errors(job: Job, net: Net) -> Iterator[str]:
     for present, problem in (
         (missing, f"[[stage]] {', '.join(missing)}: bars that bend are not there; name them in active"),
         (job.targets, "[[target]]: lengths are not changed where bars bend; remove the targets"),
-        (net.length_error.any(), "[cable] length_deviation: not where bars bend; remove it"),
+        (net.length_error.any(), "[cable] length_std: not where bars bend; remove it"),
     ):
         if bent and present:
             yield f"{problem}, or bending = true"
@@ -111,7 +111,7 @@ def bar_notes(job: Job, net: Net) -> list[str]:
     if net.second_moment is None:
         given = job.given() & {f"cable.{key}" for key in BAR_KEYS}
         given |= {
-            f"cable.{name}.{key}"
+            f"group.{name}.{key}"
             for name, table in job.groups.items()
             for key in BAR_KEYS
             if key in table.given()

@@ -16,6 +16,7 @@ from netfall.geometry.sections import strength_errors, strength_notes
 from netfall.geometry.tables import read_lines, read_tables
 from netfall.geometry.turned import is_rotated
 from netfall.job.derived import carries_permanent, has_aerodynamic_damping, load_steps, roof_groups
+from netfall.job.groups import is_pattern, pattern_errors, unmatched_sections
 from netfall.job.job import Job
 from netfall.job.values import counted, format_value
 
@@ -66,10 +67,11 @@ def _held_subdivision_notes(job: Job, net: Net) -> list[str]:
 
 
 def _generate_net(job: Job) -> Net:
-    """Generate the net from the dimensions of [net]. Raises InputError."""
-    problem = generators.dimension_error(job.net, MOST_ELEMENTS)
+    """Generate the net from its dimensions. Raises InputError."""
+    name = job.net.generator
+    problem = generators.dimension_error(name, getattr(job.net, name), MOST_ELEMENTS)
     if problem:
-        raise InputError(f"{job.path}: [net] {problem}")
+        raise InputError(f"{job.path}: [net.{name}] {problem}")
     return generators.generate(job.net)
 
 
@@ -85,15 +87,19 @@ def _set_sections(job: Job, net: Net, columns: dict[str, Any] | None = None) -> 
 
 
 def _group_name_errors(job: Job, net: Net) -> list[str]:
-    """Return an error for each section or list that names a group without elements."""
-    group_names = [(name, f"[cable.{name}]: no element is of this group") for name in job.groups]
-    group_names += [
-        (name, f"[roof] groups: no element is of group {format_value(name)}") for name in roof_groups(job)
+    """Return an error for each section or list that names a group without elements, or clashing patterns."""
+    problems = [
+        (name, f"[group.{name}]: no element is of {'such a' if is_pattern(name) else 'this'} group")
+        for name in unmatched_sections(job.groups, net.group_names)
+    ]
+    problems += [
+        (name, f"[roof] groups: no element is of group {format_value(name)}")
+        for name in roof_groups(job)
+        if name not in {*net.group_names} - {""}
     ]
     return [
-        f"{job.path}: {problem}; {nearest_group(net, name)}"
-        for name, problem in group_names
-        if name not in {*net.group_names} - {""}
+        *(f"{job.path}: {problem}; {nearest_group(net, name)}" for name, problem in problems),
+        *(f"{job.path}: {problem}" for problem in pattern_errors(job.groups, net.group_names)),
     ]
 
 
@@ -162,7 +168,7 @@ def _table_errors(job: Job, net: Net) -> list[str]:
         '[form_finding] method = "force_density"': form and form.method == "force_density",
         '[form_finding] start = "force_density"': form and form.start == "force_density",
         "[[slide]]": bool(job.slides),
-        "[wind] air_damping": has_aerodynamic_damping(job),
+        "[wind] aerodynamic_damping": has_aerodynamic_damping(job),
     }
     return [
         *(

@@ -13,7 +13,8 @@ from netfall.geometry.net import Net
 from netfall.geometry.sections import default_breaking_force, is_bar_among_cables
 from netfall.job.derived import has_gusts, load_steps
 from netfall.job.job import Job, parse_tables
-from netfall.job.schema import LIST_KEYS, REMOVED_KEYS, SINCE
+from netfall.job.renames import SINCE
+from netfall.job.schema import LIST_KEYS
 from netfall.job.values import counted, format_value
 
 
@@ -44,7 +45,7 @@ CHANGED: tuple[ChangedDefault, ...] = (
     ChangedDefault("load", "self_weight", True, False, lambda job, net: job.load is not None),
     ChangedDefault("load", "steps", 1, 0, lambda job, net: load_steps(job) == 1),
     ChangedDefault("zone", "cut", True, False, _cuts_by_default),
-    ChangedDefault("wind", "gusts", "means", "points", lambda job, net: has_gusts(job)),
+    ChangedDefault("wind", "gust_field", "area_mean", "point", lambda job, net: has_gusts(job)),
     ChangedDefault("wind", "after_fracture", "detached", "particle", _breaks_in_wind),
 )
 
@@ -70,10 +71,6 @@ def _warnings(job: Job, net: Net) -> Iterator[str]:
     for g in np.unique(net.group[bars]):  # these took the breaking force of [cable] before
         name, ids = net.group_names[g], net.element_id[bars & (net.group == g)]
         yield (
-            f"{f'[cable.{name}]' if name else 'elements.csv:'} breaking_load of {counted('bar', ids)} is not "
+            f"{f'[group.{name}]' if name else 'elements.csv:'} breaking_load of {counted('bar', ids)} is not "
             f"set: none since version {SINCE} ({inherited:g} N of [cable] before)"
         )
-    for section, keys in REMOVED_KEYS.items():
-        for key, (_, why) in keys.items():
-            if f"{section}.{key}" in job.given():
-                yield f"[{section}] {key}: removed in version {SINCE}, {why}. Remove the key."

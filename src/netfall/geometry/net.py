@@ -67,8 +67,8 @@ class Net:
     section : (m,) [m2]; nominal : (m,) bool, no area was given, the section is that of steel
     modulus, yield_stress : (m,) [Pa], inf: elastic; density : (m,) [kg/m3]; expansion : (m,) [1/K]
     fracture_strain : (m,), inf: never breaks; breaking_load : (m,) [N], breaking force, inf: none
-    strength_deviation : (m,) scatter; strength : (m,) random factor, already applied to the strengths above
-    length_deviation : (m,) [m] scatter of the length of the cable; length_error : (m,) [m], random draw
+    strength_cov : (m,) coefficient of variation; strength : (m,) random factor, already applied above
+    length_std : (m,) [m] standard deviation of the cable's length; length_error : (m,) [m], random draw
     type : (m,) row of type_names, of the catalogue, -1: none; bar : (m,) bool, carries compression
     second_moment : (m,) [m4] of the area of bars, nan: none, None: no element has one; then the next two are
         None too
@@ -106,15 +106,15 @@ class Net:
     section: FloatArray = _element()
     modulus: FloatArray = _element()
     density: FloatArray = _element()
-    expansion: FloatArray = _element(key="expansion")
+    expansion: FloatArray = _element(key="thermal_expansion")
     prestress: FloatArray = _element(key="prestress")
     yield_stress: FloatArray = _element(key="yield_stress", absent=np.inf)
     fracture_strain: FloatArray = _element(key="fracture_strain", absent=np.inf)
     nominal: BoolArray = _element()
     breaking_load: FloatArray = _element()
-    strength_deviation: FloatArray = _element(key="strength_deviation")
+    strength_cov: FloatArray = _element(key="strength_cov")
     strength: FloatArray = _element(empty=1.0)
-    length_deviation: FloatArray = _element(key="length_deviation")
+    length_std: FloatArray = _element(key="length_std")
     length_error: FloatArray = _element(empty=0.0)
     type: IntArray = _element(empty=-1)
     type_names: list[str] = field(default_factory=list)

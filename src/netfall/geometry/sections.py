@@ -1,7 +1,7 @@
 """Sections and strengths of the elements.
 
 Sections are given by modulus, area and density, by axial stiffness, mass per length and breaking force, or by
-a type of a catalogue. [cable] holds for all elements, [cable.GROUP] for a group, and a row of elements.csv
+a type of a catalogue. [cable] holds for all elements, [group.NAME] for a group, and a row of elements.csv
 for
 one element; the most specific value counts. Within one of these places, explicit values take precedence over
 `type`. The net always has modulus, section and density. Without an area the section is that of steel of the
@@ -26,6 +26,7 @@ from netfall.core.normal import quantile
 from netfall.geometry.net import Net
 from netfall.job.consistency import missing_key_message
 from netfall.job.csv_table import Table
+from netfall.job.groups import group_values, own_values, pattern_values, section_of_key
 from netfall.job.job import Job
 from netfall.job.schema import EXCLUSIVE_KEYS
 from netfall.job.values import counted, format_value, suggest
@@ -85,17 +86,19 @@ def _found(job: Job, net: Net, rows: dict[str, Any]) -> dict[str, np.ndarray]:
     """Resolve each column of OF_SECTION (m,) from [cable], the group and the row; nan: not given."""
     types, names = read_catalogue(job), net.group_names
     common, common_types = _level_values([dict(job.cable)] * len(names))
-    groups, group_types = _level_values([given_by_group(job, name) for name in names])
+    patterns, pattern_types = _level_values([pattern_values(job.groups, name) for name in names])
+    groups, group_types = _level_values([own_values(job.groups, name) for name in names])
     resolved, own = (
         {name: np.full(len(names), np.nan) for name in (*SECTION_COLUMNS, "type")} for _ in range(2)
     )
 
     def in_group(k: Any) -> Any:
-        return f"{job.path}: [cable.{names[k]}]"
+        return f"{job.path}: [group.{section_of_key(job.groups, names[k], 'type')}]"
 
     errors = _override_level(resolved, common, common_types, types, lambda k: f"{job.path}: [cable]")
-    errors += _override_level(resolved, groups, group_types, types, in_group)
-    _override_level(own, groups, group_types, types, in_group)
+    for level, level_types in ((patterns, pattern_types), (groups, group_types)):
+        errors += _override_level(resolved, level, level_types, types, in_group)
+        _override_level(own, level, level_types, types, in_group)
     resolved, own = ({name: values[net.group] for name, values in level.items()} for level in (resolved, own))
     bars = is_bar_among_cables(job, net)  # the breaking force of [cable] is meant for cables
     resolved["breaking_load"] = np.where(bars, own["breaking_load"], resolved["breaking_load"])
@@ -220,7 +223,7 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
     )
 
     def label(group: Any) -> Any:
-        return f"{job.path}: [cable{f'.{group}' if group in job.groups else ''}]"
+        return f"{job.path}: [{f'group.{group}' if group in job.groups else 'cable'}]"
 
     return [
         f"{label(net.group_names[group])} {missing_key_message(name)}, for element "
@@ -235,7 +238,7 @@ def _missing_key_errors(job: Job, net: Net, resolved: dict[str, np.ndarray]) -> 
 
 def set_strengths(job: Job, net: Net) -> None:
     """Draw the random strength of each cable, and set the fracture strains from the breaking forces."""
-    if net.strength_deviation.any():
+    if net.strength_cov.any():
         net.strength = random_strength(net, job.cable.strength_seed)
         for name in ("yield_stress", "breaking_load", "fracture_strain"):
             setattr(net, name, getattr(net, name) * net.strength)
@@ -251,16 +254,14 @@ def random_strength(net: Net, seed: int) -> np.ndarray:
     Number k of the Philox sequence of the seed belongs to cable k.
     """
     z = _random_normal_by_cable(net, seed, 0)
-    spread = np.sqrt(log1p(net.strength_deviation**2))
+    spread = np.sqrt(log1p(net.strength_cov**2))
     return np.round(exp(spread * z - 0.5 * spread**2), RANDOM_DIGITS)
 
 
 def set_length_errors(job: Job, net: Net) -> None:
     """Draw the random error [m] of the unstressed length of each cable, if lengths scatter."""
-    if net.length_deviation.any():
-        error = net.length_deviation * _random_normal_by_cable(
-            net, job.cable.length_seed, LENGTH_SEQUENCE_START
-        )
+    if net.length_std.any():
+        error = net.length_std * _random_normal_by_cable(net, job.cable.length_seed, LENGTH_SEQUENCE_START)
         net.length_error = np.round(error, RANDOM_DIGITS)
 
 
@@ -276,7 +277,7 @@ def _random_normal_by_cable(net: Net, seed: int, first: int) -> np.ndarray:
 def strength_errors(job: Job, net: Net) -> Iterator[str]:
     """Yield errors for elements that break at the start, or never at their breaking force."""
     limit, dynamics, breaks = net.yield_force, job.dynamics, np.isfinite(net.fracture_strain)
-    drawn = " (as drawn by strength_deviation)" if net.strength_deviation.any() else ""
+    drawn = " (as drawn by strength_cov)" if net.strength_cov.any() else ""
 
     def label(e: Any) -> Any:
         return f"element {net.element_id[e]}: breaking_load = {net.breaking_load[e]:.7g} N{drawn}"
@@ -320,12 +321,12 @@ def strength_notes(job: Job, net: Net) -> Iterator[str]:
                 "while others can break: nothing yields or breaks there, whatever is carried; give "
                 "yield_stress, breaking_load or fracture_strain"
             )
-    scatters = bool(net.strength_deviation.any())
+    scatters = bool(net.strength_cov.any())
     if "cable.strength_seed" in job.given() and not scatters:
-        yield "[cable] strength_seed: no effect: strength_deviation = 0"
+        yield "[cable] strength_seed: no effect: strength_cov = 0"
     limits = (net.yield_stress, net.fracture_strain, net.breaking_load)
     if scatters and not any(np.isfinite(limit).any() for limit in limits):
-        yield "strength_deviation: no effect: no cable has a strength"
+        yield "strength_cov: no effect: no cable has a strength"
     for e in np.flatnonzero(net.nominal & np.isfinite(net.yield_stress))[:1]:
         yield (
             f"yield_stress of element {net.element_id[e]} and others without area: acts on that of steel of "
@@ -339,11 +340,11 @@ def _inherited_yield_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield a note for each group of bars that takes the yield stress of [cable], meant for cables."""
     value = job.cable.yield_stress
     for g, name in enumerate(net.group_names if value is not None and job.cable.kind != "bar" else []):
-        own = given_by_group(job, name)
+        own = group_values(job.groups, name)
         given = net.yield_stress / net.strength  # values of a type or a row differ
         bars = (net.group == g) & (np.abs(given - value) <= ROUNDING * value)
         if own.get("kind") == "bar" and not own.get("yield_stress") and bars.any():
             yield (
-                f"[cable.{name}]: {counted('bar', net.element_id[bars])} with yield_stress = {value:g} Pa "
-                f"from [cable], where it is that of cables; give that of bars in [cable.{name}]"
+                f"[group.{name}]: {counted('bar', net.element_id[bars])} with yield_stress = {value:g} Pa "
+                f"from [cable], where it is that of cables; give that of bars in [group.{name}]"
             )

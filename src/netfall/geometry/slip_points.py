@@ -215,7 +215,7 @@ def _order_along_cables(
             pair = _ContinuingPair(node, min(before, after), max(before, after))
             if pair in slips:
                 entry = slips[pair][0]
-                points.append((node, before, after, entry.friction, entry.resistance, net.cable[first]))
+                points.append((node, before, after, entry.friction, entry.slip_resistance, net.cable[first]))
     joined = [pair[1:] for pair in pairs if pair not in slips and bare[pair.node]]
     return _make_sliding_cables(
         net, points, along, connected_parts(np.array(joined, np.int64).reshape(-1, 2), net.m)

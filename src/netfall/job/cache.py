@@ -53,16 +53,18 @@ IGNORED_KEYS = {
     "text": "its values stand in the sections; comments change nothing",
     "overrides": "their values stand in the sections",
     "output.frames": "when the dynamic stage is written",
-    "output.history": "when the dynamic stage is written",
+    "output.history_interval": "when the dynamic stage is written",
     "output.probes": "what is written of the dynamic stage",
     "output.elements": "what is written of the dynamic stage",
-    "output.checkpoint": "when the dynamic stage is saved",
-    "output.modes": "found from the last equilibrium, for each run",
+    "output.checkpoint_interval": "when the dynamic stage is saved",
+    "modes": "found from the last equilibrium, for each run",
+    "modes.count": "found from the last equilibrium, for each run",
+    "warnings": "on old names, whose values stand in the sections",
     "wind.seed": "gusts begin where the equilibria end",
     "wind.ramp": "over which the gusts then grow in",
 }
 # Keys that do not affect the net and its form either, because no wind acts on them.
-WIND_SPEED_KEYS = ("wind.speed", "wind.turbulence", "wind.roughness")
+WIND_SPEED_KEYS = ("wind.speed", "wind.turbulence_intensity", "wind.surface_drag")
 
 
 def cache_key(job: Job, without: tuple[str, ...] = ()) -> str:

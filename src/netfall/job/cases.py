@@ -14,30 +14,31 @@ if TYPE_CHECKING:
 SectionT = TypeVar("SectionT", Load, Wind, CaseWind)
 
 OF_LOAD = ("permanent", "prestress", "temperature", "load")  # names of factors that are not cases
+RESERVED_NAMES = (*OF_LOAD, "kind")  # names that no case bears: those of factors, and a key of [combinations]
 # Keys of [wind] that a case can set; gusts do not act in a case.
 CASE_WIND_KEYS = (
-    *("speed", "direction", "shape_coefficient", "sectors", "air_density"),
+    *("speed", "direction", "pressure_coefficient", "sectors", "air_density"),
     *("profile_exponent", "base_height", "pressure_factor"),
 )
 CASE_LOAD_KEYS = ("dead", "snow", "pressure", "temperature")  # keys of [load] that a case can set
 
 
-def settable_keys(sections: dict, overrides: dict) -> dict[str, Key]:
+def settable_keys(sections: dict, zone_keys: dict) -> dict[str, Key]:
     """Return the keys that a case can set, by "load.snow", "load.zone.NAME.snow".
 
-    sections, overrides : of the schema
+    sections, zone_keys : of the schema
     """
     of_load = {key.name: key for key in sections["load"]}
     rows = {f"load.{name}": of_load[name] for name in CASE_LOAD_KEYS}
     rows |= {f"wind.{name}": keys_of(CaseWind)[name] for name in CASE_WIND_KEYS}
     for section in ("load", "wind"):
-        zone_rows = {f"{section}.zone.NAME.{key.name}": key for key in overrides[section][1]}
+        zone_rows = {f"{section}.zone.NAME.{key.name}": key for key in zone_keys[section]}
         rows |= {name: key for name, key in zone_rows.items() if f"{section}.{key.name}" in rows}
     return rows
 
 
 def split(name: str) -> tuple[str, str, str]:
-    """Split "load.snow" or "wind.zone.edge.shape_coefficient" into section, zone ("": none) and key."""
+    """Split "load.snow" or "wind.zone.edge.pressure_coefficient" into section, zone ("": none) and key."""
     section, _, remainder = name.partition(".zone.")
     zone, _, key = remainder.rpartition(".")
     if not zone:
@@ -70,7 +71,7 @@ def read_settings(
     settable : of `settable_keys`
     """
     label, values = f"{label} set:", {}
-    for name, value in _flat(given).items():
+    for name, value in flatten_settings(given).items():
         section, zone, key = split(name)
         row = settable.get(f"{section}.zone.NAME.{key}" if zone else name)
         if row is None:
@@ -78,17 +79,19 @@ def read_settings(
             validator.wrong(label, f"{format_value(name)[1:-1]}: {what}")
         else:
             validator.put(label, name, row, value, values)
-    if {"wind.shape_coefficient", "wind.sectors"} <= set(values):
-        what = "wind.shape_coefficient and wind.sectors exclude each other; keep one of the two"
+    if {"wind.pressure_coefficient", "wind.sectors"} <= set(values):
+        what = "wind.pressure_coefficient and wind.sectors exclude each other; keep one of the two"
         validator.wrong(label, what)
     return values
 
 
-def _flat(table: dict, place: str = "") -> dict:
+def flatten_settings(table: dict, place: str = "") -> dict:
     """Flatten nested tables to values by dotted names: TOML reads `load.snow` without quotes as nested."""
     flat = {}
     for name, value in table.items():
-        flat |= _flat(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
+        flat |= (
+            flatten_settings(value, f"{place}{name}.") if isinstance(value, dict) else {place + name: value}
+        )
     return flat
 
 
@@ -101,10 +104,10 @@ def static_wind(wind: Wind, case: Case) -> CaseWind:
     """Return [wind] with the values of a case, for a mean wind."""
     mean = CaseWind.model_construct(**wind.given() | dict.fromkeys(("file", "points", "pressures", "taps")))
     result = apply_settings(mean, "wind", case.set)
-    if "wind.shape_coefficient" in case.set:
+    if "wind.pressure_coefficient" in case.set:
         return result.replaced(sectors=None)
     if "wind.sectors" in case.set:
-        return result.replaced(shape_coefficient=None)
+        return result.replaced(pressure_coefficient=None)
     return result
 
 
@@ -112,10 +115,10 @@ def case_errors(cases: list[Case], wind: Wind) -> Iterator[tuple[str, str]]:
     """Yield place and error of cases whose `set` is checked; wind : [wind], or its defaults."""
     for case in cases:
         label = f"[[case]] {case.name}:"
-        if case.name in OF_LOAD:
+        if case.name in RESERVED_NAMES:
             yield (
                 label,
-                f"name: {format_value(case.name)} is what a factor of [[combination]] means; take another",
+                f"name: {format_value(case.name)} has a meaning in combinations; take another",
             )
         if not case.set and case.pressure_table is None and not case.settlement:
             yield label, "set, pressure_table or settlement: missing; say what acts in it"
@@ -126,9 +129,9 @@ def case_errors(cases: list[Case], wind: Wind) -> Iterator[tuple[str, str]]:
             acting = static_wind(wind, case)
             if acting.speed is None:
                 yield label, "set: wind.speed: missing; expected a number of m/s > 0 here or in [wind]"
-            if acting.shape_coefficient is None and acting.sectors is None:
+            if acting.pressure_coefficient is None and acting.sectors is None:
                 expected = "expected it, or wind.sectors, here or in [wind]"
-                yield label, f"set: wind.shape_coefficient: missing; {expected}"
+                yield label, f"set: wind.pressure_coefficient: missing; {expected}"
 
 
 def combination_errors(combinations: list[Combination], cases: list[Case]) -> Iterator[tuple[str, str]]:
@@ -158,3 +161,21 @@ def action_factor(combination: Combination, name: str) -> float:
     """Return the factor of an action: as given, otherwise 1 for permanent and prestress, 0 for others."""
     default = 1.0 if name in ("permanent", "prestress") else 0.0
     return float(combination.factors.get(name, default))
+
+
+def expand_combinations(data: dict, where: str, errors: list[str]) -> None:
+    """Append the rows of [combinations] to the entries of [[combination]]. where : the file, for messages"""
+    table, entries = data.get("combinations", {}), data.get("combination", [])
+    if not isinstance(table, dict) or not isinstance(entries, list):
+        return
+    data.pop("combinations", None)
+    for name, row in table.items():
+        if isinstance(row, dict):
+            factors = {key: value for key, value in row.items() if key != "kind"}
+            kind = {"kind": row["kind"]} if "kind" in row else {}
+            entries = [*entries, {"name": name, "factors": factors} | kind]
+        else:
+            expected = "expected a table of factors, {permanent = 1.35, NAME = 1.5}"
+            errors.append(f"{where}: [combinations] {name} = {format_value(row)}: {expected}")
+    if table:
+        data["combination"] = entries

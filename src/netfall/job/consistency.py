@@ -8,7 +8,7 @@ from netfall.job.models import Load, Wind
 from netfall.job.schema import (
     BREAKING_KEYS,
     EXCLUSIVE_KEYS,
-    GENERATOR_KEYS,
+    GENERATORS,
     REQUIRED_ALTERNATIVES,
     find_key,
 )
@@ -26,13 +26,13 @@ def combined_errors(given: dict, checked: dict, lists: dict) -> Iterator[tuple[s
     if "wind" in given:
         yield from (("wind", what) for what in _wind_errors(given["wind"], _may_detach(given, lists)))
     if "cable" in given:
-        yield from _cable_errors(given["cable"], "elements" in given.get("net", {}))
+        yield from _cable_errors(given["cable"], _groups(given), "elements" in given.get("net", {}))
     if "wind" in given and "dynamics" not in given:
         yield "wind", "there is no [dynamics] that the wind could act in; add it or remove [wind]"
     form = checked["form_finding"]
-    if form and form.method == "keep" and form.loads == "permanent" and net and net.subdivide > 1:
+    if form and form.method == "given_geometry" and form.loads == "permanent" and net and net.subdivide > 1:
         what = f"subdivide = {net.subdivide}: nodes between those given sag under permanent loads"
-        yield "net", f'{what}; with method = "keep" expected subdivide = 1, or loads = "none"'
+        yield "net", f'{what}; with method = "given_geometry" expected subdivide = 1, or loads = "none"'
     yield from _entry_errors(lists)
     yield from cases.case_errors(lists["cases"], checked["wind"] or Wind())
     yield from cases.combination_errors(lists["combinations"], lists["cases"])
@@ -40,7 +40,7 @@ def combined_errors(given: dict, checked: dict, lists: dict) -> Iterator[tuple[s
     yield from _removal_errors(given, checked["load"], lists["removes"])
     for number, entry in enumerate(lists["motions"], 1):
         yield from ((f"[[motion]] {number}:", what) for what in _motion_errors(entry, "dynamics" in given))
-    for missing in _missing_partner(dynamics, "damping_ratio", "damping_band"):
+    for missing in _missing_partner(dynamics, "axial_damping_ratio", "axial_damping_band"):
         yield "dynamics", f"{missing}: missing; a ratio and the band in which it holds go together"
 
 
@@ -109,8 +109,8 @@ def _motion_errors(entry: Motion, moves: bool) -> Iterator[str]:
 
 
 def _net_key_errors(net: dict) -> Iterator[str]:
-    """Yield errors of the source of the net, and of dimensions for another generator."""
-    tables, generator = "nodes" in net or "elements" in net, net.get("generator")
+    """Yield errors of the source of the net."""
+    tables = "nodes" in net or "elements" in net
     if "generator" in net and tables:
         yield "generator and tables (nodes, elements) exclude each other; keep one of the two"
     elif tables:
@@ -119,27 +119,18 @@ def _net_key_errors(net: dict) -> Iterator[str]:
             for missing in _missing_partner(net, "nodes", "elements")
         )
     elif "generator" not in net:
-        names = ", ".join(map(format_value, GENERATOR_KEYS))
+        names = ", ".join(map(format_value, GENERATORS))
         yield f"generator: missing; expected one of {names}, or nodes and elements"
     if net.get("unit", "m") != "m" and not tables:
         yield f"unit = {format_value(net['unit'])}: only for tables; dimensions are in m"
-    if not tables and not (isinstance(generator, str) and generator in GENERATOR_KEYS):
-        return
-    own_keys = () if tables else GENERATOR_KEYS[generator]
-    for name in dict.fromkeys(name for names in GENERATOR_KEYS.values() for name in names):
-        if name in net and name not in own_keys:
-            generators = " or ".join(
-                format_value(other) for other, keys in GENERATOR_KEYS.items() if name in keys
-            )
-            yield f"{name} = {format_value(net[name])}: only for generator = {generators}; remove it"
 
 
 def _wind_errors(wind: dict, detaches: bool) -> Iterator[str]:
     """Yield errors of sources, coefficients and gusts; detaches : whether fragments can detach and drag."""
     sources = [key for key in ("speed", "file", "pressures") if key in wind]
-    if sources == ["pressures"] and _air_damping(wind):
-        yield "speed: missing; with pressures, air_damping needs the mean speed at 10 m, in m/s"
-    elif sources == ["speed", "pressures"] and (_air_damping(wind) or detaches):
+    if sources == ["pressures"] and _has_aerodynamic_damping(wind):
+        yield "speed: missing; with pressures, aerodynamic_damping needs the mean speed at 10 m, in m/s"
+    elif sources == ["speed", "pressures"] and (_has_aerodynamic_damping(wind) or detaches):
         pass  # damping and drag are for that mean speed
     elif len(sources) > 1:
         yield f"{' and '.join(sources)} exclude each other; keep one of them"
@@ -150,22 +141,22 @@ def _wind_errors(wind: dict, detaches: bool) -> Iterator[str]:
         yield f"{missing}: missing; pressures in time and the places of their taps go together"
     if "points" in wind and "file" not in wind:
         yield "points: only with file, whose speeds were measured there; add it"
-    given = [key for key in ("shape_coefficient", "sectors") if key in wind]
+    given = [key for key in ("pressure_coefficient", "sectors") if key in wind]
     if "pressures" in wind:
-        given += ["zone"] * any("shape_coefficient" in zone for zone in _zones(wind))
+        given += ["zone"] * any("pressure_coefficient" in zone for zone in _zones(wind))
         if given:
             yield f"{', '.join(given)}: pressures at taps need no coefficients; remove it"
     elif len(given) == 2:
-        yield "shape_coefficient and sectors exclude each other; keep one of the two"
+        yield "pressure_coefficient and sectors exclude each other; keep one of the two"
     elif not given:
         expected = "a number, or sectors = a table of them by the wind's direction"
-        yield f"shape_coefficient: missing; expected {expected}"
-    if "roughness" in wind and "turbulence" in wind:
-        yield "roughness and turbulence exclude each other (k = I^2 / 6); keep one of the two"
-    elif not {"roughness", "turbulence"} & set(wind) and _is_generated(wind):
+        yield f"pressure_coefficient: missing; expected {expected}"
+    if "surface_drag" in wind and "turbulence_intensity" in wind:
+        yield "surface_drag and turbulence_intensity exclude each other (k = I^2 / 6); keep one of the two"
+    elif not {"surface_drag", "turbulence_intensity"} & set(wind) and _is_generated(wind):
         yield (
-            "turbulence: missing; expected the intensity of the gusts at 10 m (codes give 0.15 to 0.2 in "
-            "open terrain; 0: no gusts), or roughness, k of Davenport's spectrum"
+            "turbulence_intensity: missing; expected that of the gusts at 10 m (codes give 0.15 to 0.2 in "
+            "open terrain; 0: no gusts), or surface_drag, k of Davenport's spectrum"
         )
 
 
@@ -202,17 +193,15 @@ def _is_generated(wind: dict) -> bool:
     return "speed" in wind and "file" not in wind and "pressures" not in wind
 
 
-def _air_damping(wind: dict) -> bool:
-    """Tell whether [wind], as written, has air damping anywhere."""
-    return any(table.get("air_damping") for table in (wind, *_zones(wind)))
+def _has_aerodynamic_damping(wind: dict) -> bool:
+    """Tell whether [wind], as written, has aerodynamic damping anywhere."""
+    return any(table.get("aerodynamic_damping") for table in (wind, *_zones(wind)))
 
 
 def _may_detach(given: dict, lists: dict) -> bool:
     """Tell whether a job, as written, may detach fragments that the wind drags."""
-    cable = given.get("cable", {})
-    tables = [table for table in (cable, *cable.values()) if isinstance(table, dict)]
-    breaks = any(table.keys() & BREAKING_KEYS for table in tables)
-    cut = breaks or bool(lists["removes"])
+    tables = (given.get("cable", {}), *_groups(given).values())
+    cut = any(table.keys() & BREAKING_KEYS for table in tables) or bool(lists["removes"])
     return cut and given["wind"].get("after_fracture", "detached") == "detached"
 
 
@@ -223,10 +212,15 @@ def missing_key_message(name: str) -> str:
     return f"{name}: missing; expected {key.expected()}, or {alternative}, or a type of the catalogue"
 
 
-def _cable_errors(cable: dict, tables: bool) -> Iterator[tuple[str, str]]:
-    """Yield errors of [cable] and its groups as written; tables : whether table rows may add keys."""
-    groups = {name: table for name, table in cable.items() if isinstance(table, dict)}
-    everywhere = {f"cable.{name}": table for name, table in groups.items()} | {"cable": cable}
+def _groups(given: dict) -> dict[str, dict]:
+    """Return the tables of the groups as written."""
+    groups = given.get("group", {})
+    return {name: table for name, table in groups.items() if isinstance(table, dict)}
+
+
+def _cable_errors(cable: dict, groups: dict[str, dict], tables: bool) -> Iterator[tuple[str, str]]:
+    """Yield errors of [cable] and the groups as written; tables : whether table rows may add keys."""
+    everywhere = {f"group.{name}": table for name, table in groups.items()} | {"cable": cable}
     for place, table in everywhere.items():
         for one, other in EXCLUSIVE_KEYS:
             if one in table and other in table:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from netfall.core.errors import InputError, raise_errors
+from netfall.job.renames import SINCE
 from netfall.job.units import UnitError, factor
 from netfall.job.values import suggest
 
@@ -30,11 +31,14 @@ class Table:
 
     `numbers` and `integers` convert a column and record the cells that are invalid.
     known : names of columns with a meaning, others are named in `notes`; required : columns that must exist
+    renamed : new names by the old names of columns, which give a warning
 
     Raises InputError for a file that is no table; `finish` raises all other errors.
     """
 
-    def __init__(self, path: Path, known: tuple[str, ...], required: tuple[str, ...]):
+    def __init__(
+        self, path: Path, known: tuple[str, ...], required: tuple[str, ...], renamed: dict | None = None
+    ):
         self.path = path
         self.errors: list[str] = []
         self.notes: list[str] = []
@@ -42,6 +46,11 @@ class Table:
         if not rows:
             raise InputError(f"{path}: empty; expected a header with {', '.join(required)}")
         header = [unescape_formula(name.strip()).lower() for name in rows[0][1]]
+        renamed = renamed or {}
+        for name in [name for name in header if name in renamed]:
+            text = f"column {name}: renamed in version {SINCE}; write {renamed[name]}."
+            self.notes.append(f"warning: {path}: {text}")
+        header = [renamed.get(name, name) for name in header]
         self.units: dict[str, str] = {}
         if len(rows) > 1 and _is_unit_row(rows[1][1]):
             self.units = {name: cell.strip() for name, cell in zip(header, rows.pop(1)[1])}

@@ -69,7 +69,7 @@ def has_gusts(job: Job) -> bool:
 
 def has_aerodynamic_damping(job: Job) -> bool:
     """Tell whether the air damps the motion of the roof."""
-    return job.wind is not None and any(job.wind.all_values("air_damping"))
+    return job.wind is not None and any(job.wind.all_values("aerodynamic_damping"))
 
 
 def has_fragment_drag(job: Job) -> bool:
@@ -80,12 +80,17 @@ def has_fragment_drag(job: Job) -> bool:
 
 def has_added_air_mass(job: Job) -> bool:
     """Tell whether air moves with the roof."""
-    return any(job.loads("air_mass"))
+    return any(job.loads("added_mass"))
 
 
 def has_second_moments(job: Job) -> bool:
     """Tell whether any bar has a second moment."""
     return any(properties.second_moment for properties in (job.cable, *job.groups.values()))
+
+
+def mode_count(job: Job) -> int:
+    """Return the number of natural modes to compute; 0 without [modes]."""
+    return job.modes.count if job.modes else 0
 
 
 def moves_supports(job: Job) -> bool:
@@ -105,7 +110,7 @@ def has_wind_pressure(job: Job) -> bool:
 
 def has_area_loads(job: Job) -> bool:
     """Tell whether anything acts on the areas of the roof."""
-    weighs = any(job.loads("dead") + job.loads("snow") + job.loads("air_mass"))
+    weighs = any(job.loads("dead") + job.loads("snow") + job.loads("added_mass"))
     return weighs or has_wind_pressure(job) or any(value is not None for value in job.loads("pressure"))
 
 
@@ -117,10 +122,10 @@ def has_normal_loads(job: Job) -> bool:
 def breaks_equilibrium(job: Job, kind: str, factor: float) -> bool:
     """Tell whether an exceeded strength means that a load has no equilibrium.
 
-    This holds for [load] breaking, and for the equilibrium that the dynamic stage starts from.
+    This holds for [load] stop_at_strength, and for the equilibrium that the dynamic stage starts from.
     """
     starts = kind in ("at once", "rest") or (kind == "step" and factor == 1.0)
-    return kind != "loss" and (load_settings(job).breaking or bool(starts and job.dynamics))
+    return kind != "loss" and (load_settings(job).stop_at_strength or bool(starts and job.dynamics))
 
 
 def load_settings(job: Job) -> Load:

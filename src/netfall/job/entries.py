@@ -75,7 +75,7 @@ class Zone(Section):
 class Case(Section):
     """Static case."""
 
-    name: Name = key("name of the static case; not permanent, prestress, temperature, load", ...)
+    name: Name = key("name of the static case; not permanent, prestress, temperature, load, kind", ...)
     set: Settings = key(
         "what it sets: keys of [load] (snow, pressure, dead, temperature) and of its zones, and of a mean "
         "[wind] that acts statically (pressure_factor: of its pressure)",
@@ -103,7 +103,7 @@ class Combination(Section):
     factors: Factors = key(
         "of permanent, prestress (not named: 1), temperature, load, and of cases by name (not named: 0)", ...
     )
-    kind: Literal["ultimate", "service"] = key("which checks apply", "ultimate")
+    kind: Literal["ULS", "SLS"] = key("limit state, which decides which checks apply", "ULS")
 
 
 class Motion(Section):
@@ -130,7 +130,7 @@ class Slide(Section):
     cables: Words | None = key("or the names of the pieces of cable that may")
     nodes: Ids | None = key("ids of the nodes over which they slip; absent: every node inside these cables")
     friction: float = key("coefficient of friction of a saddle", 0.0, ge=0.0, le=10.0)
-    resistance: float = key("resistance of a clamp to slip", 0.0, unit="N", ge=0.0, le=1e12)
+    slip_resistance: float = key("resistance of a clamp to slip", 0.0, unit="N", ge=0.0, le=1e12)
 
 
 class Remove(Section):
@@ -154,7 +154,7 @@ class Target(Section):
     force: float | None = key("that force, tension positive", unit="N", ge=-1e12, le=1e12)
     node: int | None = key("or the id of a node whose height is wanted", ge=-MAX_INT64 - 1, le=MAX_INT64)
     height: float | None = key("z of that node", unit="m", ge=-1e6, le=1e6)
-    by: Text = key(
+    adjust: Text = key(
         "group, or piece of cable, whose unstressed lengths are changed, each cable by one amount", ...
     )
 

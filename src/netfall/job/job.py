@@ -8,8 +8,23 @@ from functools import cached_property
 from pathlib import Path
 
 from netfall.core.errors import InputError
+from netfall.job.cases import expand_combinations
 from netfall.job.entries import Case, Combination, Motion, Remove, Slide, Stage, Target, Zone
-from netfall.job.models import Cable, Dynamics, FormFinding, Group, Limits, Load, Net, Output, Roof, Wind
+from netfall.job.groups import group_values
+from netfall.job.models import (
+    Cable,
+    Dynamics,
+    FormFinding,
+    Group,
+    Limits,
+    Load,
+    Modes,
+    Net,
+    Output,
+    Roof,
+    Wind,
+)
+from netfall.job.renames import Renaming
 from netfall.job.schema import LIST_KEYS, SECTIONS
 from netfall.job.toml_text import parse_toml_or_word
 
@@ -27,13 +42,14 @@ class Job:
     title: str
     net: Net
     cable: Cable
-    groups: dict[str, Group]  # [cable.GROUP]: the keys that it overrides
+    groups: dict[str, Group]  # [group.NAME]: the keys that it overrides; NAME may be a pattern
     form_finding: FormFinding | None
     load: Load | None
     roof: Roof | None
     wind: Wind | None
     dynamics: Dynamics | None
     output: Output
+    modes: Modes | None
     zones: list[Zone]  # [[zone]], in order
     limits: Limits | None
     cases: list[Case]  # [[case]]
@@ -43,6 +59,7 @@ class Job:
     removes: list[Remove]  # [[remove]]
     targets: list[Target]  # [[target]]
     stages: list[Stage]  # [[stage]]
+    warnings: tuple[str, ...] = ()  # of old names in the file and the overrides
 
     @property
     def name(self) -> str:
@@ -75,13 +92,14 @@ class Job:
         return digests
 
     def digest(self) -> str:
-        """Compute a fingerprint of the job file, the values after overrides, and the files that it reads.
+        """Compute a fingerprint of the values of the job, after overrides, and of the files that it reads.
 
         Raises InputError for a file that cannot be read.
         """
-        # Without the location of the file, and without overrides, whose values are in the sections.
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        del values["path"], values["overrides"]
+        # Without the location and the text of the file and the overrides: their values are in the sections.
+        ignored = ("path", "text", "overrides", "warnings")
+        names = [field.name for field in fields(self) if field.name not in ignored]
+        values = {name: getattr(self, name) for name in names}
         total = hashlib.sha256(json.dumps(values, default=dict, sort_keys=True).encode())
         for content in self.contents:
             total.update(content)
@@ -94,8 +112,8 @@ class Job:
         return {f"{name}.{key}" for name, table in tables.items() for key in table}
 
     def group_properties(self, name: str) -> Cable:
-        """Return [cable] with the keys that a group overrides."""
-        return self.cable.replaced(**self.groups[name].given()) if name in self.groups else self.cable
+        """Return [cable] with the keys that [group.NAME] and patterns override."""
+        return self.cable.replaced(**group_values(self.groups, name))
 
     def loads(self, key: str) -> list:
         """Return every value of a key of [load]: in the section, in zones and in cases."""
@@ -117,26 +135,45 @@ class Job:
 
 
 def parse_tables(text: str, overrides) -> dict:
-    """Parse the text of a job, with overrides that are known to be valid."""
+    """Parse the text of a job under its new names, with overrides; both are known to be valid."""
     data = tomllib.loads(text)
-    apply_overrides(data, list(overrides), [])
+    apply_overrides(data, list(overrides), "", [])
     return data
 
 
-def apply_overrides(data: dict, overrides: list[str], errors: list[str]) -> None:
-    """Put the values of --set into the tables of a job; append an error for each invalid one."""
+def apply_overrides(data: dict, overrides: list[str], where: str, errors: list[str]) -> list[str]:
+    """Give the keys of a job their new names, and put the values of --set into its tables.
+
+    Appends a line for each error, and returns a warning for each old name. where : the file, for messages
+    """
+    settings = {}
     for override in overrides:
         name, equals, value = override.partition("=")
-        *section, key = [part.strip() for part in name.split(".")]
-        if not equals or not key or (not section and key != "title"):
+        path = tuple(part.strip().strip('"') for part in name.split("."))
+        if not equals or not path[-1] or (len(path) == 1 and path != ("title",)):
             errors.append(f"--set {override}: expected SECTION.KEY=VALUE, for example wind.speed=45")
-            continue
-        table = data
-        for part in section:
-            table = table.setdefault(part, {})
-            if not isinstance(table, dict):
-                kind = f"a list, [[{part}]], which --set does not reach" if part in LIST_KEYS else "a key"
-                errors.append(f"--set {override}: {part} is {kind}, not a section")
-                break
         else:
-            table[key] = parse_toml_or_word(value.strip())
+            settings[path] = parse_toml_or_word(value.strip())
+    net = data.get("net")
+    in_file = net.get("generator") if isinstance(net, dict) else None
+    chosen = settings.get(("net", "generator"), in_file)
+    renaming = Renaming(where, errors)
+    renaming.set_generator(chosen if in_file is None else in_file)
+    renaming.tables(data)
+    renaming.set_generator(chosen)
+    for path, value in renaming.overrides(settings).items():
+        _put(data, path, value, errors)
+    expand_combinations(data, where, errors)
+    return renaming.warnings()
+
+
+def _put(data: dict, path: tuple[str, ...], value, errors: list[str]) -> None:
+    """Put the value of an override into the tables of a job."""
+    table = data
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            kind = f"a list, [[{part}]], which --set does not reach" if part in LIST_KEYS else "a key"
+            errors.append(f"--set {'.'.join(path)}={value}: {part} is {kind}, not a section")
+            return
+    table[path[-1]] = value

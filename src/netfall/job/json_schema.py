@@ -1,12 +1,12 @@
 """JSON schema of a job file, with which editors complete keys and mark wrong ones."""
 
 import json
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field, create_model
 
-from netfall.job.models import Top
-from netfall.job.schema import LISTS, TABLES
+from netfall.job.models import Group, Top
+from netfall.job.schema import LIST_MODELS, MODELS
 from netfall.job.units import example
 
 REQUIRED_SECTIONS = ("net", "cable")
@@ -16,10 +16,15 @@ QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\D.*$"
 def job_schema() -> dict[str, Any]:
     """Return the schema: each section with type, unit, range, default and meaning of its keys."""
     fields: dict[str, Any] = {}
-    for name, model in TABLES.items():
+    for name, model in MODELS.items():
         fields[name] = (model, ... if name in REQUIRED_SECTIONS else None)
-    for name, model in LISTS.items():
+    for name, model in LIST_MODELS.items():
         fields[name] = (list[model], Field([], description=f"entries [[{name}]]"))  # type: ignore[valid-type]
+    fields["group"] = (dict[str, Group], Field({}, description="properties of groups, by name or pattern"))
+    fields["combinations"] = (
+        dict[str, dict[str, float | Literal["ULS", "SLS"]]],
+        Field({}, description="combinations in a table: kind, and factors of actions and cases"),
+    )
     job = create_model("Job", __base__=Top, __doc__="Job file of netfall.", **fields)
     return _with_units(job.model_json_schema())
 

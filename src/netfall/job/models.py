@@ -32,6 +32,89 @@ class Top(Section):
     title: Title = key("what the job is", "")
 
 
+class Saddle(Section):
+    """Dimensions of a saddle over a square."""
+
+    side: float = key("side of the square in plan", 73.2, unit="m", ge=0.001, le=1e6)
+    rise: float = key(
+        "height of the boundary's high points above the middle", 3.66, unit="m", ge=-1e6, le=1e6
+    )
+    cells: int = key("cells along a side", 8, ge=2, le=20000)
+
+
+class Stadium(Section):
+    """Dimensions of the roof of the paper, with an arch."""
+
+    length: float = key("axis of the ellipse along x", 88.0, unit="m", ge=0.001, le=1e6)
+    width: float = key("axis of the ellipse along y", 66.0, unit="m", ge=0.001, le=1e6)
+    arch_rise: float = key("rise of the parabolic arch", 10.0, unit="m", ge=-1e6, le=1e6)
+    spacing: float = key("distance of the cables", 2.2, unit="m", gt=0.0, le=1e6)
+    halves: int = key("1: the half on one side of the arch; 2: the whole", 1, ge=1, le=2)
+
+
+class Ring(Section):
+    """Dimensions of a net in an elliptic ring."""
+
+    length: float = key("axis of the ellipse along x", ..., unit="m", ge=0.001, le=1e6)
+    width: float = key("axis of the ellipse along y", ..., unit="m", ge=0.001, le=1e6)
+    rise: float = key(
+        "height of the ring's high points above the middle; 0: flat", ..., unit="m", ge=-1e6, le=1e6
+    )
+    spacing: float = key("distance of the cables", ..., unit="m", gt=0.0, le=1e6)
+
+
+class Wheel(Section):
+    """Dimensions of a spoked wheel."""
+
+    diameter: float = key("diameter of the compression ring", 120.0, unit="m", ge=0.001, le=1e6)
+    opening: float = key("diameter of the tension rings", 50.0, unit="m", ge=0.001, le=1e6)
+    ring_height: float = key(
+        "height of the upper tension ring above the lower one", 9.0, unit="m", ge=0.001, le=1e6
+    )
+    ring_depth: float = key(
+        "depth of the truss that the compression ring is part of", 3.0, unit="m", ge=0.001, le=1e6
+    )
+    spokes: int = key("radial cables of each layer, a multiple of 4", 36, ge=4, le=1000000)
+    hoops: int = key("rings of cables between the rings, in the upper layer", 4, ge=0, le=100000)
+    spoke_force: float = key(
+        "horizontal force of each radial at the tension ring", 1e6, unit="N", ge=1.0, le=1e12
+    )
+    hoop_force: float = key("tension of the hoops", 0.0, unit="N", ge=0.0, le=1e12)
+    brace_force: float = key(
+        "tension of the crossed diagonals between the tension rings; 0: there are none",
+        0.0,
+        unit="N",
+        ge=0.0,
+        le=1e12,
+    )
+    ring_groups: bool = key(
+        "whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle", False
+    )
+
+
+class Dome(Section):
+    """Dimensions of a cable dome."""
+
+    diameter: float = key("diameter of the ring of supports", 120.0, unit="m", ge=0.001, le=1e6)
+    opening: float = key("diameter of the central ring", 50.0, unit="m", ge=0.001, le=1e6)
+    dome_height: float = key(
+        "height of the central ring's upper nodes above the supports", 12.0, unit="m", ge=0.001, le=1e6
+    )
+    strut: float = key("length of the struts", 8.0, unit="m", ge=0.001, le=1e6)
+    spokes: int = key("nodes of each ring", 36, ge=4, le=1000000)
+    hoops: int = key("rings of struts between the central ring and the supports", 4, ge=0, le=100000)
+    spoke_force: float = key(
+        "radial force of the two ridge cables at each node of the central ring",
+        1e6,
+        unit="N",
+        ge=1.0,
+        le=1e12,
+    )
+    ring_groups: bool = key(
+        "whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle", False
+    )
+
+
 class Net(Section):
     """Source of the net: a generator or two tables."""
 
@@ -49,66 +132,11 @@ class Net(Section):
         ge=1,
         le=10000,
     )
-    side: float = key("saddle: side of the square in plan", 73.2, unit="m", ge=0.001, le=1e6)
-    rise: float = key(
-        "saddle, ring: height of the boundary's high points above the middle; ring: 0 is flat",
-        3.66,
-        unit="m",
-        ge=-1e6,
-        le=1e6,
-    )
-    cells: int = key("saddle: cells along a side", 8, ge=2, le=20000)
-    length: float = key("stadium, ring: axis of the ellipse along x", 88.0, unit="m", ge=0.001, le=1e6)
-    width: float = key("stadium, ring: axis of the ellipse along y", 66.0, unit="m", ge=0.001, le=1e6)
-    arch_rise: float = key("stadium: rise of the parabolic arch", 10.0, unit="m", ge=-1e6, le=1e6)
-    spacing: float = key("stadium, ring: distance of the cables", 2.2, unit="m", gt=0.0, le=1e6)
-    halves: int = key("stadium: 1, the half on one side of the arch, or 2, the whole", 1, ge=1, le=2)
-    diameter: float = key(
-        "wheel: of the compression ring; dome: of the supports", 120.0, unit="m", ge=0.001, le=1e6
-    )
-    opening: float = key(
-        "wheel: diameter of the tension rings; dome: of the central ring", 50.0, unit="m", ge=0.001, le=1e6
-    )
-    ring_height: float = key(
-        "wheel: of the upper tension ring above the lower one", 9.0, unit="m", ge=0.001, le=1e6
-    )
-    ring_depth: float = key(
-        "wheel: of the truss that the compression ring is part of", 3.0, unit="m", ge=0.001, le=1e6
-    )
-    dome_height: float = key(
-        "dome: of the central ring's upper nodes above the supports", 12.0, unit="m", ge=0.001, le=1e6
-    )
-    strut: float = key("dome: length of the struts", 8.0, unit="m", ge=0.001, le=1e6)
-    spokes: int = key(
-        "wheel: radial cables of each layer, a multiple of 4; dome: nodes of each ring", 36, ge=4, le=1000000
-    )
-    hoops: int = key(
-        "wheel: rings of cables between the rings, in the upper layer; dome: rings of struts between the "
-        "central ring and the supports",
-        4,
-        ge=0,
-        le=100000,
-    )
-    spoke_force: float = key(
-        "wheel: horizontal force of each radial at the tension ring; dome: of the two ridge cables at "
-        "each node of the central ring, along the radius",
-        1e6,
-        unit="N",
-        ge=1.0,
-        le=1e12,
-    )
-    hoop_force: float = key("wheel: tension of the hoops", 0.0, unit="N", ge=0.0, le=1e12)
-    brace_force: float = key(
-        "wheel: tension of the crossed diagonals between the tension rings; 0: there are none",
-        0.0,
-        unit="N",
-        ge=0.0,
-        le=1e12,
-    )
-    ring_groups: bool = key(
-        "wheel, dome: whether each ring of a group is a group of its own: hoop1, hoop2, ... from the middle",
-        False,
-    )
+    saddle: Saddle | None = None
+    stadium: Stadium | None = None
+    ring: Ring | None = None
+    wheel: Wheel | None = None
+    dome: Dome | None = None
 
 
 class Cable(Section):
@@ -138,11 +166,11 @@ class Cable(Section):
     breaking_load: float | None = key(
         "tension at fracture; absent: none breaks by its tension", unit="N", gt=0.0, le=1e20
     )
-    strength_deviation: float = key(
-        "scatter of strength from cable to cable, share of its mean", 0.0, ge=0.0, le=0.5
+    strength_cov: float = key(
+        "coefficient of variation of the strength, from cable to cable", 0.0, ge=0.0, le=0.5
     )
-    length_deviation: float = key(
-        "scatter of the unstressed length of each piece of cable", 0.0, unit="m", ge=0.0, le=10.0
+    length_std: float = key(
+        "standard deviation of the unstressed length of each cable", 0.0, unit="m", ge=0.0, le=10.0
     )
     length_seed: int = key(
         "seed of the drawn errors of length: the same seed draws the same", 1, ge=0, le=MAX_INT64
@@ -166,10 +194,10 @@ class Cable(Section):
     buckling_curve: Literal["a0", "a", "b", "c", "d"] = key(
         "of EN 1993-1-1, 6.3.1.2, for the check of a compressed bar", "c"
     )
-    expansion: float = key(
+    thermal_expansion: float = key(
         "coefficient of thermal expansion: strain for each K", 12e-6, unit="1/K", ge=-0.001, le=0.001
     )
-    strain: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
+    strain_measure: Literal["engineering", "logarithmic"] = key("strain measure", "engineering")
 
 
 def _group_model(without: tuple[str, ...]) -> type[Section]:
@@ -184,16 +212,16 @@ def _group_model(without: tuple[str, ...]) -> type[Section]:
 
 
 # Keys that groups cannot override.
-GLOBAL_CABLE_KEYS = ("strain", "catalogue", "strength_seed", "length_seed")
+GLOBAL_CABLE_KEYS = ("strain_measure", "catalogue", "strength_seed", "length_seed")
 Group = _group_model(GLOBAL_CABLE_KEYS)
 
 
 class FormFinding(Section):
     """Form finding before all other stages."""
 
-    method: Literal["fpm", "force_density", "keep"] = key(
-        "fpm: relaxation of particles; force_density: linear; keep: the geometry stays, and carries the "
-        "self-stress nearest to the prestress, equal within a group",
+    method: Literal["fpm", "force_density", "given_geometry"] = key(
+        "fpm: relaxation of particles; force_density: linear; given_geometry: the geometry stays, and "
+        "carries the self-stress nearest to the prestress, equal within a group",
         "fpm",
     )
     loads: Literal["none", "permanent"] = key(
@@ -232,8 +260,8 @@ class LoadZone(Section):
         "[x, y, z]",
         unit="N/m2",
     )
-    air_mass: float | None = key(
-        "air that moves with the surface: inertia without weight, on which `damping` does not act",
+    added_mass: float | None = key(
+        "air that moves with the surface: inertia without weight, on which `mass_damping` does not act",
         unit="kg/m2",
         ge=0.0,
         le=1e6,
@@ -263,8 +291,8 @@ class Load(ZonedSection):
         "[x, y, z]",
         unit="N/m2",
     )
-    air_mass: float = key(
-        "air that moves with the surface: inertia without weight, on which `damping` does not act",
+    added_mass: float = key(
+        "air that moves with the surface: inertia without weight, on which `mass_damping` does not act",
         0.0,
         unit="kg/m2",
         ge=0.0,
@@ -273,8 +301,10 @@ class Load(ZonedSection):
     temperature: float = key(
         "change of all elements from that of form finding", 0.0, unit="K", ge=-273.0, le=1000.0
     )
-    breaking: bool = key(
-        "whether a strength that is passed breaks an equilibrium of statics; false: it is reported", False
+    stop_at_strength: bool = key(
+        "whether a load under which a strength is exceeded counts as one without equilibrium, in statics; "
+        "false: the exceeded strength is reported",
+        False,
     )
     steps: int | None = key(
         "load steps of the static analysis; 0: none; absent: 1 if there are neither [dynamics] nor cases "
@@ -315,15 +345,16 @@ class Roof(Section):
 class WindZone(Section):
     """Values of [wind.zone.NAME] that differ from those of [wind]."""
 
-    shape_coefficient: float | None = key(
-        "u_s, the pressure coefficient: positive presses on the roof, against the upward normal; negative "
-        "is suction, which lifts",
+    pressure_coefficient: float | None = key(
+        "net pressure coefficient c_p,net: positive presses on the roof, against the upward normal; "
+        "negative is suction, which lifts",
         ge=-10000,
         le=10000,
     )
-    air_damping: float | None = key(
-        "kappa: a surface that moves along its normal at v is pressed on by kappa rho U v; half the slope "
-        "of the normal force coefficient over the angle of attack; 1: attached flow; 0: no air damping",
+    aerodynamic_damping: float | None = key(
+        "aerodynamic damping coefficient kappa: a surface that moves along its normal at v is pressed on "
+        "by kappa rho U v; half the slope of the normal force coefficient over the angle of attack; 1: "
+        "attached flow; 0: no aerodynamic damping",
         ge=0.0,
         le=10.0,
     )
@@ -348,13 +379,15 @@ class Wind(ZonedSection):
         ge=-360.0,
         le=360.0,
     )
-    roughness: float | None = key(
-        "roughness factor k of the gusts, instead of turbulence: their variance is 6 k U0^2; 0: no gusts",
+    surface_drag: float | None = key(
+        "Davenport's surface drag coefficient k, instead of turbulence_intensity: the variance of the "
+        "gusts is 6 k U0^2; 0: no gusts",
         ge=0.0,
         le=0.2,
     )
-    turbulence: float | None = key(
-        "turbulence intensity I at 10 m; a generated wind needs it or roughness (k = I^2 / 6); 0: no gusts",
+    turbulence_intensity: float | None = key(
+        "turbulence intensity I at 10 m; a generated wind needs it or surface_drag (k = I^2 / 6); 0: no "
+        "gusts",
         ge=0.0,
         le=1.0,
     )
@@ -366,20 +399,21 @@ class Wind(ZonedSection):
         "auto",
         unit="m",
     )
-    shape_coefficient: float | None = key(
-        "u_s, the pressure coefficient: positive presses on the roof, against the upward normal; negative "
-        "is suction, which lifts",
+    pressure_coefficient: float | None = key(
+        "net pressure coefficient c_p,net: positive presses on the roof, against the upward normal; "
+        "negative is suction, which lifts",
         ge=-10000,
         le=10000,
     )
     sectors: TablePath | None = key(
-        "path of a table direction, shape_coefficient and columns named as zones are, instead of "
-        "shape_coefficient"
+        "path of a table direction, pressure_coefficient and columns named as zones are, instead of "
+        "pressure_coefficient"
     )
     air_density: float = key("density of the air", 1.25, unit="kg/m3", gt=0.0, le=10000)
-    air_damping: float = key(
-        "kappa: a surface that moves along its normal at v is pressed on by kappa rho U v; half the slope "
-        "of the normal force coefficient over the angle of attack; 1: attached flow; 0: no air damping",
+    aerodynamic_damping: float = key(
+        "aerodynamic damping coefficient kappa: a surface that moves along its normal at v is pressed on "
+        "by kappa rho U v; half the slope of the normal force coefficient over the angle of attack; 1: "
+        "attached flow; 0: no aerodynamic damping",
         0.0,
         ge=0.0,
         le=10.0,
@@ -388,10 +422,10 @@ class Wind(ZonedSection):
     ar_order: int = key("largest number of lags of the autoregressive model of the gusts", 14, ge=1, le=30)
     seed: int = key("seed of the gusts: the same seed gives the same gusts", 1, ge=0, le=MAX_INT64)
     control_points: int = key("largest number of points at which histories are generated", 25, ge=1, le=400)
-    gusts: Literal["points", "means"] = key(
-        "of the control points; means: means over the loaded surface around them, with which its load is "
-        "that of the coherence; points: those there, as strong at every node",
-        "means",
+    gust_field: Literal["point", "area_mean"] = key(
+        "gusts of the control points; area_mean: means over the loaded surface around them, with which "
+        "its load is that of the coherence; point: those there, as strong at every node",
+        "area_mean",
     )
     coherence_decay: Decay = key(
         "decay C of Davenport's coherence along the wind, across it and vertically", [8.0, 16.0, 10.0]
@@ -440,9 +474,9 @@ class Dynamics(Section):
         "time step of the dynamic stage; auto: from the stable step of the net as it is", "auto", unit="s"
     )
     safety: float = key('share of the stable step that time_step = "auto" takes', 0.8, gt=0.0, le=1.0)
-    damping: float = key("mass-proportional damping zeta", 0.0, unit="1/s", ge=0.0, le=1e9)
-    damping_ratio: float | None = key("damping of axial strain, share of the critical", gt=0.0, le=0.2)
-    damping_band: Band | None = key("over which it has that ratio", unit="Hz")
+    mass_damping: float = key("mass-proportional damping zeta", 0.0, unit="1/s", ge=0.0, le=1e9)
+    axial_damping_ratio: float | None = key("damping of axial strain, share of the critical", gt=0.0, le=0.2)
+    axial_damping_band: Band | None = key("over which it has that ratio", unit="Hz")
     fragment_mass: float = key(
         "largest share of what a particle carries (dead load, `mass`) that one fragment takes along if "
         "the step needs it; 0: its half element alone, as in the paper",
@@ -468,10 +502,10 @@ class Limits(Section):
     """Limits of serviceability."""
 
     displacement: float | None = key(
-        "of a node, in combinations for service; absent: no limit", unit="m", gt=0.0, le=1e6
+        "of a node, in SLS combinations; absent: no limit", unit="m", gt=0.0, le=1e6
     )
     slack: int | None = key(
-        "cables that may be slack, in combinations for service; absent: no limit", ge=0, le=1000000000
+        "cables that may be slack, in SLS combinations; absent: no limit", ge=0, le=1000000000
     )
 
 
@@ -479,17 +513,24 @@ class Output(Section):
     """Datasets that a run writes."""
 
     frames: int = key("states written over the duration", 120, ge=1, le=1000000)
-    history: float = key("time between rows of /history", 0.01, unit="s", gt=0.0, le=1e9)
+    history_interval: float = key("time between rows of /history", 0.01, unit="s", gt=0.0, le=1e9)
     energy: bool = key(
         "audit of the energies; false saves its cost, and leaves the works and both errors of /history nan",
         True,
     )
     probes: Places = key("[x, y], [x, y, z] or ids of nodes whose histories are kept", [], unit="m")
     elements: Ids | None = key("ids of elements whose tensions are kept")
-    checkpoint: float = key("simulated time between checkpoints; 0: none", 0.0, unit="s", ge=0.0, le=1e9)
-    modes: int = key(
-        "natural modes and frequencies where dynamics begins: how many, lowest first; 0: none",
-        0,
+    checkpoint_interval: float = key(
+        "simulated time between checkpoints; 0: none", 0.0, unit="s", ge=0.0, le=1e9
+    )
+
+
+class Modes(Section):
+    """Natural modes where the dynamic stage begins."""
+
+    count: int = key(
+        "how many natural modes and frequencies are computed where dynamics begins, lowest first; 0: none",
+        10,
         ge=0,
         le=1000,
     )

@@ -26,12 +26,12 @@ def read_job(path: str | Path, overrides: list[str] = (), removes: list[dict] = 
     if "job" in data and {"vary", "sample"} & set(data):
         raise InputError(f"{path}: is a study file; netfall study {path} runs it")
     errors: list[str] = []
-    apply_overrides(data, overrides, errors)
+    warnings = apply_overrides(data, list(overrides), str(path), errors)
     if removes:
         given_removes = data.get("remove", [])
         data["remove"] = [*given_removes, *removes] if isinstance(given_removes, list) else given_removes
     sections = Validator(str(path), errors).sections(data)
-    job = Job(path, text, tuple(overrides), **sections)
+    job = Job(path, text, tuple(overrides), **sections, warnings=tuple(warnings))
     errors = errors or [*_absurd_counts(job), *_slow_gusts(job)]
     raise_errors(errors)
     return job
@@ -60,9 +60,10 @@ def _absurd_counts(job: Job) -> Iterator[str]:
     if job.dynamics is None:
         return
     duration = job.dynamics.duration
-    counts = [("output", "history", duration / output.history, "rows", MOST_ROWS)]
-    if output.checkpoint:
-        counts.append(("output", "checkpoint", duration / output.checkpoint, "checkpoints", MOST_ROWS))
+    counts = [("output", "history_interval", duration / output.history_interval, "rows", MOST_ROWS)]
+    if output.checkpoint_interval:
+        number = duration / output.checkpoint_interval
+        counts.append(("output", "checkpoint_interval", number, "checkpoints", MOST_ROWS))
     if wind and wind.speed and not wind.pressures:
         speeds = duration / wind.time_step * wind.control_points
         counts.append(("wind", "time_step", speeds, "wind speeds", MAX_WIND_SAMPLES))
@@ -80,7 +81,7 @@ def _slow_gusts(job: Job) -> Iterator[str]:
     samples = gust.length / (wind.speed * wind.time_step) if gust else 0.0
     if samples > MAX_GUST_SAMPLES:
         least = gust.length / MAX_GUST_SAMPLES / wind.speed
-        zero_key = "roughness" if wind.turbulence is None else "turbulence"
+        zero_key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
         yield (
             f"{job.path}: [wind] speed = {wind.speed:g}: a gust of {gust.length:g} m lasts {samples:.3g} "
             f"samples of time_step = {wind.time_step:g} s; at most {MAX_GUST_SAMPLES} are possible; expected "

@@ -5,30 +5,26 @@ from netfall.job.entries import Case, Combination, Motion, Remove, Slide, Stage,
 from netfall.job.fields import Key, Section, keys_of
 from netfall.job.models import (
     Cable,
+    Dome,
     Dynamics,
     FormFinding,
     Group,
     Limits,
     Load,
     LoadZone,
+    Modes,
     Net,
     Output,
+    Ring,
     Roof,
+    Saddle,
+    Stadium,
     Top,
+    Wheel,
     Wind,
     WindZone,
 )
 
-GENERATOR_KEYS = {
-    "saddle": ("side", "rise", "cells"),
-    "stadium": ("length", "width", "arch_rise", "spacing", "halves"),
-    "ring": ("length", "width", "rise", "spacing"),
-    "wheel": (
-        *("diameter", "opening", "ring_height", "ring_depth"),
-        *("spokes", "hoops", "spoke_force", "hoop_force", "brace_force", "ring_groups"),
-    ),
-    "dome": ("diameter", "opening", "dome_height", "strut", "spokes", "hoops", "spoke_force", "ring_groups"),
-}
 EXCLUSIVE_KEYS = (
     ("modulus", "axial_stiffness"),
     ("density", "mass_per_length"),
@@ -38,11 +34,7 @@ REQUIRED_ALTERNATIVES = {  # for each required key, the keys of which one must b
     "area": ("area", "axial_stiffness"),
     "density": ("density", "mass_per_length"),
 }
-SINCE = "0.5"  # version from which the defaults and removals of REMOVED and `geometry.section_defaults` hold
-# Removed keys by section: the value that is still accepted with a warning, and the reason for the removal.
-REMOVED_KEYS = {"dynamics": {"precision": ("double", "numbers have double precision (jobs/trade/README.md)")}}
-
-TABLES: dict[str, type[Section]] = {
+MODELS: dict[str, type[Section]] = {
     "net": Net,
     "cable": Cable,
     "form_finding": FormFinding,
@@ -52,8 +44,16 @@ TABLES: dict[str, type[Section]] = {
     "dynamics": Dynamics,
     "limits": Limits,
     "output": Output,
+    "modes": Modes,
 }
-LISTS: dict[str, type[Section]] = {
+GENERATORS: dict[str, type[Section]] = {  # dimensions of each generator, [net.saddle]
+    "saddle": Saddle,
+    "stadium": Stadium,
+    "ring": Ring,
+    "wheel": Wheel,
+    "dome": Dome,
+}
+LIST_MODELS: dict[str, type[Section]] = {
     "zone": Zone,
     "case": Case,
     "combination": Combination,
@@ -63,24 +63,31 @@ LISTS: dict[str, type[Section]] = {
     "target": Target,
     "stage": Stage,
 }
-SECTIONS = {name: tuple(keys_of(model).values()) for name, model in {"": Top, **TABLES}.items()}
-LIST_KEYS = {name: tuple(keys_of(model).values()) for name, model in LISTS.items()}
-# Sections with inner tables that override some of their keys: name of the tables, and these keys.
-OVERRIDES: dict[str, tuple[str, tuple[Key, ...]]] = {
-    "cable": ("", tuple(keys_of(Group).values())),  # [cable.GROUP]
-    "load": ("zone", tuple(keys_of(LoadZone).values())),  # [load.zone.NAME]
-    "wind": ("zone", tuple(keys_of(WindZone).values())),  # [wind.zone.NAME]
-}
-CASE_KEYS = settable_keys(SECTIONS, OVERRIDES)  # keys that a case can set
+
+
+def _rows(models: dict[str, type[Section]]) -> dict[str, tuple[Key, ...]]:
+    """Return the keys of each model."""
+    return {name: tuple(keys_of(model).values()) for name, model in models.items()}
+
+
+SECTIONS = _rows({"": Top, **MODELS})
+GENERATOR_KEYS = {name: tuple(keys_of(model)) for name, model in GENERATORS.items()}
+_DIMENSIONS = {f"net.{name}": model for name, model in GENERATORS.items()}
+# Keys of every table of a job file by its name, in the order of the pages.
+TABLES = _rows({"": Top, "net": Net, **_DIMENSIONS, **MODELS})
+LIST_KEYS = _rows(LIST_MODELS)
+GROUP_KEYS = tuple(keys_of(Group).values())  # of [group.NAME], which override those of [cable]
+ZONE_KEYS = _rows({"load": LoadZone, "wind": WindZone})  # of [load.zone.NAME], [wind.zone.NAME]
+CASE_KEYS = settable_keys(SECTIONS, ZONE_KEYS)  # keys that a case can set
 STAGE_KEYS = {name: key for name, key in CASE_KEYS.items() if name.startswith("load.")}  # the same of a stage
+BREAKING_KEYS = {"fracture_strain", "breaking_load"}  # of [cable] and of groups
 
 
 def find_key(section: str, name: str) -> Key:
     """Return a key of a section."""
-    return keys_of(TABLES[section])[name]
+    return keys_of(MODELS[section])[name]
 
 
-BREAKING_KEYS = {"fracture_strain", "breaking_load"}  # of [cable] and of groups
 CURVES = find_key("cable", "buckling_curve").choices  # of EN 1993-1-1
 
 

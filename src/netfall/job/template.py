@@ -4,13 +4,14 @@ from pathlib import Path
 
 from netfall.core.errors import InputError
 from netfall.job.fields import Key
-from netfall.job.schema import LIST_KEYS, SECTIONS
+from netfall.job.schema import LIST_KEYS, TABLES
 from netfall.job.toml_text import toml_value
 
 # Active sections and the keys that they set; all other keys are comments.
 ACTIVE_KEYS: dict[str, dict[str, object]] = {
     "": {"title": "A roof"},
-    "net": {"generator": "saddle", "side": 40.0, "rise": 4.0, "cells": 10},
+    "net": {"generator": "saddle"},
+    "net.saddle": {"side": 40.0, "rise": 4.0, "cells": 10},
     "cable": {"modulus": 1.6e11, "area": 400e-6, "density": 7850.0, "prestress": 60e3},
     "form_finding": {},
     "load": {"dead": 300.0, "snow": 500.0, "steps": 5},
@@ -29,27 +30,35 @@ HEAD = """\
 # A section that is absent is a thing that the scene does not have. What begins with # has the default that
 # stands there, or none where it says so; take away the # of the section, and of the keys that are to differ.
 # Your own net: nodes = "nodes.csv", elements = "elements.csv" in [net] in place of the generator, or netfall
-# import. [cable.GROUP] overrides [cable] for the elements of a group.
+# import. [group.NAME] overrides [cable] for the elements of a group.
 """
+SCHEMA_FILE = "netfall.schema.json"  # beside the job
+SCHEMA_LINE = f"#:schema ./{SCHEMA_FILE}\n"  # with which editors find the schema
+EXAMPLE_FOLDER = Path(__file__).parent / "examples"
 COMMENT_COLUMN = 38  # start of the comments
 
 
-def new_template(path: Path) -> str:
-    """Return the text of a job for a new file. Raises InputError if the file exists."""
+def new_job(path: Path, example: str | None = None) -> str:
+    """Return the text of a job for a new file: a template of all keys, or an example.
+
+    Raises InputError if the file exists.
+    """
     if path.exists():
         raise InputError(f"{path}: is there already; give another name")
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it")
-    return template(path.name)
+    if example:
+        return SCHEMA_LINE + (EXAMPLE_FOLDER / f"{example}.toml").read_text(encoding="utf-8")
+    return SCHEMA_LINE + template(path.name)
 
 
 def template(name: str) -> str:
     """Return the text of the job, for the name of its file."""
     lines = [HEAD.format(name=name)]
-    heads = {name: f"[{name}]" if name else "" for name in SECTIONS} | {
+    heads = {name: f"[{name}]" if name else "" for name in TABLES} | {
         name: f"[[{name}]]" for name in LIST_KEYS
     }
-    for section, keys in (SECTIONS | LIST_KEYS).items():
+    for section, keys in (TABLES | LIST_KEYS).items():
         mark = "" if section in ACTIVE_KEYS else "# "  # a section without set keys is a comment
         lines += [mark + heads[section]] if section else []
         lines += [*(_line(key, ACTIVE_KEYS.get(section, {})) for key in keys), ""]

@@ -8,11 +8,12 @@ from netfall.job import cases
 from netfall.job.consistency import combined_errors
 from netfall.job.fields import Key, Section, inner_models, keys_of
 from netfall.job.models import Group, Top
-from netfall.job.schema import CASE_KEYS, LISTS, REMOVED_KEYS, SINCE, STAGE_KEYS, TABLES
+from netfall.job.schema import CASE_KEYS, GENERATORS, LIST_MODELS, MODELS, STAGE_KEYS
 from netfall.job.units import UnitError, to_unit
 from netfall.job.values import format_value, suggest
 
 Model = TypeVar("Model", bound=Section)
+KNOWN_SECTIONS = (*MODELS, "group", "combinations")
 SETTABLE = {"case": CASE_KEYS, "stage": STAGE_KEYS}  # lists whose key `set` sets keys of sections
 
 
@@ -31,31 +32,49 @@ class Validator:
 
     def sections(self, data: dict[str, Any]) -> dict[str, Any]:
         """Return the fields of a `Job` by name; a key that is wrong has its default, or None."""
-        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LISTS}
+        given = {k: v for k, v in data.items() if isinstance(v, dict) and k not in LIST_MODELS}
         for name in given:
-            if name == "" or name not in TABLES:
-                self.wrong("", f"[{name}]: unknown section; {suggest(name, TABLES)}")
-        for name in TABLES:
+            if name == "" or name not in KNOWN_SECTIONS:
+                self.wrong("", f"[{name}]: unknown section; {suggest(name, KNOWN_SECTIONS)}")
+        for name in KNOWN_SECTIONS:
             if name in data and name not in given:
                 self.wrong("", f"{name} = {format_value(data[name])}: expected a section, [{name}]")
-        scalars = {k: v for k, v in data.items() if k not in given and k not in TABLES and k not in LISTS}
+        known = {*given, *KNOWN_SECTIONS, *LIST_MODELS}
+        scalars = {name: value for name, value in data.items() if name not in known}
         title = self.values("", keys_of(Top), scalars).get("title", "")
         for name in ("net", "cable"):
             if name not in data:
                 self.wrong("", f"[{name}]: the section is missing; a job needs it")
-        groups, sections = {}, dict.fromkeys(TABLES)
-        for name in filter(TABLES.__contains__, given):
-            table = given[name]
-            if name == "cable":
-                inner = {k: v for k, v in table.items() if isinstance(v, dict)}
-                table = {k: v for k, v in table.items() if k not in inner}
-                groups = {group: self.table(f"cable.{group}", Group, v) for group, v in inner.items()}
-            sections[name] = self.table(name, TABLES[name], table)
-        sections["output"] = sections["output"] or TABLES["output"]()
-        lists = {f"{name}s": self.entries(name, model, data.get(name, [])) for name, model in LISTS.items()}
+        sections: dict[str, Any] = dict.fromkeys(MODELS)
+        for name in filter(MODELS.__contains__, given):
+            table, dimensions = given[name], {}
+            if name == "net":
+                dimensions = self._dimensions(table)
+                table = {key: value for key, value in table.items() if key not in GENERATORS}
+            sections[name] = self.table(name, MODELS[name], table).replaced(**dimensions)
+        groups = self._inner_tables("", "group", Group, given.get("group", {}))
+        sections["output"] = sections["output"] or MODELS["output"]()
+        lists = {
+            f"{name}s": self.entries(name, model, data.get(name, [])) for name, model in LIST_MODELS.items()
+        }
         for place, problem in combined_errors(given, sections, lists):
             self.wrong(place, problem)
         return {"title": title, "groups": groups} | sections | lists
+
+    def _dimensions(self, net: dict[str, Any]) -> dict[str, Section]:
+        """Return the dimensions of the chosen generator, [net.GENERATOR], by its name."""
+        generator = net.get("generator")
+        for name, table in [(name, net[name]) for name in GENERATORS if name in net]:
+            if not isinstance(table, dict):
+                self.wrong("net", f"{name} = {format_value(table)}: expected a section, [net.{name}]")
+            elif name != generator:
+                self.wrong(f"net.{name}", f"only for generator = {format_value(name)}; remove it")
+                self.values(f"net.{name}", keys_of(GENERATORS[name]), table)
+        if not isinstance(generator, str) or generator not in GENERATORS:
+            return {}
+        table = net.get(generator, {})
+        model = GENERATORS[generator]
+        return {generator: self.table(f"net.{generator}", model, table if isinstance(table, dict) else {})}
 
     def entries(self, name: str, model: type[Model], given: object) -> list[Model]:
         """Return the entries of a list of tables, whose names must be unique."""
@@ -97,23 +116,18 @@ class Validator:
         return model.model_construct(**dict.fromkeys(absent), **values)
 
     def _inner_tables(self, place: str, name: str, model: type[Section], given: object) -> dict[str, Section]:
-        """Return the tables [SECTION.zone.NAME] by their names."""
+        """Return the tables [SECTION.zone.NAME] or [group.NAME] by their names."""
+        path = f"{place}.{name}" if place else name
         if not isinstance(given, dict) or not all(isinstance(table, dict) for table in given.values()):
-            expected = f"expected tables, [{place}.{name}.NAME]"
-            self.wrong(place, f"{name} = {format_value(given)}: {expected}")
+            self.wrong(place, f"{name} = {format_value(given)}: expected tables, [{path}.NAME]")
             return {}
-        return {inner: self.table(f"{place}.{name}.{inner}", model, v) for inner, v in given.items()}
+        return {inner: self.table(f"{path}.{inner}", model, table) for inner, table in given.items()}
 
     def values(self, place: str, keys: dict[str, Key], table: dict[str, Any]) -> dict[str, Any]:
         """Return the valid values of a table, as the types of their keys."""
         values = {}
         for name, value in table.items():
-            if name in REMOVED_KEYS.get(place, {}):
-                accepted, reason = REMOVED_KEYS[place][name]
-                if value != accepted:
-                    removed = f"removed in version {SINCE}, {reason}; remove the key"
-                    self.wrong(place, f"{name} = {format_value(value)}: {removed}")
-            elif name not in keys:
+            if name not in keys:
                 self.wrong(place, f"{format_value(name)[1:-1]}: unknown key; {suggest(name, keys)}")
             else:
                 self.put(place, name, keys[name], value, values)

@@ -15,7 +15,7 @@ from netfall.job.entries import Case
 from netfall.job.job import Job
 from netfall.job.models import CaseWind, Wind
 from netfall.job.values import format_list, format_value
-from netfall.loads.loads import shape_coefficients
+from netfall.loads.loads import pressure_coefficients
 from netfall.loads.wind.sectors import Sectors, describe_origin
 
 LIVE_LOAD_KEYS = ("snow", "pressure")  # keys of [load] that belong to the action "load"
@@ -137,7 +137,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict, list[str]
     if not has_static_wind(case):
         return {}, []
     wind = static_wind(job.wind or Wind(), case)
-    coefficient, sectors = shape_coefficients(replace(job, wind=wind), zones)
+    coefficient, sectors = pressure_coefficients(replace(job, wind=wind), zones)
     notes = list(sectors.notes) if sectors else []
     if "wind.direction" in case.set and wind.sectors is None:
         notes.append(
@@ -145,7 +145,7 @@ def _read_case_wind(job: Job, case: Case, zones: Zones) -> tuple[dict, list[str]
             f"({describe_origin(wind.direction)}): the "
             "shape coefficients do not follow it; wind.sectors = a table gives them by direction"
         )
-    wind = wind.replaced(shape_coefficient=coefficient)
+    wind = wind.replaced(pressure_coefficient=coefficient)
     return {"wind": wind, "sectors": sectors}, notes
 
 

@@ -117,7 +117,7 @@ def spring_preload_displacement(
     return from_rotated_axes(displacement, net.angle)
 
 
-def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
+def pressure_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Sectors | None]:
     """Return the net pressure coefficient (n,) of each node for the wind's direction, and the sectors.
 
     None without wind; the sectors are None without a table. Raises InputError for a wrong table.
@@ -125,14 +125,14 @@ def shape_coefficients(job: Job, zones: Zones) -> tuple[np.ndarray | None, Secto
     wind = job.wind
     sectors = read_sectors(job, zones.names) if wind and wind.sectors else None
     if sectors is None:
-        return zones.spread(wind, "shape_coefficient") if wind else None, None
+        return zones.spread(wind, "pressure_coefficient") if wind else None, None
     of_roof, of_zone = sectors.at(wind.direction)
-    return zones.by_node(of_roof, wind.zone_values("shape_coefficient") | of_zone), sectors
+    return zones.by_node(of_roof, wind.zone_values("pressure_coefficient") | of_zone), sectors
 
 
 def wind_with_node_coefficients(job: Job, coefficient: np.ndarray) -> Wind:
     """Return the section [wind] with the net pressure coefficient (n,) of each node."""
-    return job.wind.replaced(shape_coefficient=coefficient)
+    return job.wind.replaced(pressure_coefficient=coefficient)
 
 
 def mean_pressure(job: Job, coefficient: np.ndarray, field: WindField, mean_gust: np.ndarray) -> np.ndarray:
@@ -192,7 +192,7 @@ def make_drag(job: Job, x: np.ndarray, roof: RoofAreas) -> Drag | None:
 
 def aerodynamic_damping_area(job: Job, roof: RoofAreas) -> np.ndarray:
     """Compute kappa rho A (n, 3) [kg/m] of vector areas A, kappa the aerodynamic damping coefficient."""
-    kappa = roof.zones.spread(job.wind, "air_damping")
+    kappa = roof.zones.spread(job.wind, "aerodynamic_damping")
     return (kappa * job.wind.air_density)[:, None] * roof.vector
 
 
@@ -211,4 +211,4 @@ def aerodynamic_damping(job: Job, net: Net, x: np.ndarray, roof: RoofAreas) -> n
 
 def added_air_mass(job: Job, roof: RoofAreas) -> np.ndarray | None:
     """Compute the added mass (n,) [kg] of the air; None: there is none."""
-    return roof.zones.spread(job.load, "air_mass") * roof.area if has_added_air_mass(job) else None
+    return roof.zones.spread(job.load, "added_mass") * roof.area if has_added_air_mass(job) else None

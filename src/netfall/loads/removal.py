@@ -80,7 +80,7 @@ def superposed_excitation_notes(job: Job, varies: bool) -> Iterator[str]:
     if job.removes and varies:
         yield (
             f"[[remove]]: gusts blow on after a loss, {both}; those of the loss alone come in the mean wind "
-            "([wind] turbulence = 0, or a table that stays at its mean)"
+            "([wind] turbulence_intensity = 0, or a table that stays at its mean)"
         )
     if job.removes and job.wind and job.wind.onset == "sudden":
         yield f'[[remove]]: the wind came at once, {both} (onset = "static": it does not)'

@@ -109,7 +109,7 @@ def combination_actions(job: Job, model: Model, combination: Combination) -> Act
             temperature += share * (case.set.get("load.temperature", load.temperature) - load.temperature)
             if inputs.settlement is not None:
                 settlement = share * inputs.settlement + (0.0 if settlement is None else settlement)
-    L0, spring_rest = _scale_prestress(model, factor("prestress"), job.cable.strain)
+    L0, spring_rest = _scale_prestress(model, factor("prestress"), job.cable.strain_measure)
     return Actions(
         force,
         heated_length(L0, net.expansion, temperature),

@@ -25,7 +25,7 @@ from netfall.job.derived import (
 )
 from netfall.job.job import Job
 from netfall.loads.cases import CaseInputs, read_case_inputs
-from netfall.loads.loads import shape_coefficients
+from netfall.loads.loads import pressure_coefficients
 from netfall.loads.removal import find_removed_elements
 from netfall.loads.wind.field import read_history
 from netfall.loads.wind.measured import TableHistory
@@ -44,7 +44,7 @@ class Layout:
     part : (n,) rank of each particle; partition_source : origin of the partition
     lost : rows of the elements that each [[remove]] names
     slides : sliding cables, None: none
-    shape_coefficient : (n,) net pressure coefficient of the wind, None: no wind
+    pressure_coefficient : (n,) net pressure coefficient of the wind, None: no wind
     measured : wind of a file, None: the wind is generated, or there is none
     cases : inputs of each [[case]], by name; chains : bending chains, None: none
     notes : plausible but unusual values of the net, its tables and its roof
@@ -58,7 +58,7 @@ class Layout:
     lost: list[np.ndarray]
     probes: Probes
     slides: SlidingCables | None
-    shape_coefficient: np.ndarray | None
+    pressure_coefficient: np.ndarray | None
     measured: TableHistory | None
     cases: dict[str, CaseInputs]
     chains: BendingChains | None
@@ -71,12 +71,13 @@ def make_layout(job: Job, ranks: int, memory: ResultCache = NO_CACHE) -> Layout:
     net, roofing, zones, part, source = memory.get_or_compute("net", key, lambda: _partition_net(job, ranks))
     lost, probes = find_removed_elements(job, net), find_probes(job, net)
     slides, errors = find_sliding_cables(job, net)
-    if job.slides and job.dynamics and job.dynamics.damping_ratio:
+    if job.slides and job.dynamics and job.dynamics.axial_damping_ratio:
         errors.append(
-            f"{job.path}: [dynamics] damping_ratio: not together with [[slide]]; remove it, or take damping"
+            f"{job.path}: [dynamics] axial_damping_ratio: not together with [[slide]]; remove it, or "
+            "take mass_damping"
         )
     raise_errors(errors)
-    coefficient, sectors = shape_coefficients(job, zones)
+    coefficient, sectors = pressure_coefficients(job, zones)
     cases, case_notes = read_case_inputs(job, net, zones)
     notes = [*net.notes, *roofing.notes, *zones.notes, *without_effect(job, net)]
     notes += sectors.notes if sectors else []
@@ -136,8 +137,8 @@ def damping_branches(job: Job) -> tuple[float, ...]:
     """Return the Maxwell branches of the constant damping ratio in a band; empty without it."""
     dynamics = job.dynamics
     return (
-        band_branches(dynamics.damping_ratio, *dynamics.damping_band)
-        if dynamics and dynamics.damping_ratio
+        band_branches(dynamics.axial_damping_ratio, *dynamics.axial_damping_band)
+        if dynamics and dynamics.axial_damping_ratio
         else ()
     )
 
@@ -169,7 +170,7 @@ def make_features(job: Job, net: Net, slides: SlidingCables | None) -> Features:
         springs=bool(net.spring.any()),
         turned=bool(is_rotated(net).any()),
         losses=bool(job.removes),
-        strain=job.cable.strain,
+        strain=job.cable.strain_measure,
         cable=given_cable_keys(job),
         bars=bool(net.bar.any()),
         bending=net.bending is not None,

@@ -246,7 +246,7 @@ def permanent_load(job: Job, layout: Layout, x: np.ndarray, N: np.ndarray) -> np
     """Compute self weight and dead load (n, 3) [N] at x (n, 3) [m] with axial forces N (m,) [N]."""
     net, areas = layout.net, _areas_at(layout, x)
     L = lengths(x[net.elements[:, 1]] - x[net.elements[:, 0]])
-    _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain))
+    _, own = _own_mass(net, unstressed_length(L, N, net.EA, job.cable.strain_measure))
     roof = RoofAreas(areas.surface, areas.plan, areas.vector, layout.zones)
     return make_loading(job, roof, own, net.load).permanent
 
@@ -269,7 +269,7 @@ def _unstressed_state(job: Job, net: Net, L: np.ndarray, N: np.ndarray) -> tuple
 
     An element with a given unstressed length takes its force from it; the others take their length from N.
     """
-    EA, strain = net.EA, job.cable.strain
+    EA, strain = net.EA, job.cable.strain_measure
     check_tensions(job, net, N, L)
     L0 = unstressed_length(L, N, EA, strain)
     given = np.isfinite(net.unstressed_length)
@@ -299,7 +299,7 @@ def _wind(job: Job, layout: Layout, make_field: Callable[..., Any]) -> tuple[Any
     """
     if job.wind is None:
         return None, None
-    measured, settings = layout.measured, wind_with_node_coefficients(job, layout.shape_coefficient)
+    measured, settings = layout.measured, wind_with_node_coefficients(job, layout.pressure_coefficient)
     field = make_field(settings, measured.places if measured else None)
     return field, measured or GeneratedHistory(field, job.wind)
 
@@ -321,9 +321,9 @@ def _panels(job: Job, layout: Layout, shares: FaceShares, loading: Loading) -> P
     panels = make_panels(net, faces, shares)
     zones = layout.zones.at(panels.node)
     load, roof = job.load, RoofAreas(panels.area, panels.plan_area, panels.vector, zones)
-    factor = np.broadcast_to(force_factor(wind_with_node_coefficients(job, layout.shape_coefficient)), net.n)[
-        panels.node
-    ]
+    factor = np.broadcast_to(
+        force_factor(wind_with_node_coefficients(job, layout.pressure_coefficient)), net.n
+    )[panels.node]
     zero = np.zeros_like(roof.vector)
     return panels._replace(
         air=aerodynamic_damping_area(job, roof) if derived.has_aerodynamic_damping(job) else zero,

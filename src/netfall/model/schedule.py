@@ -78,7 +78,10 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
     stride = needed = 1
     if dynamics.time_step == "auto":
         stride = choose_stride(intact / limit)
-        every, longest = min(output.history, dynamics.duration), dynamics.safety * min(intact, stride * limit)
+        every, longest = (
+            min(output.history_interval, dynamics.duration),
+            dynamics.safety * min(intact, stride * limit),
+        )
         rows = dynamics.duration / every
         if abs(rows - round(rows)) > ROUNDING * rows:
             every, longest = dynamics.duration, min(every, longest)
@@ -88,13 +91,16 @@ def make_schedule(limit: float, intact: float, breaks: bool, dynamics: Any, outp
     else:
         long = dynamics.time_step
     steps = max(1, int(step_at(dynamics.duration, long)))
-    rows = np.arange(int(np.floor(steps * long / output.history + ROUNDING)) + 1) * output.history
+    rows = (
+        np.arange(int(np.floor(steps * long / output.history_interval + ROUNDING)) + 1)
+        * output.history_interval
+    )
     frames = np.linspace(0.0, steps * long, output.frames + 1)
 
     def steps_of(times: FloatArray) -> IntArray:
         return np.unique(np.append(np.minimum(step_at(times, long), steps), steps)).astype(np.int64)
 
-    every = output.checkpoint
+    every = output.checkpoint_interval
     checkpoints = np.arange(1, int(np.floor(steps * long / every)) + 1) * every if every > 0 else np.zeros(0)
     checkpoints, dt = step_at(checkpoints, long).astype(np.int64), float(long) / stride
     return Schedule(

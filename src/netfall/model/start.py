@@ -38,13 +38,15 @@ LOAD_RANGES = (
     ("load", "snow", "N/m2", 20.0, 5e4, "codes have 300 to 10000; is it in kN/m2?"),
     ("load", "pressure", "N/m2", 5.0, 5e4, "storms press with 300 to 5000; is it in kN/m2?"),
     ("load", "temperature", "K", 0.0, 150.0, "it is a change from that of form finding, not a temperature"),
-    ("load", "air_mass", "kg/m2", 0.0, 1e3, "air that moves along has 10 to 100"),
+    ("load", "added_mass", "kg/m2", 0.0, 1e3, "air that moves along has 10 to 100"),
     ("wind", "speed", "m/s", 0.0, 90.0, "storms have a mean of up to 70 at 10 m; is it in km/h?"),
-    ("wind", "shape_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
+    ("wind", "pressure_coefficient", "", 0.0, 20.0, "codes have -4 to 2; is it a pressure?"),
     ("wind", "air_density", "kg/m3", 0.5, 2.0, "air has some 1.25"),
 )
 SAMPLED_ROWS = 1000  # rows of a time table that are enough to judge its magnitude
-MAX_PLAUSIBLE_DAMPING = 20.0  # 1/s: largest plausible [dynamics] damping; it halves a velocity in 1 / 29 s
+MAX_PLAUSIBLE_DAMPING = (
+    20.0  # 1/s: largest plausible [dynamics] mass_damping; it halves a velocity in 1 / 29 s
+)
 MAX_PLAUSIBLE_FACTOR = 10.0  # largest plausible factor of a combination
 WIDEST, MIN_PLAUSIBLE_EXTENT = 3e3, 0.3  # m: plausible extents of nets
 MAX_WEIGHT_RATIO = (
@@ -117,10 +119,10 @@ def load_notes(job: Job) -> Iterator[str]:
             if abs(factor) > MAX_PLAUSIBLE_FACTOR:
                 text = f"factors: {name} = {factor:g} is far from what codes have, 0 to 2"
                 yield f'[[combination]] "{combination.name}": {text}'
-    if job.dynamics and job.dynamics.damping > MAX_PLAUSIBLE_DAMPING:
+    if job.dynamics and job.dynamics.mass_damping > MAX_PLAUSIBLE_DAMPING:
         yield (
-            f"[dynamics] damping = {job.dynamics.damping:g} 1/s is far from what roofs have: it is damping x "
-            "period / 4 pi of the critical damping; netfall check has it in each mode"
+            f"[dynamics] mass_damping = {job.dynamics.mass_damping:g} 1/s is far from what roofs have: it is "
+            "mass_damping x period / 4 pi of the critical damping; netfall check has it in each mode"
         )
 
 
@@ -133,7 +135,7 @@ def table_notes(
     """
     wind, tables = job.wind, []
     if wind and wind.sectors:
-        tables.append(("shape_coefficient", wind.sectors, coefficient))
+        tables.append(("pressure_coefficient", wind.sectors, coefficient))
     if measured:
         end = min(job.dynamics.duration, measured.time[min(SAMPLED_ROWS, len(measured.time) - 1)])
         values = measured.until(end)[1]
@@ -208,7 +210,7 @@ def check_initial_strains(job: Job, net: Net, N: np.ndarray, L: np.ndarray, L0: 
 
     Returns notes. Raises InputError if elements yield or break at the start.
     """
-    eps = strains(L, L0, job.cable.strain)
+    eps = strains(L, L0, job.cable.strain_measure)
     errors = []
     for exceeds, name, value, limit in (
         (eps > net.fracture_strain, "fracture_strain", eps, net.fracture_strain),
@@ -315,7 +317,7 @@ def check_tensions(job: Job, net: Net, N: np.ndarray, L: np.ndarray) -> None:
         for exceeds, limit, remedy in checks
         for e in np.flatnonzero(exceeds)[:1]
     ]
-    for e in np.flatnonzero(exceeds_stiffness(N, EA, job.cable.strain))[:1]:
+    for e in np.flatnonzero(exceeds_stiffness(N, EA, job.cable.strain_measure))[:1]:
         problem = f"its axial force {N[e]:.4g} N is beyond its stiffness EA; choose a larger area"
         errors.append(f"{job.path}: element {net.element_id[e]}: {problem}")
     relative = L / net.lengths()

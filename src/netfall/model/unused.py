@@ -17,7 +17,9 @@ from netfall.job.derived import (
     has_fragment_drag,
     has_growing_pressure,
     has_statics,
+    mode_count,
 )
+from netfall.job.groups import group_values, is_pattern
 from netfall.job.job import Job
 from netfall.job.schema import SECTIONS
 from netfall.job.values import format_value
@@ -28,7 +30,8 @@ GROUP_NAME_SIMILARITY = (
     0.8  # similarity (difflib) from which two names of groups were probably meant to be the same
 )
 GUST_KEYS = (
-    "time_step", "ar_order", "seed", "control_points", "gusts", "coherence_decay", "spectrum", "gust_length",
+    "time_step", "ar_order", "seed", "control_points", "gust_field", "coherence_decay", "spectrum",
+    "gust_length",
 )  # fmt: skip
 
 
@@ -56,8 +59,10 @@ def _unused_keys(job: Job, net: Net) -> list[tuple[Any, ...]]:
         reason = f"the {job.net.generator} has the prestress of its own equilibrium"
         rows.append(("cable", ("prestress",), True, reason))
     rows += _unused_load_keys(job, breaks) if load else []
-    service = any(combination.kind == "service" for combination in job.combinations)
-    rows.append(("limits", ("displacement", "slack"), not service, "there is no [[combination]] for service"))
+    serviceability = any(combination.kind == "SLS" for combination in job.combinations)
+    rows.append(
+        ("limits", ("displacement", "slack"), not serviceability, 'there is no combination of kind = "SLS"')
+    )
     if form:
         linear = f'method = "{form.method}" is one linear solve'
         weightless = not (load and load.self_weight) and not any(job.loads("dead"))
@@ -74,10 +79,10 @@ def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     dynamics, of_motion = job.dynamics, [key.name for key in SECTIONS["output"] if key.name != "modes"]
     if not dynamics:
         return [("output", of_motion, True, "there is no [dynamics]")]
-    no_fragments, late = not dynamics.fragments, job.output.checkpoint >= dynamics.duration
+    no_fragments, late = not dynamics.fragments, job.output.checkpoint_interval >= dynamics.duration
     fixed = dynamics.time_step != "auto" and (no_fragments or not breaks)
     return [
-        ("output", ("checkpoint",), late, "it is not shorter than the duration"),
+        ("output", ("checkpoint_interval",), late, "it is not shorter than the duration"),
         ("dynamics", ("safety",), fixed, "time_step is fixed"),
         ("dynamics", ("fragment_mass", "fragments"), not breaks, "nothing can break"),
         (
@@ -92,12 +97,12 @@ def _unused_dynamics_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
 def _unused_load_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     """List the rows of [load]; breaks : whether any element can break."""
     no_statics = job.dynamics and not has_statics(job)
-    no_inertia = not has_added_air_mass(job) or not (job.dynamics or job.output.modes)
+    no_inertia = not has_added_air_mass(job) or not (job.dynamics or mode_count(job))
     reason = "it lets the pressure grow in a dynamic stage without load steps"
     return [
         ("load", ("tolerance", "max_iterations"), no_statics, "steps = 0: no statics"),
-        ("load", ("breaking",), not breaks, "nothing can break"),
-        ("load", ("air_mass",), no_inertia, "it is inertia, of what moves or has modes"),
+        ("load", ("stop_at_strength",), not breaks, "nothing can break"),
+        ("load", ("added_mass",), no_inertia, "it is inertia, of what moves or has modes"),
         ("load", ("ramp",), not has_growing_pressure(job), reason),
     ]
 
@@ -108,13 +113,18 @@ def _unused_wind_keys(job: Job, breaks: bool) -> list[tuple[Any, ...]]:
     generated = wind.speed and not wind.pressures
     source = "file" if wind.file else "pressures"
     of_speed = ("air_density", "direction", "profile_exponent", "base_height")
-    zero_key = "roughness" if wind.turbulence is None else "turbulence"
+    zero_key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
     no_gusts = generated and turbulence_intensity(wind) == 0
     detaches = breaks or bool(job.removes)
     drag = detaches and has_fragment_drag(job)
     needs_speed = has_aerodynamic_damping(job) or drag
     return [
-        ("wind", ("roughness", "turbulence", *GUST_KEYS), not generated, f"the wind comes from {source}"),
+        (
+            "wind",
+            ("surface_drag", "turbulence_intensity", *GUST_KEYS),
+            not generated,
+            f"the wind comes from {source}",
+        ),
         ("wind", of_speed, wind.pressures and not needs_speed, by_taps),
         ("wind", ("direction",), wind.pressures and has_aerodynamic_damping(job) and not drag, by_taps),
         ("wind", GUST_KEYS, no_gusts, f"{zero_key} = 0: there are no gusts"),
@@ -139,13 +149,12 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
         has_aerodynamic_damping(job) or (has_fragment_drag(job) and (breaks or job.removes))
     )
     of_zones = wind and any(any(zone.given().values()) for zone in wind.zone.values())
-    if wind and wind.shape_coefficient == 0 and not moves_air and not of_zones:
-        yield "[wind]: no effect: shape_coefficient = 0"
-    if wind and wind.shape_coefficient is not None and "wind.direction" in given:
+    if wind and wind.pressure_coefficient == 0 and not moves_air and not of_zones:
+        yield "[wind]: no effect: pressure_coefficient = 0"
+    if wind and wind.pressure_coefficient is not None and "wind.direction" in given:
         yield (
-            f"[wind] direction = {wind.direction:g} ({describe_origin(wind.direction)}): the shape "
-            "coefficients do "
-            "not follow it; sectors = a table gives them by direction"
+            f"[wind] direction = {wind.direction:g} ({describe_origin(wind.direction)}): the "
+            "pressure coefficients do not follow it; sectors = a table gives them by direction"
         )
     idle = [key for key in ("groups", "openings", "lines") if f"roof.{key}" in given and not on_roof]
     if idle:
@@ -155,12 +164,12 @@ def _unused_section_notes(job: Job, net: Net, given: set[str]) -> Iterator[str]:
 
 def _misspelt_group_notes(job: Job, net: Net) -> Iterator[str]:
     """Yield notes on groups that take [cable] although a section has nearly their name."""
-    sections = {name.lower(): name for name in reversed(job.groups)}
+    sections = {name.lower(): name for name in reversed(job.groups) if not is_pattern(name)}
     for name in net.group_names:
         close = difflib.get_close_matches(name.lower(), sections, 1, GROUP_NAME_SIMILARITY)
-        if name and name not in job.groups and close:
+        if name and not group_values(job.groups, name) and name not in job.groups and close:
             yield (
-                f'group "{name}" of the elements has no section [cable.{name}] and takes [cable]; was '
+                f'group "{name}" of the elements has no section [group.{name}] and takes [cable]; was '
                 f'"{sections[close[0]]}" meant?'
             )
 

@@ -99,9 +99,9 @@ class Gust:
 
 def turbulence_intensity(settings: Any) -> float:
     """Return the turbulence intensity I at 10 m of a [wind]: sqrt(6 k), or as given."""
-    if settings.turbulence is not None:
-        return settings.turbulence
-    return float(np.sqrt(6.0 * settings.roughness))
+    if settings.turbulence_intensity is not None:
+        return settings.turbulence_intensity
+    return float(np.sqrt(6.0 * settings.surface_drag))
 
 
 def make_gust(settings: Any) -> Gust | None:

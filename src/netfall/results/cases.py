@@ -7,8 +7,8 @@ from netfall.results.states import WITHOUT, StateView, equilibrium_groups, group
 
 PLAIN, COMBINATION_KINDS = (
     "case",
-    ("ultimate", "service"),
-)  # a load case on its own; kinds of a combination (ULS, SLS)
+    ("ULS", "SLS"),
+)  # a load case on its own; kinds of a combination
 EQUILIBRIUM = "equilibrium"
 
 

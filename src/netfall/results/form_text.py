@@ -58,7 +58,8 @@ def form_lines(
     if constant:
         remedy = (
             "Constant tension moves nodes along cables; to keep them near their places, use [form_finding] "
-            'modulus_factor = 1e-3 or method = "force_density", or keep the geometry with method = "keep"'
+            'modulus_factor = 1e-3 or method = "force_density", or keep the geometry with '
+            'method = "given_geometry"'
         )
     return [
         line,

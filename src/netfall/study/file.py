@@ -14,6 +14,7 @@ from netfall.geometry.build import build_net
 from netfall.job.derived import has_statics
 from netfall.job.job import PATH_KEYS, Job
 from netfall.job.read import read_job, read_toml
+from netfall.job.renames import Renaming
 from netfall.job.toml_text import toml_value
 from netfall.job.validate import Validator
 from netfall.job.values import format_value, suggest
@@ -26,7 +27,7 @@ from netfall.study.models import DrawSettings, FailureCriterion, RunSettings
 
 FEW = 10  # elements or cables that a message names
 # Overrides of every sample: no checkpoints, which do not affect its outcomes, and no modes.
-OWN = {"output.checkpoint": 0.0, "output.modes": 0}
+OWN = {"output.checkpoint_interval": 0.0, "modes.count": 0}
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,8 @@ def read_study_plan(path: Path) -> Plan:
     data, text = read_toml(path, "study")
     if "net" in data and "job" not in data:
         raise InputError(f"{path}: is a job file; netfall run {path} runs it; a study file names it in job")
-    content, job = _sections_of(path, data), path.parent / str(data["job"])
+    renaming = Renaming(str(path), [])
+    content, job = _sections_of(path, data, renaming), path.parent / str(data["job"])
     axes, loss = content.axes, content.loss
     count = math.prod(len(axis.values) for axis in axes if axis.name != sections.LOST)
     count *= content.sample.count if content.sample else 1
@@ -176,15 +178,28 @@ def read_study_plan(path: Path) -> Plan:
         failures=content.failures,
         hazard=content.hazard,
         files=[job, *job_itself.files()],
-        notes=notes,
+        notes=[*renaming.warnings(), *notes],
     )
     files, nets = _try_values(plan)
     return replace(plan, files=files, nets_differ=nets > 1)
 
 
-def _sections_of(path: Path, data: dict) -> Sections:
-    """Check the sections of a study file. Raises InputError with a line for each error."""
-    check = Validator(str(path), [])
+def _generator_of(path: Path, data: dict) -> object:
+    """Return the generator that the job of a study names; None if it names none, or cannot be read."""
+    try:
+        net = read_toml(path.parent / str(data.get("job")), "job")[0].get("net")
+    except InputError:  # reported when the job is read
+        return None
+    return net.get("generator") if isinstance(net, dict) else None
+
+
+def _sections_of(path: Path, data: dict, renaming: Renaming) -> Sections:
+    """Check the sections of a study file. Raises InputError with a line for each error.
+
+    renaming : gives the keys of the job their new names
+    """
+    check = Validator(str(path), renaming.errors)
+    renaming.set_generator(_generator_of(path, data))
     for name in data:
         if name == "rare":
             check.wrong("", "[rare]: removed in version 0.5; see jobs/studies/rare_openturns.py")
@@ -202,6 +217,7 @@ def _sections_of(path: Path, data: dict) -> Sections:
             tables[name] = {}
     vary, sample = (_flatten(tables[name], check) for name in ("vary", "sample"))
     draw_settings = {name: sample.pop(name) for name in DrawSettings.model_fields if name in sample}
+    vary, sample = renaming.settings(vary, "[vary]"), renaming.settings(sample, "[sample]")
     sections.check_distributions(sample, vary, check)
     failures = sections.failure_sections(data.get("failure", []), "remove" in vary, check)
     if draw_settings and not sample:

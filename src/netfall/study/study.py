@@ -43,7 +43,7 @@ def study(
     plan = read_study_plan(path)
     job = plan.read(plan.member(0))
     net = build_net(job)  # reports errors of the net once, before any worker starts
-    progress.say(*default_warnings(job, net), *plan.notes)
+    progress.say(*job.warnings, *default_warnings(job, net), *plan.notes)
     place = study_files(path, output, shard)
     if not place.result.exists() or read_digests(place.result) is None:
         check_output_path(place.result)

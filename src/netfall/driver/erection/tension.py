@@ -262,7 +262,7 @@ def reach_targets(
     change = np.array([float(added[jack.rows].sum()) / (1 + int(jack.cable.max())) for jack in jacks])
     equilibria = tensioned.equilibria + (before.equilibria if before else 0)
     if not tensioned.outcome.carries:
-        remark = "what `by` names may not bear on it, or not so far"
+        remark = "what `adjust` names may not bear on it, or not so far"
         failed = f"{load_case.words}: {tensioned.outcome.reason}; {remark}"
         return TargetResult(x, tensioned.L0, change, influence, equilibria, [], failed)
     lines = [
@@ -281,15 +281,17 @@ def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
     """
     errors = []
     for number, target in enumerate(job.targets, 1):
-        wrong = [line for name in (target.group, target.by) if name and (line := unknown_name(net, name))]
+        wrong = [line for name in (target.group, target.adjust) if name and (line := unknown_name(net, name))]
         if target.node is not None and target.node not in net.node_id:
             wrong.append(f"node = {target.node}: no such node")
-        if target.by in [other.by for other in job.targets[: number - 1]]:
+        if target.adjust in [other.adjust for other in job.targets[: number - 1]]:
             remark = "stands in an earlier target; each needs lengths of its own"
-            wrong.append(f"by = {format_value(target.by)}: {remark}")
+            wrong.append(f"adjust = {format_value(target.adjust)}: {remark}")
         errors += [f"{job.path}: [[target]] {number}: {line}" for line in wrong]
     raise_errors(errors)
-    return [_wanted(net, target) for target in job.targets], [jack_of(net, entry.by) for entry in job.targets]
+    return [_wanted(net, target) for target in job.targets], [
+        jack_of(net, entry.adjust) for entry in job.targets
+    ]
 
 
 def _wanted(net: Net, target) -> Wanted:

@@ -229,7 +229,7 @@ def feature_text(job: Job, model: Model) -> str:
         ("yield", features.plastic),
         ("fracture", features.fracture),
         ("wind", features.wind),
-        ("damping", bool(job.dynamics and job.dynamics.damping)),
+        ("damping", bool(job.dynamics and job.dynamics.mass_damping)),
         ("self weight", bool(load and load.self_weight)),
         ("dead load", any(job.loads("dead"))),
         ("snow", any(job.loads("snow"))),
@@ -262,8 +262,9 @@ def limit_line(limit: Limit, model: Model) -> str:
 
 
 def job_remarks(model: Model, job: Job) -> list[str]:
-    """Return the warnings on changed defaults, and the notes on what is plausible but odd in a job."""
-    return default_warnings(job, model.net) + [f"note: {note}" for note in model.notes]
+    """Return the warnings on old names and changed defaults, and the notes on plausible but odd values."""
+    notes = [note if note.startswith("warning:") else f"note: {note}" for note in model.notes]
+    return [*job.warnings, *default_warnings(job, model.net), *notes]
 
 
 def run_notes(problem: Problem) -> list[str]:
@@ -317,10 +318,11 @@ def step_remarks(problem: Problem) -> list[str]:
         remarks.append(_added_mass(problem.model))
     if job.slides:
         remarks.append(inertia_line(problem.model, dt))
-    if job.dynamics.damping_ratio:
+    if job.dynamics.axial_damping_ratio:
         added_stiffness = branch_stiffening(damping_branches(job)) - 1.0
         remarks.append(
-            f"note: damping_ratio = {job.dynamics.damping_ratio:g} holds what vibrates in its band and above "
+            f"note: axial_damping_ratio = {job.dynamics.axial_damping_ratio:g} holds what vibrates "
+            "in its band and above "
             f"by up to {added_stiffness:.1%} more stiffness of elements; tensions, also beside a "
             "strength, are those without it, so by up to that share of their swing less than elements carry"
         )

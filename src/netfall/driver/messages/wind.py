@@ -85,7 +85,7 @@ def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
 
 def _deviation_lines(job: Job, model: Model, gust: Gust) -> list[str]:
     """Return the line on the standard deviation at single nodes if gusts are means over the roof."""
-    if job.wind.gusts == "points":
+    if job.wind.gust_field == "point":
         return []
     share = model.wind_field.deviation / gust.deviation
     return [
@@ -101,9 +101,9 @@ def _weak_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     if share.mean() >= MIN_DEVIATION_SHARE or not could_be_more:
         return []
     return [
-        f'note: [wind] gusts = "means": at a node they have {share.mean():.0%} of the deviation (mean; '
-        f"{share.min():.0%} at the least), so forces of what a few nodes load come out too low; "
-        'more control_points, or a run with "points" beside'
+        f'note: [wind] gust_field = "area_mean": at a node they have {share.mean():.0%} of the deviation '
+        f"(mean; {share.min():.0%} at the least), so forces of what a few nodes load come out too low; "
+        'more control_points, or a run with "point" beside'
     ]
 
 
@@ -118,10 +118,10 @@ def _strong_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     if whole < MAX_ROOF_LOAD_RATIO:
         return []
     return [
-        f'note: [wind] gusts = "points": as strong at all nodes as at {len(field.control_point)} control '
+        f'note: [wind] gust_field = "point": as strong at all nodes as at {len(field.control_point)} control '
         f"points, so their load on the whole roof is {whole:.3g} times (deviation) what their coherence "
         f"makes of it, at {n[shown_frequency]:.2g} Hz {at_frequency:.3g} times; "
-        '"means" has it right, more control_points come nearer'
+        '"area_mean" has it right, more control_points come nearer'
     ]
 
 
@@ -130,7 +130,7 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     wind, losses, notes = job.wind, model.wind_field.model.losses, []
     share = negative_share(model.wind_field.control_mean, gust.deviation)
     if share > MAX_NEGATIVE_SHARE:
-        key = "roughness" if wind.turbulence is None else "turbulence"
+        key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
         notes.append(
             f"note: [wind] {key} = {getattr(wind, key):g}: {share:.1%} of the speeds are negative; the force "
             "goes with the square of the speed, so what is suction stays suction there; codes give "
@@ -159,7 +159,7 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             f"note: [wind] ramp = {wind.ramp:g}: longer than the duration, {duration:g} s: gusts never have "
             "their full size"
         )
-    place_notes = _strong_gust_notes if wind.gusts == "points" else _weak_gust_notes
+    place_notes = _strong_gust_notes if wind.gust_field == "point" else _weak_gust_notes
     return notes + (place_notes(job, model, gust) if model.wind_field.force.any() else [])
 
 

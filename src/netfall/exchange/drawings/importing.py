@@ -46,20 +46,20 @@ steps = 1
 
 # [wind]
 # speed = 40.0                  # m/s, mean at 10 m
-# turbulence = 0.2              # intensity of the gusts at 10 m
+# turbulence_intensity = 0.2    # intensity of the gusts at 10 m
 # base_height = 0.0             # m of z = 0 above ground
-# shape_coefficient = -1.3      # suction
+# pressure_coefficient = -1.3   # suction
 #
 # [dynamics]
 # duration = 6.0                # s
 """
 GROUP = """\
-# [cable.{name}]
+# [group.{name}]
 # area = 500e-6                 # m2
 # kind = "bar"                  # if it carries compression too
 """
 POSTS = """\
-[cable.{name}]
+[group.{name}]
 kind = "bar"                    # GUESSED: upright, and nothing but compression in it holds up a node
 # area = 4000e-6                # m2
 # modulus = 2.1e11

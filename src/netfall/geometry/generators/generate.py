@@ -141,41 +141,40 @@ def generate(net: Any) -> Net:
         "wheel": wheel,
         "dome": dome,
     }
-    make = makers[net.generator]
-    return make(*(getattr(net, key) for key in GENERATOR_KEYS[net.generator]))
+    make, dimensions = makers[net.generator], getattr(net, net.generator)
+    return make(*(getattr(dimensions, key) for key in GENERATOR_KEYS[net.generator]))
 
 
-def dimension_error(net: Any, most: int) -> str:
-    """Describe the error in the dimensions of a section [net]: too many elements, or no roof; "": none."""
+def dimension_error(generator: str, net: Any, most: int) -> str:
+    """Describe the error in the dimensions of a generator: too many elements, or no roof; "": none."""
 
-    def half_roof() -> Any:
+    def half_roof():
         return 2.0 * (np.pi / 8) * (net.length / net.spacing) * (net.width / net.spacing)
 
-    sizes: dict[str, tuple[str, Callable[[], float]]] = {
+    key, size = {
         "saddle": ("cells", lambda: 2.0 * net.cells**2),
         "stadium": ("spacing", lambda: net.halves * half_roof()),
         "ring": ("spacing", lambda: 2.0 * half_roof()),
         "wheel": ("spokes", lambda: net.spokes * (4.0 * net.hoops + 12.0)),
         "dome": ("spokes", lambda: net.spokes * (6.0 * net.hoops + 7.0)),
-    }
-    key, size = sizes[net.generator]
+    }[generator]
     given = f"{key} = {getattr(net, key):g}:"
     if not size() <= most:
         return f"{given} asks for {size():.3g} elements; at most {most:.0e} fit"
-    if net.generator in ("stadium", "ring") and net.spacing > 0.25 * min(net.length, net.width):
+    if generator in ("stadium", "ring") and net.spacing > 0.25 * min(net.length, net.width):
         return (
             f"{given} too wide for the roof; expected at most {0.25 * min(net.length, net.width):g} m, "
             "a quarter of the shorter axis"
         )
-    if net.generator == "wheel" and net.spokes % 4:
+    if generator == "wheel" and net.spokes % 4:
         return f"{given} expected a multiple of 4, for the supports a quarter of the ring apart"
-    if net.generator in ("wheel", "dome") and not net.opening < net.diameter:
+    if generator in ("wheel", "dome") and not net.opening < net.diameter:
         return f"opening = {net.opening:g}: expected less than diameter = {net.diameter:g} m"
-    if net.generator == "wheel":
+    if generator == "wheel":
         most = largest_brace_force(net.opening, net.ring_height, net.spokes, net.spoke_force)
         if not net.brace_force < most:
             return (
                 f"brace_force = {net.brace_force:g}: expected less than {most:.4g} N, with which the "
                 "diagonals alone would hold the radials and leave the tension rings slack"
             )
-    return dome_error(net) if net.generator == "dome" else ""
+    return dome_error(net) if generator == "dome" else ""

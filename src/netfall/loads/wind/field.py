@@ -70,7 +70,7 @@ def force_factor(settings: Any) -> np.ndarray | float:
     """
     if settings.pressures:
         return -1.0
-    return -np.asarray(settings.shape_coefficient) * 0.5 * settings.air_density
+    return -np.asarray(settings.pressure_coefficient) * 0.5 * settings.air_density
 
 
 def mean_wind_force(x: np.ndarray, vector: np.ndarray, settings: Any) -> np.ndarray:
@@ -102,7 +102,7 @@ def make_wind_field(
     mean, gust, model = profile(x[:, 2]), make_gust(settings), None
     if gust is None:
         points, corner, weight = plan_points(y, up.any(1), settings.control_points)[:3]
-    elif settings.gusts == "points":
+    elif settings.gust_field == "point":
         points, corner, weight = _points(y, up, mean, settings)
         gusts = PointGusts(points, profile(points[:, 2]), settings.coherence_decay)
         model = fit_gust_model(gusts, gust, settings.time_step, settings.ar_order)

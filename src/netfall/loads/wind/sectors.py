@@ -12,7 +12,9 @@ from netfall.core.errors import InputError
 from netfall.job.csv_table import Table
 from netfall.job.job import Job
 
-ROOF_COLUMN = "shape_coefficient"  # column of nodes in no zone, or in a zone without a column
+ROOF_COLUMN = "pressure_coefficient"  # column of nodes in no zone, or in a zone without a column
+
+OLD_ROOF_COLUMN = "shape_coefficient"  # its name before version 0.5
 
 
 def describe_origin(direction: float) -> str:
@@ -44,7 +46,7 @@ class Sectors:
 
 
 def read_sectors(job: Job, zones: list[str]) -> Sectors:
-    """Read the table of a job with columns direction, shape_coefficient, and one per zone name.
+    """Read the table of a job with columns direction, pressure_coefficient, and one per zone name.
 
     Raises InputError with all errors in it.
     """
@@ -52,7 +54,8 @@ def read_sectors(job: Job, zones: list[str]) -> Sectors:
     columns = {name.lower(): name for name in zones}  # as headers are read
     if len(columns) < len(zones):
         raise InputError(f"{path}: zones whose names differ in capital letters alone have the same column")
-    table = Table(path, ("direction", ROOF_COLUMN, *columns), ("direction", ROOF_COLUMN))
+    known = ("direction", ROOF_COLUMN, *columns)
+    table = Table(path, known, ("direction", ROOF_COLUMN), {OLD_ROOF_COLUMN: ROOF_COLUMN})
     direction = table.numbers("direction", unit="degrees")
     for row in np.flatnonzero(~((direction >= 0) & (direction < 360)))[:3]:
         cell = table.words("direction")[row][:40]

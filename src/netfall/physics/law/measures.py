@@ -22,7 +22,7 @@ class Measure(NamedTuple):
     largest: float
 
 
-MEASURES = {  # by [cable] strain
+MEASURES = {  # by [cable] strain_measure
     "engineering": Measure(
         strain=lambda L, L0: (L - L0) / L0,
         stretch=lambda eps: 1.0 + eps,

@@ -48,6 +48,8 @@ def scale(
     Returns the paths of the table and its picture, in `folder`.
     """
     job = read_dynamic_job(path, overrides)
+    for line in job.warnings:
+        say(line)
     check_launcher(launcher)
     cases = [("strong", count, []) for count in ranks]
     cases += [("weak", count, enlarge_overrides(job, count / ranks[0])) for count in ranks]
@@ -86,8 +88,9 @@ def enlarge_overrides(job: Job, factor: float) -> list[str] | None:
     if job.net.generator is None:
         return [f"net.subdivide={round(job.net.subdivide * factor)}"] if factor == round(factor) else None
     keys = [key for key in GENERATOR_KEYS[job.net.generator] if key not in CONSTANT_KEYS]
-    longer = {key: getattr(job.net, key) * math.sqrt(factor) for key in keys}
-    return [f"net.{key}={_rounded(key, value)!r}" for key, value in longer.items()]
+    dimensions = getattr(job.net, job.net.generator)
+    longer = {key: getattr(dimensions, key) * math.sqrt(factor) for key in keys}
+    return [f"net.{job.net.generator}.{key}={_rounded(key, value)!r}" for key, value in longer.items()]
 
 
 def _rounded(key: str, value: float) -> float | int:

@@ -114,6 +114,8 @@ def trade(
     Raises InputError, Interrupted if `stop` requests it.
     """
     job = read_dynamic_job(path, overrides)
+    for line in job.warnings:
+        say(line)
     check_launcher(launcher)
     settings = combinations(vary) if vary else default_settings(job)
     *varied, reference_job = [read_job(path, [*overrides, *setting]) for setting in [*settings, reference]]
@@ -157,7 +159,7 @@ def default_reference(study: AccuracyStudy, job: Job) -> list[str]:
 def automatic_step(study: AccuracyStudy, job: Job) -> float:
     """Return the shortest step [s] that "auto" takes, from a run of a single history row."""
     setting = ["dynamics.time_step=auto", "dynamics.safety=0.8", "output.frames=1"]
-    setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history)!r}")
+    setting.append(f"dynamics.duration={min(job.dynamics.duration, job.output.history_interval)!r}")
     (outcome,) = study.measure([setting], 1)
     if outcome.state != "finished":
         raise InputError(
@@ -219,10 +221,10 @@ def default_settings(job: Job) -> list[list[str]]:
             *scaled,
             "dynamics.mass_scaling=0.05",
             "dynamics.safety=0.95",
-            f"output.history={5.0 * job.output.history:g}",
+            f"output.history_interval={5.0 * job.output.history_interval:g}",
         ]
     )
     settings.append(["output.energy=false"])
-    measures = find_key("cable", "strain").choices
-    settings += [[f"cable.strain={other}"] for other in measures if other != job.cable.strain]
+    measures = find_key("cable", "strain_measure").choices
+    settings += [[f"cable.strain_measure={other}"] for other in measures if other != job.cable.strain_measure]
     return [*settings, [f"net.subdivide={2 * job.net.subdivide}"]]

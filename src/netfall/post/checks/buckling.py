@@ -7,6 +7,7 @@ chi = 1 / (phi + sqrt(phi^2 - lambda^2)), at most 1
 
 import numpy as np
 
+from netfall.job.groups import group_values
 from netfall.results.file import read_job_tables
 from netfall.results.states import DYNAMIC_STAGE, equilibria
 
@@ -85,7 +86,8 @@ def chain_bars_without_length(f) -> np.ndarray:
     """Select the bars (m,) of bending chains whose job gives no buckling_length."""
     if "bending" not in f["net"]:
         return np.zeros(len(f["net/elements"]), bool)
-    cable, names = read_job_tables(f).get("cable", {}), f["net/group_names"].asstr()[:]
-    lengths = [{**cable, **cable.get(name, {})}.get("buckling_length") for name in names]
+    job, names = read_job_tables(f), f["net/group_names"].asstr()[:]
+    groups, cable = job.get("group", {}), job.get("cable", {})
+    lengths = [(cable | group_values(groups, name)).get("buckling_length") for name in names]
     has_length = np.array([length is not None for length in lengths])
     return (f["net/bending"][:] == 1) & ~has_length[f["net/group"][:]]

@@ -27,9 +27,7 @@ class CheckTable(Section):
 
     name: Text = key("of the check", ...)
     title: Text = key("what it is, in reports", ...)
-    kind: Literal["ultimate", "service", ""] = key(
-        "of the combinations that it is of; absent: of every state", ""
-    )
+    kind: Literal["ULS", "SLS", ""] = key("of the combinations that it is of; absent: of every state", "")
     resistance: Tables = key("the least one counts", ...)
 
 

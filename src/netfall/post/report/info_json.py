@@ -14,7 +14,7 @@ from netfall.results import file, states
 
 
 def print_info_json(path: Path, say: Callable[[str], None]) -> None:
-    """Print the summary of a result file as one JSON object in SI units. Raises InputError for a wrong file."""
+    """Print the summary of a result file as JSON, in SI units. Raises InputError for a wrong file."""
     with file.open_checked(path) as f:
         say(json.dumps(plain(info_of_result(f)), indent=2, allow_nan=False))
 

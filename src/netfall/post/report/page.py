@@ -384,7 +384,7 @@ def _cutting(f, table: dict, cutting: Cutting) -> list[str]:
     load = f"its mean tension {preposition} {start_name(f)}" if cutting.load is None else force(cutting.load)
     warning = [
         bold(
-            "Errors of length that were drawn (length_deviation) are in these lengths and in the shop list: "
+            "Errors of length that were drawn (length_std) are in these lengths and in the shop list: "
             "what is to be cut stands in the report of a run without them."
         ),
         "",

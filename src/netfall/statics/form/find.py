@@ -78,7 +78,7 @@ def find_form(
     free = padded_copy(1 - held.astype(np.uint8))
     guided = comm.bcast(net is not None and bool(is_guided(net, net.held).any()))
     turned = particles(net and rotation_column(net, net.held)) if guided else None
-    if settings.method == "keep":
+    if settings.method == "given_geometry":
         return form_as_given(comm, net, distribution, settings, x, free, load)
     given_elements = Elements(distribution, net, x, settings.modulus_factor, carried, turned)
     owned_load = None if carried is None else carried[: halo.n_owned]

@@ -90,8 +90,8 @@ def equations_of(net: Net) -> Equations:
     count = np.bincount(column)
     if 3.0 * net.n * len(count) > LARGEST:
         raise InputError(
-            f'[form_finding] method = "keep": {len(count)} groups and {net.n} nodes make a matrix of '
-            f"{3.0 * net.n * len(count):.2g} entries; at most {LARGEST:.0e} fit: fewer groups"
+            f'[form_finding] method = "given_geometry": {len(count)} groups and {net.n} nodes make a matrix '
+            f"of {3.0 * net.n * len(count):.2g} entries; at most {LARGEST:.0e} fit: fewer groups"
         )
     matrix = np.zeros((net.n, 3, len(count)))
     unit = _directions(net)[movable] / np.sqrt(count)[column, None]
@@ -147,8 +147,8 @@ def _check_states(net: Net, equations: Equations, fit: Any, has_prestress: np.nd
         raise InputError(_no_state_message(net, equations, fit.least))
     if not has_prestress.any():
         raise InputError(
-            '[form_finding] method = "keep": no element that can move has a prestress, to which the '
-            "self-stress could be the nearest; give [cable] prestress, or that of one group"
+            '[form_finding] method = "given_geometry": no element that can move has a prestress, to which '
+            "the self-stress could be the nearest; give [cable] prestress, or that of one group"
         )
 
 
@@ -162,9 +162,10 @@ def _not_in_states_message(net: Net, equations: Equations, fit: Any, asked: np.n
 
     takes_part = (np.abs(states) > NOTHING).any(0)
     return (
-        f'[form_finding] method = "keep": prestress of group {named(asked)}: no state of self-stress of the '
-        f"geometry has it ({len(states)} known, with forces in {named(takes_part)}; the nearest one to the "
-        "prestress is zero). Give a prestress to groups that take part, or correct the geometry or the groups"
+        f'[form_finding] method = "given_geometry": prestress of group {named(asked)}: no state of '
+        f"self-stress of the geometry has it ({len(states)} known, with forces in {named(takes_part)}; the "
+        "nearest one to the prestress is zero). Give a prestress to groups that take part, or "
+        "correct the geometry or the groups"
     )
 
 
@@ -176,10 +177,10 @@ def _no_state_message(net: Net, equations: Equations, least: float) -> str:
     misfit = lengths(_residual(net, N, None)) / np.abs(N).max()
     p = int(np.argmax(misfit))
     return (
-        '[form_finding] method = "keep": the geometry has no state of self-stress with one axial force in '
-        f"each of its {len(equations.count)} groups; the forces nearest to one leave {misfit[p]:.3g} of the "
-        f"largest at node {net.node_id[p]}; divide groups whose forces differ, correct the geometry, or "
-        "raise tolerance if coordinates are rounded"
+        '[form_finding] method = "given_geometry": the geometry has no state of self-stress with one axial '
+        f"force in each of its {len(equations.count)} groups; the forces nearest to one leave "
+        f"{misfit[p]:.3g} of the largest at node {net.node_id[p]}; divide groups whose "
+        "forces differ, correct the geometry, or raise tolerance if coordinates are rounded"
     )
 
 
@@ -196,7 +197,7 @@ def _check_residual(net: Net, result: SelfStress, tolerance: float) -> None:
         for p in worst[:MAX_LISTED_NODES]
     )
     raise DivergedError(
-        f'[form_finding] method = "keep": {counted("node", net.node_id[over])} '
+        f'[form_finding] method = "given_geometry": {counted("node", net.node_id[over])} '
         f"{'is' if len(over) == 1 else 'are'} not in equilibrium to {allowed:.3g} N with one axial force in "
         f"each group: {first}; divide groups, change the geometry, or raise tolerance"
     )

@@ -23,7 +23,7 @@ MANY = 10_000  # particles: below that, relaxation is as fast as Newton's method
 MAX_WORST_NODES = 5  # nodes that the message on a failure names
 ADVICE = (
     "for struts and rings set [form_finding] modulus_factor = 1, or begin with a state of self-stress, "
-    'method = "keep"; give prestresses or force densities that balance at these nodes'
+    'method = "given_geometry"; give prestresses or force densities that balance at these nodes'
 )
 
 

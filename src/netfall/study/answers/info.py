@@ -252,7 +252,7 @@ def _losses(study: Study, say) -> None:
     if np.any(study.members.get("gusts", 0)):
         say(
             "  note: gusts blow on after a loss, so dynamic factors are of both; those of the loss alone "
-            "come in the mean wind ([wind] turbulence = 0, or a table that stays at its mean)"
+            "come in the mean wind ([wind] turbulence_intensity = 0, or a table that stays at its mean)"
         )
     pair = asymmetric_pair(study, losses)
     if pair:

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 
 from netfall.core.errors import InputError
-from netfall.job.schema import SECTIONS
+from netfall.job.schema import TABLES
 from netfall.results.outcomes import OUTCOME_BY_NAME, OUTCOMES
 from netfall.study.table import STUDY_ATTRIBUTE, read_columns
 
@@ -108,8 +108,12 @@ def unit_of_column(name: str) -> str:
     """Return the unit of a column of /members, "" if it has none: an outcome, or a key of the job."""
     if name in OUTCOME_BY_NAME:
         return OUTCOME_BY_NAME[name].unit
-    section, _, key = name.partition(".")
-    return next((row.unit for row in SECTIONS.get(section, ()) if row.name == key.split(".")[-1]), "")
+    section, key = name.split(".")[0], name.split(".")[-1]
+    keys = [
+        *TABLES.get("cable" if section == "group" else section, ()),
+        *TABLES.get(name.rpartition(".")[0], ()),
+    ]
+    return next((row.unit for row in keys if row.name == key), "")
 
 
 def with_unit(name: str) -> str:

@@ -1,0 +1,72 @@
+"""Properties of groups of elements, [group.NAME], in which NAME may be a pattern: [group."strut*"]."""
+
+from collections.abc import Iterable, Iterator
+from fnmatch import fnmatchcase
+from typing import Any
+
+from netfall.job.models import Group
+from netfall.job.schema import EXCLUSIVE_KEYS
+from netfall.job.values import format_value
+
+Groups = dict[str, Group]  # by the NAME of [group.NAME]
+
+
+def is_pattern(name: str) -> bool:
+    """Tell whether the name of a section [group.NAME] is a pattern."""
+    return not set(name).isdisjoint("*?[")
+
+
+def matching_patterns(groups: Groups, name: str) -> list[str]:
+    """Return the patterns that match the name of a group."""
+    return [key for key in groups if key != name and is_pattern(key) and fnmatchcase(name, key)]
+
+
+def own_values(groups: Groups, name: str) -> dict[str, Any]:
+    """Return the keys that the section of a group's own name gives."""
+    return groups[name].given() if name in groups else {}
+
+
+def pattern_values(groups: Groups, name: str) -> dict[str, Any]:
+    """Return the keys that patterns give to a group."""
+    patterns = matching_patterns(groups, name)
+    return {key: value for each in patterns for key, value in groups[each].given().items()}
+
+
+def group_values(groups: Groups, name: str) -> dict[str, Any]:
+    """Return the keys that a group overrides: those of its own section go before those of patterns."""
+    return pattern_values(groups, name) | own_values(groups, name)
+
+
+def section_of_key(groups: Groups, name: str, key: str) -> str:
+    """Return the name of the section that gives a group one of its keys."""
+    if key in own_values(groups, name):
+        return name
+    return next(each for each in matching_patterns(groups, name) if key in groups[each].given())
+
+
+def unmatched_sections(groups: Groups, names: Iterable[str]) -> list[str]:
+    """Return the names of sections that are of no group. names : of all groups"""
+    known = {*names} - {""}
+    return [
+        key
+        for key in groups
+        if key not in known and not (is_pattern(key) and any(fnmatchcase(name, key) for name in known))
+    ]
+
+
+def pattern_errors(groups: Groups, names: Iterable[str]) -> Iterator[str]:
+    """Yield an error for each pair of patterns that give a group the same key. names : of all groups"""
+    clashes: dict[tuple[str, str, str], str] = {}  # name of a group by both patterns and the key
+    for name in names:
+        giver: dict[str, str] = {}  # by key; the keys of a pair, of which only one is given, count as one
+        for pattern in matching_patterns(groups, name):
+            for key in groups[pattern].given():
+                quantity = next((pair[0] for pair in EXCLUSIVE_KEYS if key in pair), key)
+                other = giver.setdefault(quantity, pattern)
+                if other != pattern:
+                    clashes.setdefault((other, pattern, key), name)
+    for (one, other, key), name in clashes.items():
+        yield (
+            f"[group.{one}] and [group.{other}] both give {key} to the group {format_value(name)}; keep "
+            "it in one of them"
+        )
