@@ -96,7 +96,7 @@ ABSURD = (  # sizes that no machine holds, values that do not go together
         "cable.density=1e-300",
         "net.saddle.side=1e-200",
         "net.saddle.side=1e200",
-        "net.stadium.spacing=2.0",
+        "net.spacing=2.0",
     ),
     *("group.nogroup.area=1.0", "cable.yield_stress=1.0", 'net.nodes="nodes.csv"'),
     *(
