@@ -12,6 +12,7 @@ from netfall.job.job import parse_tables
 from netfall.job.read import read_job
 from netfall.job.renames import REMOVED_KEYS, RENAMED_KEYS, RENAMED_VALUES
 from netfall.job.schema import GENERATOR_KEYS
+from netfall.loads.wind.sectors import read_sectors
 from netfall.study.file import read_study_plan
 
 OLD_JOBS = sorted((ROOT / "tests" / "old_names").glob("*.toml"))  # as version 0.4 wrote shipped jobs
@@ -225,6 +226,18 @@ def test_dimensions_may_be_set_by_their_old_names(workshop):
     path = workshop.job('[net]\ngenerator = "saddle"\n' + STEEL)
     assert read_job(path, ["net.cells=4", "net.saddle.side=9"]).net.saddle.cells == 4
     assert read_job(path, ["net.halves=2", "net.generator=stadium"]).net.stadium.halves == 2
+
+
+def test_the_column_of_the_roof_may_have_its_old_name(write):
+    """In a table of sectors; a warning gives the new name."""
+    path = write(STEEL + '[wind]\nspeed = 9.0\nsectors = "cp.csv"\nsurface_drag = 0.0\nbase_height = 0.0\n')
+    path.write_text(path.read_text() + "[dynamics]\nduration = 0.1\n")
+    table = path.parent / "cp.csv"
+    table.write_text("direction,shape_coefficient\n0,-1\n90,-2\n")
+    sectors = read_sectors(read_job(path), [])
+    assert sectors.of_roof.tolist() == [-1.0, -2.0]
+    what = "column shape_coefficient: renamed in version 0.5; write pressure_coefficient."
+    assert sectors.notes == [f"warning: {table}: {what}"]
 
 
 STUDY = """job = "job.toml"

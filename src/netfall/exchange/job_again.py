@@ -66,7 +66,9 @@ def write_rerun_job(
         job, Path(provenance_text(result.file, "job_folder")), folder, dict.fromkeys(exported)
     )
     head = HEAD.format(mark=MARK, title=one_line(result.title))
-    ordered_job = {name: job[name] for name in ("title", "net", "cable", "group")} | job
+    if not job["group"]:
+        del job["group"]
+    ordered_job = {name: job[name] for name in ("title", "net", "cable", "group") if name in job} | job
     (folder / "job.toml").write_text(head + toml_text(ordered_job), encoding="utf-8")
     return [f"{folder / 'job.toml'}: runs this net again, without form finding", *lines]
 

@@ -115,7 +115,7 @@ class Renaming:
         """Rename the keys of a job's tables in place."""
         given = dict(data)
         data.clear()
-        data.update({name: {} for name, table in given.items() if isinstance(table, dict)})
+        data.update({name: {} if isinstance(value, dict) else value for name, value in given.items()})
         for path, value in self._renamed(_leaves(given), _section_text).items():
             if path[0] in LIST_KEYS and isinstance(value, list):
                 value = [self._entry(path[0], entry) if isinstance(entry, dict) else entry for entry in value]
@@ -218,7 +218,7 @@ def _insert(tables: dict, path: Path, value) -> None:
         tables = tables.setdefault(part, {})
         if not isinstance(tables, dict):
             return
-    tables.setdefault(path[-1], value)
+    tables[path[-1]] = value if value != {} else tables.get(path[-1], {})
 
 
 def _split(name: str) -> Path:
