@@ -76,18 +76,19 @@ def _check_lines(job: Job, folder: Path | None) -> Iterator[str]:
     problem = prepare_problem(MPI.COMM_SELF, checked_job, PhaseTimes(), memory=memory)[0]
     if problem.failure:
         raise problem.failure
-    model = problem.model
+    model = problem.root_model
     yield f"{job.path}: {job.title or job.name}: valid"
     yield from _net_lines(problem)
     if problem.form:
-        yield from (run.form_line(problem), *run.form_change_lines(problem))
+        yield from (run.form_line(problem, problem.form), *run.form_change_lines(problem, problem.form))
     yield from run.start_notes(problem)
     yield "stages: " + ", ".join(run.stages(job))
     yield f"the scene has: {run.feature_text(job, model)}"
     yield from wind_lines(job, model)
     if problem.schedule:
         yield from (run.limit_line(limit, model) for limit in problem.limits.values())
-        yield f"steps: {describe_steps(problem.schedule)}" + " (auto)" * (job.dynamics.time_step == "auto")
+        is_auto = problem.dynamics.time_step == "auto"
+        yield f"steps: {describe_steps(problem.schedule)}" + " (auto)" * is_auto
         yield from run.dynamic_remarks(problem)
     yield from (run_time_line(problem), ranks_line(problem), memory_line(problem))
     yield from mode_lines(checked_job, problem)
@@ -95,7 +96,7 @@ def _check_lines(job: Job, folder: Path | None) -> Iterator[str]:
 
 def _net_lines(problem: Problem) -> Iterator[str]:
     """Yield lines on the net, its masses and its roof."""
-    model, net = problem.model, problem.model.net
+    model, net = problem.root_model, problem.root_model.net
     groups = (f"{name or '(none)'} {int((net.group == g).sum())}" for g, name in enumerate(net.group_names))
     yield f"{run.net_line(model)} in groups {', '.join(groups)}"
     L0, N = model.L0, model.N
@@ -123,7 +124,7 @@ def _net_lines(problem: Problem) -> Iterator[str]:
 
 def run_time_line(problem: Problem) -> str:
     """Return a line on the expected run time on one core, with its parts."""
-    job, schedule, m = problem.job, problem.schedule, problem.model.net.m
+    job, schedule, m = problem.job, problem.schedule, problem.root_model.net.m
     parts, remark = {"start, net and form": START_S + NET_S * m}, ""
     if job.stages or job.targets:
         parts["erection"] = STAGE_S * m * (len(job.stages) + TARGET_EQUILIBRIA * bool(job.targets))
@@ -178,7 +179,7 @@ def _is_predicted(problem: Problem, want: EquilibriumRequest) -> bool:
 
 def memory_line(problem: Problem) -> str:
     """Return a line on the memory and disk space of a run."""
-    m, state = problem.model.net.m, problem.state
+    m, state = problem.root_model.net.m, problem.state
     size = sum(getattr(state, f.name).nbytes for f in FIELDS if getattr(state, f.name) is not None)
     least, extra = result_bytes(problem)
     up_to = f", up to {(least + extra) / 1e6:.3g} MB where elements break until the end" if extra else ""
@@ -195,7 +196,7 @@ def result_bytes(problem: Problem) -> tuple[float, float]:
 
     The increase assumes that elements break before every frame.
     """
-    job, model, net = problem.job, problem.model, problem.model.net
+    job, model, net = problem.job, problem.root_model, problem.root_model.net
 
     def size(entity_bytes: tuple[int, int]) -> float:
         of_particle, of_element = entity_bytes
@@ -209,8 +210,8 @@ def result_bytes(problem: Problem) -> tuple[float, float]:
         probes, field = model.layout.probes, model.wind_field
         row = ROW_BYTES + 24 * len(probes.particles) + 8 * (len(probes.elements) + len(probes.named))
         least += row * len(problem.schedule.history)
-        if field is not None and field.model is not None:
-            least += 8 * (1 + len(field.control_point)) * job.dynamics.duration / job.wind.time_step
+        if job.wind is not None and field is not None and field.model is not None:
+            least += 8 * (1 + len(field.control_point)) * problem.dynamics.duration / job.wind.time_step
     return least, frames * size(CONNECTIVITY_BYTES) if problem.state.features.fracture else 0.0
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from netfall.geometry.net import GRAVITY
 from netfall.loads.redistribution import Redistribution
+from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.air import subtract_air
@@ -33,7 +34,7 @@ class Corners(NamedTuple):
     air: np.ndarray
     air_mass: np.ndarray
 
-    def at(self, rows) -> "Corners":
+    def at(self, rows: np.ndarray | int) -> "Corners":
         """Return the corners of some rows."""
         return Corners(*(column[rows] for column in self))
 
@@ -46,7 +47,14 @@ class Corners(NamedTuple):
 class PanelTearing:
     """Panels that are still on the roof, and what leaves with one; the same on all ranks."""
 
-    def __init__(self, comm: MPI.Comm, distribution: Distribution, model, broken, stable_dt: float):
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        distribution: Distribution,
+        model: Model | None,
+        broken: np.ndarray,
+        stable_dt: float,
+    ):
         """model : on rank 0; broken : elements so far, in a resumed run. Collective.
 
         stable_dt : [s], for which particles must stay stable
@@ -77,7 +85,7 @@ class PanelTearing:
         least_mass = np.maximum(own_mass, 0.5 * self.stable_dt**2 * stiffness)
         for index in corners.tolist():
             p, corner_loads = self.row[index], self.corners.at(index)
-            subtract_air(state, p, corner_loads.air, corner_loads.air_mass)
+            subtract_air(state, p, corner_loads.air, float(corner_loads.air_mass))
             mass = min(corner_loads.mass, max(0.0, state.mass[p] - least_mass[p]))
             if state.work is not None:
                 state.work[p, 0] -= 0.5 * mass * float(np.sum(state.v[p] ** 2))

@@ -11,7 +11,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import llvmlite.binding
@@ -98,7 +98,7 @@ def marker() -> Path:
 
 
 @contextlib.contextmanager
-def turn():
+def turn() -> Iterator[None]:
     """Let one process run the block at a time; without file locks, all run at once.
 
     A process waits no longer than PATIENCE.

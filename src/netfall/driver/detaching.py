@@ -9,6 +9,7 @@ the wind pressure on such a part ends then, and the drag of the relative wind ac
 import numpy as np
 
 from netfall.driver.problem import Problem
+from netfall.driver.varying_loads import WindLoad
 from netfall.geometry.connected_parts import connected_parts, part_contains
 from netfall.loads.wind.field import particle_speeds
 from netfall.model.model import Model
@@ -32,7 +33,7 @@ class DetachedParts:
         """Collective."""
         job, model = problem.job, problem.model
         self.comm, self.distribution, self.model = problem.comm, problem.distribution, model
-        self.dt, self.step_at = problem.schedule.dt, problem.schedule.step_at
+        self.dt, self.step_at = problem.dynamic_schedule.dt, problem.dynamic_schedule.step_at
         self.ends_wind = job.wind is not None and job.wind.after_fracture == "detached"
         self.least = problem.comm.bcast(model and LARGE * float(model.own_mass[model.net.moves].sum()))
         self.part = np.full(problem.state.first_split, ATTACHED)
@@ -80,9 +81,9 @@ class DetachedParts:
         distribution = self.distribution
         broken = distribution.gather_elements(state.broken, state.owned.astype(bool))
         held = distribution.gather_particles(state.is_held())
-        mass = state.mass if state.air_mass is None else state.mass - state.air_mass
-        mass = distribution.gather_particles(mass)
-        if self.model is None:
+        own_mass = state.mass if state.air_mass is None else state.mass - state.air_mass
+        mass = distribution.gather_particles(own_mass)
+        if self.model is None or held is None:
             return None
         net = self.model.net
         label = connected_parts(net.elements[broken == 0], net.n)
@@ -122,27 +123,24 @@ class DetachedParts:
         self.broken = -1 if small["broken"] else 0
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
 
-    def columns(self, wind) -> dict[str, np.ndarray]:
+    def columns(self, wind: WindLoad | None) -> dict[str, np.ndarray]:
         """Return the datasets of /detached, none if no part was followed; on rank 0.
 
-        wind : `varying_loads.WindLoad`, None: there is none
+        wind : None: there is none
         """
-        if not self.rows:
+        if not self.rows or self.model is None:
             return {}
         rows = np.array(self.rows)
         time, mass, velocity = rows[:, 0], rows[:, 2], rows[:, 3:]
         node_id = self.model.net.node_id[rows[:, 1].astype(np.int64)]
-        gust = np.float64(largest_gust(self.model, wind, time[-1]) if wind else np.nan)
+        gust = np.array(largest_gust(self.model, wind, time[-1]) if wind else np.nan)
         return {"time": time, "node_id": node_id, "mass": mass, "velocity": velocity, "largest_gust": gust}
 
 
-def largest_gust(model: Model, wind, time: float) -> float:
-    """Return the largest wind speed [m/s] at any node up to a time [s]; nan: only pressures are known.
-
-    wind : `varying_loads.WindLoad`
-    """
+def largest_gust(model: Model, wind: WindLoad, time: float) -> float:
+    """Return the largest wind speed [m/s] at any node up to a time [s]; nan: only pressures are known."""
     field = model.wind_field
-    if field.tapped:
+    if field is None or field.tapped:
         return float(model.drag.speed.max()) if model.drag else np.nan
     speed, largest = np.empty(len(field.mean)), 0.0
     for gust in wind.record_until(time)[1]:

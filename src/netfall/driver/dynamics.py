@@ -1,5 +1,6 @@
 """Dynamic stage: from the initial state through gusts and fractures to the end (paper 2.5, 3, 4)."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ from netfall.driver.removal import equilibria as removal_equilibria
 from netfall.driver.removal.equilibria import planned_removals
 from netfall.driver.removal.members import MemberRemoval
 from netfall.driver.stepper import Stepper
-from netfall.driver.varying_loads import WindLoad, varying_loads
+from netfall.driver.varying_loads import VaryingLoad, WindLoad, varying_loads
 from netfall.explicit.energy import (
     Energies,
+    Snapshot,
     energies_from_sums,
     local_extremes,
     take_snapshot,
@@ -36,6 +38,7 @@ from netfall.physics.base_motion import move_ground, start_with_ground
 from netfall.physics.law.measures import largest_stiffness
 from netfall.physics.slip.inertia import slip_inertia
 from netfall.physics.slip.motion import beside
+from netfall.physics.state import State
 from netfall.results.ids import event_ids
 from netfall.results.writer import slide_section
 
@@ -57,24 +60,18 @@ def required(job: Job) -> bool:
 
 def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     """Run the dynamic stage; result : the `Simulation`. Collective."""
-    losses, removal, start, state, schedule = (
-        planned_removals(problem),
-        None,
-        None,
-        problem.state,
-        problem.schedule,
-    )
+    losses, state, schedule = planned_removals(problem), problem.state, problem.dynamic_schedule
+    removal = start = None
     if problem.job.removes:
         removal = MemberRemoval(problem, losses, outcomes[removal_equilibria.NAME].result, context.log)
     with context.phases.phase("wind"):
-        loads = varying_loads(problem) + (list(removal.fades.values()) if removal else [])
-    context.progress.say(f"dynamics: {problem.job.dynamics.duration:g} s in {describe_steps(schedule)}")
+        loads = [*varying_loads(problem), *(removal.fades.values() if removal else ())]
+    context.progress.say(f"dynamics: {problem.dynamics.duration:g} s in {describe_steps(schedule)}")
     if context.saver.stage != NAME:
         if state.features.sliding:
             set_slip_inertia(problem)
         start = total_energies(problem.comm, state, take_snapshot(state, 0.0, 1.0, 0.0, 0.0))
-        if state.features.band:
-            relax_branches(state)
+        relax_branches(state)
     simulation = Simulation(problem, context, loads, removal)
     if start:
         simulation.begin(start)
@@ -94,34 +91,35 @@ def set_slip_inertia(problem: Problem) -> None:
 
     Collective.
     """
-    state, places = problem.state, problem.state.places
-    problem.finder.slips.freeze_weights(permanent_weight_factor(problem.job))
+    state, places, slips = problem.state, problem.state.places, problem.finder.slips
+    assert places is not None and slips is not None  # cables slide
+    slips.freeze_weights(permanent_weight_factor(problem.job))
     stiffness = beside(places, state.slip_share**2 * largest_stiffness(state.EA, state.L0))
-    inertia = slip_inertia(beside(places, state.half_mass), stiffness, problem.schedule.long_dt)
+    inertia = slip_inertia(beside(places, state.half_mass), stiffness, problem.dynamic_schedule.long_dt)
     state.slip_mass[places.node, places.column] = inertia
 
 
-def relax_branches(state) -> None:
-    """Set the Maxwell branches to long-term equilibrium, in which they add no force."""
+def relax_branches(state: State) -> None:
+    """Set the Maxwell branches, if any, to long-term equilibrium, in which they add no force."""
+    if state.branches is None:
+        return
     N = state.present_element_state().N
     for branch, alpha in zip((state.branch_a, state.branch_b, state.branch_c), state.branches[0]):
         branch[:] = alpha * N
 
 
-def sections(problem: Problem, simulation) -> dict[str, dict[str, np.ndarray]]:
+def sections(problem: Problem, simulation: "Simulation") -> dict[str, dict[str, np.ndarray]]:
     """Return the datasets of history, events, removals and wind, on rank 0."""
     model = problem.model
-    locked_at = (
-        problem.distribution.gather_particles(problem.state.slip_locked)
-        if problem.state.features.sliding
-        else None
-    )
+    locked_at = None
+    if problem.state.features.sliding:
+        locked_at = problem.distribution.gather_particles(problem.state.slip_locked)
     if model is None:
         return {}
     history, events = simulation.history, simulation.log.columns()
     datasets = {"history": history.columns() | history.probe_columns()}
     datasets["events"] = events | event_ids(model.net, events)
-    if model.layout.slides:
+    if model.layout.slides and locked_at is not None:
         datasets["slide"] = slide_section(model.net, model.layout.slides) | history.slip_columns()
         # [s] at which a slip point stopped because too little length was left
         time = locked_at[model.layout.slides.node, model.layout.slides.column]
@@ -152,13 +150,16 @@ class Simulation(Stepper):
     stop flag at the same steps.
     """
 
-    def __init__(self, problem: Problem, context: RunContext, loads: list, removal: MemberRemoval | None):
+    def __init__(
+        self, problem: Problem, context: RunContext, loads: list[VaryingLoad], removal: MemberRemoval | None
+    ):
         """Collective. loads : that vary, see `varying`; removal : of members, None: none"""
         probes = problem.comm.bcast(problem.model and problem.model.layout.probes)
         self.envelope = DynamicEnvelope(problem.distribution, problem.state.joints is not None)
         self.history = History(probes, problem.state.features)
-        schedule, subdomain = problem.schedule, problem.distribution.subdomain
-        slips = problem.finder.slips.numbers() if problem.state.features.sliding else None
+        schedule, subdomain = problem.dynamic_schedule, problem.distribution.subdomain
+        finder_slips, is_sliding = problem.finder.slips, problem.state.features.sliding
+        slips = finder_slips.numbers() if finder_slips is not None and is_sliding else None
         widen_every, due = ENVELOPE_STEPS * schedule.stride, schedule.history
         rows = RowTable(problem.state, due, schedule.dt, widen_every, subdomain, probes, self.envelope, slips)
         super().__init__(problem, context, loads, rows)
@@ -186,7 +187,7 @@ class Simulation(Stepper):
         if self.wind:
             saver.register("wind", self.wind.record, self.wind.restore, everywhere=True)
         if self.removal:
-            saver.register("removal", self.removal.record, self.restore_removal)
+            saver.register("removal", self.removal.record, partial(self.restore_removal, self.removal))
         if self.detaching:
             saver.register("detached", self.detaching.record, self.detaching.restore, everywhere=True)
         saver.register("simulation", self.record, self.restore)
@@ -242,7 +243,7 @@ class Simulation(Stepper):
         self.plan.run(self.interval(self.n)._replace(row=True), self.phases.of_steps)
         return True
 
-    def snapshot(self):
+    def snapshot(self) -> Snapshot:
         """Take a snapshot of the present step, with the loads at its time, in place of the one before."""
         self.loads.advance(self.state, self.n)
         share = (self.time - self.loads.time) / self.loads.dt
@@ -271,9 +272,11 @@ class Simulation(Stepper):
         self.loads.update_samples(self.state)
         self.loads.advance(self.state, self.n)
 
-    def restore_removal(self, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
+    def restore_removal(
+        self, removal: MemberRemoval, small: dict, arrays: dict[str, np.ndarray] | None
+    ) -> None:
         """Restore the member removals of an earlier run. Collective."""
-        for redistribution in self.removal.restore(small, arrays):
+        for redistribution in removal.restore(small, arrays):
             self.redistribute(redistribution)
 
     def restore_history(self, small: dict, arrays: dict[str, np.ndarray]) -> None:
@@ -290,7 +293,7 @@ class Simulation(Stepper):
             stop = min(target, self.n - self.n % self.look_every + self.look_every, self.rows.first_full_step)
             if self.removal:
                 if self.n == self.removal.next_step:
-                    self.remove_members()
+                    self.remove_members(self.removal)
                 stop = min(stop, self.removal.next_step)
             self.loads.advance(self.state, self.n)
             stop = min(stop, self.loads.due())
@@ -303,18 +306,18 @@ class Simulation(Stepper):
                     if self.stopping:
                         self.leave()
 
-    def remove_members(self) -> None:
+    def remove_members(self, removal: MemberRemoval) -> None:
         """Carry out the member removal that is due at the present step. Collective."""
         self.plan.collect_yield()
         self.share_events()
         elements = self.state.present_element_state()
         self.envelope.take_in(self.time, self.state)
-        redistribution = self.removal.remove_from(self.state, elements, self.time, self.before_dt, self.dt)
+        redistribution = removal.remove_from(self.state, elements, self.time, self.before_dt, self.dt)
         self.plan.attach(self.state)
         self.redistribute(redistribution)
         self.loads.update_samples(self.state)
         self.state.reset_extremes(elements.N)
-        self.result.losses = self.removal.done
+        self.result.losses = removal.done
 
     def find_detached(self) -> int:
         """Find the detached parts if that is due now; return the next step at which it is due. Collective.
@@ -341,7 +344,7 @@ class Simulation(Stepper):
         """Write a checkpoint of the present step; return its path. Collective."""
         return self.saver.save(NAME, self.n, self.state)
 
-    def check_energies(self, snapshot) -> None:
+    def check_energies(self, snapshot: Snapshot) -> None:
         """Raise DivergedError if the run has diverged, before the state is saved. Collective."""
         energies = total_energies(self.comm, self.state, snapshot)
         if diverges(energies, self.largest_work, self.start_strain):
@@ -364,7 +367,9 @@ class Simulation(Stepper):
                 buffered.size[k, 1],
                 int(buffered.who[k, 1]),
             )
-            raise divergence_error(self, int(buffered.number[k]), float(energies.kinetic[k]), extreme)
+            raise divergence_error(
+                self, int(buffered.number[k]), float(np.atleast_1d(energies.kinetic)[k]), extreme
+            )
         self.largest_work = work[-1]
         self.slack = int(buffered.slack[-1])
         time = buffered.number * self.schedule.dt
@@ -383,7 +388,7 @@ class Simulation(Stepper):
         )
 
 
-def diverges(energies: Energies, work, stored: float):
+def diverges(energies: Energies, work: float | np.ndarray, stored: float) -> np.ndarray:
     """Return whether the kinetic energy exceeds what the work can supply.
 
     work : [J] the largest external work before; stored : [J] in the elements at the start
@@ -393,7 +398,7 @@ def diverges(energies: Energies, work, stored: float):
     return ~np.isfinite(energies.kinetic) | (energies.kinetic > 2 * supply + 1e-9)
 
 
-def divergence_error(simulation, number: int, kinetic: float, extreme: tuple) -> DivergedError:
+def divergence_error(simulation: "Simulation", number: int, kinetic: float, extreme: tuple) -> DivergedError:
     """Return the error that names the fastest particle and the element with the largest strain. Collective.
 
     number : of the step; kinetic : [J]; extreme : of this rank, as of `energy.local_extremes`

@@ -1,5 +1,6 @@
 """Search for one equilibrium of a problem, for its limit load factor, and interruption of the search."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -70,7 +71,7 @@ class Effort(NamedTuple):
     gives_up : whether the search ends as soon as it is clear that an element breaks
     """
 
-    iterations: float
+    iterations: int
     tolerance: float
     relaxes: bool = True
     gives_up: bool = False
@@ -79,7 +80,8 @@ class Effort(NamedTuple):
 def _full_effort(problem: Problem, max_iterations: int | None = None) -> Effort:
     """Return the full effort that the job allows. max_iterations : None: as the job sets them"""
     settings = load_settings(problem.job)
-    return Effort(min(max_iterations or np.inf, settings.max_iterations), settings.tolerance)
+    most = settings.max_iterations if max_iterations is None else min(max_iterations, settings.max_iterations)
+    return Effort(most, settings.tolerance)
 
 
 def resumed_relaxation(distribution: Distribution, saver: CheckpointWriter) -> Relaxation | None:
@@ -121,8 +123,8 @@ def settle(
     load_case: StaticLoad,
     reference: float,
     stop: StopFlag,
-    resume=None,
-    max_iterations=None,
+    resume: Relaxation | None = None,
+    max_iterations: int | None = None,
 ) -> StaticOutcome:
     """Bring the state to one equilibrium, and update plastic strains. Collective.
 
@@ -141,7 +143,7 @@ def settle(
         relaxes=not has_limit_load, gives_up=load_case.kind in LIMIT_LOAD_KINDS
     )
     full_load, equilibrium = _try_load(problem, load_case, reference, stop, effort, resume)
-    if not full_load.reason:
+    if equilibrium is not None and not full_load.reason:
         return _outcome_with_limit_point(problem, load_case, reference, start, equilibrium, stop)
     if load_case.kind in LIMIT_LOAD_KINDS or full_load.reason == BREAKS:
         return _limit_load_outcome(problem, load_case, reference, start, full_load, has_limit_load, stop)
@@ -157,7 +159,12 @@ def _state_without_equilibrium(*tried: LimitUtilisation) -> str:
 
 
 def _try_load(
-    problem: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
+    problem: Problem,
+    load_case: StaticLoad,
+    reference: float,
+    stop: StopFlag,
+    effort: Effort,
+    resume: Relaxation | None = None,
 ) -> tuple[LimitUtilisation, Equilibrium | None]:
     """Return the utilisation under a load and its equilibrium, None if none was found. Collective.
 
@@ -177,7 +184,8 @@ def _try_load(
 def _carried_outcome(problem: Problem, load_case: StaticLoad, equilibrium: Equilibrium) -> StaticOutcome:
     """Return the outcome of an equilibrium under the whole load; update plastic strains. Collective."""
     _update_plastic_strains(problem.state, equilibrium.snapshot)
-    state, elements = EQUILIBRIUM, ()
+    state: str = EQUILIBRIUM
+    elements: tuple[int, ...] = ()
     if equilibrium.solution.unstable_at >= 0:
         state, elements = UNSTABLE, _compressed_elements(problem, equilibrium.solution.unstable_at)
     return StaticOutcome(state, load_case.factor, INSTABILITY_TEXT if elements else "", elements, equilibrium)
@@ -290,7 +298,12 @@ def _reason_text(problem: Problem, utilisation: LimitUtilisation) -> str:
 
 
 def _find(
-    problem: Problem, load_case: StaticLoad, reference, stop, effort: Effort, resume=None
+    problem: Problem,
+    load_case: StaticLoad,
+    reference: float,
+    stop: StopFlag,
+    effort: Effort,
+    resume: Relaxation | None = None,
 ) -> Equilibrium:
     """Find the equilibrium, without an update of plastic strains.
 
@@ -326,7 +339,7 @@ def _limit_load_outcome(
     start: dict,
     full_load: LimitUtilisation,
     has_limit_load: bool,
-    stop,
+    stop: StopFlag,
 ) -> StaticOutcome:
     """Return the outcome of a load that is not carried in full: its limit load factor and the state there.
 
@@ -344,7 +357,7 @@ def _limit_load_outcome(
         if limit is FULLY_CARRIED or (has_limit_load and limit is None and not full_load.is_decided):
             restore_saved(problem.state, start)
             full_load, equilibrium = _try_load(problem, load_case, reference, stop, _full_effort(problem))
-            if not full_load.reason:
+            if equilibrium is not None and not full_load.reason:
                 return _outcome_with_limit_point(problem, load_case, reference, start, equilibrium, stop)
             limit = None
         limit = limit or _by_trials(problem, load_case, missing_load, reference, start, full_load, stop, say)
@@ -375,7 +388,13 @@ def _limit_load_outcome(
     )
 
 
-def _limit(problem: Problem, load_case: StaticLoad, missing_load: np.ndarray, stop, say) -> tuple | None:
+def _limit(
+    problem: Problem,
+    load_case: StaticLoad,
+    missing_load: np.ndarray,
+    stop: StopFlag,
+    say: Callable[[float, float], None],
+) -> tuple | None:
     """Find the limit load factor by work control. Collective. Raises Paused.
 
     missing_load : (n, 3) [N], not yet applied; say(low, high) : receives the bracket of the factor
@@ -404,11 +423,11 @@ def _by_trials(
     problem: Problem,
     load_case: StaticLoad,
     missing_load: np.ndarray,
-    reference,
+    reference: float,
     start: dict,
     full_load: LimitUtilisation,
-    stop,
-    say,
+    stop: StopFlag,
+    say: Callable[[float, float], None],
 ) -> tuple[float, LimitUtilisation, Equilibrium]:
     """Find the limit load factor by trials of factors, to a rough tolerance. Collective. Raises Paused.
 
@@ -419,7 +438,8 @@ def _by_trials(
     state, full = problem.state, _full_effort(problem)
     from_above = problem.finder.slips is None and not has_compression(problem.comm, state)
     effort = Effort(min(FEW, full.iterations), max(ROUGH_TOLERANCE, full.tolerance))
-    best, above, equilibrium = (0.0, start), None, initial_equilibrium_record(problem)
+    best, equilibrium = (0.0, start), initial_equilibrium_record(problem)
+    above: tuple[float, dict[str, np.ndarray]] | None = None
 
     def under(share: float) -> StaticLoad:
         return load_case._replace(load=load_case.load - (1.0 - share) * missing_load)
@@ -427,9 +447,9 @@ def _by_trials(
     def trial(share: float) -> Trial:
         nonlocal best, above, equilibrium
         is_nearer = above is not None and above[0] - share < share - best[0]
-        restore_saved(state, above[1] if is_nearer else best[1])
+        restore_saved(state, above[1] if above is not None and is_nearer else best[1])
         utilisation, trial_equilibrium = _try_load(problem, under(share), reference, stop, effort)
-        if not utilisation.reason:
+        if trial_equilibrium is not None and not utilisation.reason:
             best, equilibrium = (share, save_state(state)), trial_equilibrium
         elif from_above and utilisation.reason == BREAKS:
             above = share, save_state(state)

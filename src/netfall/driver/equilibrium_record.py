@@ -36,7 +36,7 @@ def with_reactions(problem: Problem, outcome: StaticOutcome, load: np.ndarray) -
 
 def _slips(problem: Problem) -> list[float] | None:
     """Return the slips of all slip points, None if no cable slides."""
-    return problem.finder.slips and problem.finder.slips.s.tolist()
+    return None if problem.finder.slips is None else problem.finder.slips.s.tolist()
 
 
 def initial_equilibrium_record(problem: Problem) -> Equilibrium:

@@ -4,7 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.driver.dynamics import Simulation
 from netfall.driver.problem import Problem
+from netfall.explicit.energy import Snapshot
 from netfall.parallel.subdomain import Distribution
 from netfall.physics.state import State
 
@@ -29,19 +31,16 @@ def elastic_strain(N: np.ndarray, EA: np.ndarray) -> np.ndarray:
     return np.divide(N, EA, out=np.zeros(len(N)), where=EA > 0.0)
 
 
-def gather_extremes(distribution: Distribution, state: State, rows: Extremes) -> Extremes:
+def gather_extremes(distribution: Distribution, state: State, rows: Extremes) -> Extremes | None:
     """Gather the extremes of all ranks on rank 0; rows : of this rank, (m,) and (n_owned,). Collective."""
     owned = state.owned.astype(bool)
-    return Extremes(
-        tension=distribution.gather_elements(rows.tension, owned),
-        strain=distribution.gather_elements(rows.strain, owned),
-        compressed=distribution.gather_elements(rows.compressed, owned),
-        displacement=distribution.gather_particles(rows.displacement[:, None]),
-        sunk=distribution.gather_particles(rows.sunk[:, None]),
-    )
+    of_elements = [distribution.gather_elements(values, owned) for values in rows[:3]]
+    of_particles = [distribution.gather_particles(values[:, None]) for values in rows[3:]]
+    gathered = [values for values in of_elements + of_particles if values is not None]
+    return Extremes(*gathered) if gathered else None
 
 
-def extremes_of_motion(problem: Problem, simulation) -> Extremes:
+def extremes_of_motion(problem: Problem, simulation: Simulation) -> Extremes | None:
     """Return the extremes of a dynamic stage. Collective.
 
     The plastic strain of a cable never decreases, so that the last value is the largest.
@@ -70,7 +69,7 @@ class EquilibriumExtremes:
             sunk=np.zeros(n),
         )
 
-    def take_in(self, state: State, snapshot) -> None:
+    def take_in(self, state: State, snapshot: Snapshot) -> None:
         """Include an equilibrium."""
         largest, displacement = self._rows, (state.x - state.x_start)[snapshot.rows]
         np.fmax(largest.tension, snapshot.N, out=largest.tension)
@@ -81,6 +80,6 @@ class EquilibriumExtremes:
         )
         np.maximum(largest.sunk, -displacement[:, 2], out=largest.sunk)
 
-    def extremes(self, state: State) -> Extremes:
+    def extremes(self, state: State) -> Extremes | None:
         """Return the extremes over all equilibria so far. Collective."""
         return gather_extremes(self._distribution, state, self._rows)

@@ -1,7 +1,8 @@
 """Equilibria that a job needs, in order, with the loads that act in each."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,8 +14,12 @@ from netfall.job.derived import (
     starts_in_mean_wind,
     starts_loaded_for_removal,
 )
+from netfall.job.entries import Case, Combination
+from netfall.job.job import Job
 from netfall.model.actions import ALL_LOADS, Actions, StaticLoad, case_actions, combination_actions
 from netfall.model.model import Model
+
+UNKNOWN_LOAD = np.zeros((0, 3))  # N, in place of a load that is not computed yet
 
 
 class EquilibriumRequest(NamedTuple):
@@ -34,16 +39,16 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     """
     job = problem.job
     steps, final_wind = load_steps(job), starts_in_mean_wind(job)
-    apart = [
+    apart: list[tuple[Any, Callable[[Job, Model, Any], Actions]]] = [
         *((case, case_actions) for case in job.cases),
         *((static_load, combination_actions) for static_load in job.combinations),
     ]
-    requests = []
+    requests: list[EquilibriumRequest] = []
 
     weights = permanent_weight_factor(job)
 
-    def want(kind: str, name: str, acts: Callable[[Model], np.ndarray], **options) -> None:
-        load = StaticLoad(kind, name, None, weights=weights, **options)
+    def want(kind: str, name: str, acts: Callable[[Model], np.ndarray], **options: Any) -> None:
+        load = StaticLoad(kind, name, UNKNOWN_LOAD, weights=weights, **options)
         requests.append(EquilibriumRequest(load, lambda model: Actions(acts(model))))
 
     if apart or steps:
@@ -51,16 +56,16 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     for entry, acts in apart:
         what = "case" if acts is case_actions else "combination"
         weight = weights * action_factor(entry, "permanent") if acts is combination_actions else weights
-        static_load = StaticLoad(what, f"{what} {entry.name}", None, 1.0, entry.name, True, weights=weight)
-        requests.append(
-            EquilibriumRequest(static_load, lambda model, entry=entry, acts=acts: acts(job, model, entry))
+        static_load = StaticLoad(
+            what, f"{what} {entry.name}", UNKNOWN_LOAD, 1.0, entry.name, True, weights=weight
         )
+        requests.append(EquilibriumRequest(static_load, partial(_actions_of, acts, job, entry)))
     has_cases = bool(apart)
     for step in range(1, steps + 1):
         want(
             "step",
             f"static load step {step} of {steps}",
-            lambda model, factor=step / steps: model.loading.permanent + factor * model.loading.live,
+            partial(_step_load, step / steps),
             factor=step / steps,
             from_permanent=has_cases and step == 1,
             start_factor=(step - 1) / steps,
@@ -74,6 +79,18 @@ def equilibria(problem: Problem) -> list[EquilibriumRequest]:
     return requests
 
 
+def _actions_of(
+    acts: Callable[[Job, Model, Any], Actions], job: Job, entry: Case | Combination, model: Model
+) -> Actions:
+    """Return the actions of a case or combination."""
+    return acts(job, model, entry)
+
+
+def _step_load(factor: float, model: Model) -> np.ndarray:
+    """Compute the load (n, 3) [N] of a load step."""
+    return model.loading.permanent + factor * model.loading.live
+
+
 def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     """Return the load of an equilibrium with its arrays on this rank. Collective."""
     distribution = problem.distribution
@@ -81,9 +98,9 @@ def loaded(problem: Problem, request: EquilibriumRequest) -> StaticLoad:
     names = problem.comm.bcast(
         actions and {name for name, values in vars(actions).items() if values is not None}
     )
-    parts = {}
+    parts: dict[str, Any] = {}
     for name in Actions.__dataclass_fields__:
         if name in names:
             scatter = distribution.elements if name == "L0" else distribution.particles
-            parts[name] = scatter(actions and getattr(actions, name))
+            parts[name] = scatter(getattr(actions, name) if actions else None)
     return request.each._replace(**parts)

@@ -12,6 +12,7 @@ below zero, from a fixed start vector. Mass-proportional damping, v' = -zeta v, 
 """
 
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -48,6 +49,7 @@ MOVING = 0.5  # of the largest displacement [-]: nodes above it name a mode with
 LOAD_NAMES = {"step": "the static loads", "at once": "the constant loads", "rest": "the mean wind"}
 
 
+@final
 @dataclass(frozen=True)
 class Modes:
     """Modes of lowest omega^2, ascending.
@@ -232,7 +234,7 @@ def run(problem: Problem, context: RunContext, outcomes: dict) -> Outcome:
     if not context.saver.is_completed(NAME):
         with context.phases.phase(NAME):
             modes = current_modes(problem, mode_count(problem.job))
-            context.result.write_whole(NAME, modes and modes_section(problem.job, problem.model, modes))
+            context.result.write_whole(NAME, modes and modes_section(problem.job, problem.root_model, modes))
     return Outcome()
 
 
@@ -242,7 +244,7 @@ def current_modes(problem: Problem, count: int) -> Modes | None:
     x = problem.distribution.gather_particles(state.x)
     N, L0, EA = gather(state.present_element_state().N), gather(state.L0), gather(state.EA)
     slip = problem.finder.slips and problem.finder.slips.pulley_tangent()
-    if model is None:
+    if model is None or x is None or N is None or L0 is None or EA is None:
         return None
     # otherwise taken out in a stage of erection, or buckled
     carries = (EA > 0.0) & (-N < REACHED_SHARE * model.euler)
@@ -264,14 +266,15 @@ def modes_section(job: Job, model: Model, modes: Modes) -> dict[str, np.ndarray]
 
 def mode_lines(job: Job, problem: Problem) -> list[str]:
     """Return the text of `check` on modes and damping. Changes the state. One rank."""
-    if problem.model.net.m > MAX_CHECK_ELEMENTS:
+    model = problem.root_model
+    if model.net.m > MAX_CHECK_ELEMENTS:
         return [f"modes: left out, for the net has more than {MAX_CHECK_ELEMENTS} elements"]
     place = go_to_equilibrium(job, problem)
     modes = current_modes(problem, MODES)
-    if not len(modes.period):
+    if modes is None or not len(modes.period):
         return []
-    lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(problem.model, modes)
-    return lines + (_damping_lines(job, problem.model, modes) if job.dynamics else [])
+    lines = [f"modes {place}: periods {_row(modes.period)} s"] + _notes(model, modes)
+    return lines + (_damping_lines(job, model, modes) if job.dynamics else [])
 
 
 def go_to_equilibrium(job: Job, problem: Problem) -> str:
@@ -365,9 +368,9 @@ def aerodynamic_damping(job: Job, model: Model, modes: Modes, kappa: float | Non
     sum |U| (c phi)^2 / (2 omega sum M phi^2), c of `physics.air`; kappa : for the whole roof, None: as set
     """
     speed = np.ones(model.net.n)  # for pressures at taps the speed is contained in c
-    if not job.wind.pressures:
-        field, gust = model.wind_field, model.history.mean_gust
-        speed = np.abs(field.mean + np.sum(field.weight * gust[field.corner], axis=1))
+    field, history = model.wind_field, model.history
+    if field is not None and history is not None and not field.tapped:
+        speed = np.abs(field.mean + np.sum(field.weight * history.mean_gust[field.corner], axis=1))
     c = model.air if kappa is None else damping_vectors(kappa * job.wind.air_density * model.roof.vector)
     modal_damping = np.sum(modes.shape * c, axis=2) ** 2 @ speed
     modal_mass = np.sum(modes.shape**2, axis=2) @ model.mass

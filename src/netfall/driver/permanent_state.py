@@ -1,7 +1,9 @@
 """State at the start of the static analysis: lengths for targets, length errors, stages of erection."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from netfall.model.layout import make_features
 from netfall.model.model import Model, make_model
 from netfall.parallel.agree import on_root
 from netfall.physics.fields import REMOVED_BY_ERECTION
+from netfall.results.checkpoint import Checkpoint
 from netfall.statics.form.find import Form
 from netfall.statics.form.initial import INITIAL, initial_record, write_before_stages
 from netfall.statics.relaxation import Paused, state_residual
@@ -34,7 +37,11 @@ ERECTION_STEP_OFFSET = (
 
 
 def solve_initial_state(
-    problem: Problem, result: Path, restart: Path | None, checkpoint, stop: StopFlag
+    problem: Problem,
+    result: Path | None,
+    restart: Path | None,
+    checkpoint: Checkpoint | None,
+    stop: StopFlag,
 ) -> Problem:
     """Return the problem in equilibrium after targets, length errors and stages of erection. Collective.
 
@@ -50,7 +57,7 @@ def solve_initial_state(
         problem, build_up = _apply_length_errors(problem, build_up, _record(checkpoint, parts, DEVIATION))
     if build_up.failure or not problem.job.stages:
         return replace(problem, build_up=build_up)
-    on_root(problem.comm, lambda: check_stages(problem.job, problem.model))
+    on_root(problem.comm, lambda: check_stages(problem.job, problem.root_model))
     erection = Erection()
     if record := _record(checkpoint, parts, ERECTION):
         small, arrays = record
@@ -58,13 +65,15 @@ def solve_initial_state(
     try:
         erect(problem, erection, stop)
     except Paused:
-        path = _write_pause_checkpoint(replace(problem, build_up=build_up), erection, result, restart)
+        if result is None:
+            raise
+        path = _write_pause_checkpoint(problem, build_up, erection, result, restart)
         words = f"in stage {problem.job.stages[erection.done].name}, from whose start it goes on"
         raise interruption_error(words, path) from None
     return _after_erection(problem, build_up, erection)
 
 
-def _record(checkpoint, parts: set[str], name: str) -> tuple | None:
+def _record(checkpoint: Checkpoint | None, parts: set[str], name: str) -> tuple | None:
     """Return a record of a checkpoint, None if `parts` lacks it; (None, None) on ranks other than 0."""
     if name not in parts:
         return None
@@ -85,14 +94,14 @@ def _solve_targets(problem: Problem, build_up: BuildUp, record: tuple | None) ->
         new_problem = _with_geometry(problem, record[1])
     small, arrays = record
     residual = _residual(new_problem)
-    form = problem.form or Form(
-        None, None, 0, residual, problem.reference
-    )  # targets give a net as given a form
+    form = problem.form  # targets give a net as given a form
+    if form is None:
+        form = Form(np.zeros((0, 3)), np.zeros(0), 0, residual, problem.reference)
     new_problem = replace(new_problem, form=form, residual=residual)
     if problem.model:
-        form = {f"target_{name}": arrays[name] for name in ("change", "influence")}
+        sections = {f"target_{name}": arrays[name] for name in ("change", "influence")}
         labels = {"form_finding": {"state": NO_EQUILIBRIUM, "reason": reason}} if reason else {}
-        build_up = replace(build_up, form_sections=form, lines=small["lines"], labels=labels)
+        build_up = replace(build_up, form_sections=sections, lines=small["lines"], labels=labels)
     failure = DivergedError(reason) if reason else None
     records = {TARGETS: (comm.bcast(small), arrays or {})}
     return new_problem, replace(build_up, records=records, failure=failure)
@@ -105,7 +114,7 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
     equilibrium.
     """
     new_problem, reached, tolerance = problem, None, np.inf
-    if carries_permanent(problem.job):
+    if problem.job.form_finding and problem.form and carries_permanent(problem.job):
         tolerance = problem.job.form_finding.tolerance * problem.form.reference
     for _ in range(MOST_TURNS):
         reached = reach_targets(new_problem, problem.model and problem.model.cut_length, reached)
@@ -122,7 +131,12 @@ def _iterate_targets(problem: Problem) -> tuple[Problem, TargetResult | None]:
 
 def _with_geometry(problem: Problem, arrays: dict | None) -> Problem:
     """Return the problem with the geometry of a record of `TargetResult` or `LengthErrors`. Collective."""
-    return _with_model(problem, lambda: _with_lengths(problem.job, problem.model, arrays["x"], arrays["L0"]))
+
+    def make() -> Model:
+        assert arrays is not None  # on rank 0
+        return _with_lengths(problem.job, problem.root_model, arrays["x"], arrays["L0"])
+
+    return _with_model(problem, make)
 
 
 def _with_final_state(problem: Problem, outcome: TargetResult | LengthErrors | None) -> Problem:
@@ -130,9 +144,9 @@ def _with_final_state(problem: Problem, outcome: TargetResult | LengthErrors | N
     N = problem.distribution.gather_elements(
         problem.state.present_element_state().N, problem.state.owned.astype(bool)
     )
-    return replace(
-        problem, model=problem.model and replace(problem.model, x=outcome.x, N=N, cut_length=outcome.L0)
-    )
+    if problem.model is None or outcome is None or N is None:
+        return problem
+    return replace(problem, model=replace(problem.model, x=outcome.x, N=N, cut_length=outcome.L0))
 
 
 def _residual(problem: Problem) -> float:
@@ -156,9 +170,9 @@ def _apply_length_errors(
     if problem.model:
         deviations = {"tension_deviation": arrays["tension"], "piece_effect": arrays["effect"]}
         lines = [*build_up.lines, *small["lines"]]
-        labels = {"deviation": {"state": deviated.state, "reason": reason}} if reason else {}
+        labels = {"deviation": {"state": deviated.state, "reason": reason}} if deviated and reason else {}
         build_up = replace(build_up, sections={"deviation": deviations}, lines=lines, labels=labels)
-    records = build_up.records | {DEVIATION: (problem.comm.bcast(small), arrays or {})}
+    records = {**build_up.records, DEVIATION: (problem.comm.bcast(small), arrays or {})}
     failure = _search_error(reason, problem.comm.bcast(deviated and deviated.state)) if reason else None
     return new_problem, replace(build_up, records=records, failure=failure)
 
@@ -172,29 +186,37 @@ def _after_erection(problem: Problem, build_up: BuildUp, erection: Erection) -> 
     """Return the problem after the last stage, or in the stage that has no equilibrium. Collective."""
     setting, x = erection.setting, erection.x
     if erection.failed:
-        new_problem = replace(problem, model=problem.model and _model_at_failure(problem.model, x, setting))
+        model = None
+        if problem.model and x is not None and setting:
+            model = _model_at_failure(problem.model, x, setting)
+        new_problem = replace(problem, model=model)
         new_problem.state.x_start[:] = new_problem.state.x
     else:
-        new_problem = _with_model(
-            problem, lambda: _model_after_erection(problem.job, problem.model, x, setting)
-        )
+
+        def make() -> Model:
+            assert x is not None and setting is not None  # on rank 0
+            return _model_after_erection(problem.job, problem.root_model, x, setting)
+
+        new_problem = _with_model(problem, make)
         active = problem.distribution.elements(setting and setting.active)
         new_problem.state.EA[~active], new_problem.state.broken[~active] = 0.0, REMOVED_BY_ERECTION
-    ids = problem.model and problem.model.net.element_id
+    labels = {}
+    if problem.model:
+        ids = problem.model.net.element_id
+        labels = {group: with_element_ids(values, ids) for group, values in erection.labels.items()}
     build_up = replace(
         build_up,
         form=build_up.form or problem.model,
-        sections=build_up.sections | erection.sections,
-        labels=problem.model
-        and {group: with_element_ids(attributes, ids) for group, attributes in erection.labels.items()},
+        sections={**build_up.sections, **erection.sections},
+        labels=labels,
         lines=[*build_up.lines, *erection.lines],
-        records=build_up.records | {ERECTION: erection.record()},
+        records={**build_up.records, ERECTION: erection.record()},
         failure=_search_error(erection.failed, erection.last_state) if erection.failed else None,
     )
     return replace(new_problem, build_up=build_up)
 
 
-def _with_model(problem: Problem, make) -> Problem:
+def _with_model(problem: Problem, make: Callable[[], Model]) -> Problem:
     """Return the problem with another model, which `make` returns on rank 0. Collective."""
     model = on_root(problem.comm, make)
     features = problem.comm.bcast(model and make_features(problem.job, model.layout.net, model.layout.slides))
@@ -203,7 +225,7 @@ def _with_model(problem: Problem, make) -> Problem:
     return replace(problem, model=model, state=state, finder=finder)
 
 
-def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **columns) -> Model:
+def _with_lengths(job: Job, model: Model, x: np.ndarray, L0: np.ndarray, **columns: Any) -> Model:
     """Return the model with nodes at x (n, 3) [m] and unstressed lengths L0 (m,) [m] before heating.
 
     columns : of its net. Bending chains keep their joints, whose moments refer to the original geometry.
@@ -232,9 +254,11 @@ def _model_after_erection(job: Job, model: Model, x: np.ndarray, setting: StageS
     return replace(new_model, cut_length=setting.L0)
 
 
-def _write_pause_checkpoint(problem: Problem, erection: Erection, result: Path, given: Path | None) -> Path:
+def _write_pause_checkpoint(
+    problem: Problem, build_up: BuildUp, erection: Erection, result: Path, given: Path | None
+) -> Path:
     """Write a checkpoint of an erection between two stages, and return its path. Collective."""
-    initial = initial_record(problem.form, problem.build_up.base)
-    parts = problem.build_up.records | {INITIAL: initial, ERECTION: erection.record()}
+    initial = initial_record(problem.form, build_up.base)
+    parts = {**build_up.records, INITIAL: initial, ERECTION: erection.record()}
     step = ERECTION_STEP_OFFSET + erection.done
     return write_before_stages(problem.comm, problem.job, result, problem.digest, step, parts, given)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from netfall.core.stop import NEVER_STOP, StopFlag
 from netfall.core.timings import PhaseTimes
 from netfall.job.cache import NO_CACHE, ResultCache
 from netfall.job.job import Job
+from netfall.job.models import Dynamics
 from netfall.model.model import Model
 from netfall.model.schedule import Schedule
 from netfall.parallel.halo import Halo
@@ -28,6 +29,7 @@ from netfall.statics.slip import Slips
 from netfall.statics.solver import EquilibriumFinder
 
 
+@final
 @dataclass(frozen=True)
 class BuildUp:
     """Record of how the initial state follows from the form-found geometry.
@@ -78,15 +80,33 @@ class Problem:
     build_up: BuildUp | None = None
 
     @property
+    def root_model(self) -> Model:
+        """Return the model, in code that rank 0 alone runs."""
+        assert self.model is not None
+        return self.model
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """Return the section [dynamics], in code that needs a dynamic stage."""
+        assert self.job.dynamics is not None
+        return self.job.dynamics
+
+    @property
+    def dynamic_schedule(self) -> Schedule:
+        """Return the schedule, in code that needs a dynamic stage."""
+        assert self.schedule is not None
+        return self.schedule
+
+    @property
     def failure(self) -> DivergedError | None:
         """Return the error for which the run cannot continue from its initial state, None: it can."""
-        return self.build_up and self.build_up.failure
+        return self.build_up.failure if self.build_up else None
 
 
 def set_up_slip(problem: Problem) -> None:
     """Set up sliding cables for the equilibria of the problem, if there are any. Collective."""
     if problem.state.features.slip:
-        layout = problem.model and problem.model.layout
+        layout = problem.model.layout if problem.model else None
         chains = problem.comm.bcast(layout and build_slip_chains(layout.slides, layout.net.own_weight))
         problem.finder.slips = Slips(problem.distribution, problem.state, chains)
 

@@ -76,7 +76,7 @@ def provenance_values(problem: Problem) -> dict:
         "notes": "\n".join(run_notes(problem)),
     }
     if problem.form:
-        values["form"] = "\n".join(form_change_lines(problem))
+        values["form"] = "\n".join(form_change_lines(problem, problem.form))
     if model.added is not None:
         values["added_mass"] = float(model.added.sum())
     if problem.schedule:

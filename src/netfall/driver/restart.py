@@ -1,5 +1,7 @@
 """Restart of a run on any number of ranks: its state, its log of fractures, its result file."""
 
+from pathlib import Path
+
 import numpy as np
 
 from netfall.parallel.agree import on_root
@@ -22,8 +24,8 @@ def restore_state(distribution: Distribution, state: State, checkpoint: Checkpoi
     comm, n = distribution.comm, distribution.n
     particles = checkpoint_fields(state, "particle")
     split = comm.bcast({f.name: checkpoint.particles[f.name][n:] for f in particles} if checkpoint else None)
-    fragments = checkpoint and checkpoint.part(LOG)[1]["new_particle"]
-    gid = comm.bcast(np.sort(fragments[fragments >= 0]) if checkpoint else None)
+    fragments = checkpoint.part(LOG)[1]["new_particle"] if checkpoint else None
+    gid = comm.bcast(None if fragments is None else np.sort(fragments[fragments >= 0]))
     for field in particles:
         rows = distribution.particles(checkpoint.particles[field.name][:n] if checkpoint else None)
         getattr(state, field.name)[: state.n_local] = rows.reshape(len(rows), *field.tail)
@@ -59,7 +61,7 @@ def register_result(comm: MPI.Comm, result: Result, saver: CheckpointWriter) -> 
     def restore_log(_: dict, events: dict[str, np.ndarray]) -> None:
         result.log.restore(events)
 
-    def restore_result(record: dict, _) -> None:
+    def restore_result(record: dict, _: object) -> None:
         _restore(comm, result, saver, record)
 
     saver.register(LOG, lambda: ({}, result.log.columns()), restore_log, everywhere=True)
@@ -70,7 +72,8 @@ def _restore(comm: MPI.Comm, result: Result, saver: CheckpointWriter, record: di
     checkpoint = saver.checkpoint
     rows = comm.bcast(checkpoint and checkpoint.record["rows"])
 
-    def segments():
+    def segments() -> list[Path]:
+        assert checkpoint is not None  # on rank 0
         folder = checkpoint.path.parent
         results = [folder / checkpoint.record["result"], result.path]
         target = result.path.with_name(f".{result.path.name}.segment-{result.token}-recovered")

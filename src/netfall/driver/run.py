@@ -4,7 +4,9 @@ The functions stand in the order of execution.
 """
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +63,7 @@ def run_job(
     """
     phases = PhaseTimes(profile)
     path = comm.bcast(resolve_link(path))
-    lock = on_root(comm, lambda: (check_output_path(path), lock_output(path))[1])
+    lock = on_root(comm, partial(_lock_path, path))
     try:
         check_one_folder(comm, path)
         ranks = f"{comm.size} rank{'s' if comm.size > 1 else ''}"
@@ -83,6 +85,12 @@ def run_job(
     finally:
         if lock:
             release(lock)
+
+
+def _lock_path(path: Path) -> Any:
+    """Check an output path and return its lock."""
+    check_output_path(path)
+    return lock_output(path)
 
 
 def make_context(
@@ -116,7 +124,7 @@ class NullResult:
     def __init__(self, comm: MPI.Comm):
         self.comm, self.file, self.losses = comm, self, 0
 
-    def _nothing(self, *_):
+    def _nothing(self, *_: object) -> None:
         pass
 
     write_frame = write_static_step = write_equilibrium = write_whole = _nothing
@@ -211,17 +219,17 @@ def form_balance(problem: Problem) -> Balance:
 
 def initial_sections(problem: Problem, build_up: BuildUp, balance: Balance | None) -> dict[str, dict]:
     """Return the small datasets of the net, its loads and its form, on rank 0. balance : of the form"""
-    model, form = problem.model, problem.form
-    if model is None:
+    model, form, base = problem.model, problem.form, build_up.base
+    if model is None or base is None:
         return {}
-    net = replace(model.net, density=build_up.base.net.density)  # erection sets 0 for removed elements
-    sections = {"net": net_section(net, model.roof, model.cut_length)}
+    net = replace(model.net, density=base.net.density)  # erection sets 0 for removed elements
+    sections: dict[str, dict[str, Any]] = {"net": net_section(net, model.roof, model.cut_length)}
     sections["load"] = load_datasets(problem.job, model.roof.zones)
     if "temperature" in sections["load"]:
         sections["net"]["unstressed_length_warm"] = model.L0
     if model.layout.slides:
         sections["slide"] = slide_section(model.net, model.layout.slides)
-    if form:
+    if form and balance:
         model = build_up.form or model
         sections["form_finding"] = {
             "iterations": np.int64(form.iterations),
@@ -237,7 +245,7 @@ def initial_sections(problem: Problem, build_up: BuildUp, balance: Balance | Non
         if form.self_stress is not None:
             sections["form_finding"]["self_stress"] = form.self_stress
         sections["form_finding"] |= build_up.form_sections
-    return sections | build_up.sections
+    return {**sections, **build_up.sections}
 
 
 def _relative(residual: float, reference: float) -> np.float64:

@@ -109,18 +109,20 @@ def _run_outcomes(
         return measured and measured | {"dynamic_seconds": phases.seconds[statics.NAME]}
     simulation = outcomes[dynamics.NAME].result
     extremes = extremes_of_motion(problem, simulation)
-    if comm.rank > 0:
+    if extremes is None:
         return None
-    run_outcomes = NOTHING | _dynamic_outcomes(problem.model, simulation, extremes, depth)
+    run_outcomes = NOTHING | _dynamic_outcomes(problem.root_model, simulation, extremes, depth)
     return run_outcomes | {"dynamic_seconds": phases.seconds["dynamics"]}
 
 
-def _static_outcomes(problem: Problem, extremes: Extremes, path: statics.StaticPath, depth: float | None):
+def _static_outcomes(
+    problem: Problem, extremes: Extremes | None, path: statics.StaticPath, depth: float | None
+) -> dict | None:
     """Return the outcomes of a run without a dynamic stage, on rank 0.
 
     If a case has no equilibrium, the state is "no_rest" or "undecided".
     """
-    if problem.model is None:
+    if problem.model is None or extremes is None:
         return None
     outcomes = NOTHING | _of_net(problem.model.net, problem.model.roof.area, extremes, depth)
     groups = path.labels.items()
@@ -152,10 +154,12 @@ def _of_net(net: Net, area: np.ndarray, extremes: Extremes, depth: float | None)
     return outcomes
 
 
-def _dynamic_outcomes(model: Model, simulation, extremes: Extremes, depth: float | None) -> dict:
+def _dynamic_outcomes(
+    model: Model, simulation: dynamics.Simulation, extremes: Extremes, depth: float | None
+) -> dict:
     """Return the outcomes of a dynamic stage that ran to its end. depth : [m] of `sunk_area`. Rank 0."""
     net, log, area = model.net, simulation.log, model.roof.area
-    removal = simulation.removal.columns() if simulation.removal else None
+    removal = simulation.removal.columns() if simulation.removal else {}
     failed = np.zeros(net.m, bool)
     failed[log.broken] = True
     used = utilisation(model, extremes)
@@ -172,7 +176,7 @@ def _dynamic_outcomes(model: Model, simulation, extremes: Extremes, depth: float
         first = int(log.element[0])
         outcomes |= {"first_fracture": float(log.time[0]), "first_element": first}
         outcomes["first_element_id"] = int(net.element_id[first])
-    if removal:
+    if simulation.removal and simulation.removal.area is not None:
         failed[removal["element"]], area = True, simulation.removal.area
         highest = np.fmax(extremes.tension, np.fmax.reduce(removal["tension_highest"], 0))
         extremes = extremes._replace(tension=highest)
@@ -210,7 +214,10 @@ def study_net(comm: MPI.Comm, read: Callable[[], Job], memory: ResultCache) -> d
     problem.halo.free()
     if comm.rank > 0:
         return None
-    model, names = problem.model, ("elements", "fixed", "node_id", "element_id", "group", "tributary_area")
+    model, names = (
+        problem.root_model,
+        ("elements", "fixed", "node_id", "element_id", "group", "tributary_area"),
+    )
     net = net_section(model.net, model.roof, model.cut_length)
     datasets = {"particles": model.x, "cable": np.array(model.net.cable_names)[model.net.cable]}
     return datasets | {name: net[name] for name in names}
@@ -237,4 +244,6 @@ def roof_lost(net: Net, area: np.ndarray, gone: np.ndarray) -> float:
     """
     label = connected_parts(net.elements[net.is_there & ~gone], net.n)
     total = float(area.sum())
-    return float(area[~part_contains(label, net.held.any(1))].sum()) / total if total > 0.0 else np.nan
+    return (
+        float(area[~part_contains(label, np.any(net.held, axis=1))].sum()) / total if total > 0.0 else np.nan
+    )

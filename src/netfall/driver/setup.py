@@ -85,7 +85,7 @@ def prepare_problem(
         can_move = model and model.net.moves[model.net.elements].any(1)
         reference = comm.bcast(model and float(np.abs(model.N[can_move]).max(initial=0.0)))
         if form is not None and job.form_finding:
-            _check_form(job, max(form.reference, reference), residual)
+            _check_form(job.path, job.form_finding.tolerance, max(form.reference, reference), residual)
     finder = EquilibriumFinder(comm, halo, distribution, state)
     problem = Problem(comm, job, model, distribution, halo, state, finder, form, residual, reference, digest)
     if job.targets or job.stages or comm.bcast(net is not None and bool(net.length_error.any())):
@@ -100,12 +100,12 @@ def prepare_problem(
                 L0 = heated_length(model.cut_length, model.net.expansion, job.load.temperature)
                 problem = replace(problem, model=replace(model, L0=L0))
             set_slipless_lengths(problem.state, distribution.elements(problem.model and problem.model.L0))
-        if job.stages:
+        if job.stages and problem.build_up:
             problem = replace(
                 problem, build_up=replace(problem.build_up, left=_residual_after_erection(problem))
             )
         limits = _step_limits(problem)
-        schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.model))
+        schedule = job.dynamics and on_root(comm, lambda: schedule_job(job, limits, problem.root_model))
         return replace(problem, limits=limits, schedule=comm.bcast(schedule)), checkpoint
 
 
@@ -128,11 +128,11 @@ def _distribute(comm: MPI.Comm, job: Job, memory: ResultCache) -> tuple:
     return layout, features, distribution, Halo(comm, distribution.subdomain, 3)
 
 
-def _check_form(job: Job, reference: float, residual: float) -> None:
+def _check_form(path: Path, tolerance: float, reference: float, residual: float) -> None:
     """Check that the prestressed net with the real material is in equilibrium. Raises InputError."""
-    if not residual <= 1.001 * job.form_finding.tolerance * reference:
+    if not residual <= 1.001 * tolerance * reference:
         raise InputError(
-            f"{job.path}: [form_finding] tolerance = {job.form_finding.tolerance:g}: the prestressed net "
+            f"{path}: [form_finding] tolerance = {tolerance:g}: the prestressed net "
             f"with the real material has a residual of {residual:.3g} N, its tension is {reference:.3g} N; "
             "expected a tolerance that rounding allows"
         )

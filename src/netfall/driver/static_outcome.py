@@ -73,8 +73,8 @@ class StaticOutcome(NamedTuple):
 
 def limit_warning(load_case: StaticLoad, limit: LimitPoint, node: int | None) -> str:
     """Return the warning of a limit point on the path to an equilibrium; node : id of the one that jumps."""
-    place = {"permanent": f"{limit.share:.4g} of them", "stage": f"{limit.share:.4g} of its changes"}
-    place = place.get(load_case.kind, f"load factor {limit.share:.4g}")
+    places = {"permanent": f"{limit.share:.4g} of them", "stage": f"{limit.share:.4g} of its changes"}
+    place = places.get(load_case.kind, f"load factor {limit.share:.4g}")
     return limit_point_warning(load_case.words, place, node if limit.particle >= 0 else None, limit.jump)
 
 

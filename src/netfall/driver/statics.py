@@ -143,7 +143,7 @@ def find_or_reuse_equilibria(problem: Problem, context: RunContext, path: Static
     if not context.memory.most:
         find_equilibria(problem, context, path)
         return
-    seen = []
+    seen: list[tuple[StaticOutcome, dict, str]] = []
 
     def find() -> list[tuple[StaticOutcome, dict, str]]:
         find_equilibria(problem, context, path, seen=seen)
@@ -332,7 +332,7 @@ def _carried_wind_text(job: Job, share: float) -> str:
         return f"{np.floor(100.0 * part + 1e-9) / 100.0:.2f}"  # rounded down: 0.997 is not all of it
 
     text, quantity = f"an equilibrium was found up to {down(share)} of its pressure", "pressures"
-    if not job.wind.pressures:
+    if job.wind and not job.wind.pressures:
         text, quantity = f"{text}, that is {down(np.sqrt(share))} of its speed", "speed"
     return f'{text}; lower the {quantity}, or set [wind] onset = "sudden" to let it act at once'
 

@@ -84,7 +84,8 @@ def _largest_eigenvalue(comm: MPI.Comm, apply: Callable, start: np.ndarray) -> t
     (size,) = exact_sums(comm, start * start)
     if not size > 0.0:
         return 0.0, start
-    diagonal, off_diagonal = [], [np.sqrt(size)]
+    diagonal: list[float] = []
+    off_diagonal = [np.sqrt(size)]
     previous, v = np.zeros_like(start), start / off_diagonal[0]
     while True:
         w = apply(v) - (off_diagonal[-1] if len(diagonal) else 0.0) * previous

@@ -5,7 +5,7 @@ import numpy as np
 from netfall.driver.cladding_loss import PanelTearing
 from netfall.driver.problem import Problem, RunContext
 from netfall.driver.step_limit import is_long_step_stable
-from netfall.driver.varying_loads import VaryingLoads, ground_of
+from netfall.driver.varying_loads import VaryingLoad, VaryingLoads, ground_of
 from netfall.explicit.loop import Interval
 from netfall.explicit.plan import StepPlan, halo_width
 from netfall.explicit.rows import RowTable
@@ -30,14 +30,14 @@ class Stepper:
     made : steps so far, long or short; calm : number from which on a step may be long again
     """
 
-    def __init__(self, problem: Problem, context: RunContext, loads: list, rows: RowTable):
+    def __init__(self, problem: Problem, context: RunContext, loads: list[VaryingLoad], rows: RowTable):
         """Collective. loads : that vary, see `varying`; rows : of the history"""
-        job, schedule, distribution = problem.job, problem.schedule, problem.distribution
+        job, schedule, distribution = problem.job, problem.dynamic_schedule, problem.distribution
         self.comm, self.state, self.schedule = problem.comm, problem.state, schedule
         self.log, self.model = context.log, problem.model
         self.phases, self.stop = context.phases, context.stop
         self.loads = VaryingLoads(self.state, loads, schedule.step_at)
-        self.zeta = job.dynamics.mass_damping
+        self.zeta = problem.dynamics.mass_damping
         self.ground = ground_of(problem.comm, self.model, self.state)
         self.after_fracture = job.wind.after_fracture if job.wind else "none"
         stable_dt = schedule.stable_dt  # Maxwell branches stiffen elements, so this one is longer

@@ -1,21 +1,15 @@
 """Loads that vary in time, kept in the state of every rank as two samples around the present step.
 
-A varying load is any object with
-    before, after             [s] times of its own samples around the present step; after is inf if none
-                              follows
-    advance(step, step_at)    advances to the samples around a step; collective
-    write(state, start, end)  writes its values at two times between these samples to the state
-    redistribute(redistribution, distribution)   moves what acts on leaving particles to others, see
-                              `loads.redistribution`; collective
-
-A new one is created in `varying_loads`, and counts in `job.derived.has_varying_forces`. A force times a
-function of time is a `TimedLoad`. Loads that are linear between samples add to `load_before` and
+A new load is a class with the methods of `VaryingLoad`. It is created in `varying_loads`, and counts in
+`job.derived.has_varying_forces`. A force times a function of time is a `TimedLoad`. Loads that are linear
+between samples add to `load_before` and
 `load_after`; the wind has fields of its own.
 """
 
 import math
 import sys
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -25,6 +19,7 @@ from netfall.job.derived import has_growing_pressure, starts_in_mean_wind
 from netfall.loads.redistribution import Redistribution
 from netfall.loads.wind.field import WindField, particle_speeds
 from netfall.loads.wind.onset import GrowingGusts
+from netfall.model.model import Model
 from netfall.parallel.mpi import MPI
 from netfall.parallel.subdomain import Distribution, rows_of
 from netfall.physics.base_motion import Ground
@@ -33,21 +28,44 @@ from netfall.physics.state import State
 SAMPLES_PER_BROADCAST = 64  # samples of the history that rank 0 sends at once
 
 
-def varying_loads(problem: Problem) -> list:
+class VaryingLoad(Protocol):
+    """Load that varies in time.
+
+    before, after : [s] times of its own samples around the present step; after is inf if none follows
+    """
+
+    @property
+    def before(self) -> float: ...
+
+    @property
+    def after(self) -> float: ...
+
+    def advance(self, step: int, step_at: Callable[[float], int]) -> None:
+        """Advance to the samples around a step. Collective."""
+
+    def write(self, state: State, start: float, end: float) -> None:
+        """Write the values at two times between these samples to the state."""
+
+    def redistribute(self, redistribution: Redistribution, distribution: Distribution) -> None:
+        """Move what acts on leaving particles to others. Collective."""
+
+
+def varying_loads(problem: Problem) -> list[VaryingLoad]:
     """Create the varying loads, except those that fade after a member removal. Collective."""
-    loads, job, model, distribution = [], problem.job, problem.model, problem.distribution
+    loads: list[VaryingLoad] = []
+    job, model, distribution = problem.job, problem.model, problem.distribution
     if job.wind:
         field = model.wind_field if model else None
         ramp = job.wind.ramp if starts_in_mean_wind(job) else 0.0
-        gusts = GrowingGusts(model.history, ramp) if model else None
+        gusts = GrowingGusts(model.history, ramp) if model and model.history else None
         loads.append(WindLoad(problem.comm, distribution, field, gusts))
-    if has_growing_pressure(job):
+    if job.load and has_growing_pressure(job):
         force, ramp = distribution.particles(model and model.loading.growing), job.load.ramp
         loads.append(TimedLoad(force, [0.0, ramp], ramp_factor(ramp)))
     return loads
 
 
-def ground_of(comm: MPI.Comm, model, state: State) -> Ground | None:
+def ground_of(comm: MPI.Comm, model: Model | None, state: State) -> Ground | None:
     """Return the moving ground below the particles of this rank; None: it does not move. Collective."""
     if not state.features.motion:
         return None
@@ -62,7 +80,7 @@ def ground_of(comm: MPI.Comm, model, state: State) -> Ground | None:
 class VaryingLoads:
     """All varying loads, between two times that they have in common."""
 
-    def __init__(self, state: State, loads: list, step_at: Callable[[float], int]):
+    def __init__(self, state: State, loads: list[VaryingLoad], step_at: Callable[[float], int]):
         """step_at(time) : returns the number of the first step at or after a time [s]"""
         self.loads, self.step_at = loads, step_at
         self.update_samples(state)
@@ -151,6 +169,7 @@ class FadingLoad:
         """particle_gid : (n,) global numbers of the rank's particles; duration : [s]"""
         self.particle_gid, self.duration = particle_gid, duration
         self.before, self.after, self.zero = 0.0, math.inf, math.inf
+        self.elements, self.tension = np.zeros(0, np.int64), np.zeros(0)
 
     def begin(self, time: float, ends: np.ndarray, force: np.ndarray, elements: np.ndarray) -> None:
         """Start to fade at a time [s].
@@ -207,8 +226,14 @@ class FadingLoad:
 class WindLoad:
     """Wind: rank 0 generates the speed at control points, every rank interpolates to its particles."""
 
-    def __init__(self, comm: MPI.Comm, distribution: Distribution, field: WindField | None, history):
-        """Collective. field, history : on rank 0; history : `GrowingGusts`"""
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        distribution: Distribution,
+        field: WindField | None,
+        history: GrowingGusts | None,
+    ):
+        """Collective. field, history : on rank 0"""
         self.comm = comm
         self.history = history
         self.mean = distribution.particles(field and field.mean)
@@ -252,7 +277,7 @@ class WindLoad:
     def _sample(self, k: int) -> tuple[float, np.ndarray]:
         while len(self.samples) <= k:
             chunk = None
-            if self.comm.rank == 0:
+            if self.history is not None:
                 chunk = [sample for _ in range(SAMPLES_PER_BROADCAST) for sample in self.history.next()]
             self.samples += self.comm.bcast(chunk)
         return self.samples[k]

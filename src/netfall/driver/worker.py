@@ -16,13 +16,20 @@ import signal
 import sys
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from netfall.__main__ import abort  # its import also limits each rank to one thread
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from netfall.job.job import Job
+    from netfall.parallel.mpi import MPI
 
 CACHE_SIZE = 4  # number of cached forms, equilibria and winds of earlier samples
 
 
-def next_task(comm) -> dict | None:
+def next_task(comm: "MPI.Comm") -> dict | None:
     """Return the next task from the input of rank 0, on every rank; None at its end. Collective."""
     from netfall.parallel.agree import on_root
 
@@ -30,7 +37,7 @@ def next_task(comm) -> dict | None:
     return json.loads(line) if line.endswith("\n") else None
 
 
-def read_task(comm, task: dict):
+def read_task(comm: "MPI.Comm", task: dict) -> "Job":
     """Read the job of a task. Raises InputError. Collective."""
     from netfall.job.read import read_job
     from netfall.parallel.agree import on_root
@@ -38,7 +45,7 @@ def read_task(comm, task: dict):
     return comm.bcast(on_root(comm, lambda: read_job(task["job"], task["overrides"], task["removes"])))
 
 
-def encode_array(array) -> dict:
+def encode_array(array: "np.ndarray") -> dict:
     """Encode an array as text without loss."""
     return {
         "type": array.dtype.str,
@@ -73,7 +80,7 @@ def run_tasks() -> None:
         result = Path(task["result"]) if task["result"] else None
         if task["net"]:
             net = study_net(comm, read, memory)
-            answer = {"net": {name: encode_array(array) for name, array in (net or {}).items()}}
+            answer: dict | None = {"net": {name: encode_array(array) for name, array in (net or {}).items()}}
         else:
             answer = run_sample(comm, read, result, memory, task["profile"], task["depth"])
         if comm.rank == 0:

@@ -5,7 +5,7 @@ after subdivision.
 """
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -46,6 +46,7 @@ def _element(
 NOTHING, UNKNOWN = (0.0, 0.0, 0.0), (np.nan, np.nan, np.nan)
 
 
+@final
 @dataclass
 class Net:
     """Particles and elements of a net with their sections.

@@ -2,7 +2,7 @@
 
 import hashlib
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from netfall.physics.fields import Features
 from netfall.physics.law.branches import band_branches
 
 
+@final
 @dataclass(frozen=True)
 class Layout:
     """The whole net as given, before form finding, on rank 0.

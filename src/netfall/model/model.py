@@ -6,7 +6,7 @@ The constants therefore have the same bits on any number of ranks.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -52,6 +52,7 @@ MAX_INITIAL_CURVATURE = (
 )
 
 
+@final
 @dataclass(frozen=True)
 class Model:
     """The whole net in its initial state, on rank 0.

@@ -1,7 +1,7 @@
 """Time step of the dynamic stage, its limits, and the step numbers of output and checkpoints."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -37,6 +37,7 @@ def step_at(times: FloatArray | float, dt: float) -> FloatArray | float:
     return np.ceil(steps - np.maximum(ROUNDING, QUOTIENT_ROUNDING * steps))
 
 
+@final
 @dataclass(frozen=True)
 class Schedule:
     """Steps of one length dt [s], and the numbers of the steps of output and checkpoints.

@@ -15,7 +15,7 @@ keeps the checkpoint that it was given, until a later run resumes a newer one.
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import h5py
 import numpy as np
@@ -130,6 +130,7 @@ def _write_state(file: SharedFile, state: State, result: Result) -> None:
     file.put("elements/ends", ends, m, np.int64)
 
 
+@final
 class Checkpoint:
     """The contents of a checkpoint, on rank 0: `record`, `particles` and `elements` by name, and `part`."""
 

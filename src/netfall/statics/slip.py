@@ -16,7 +16,7 @@ Every rank computes all slips from the same positions, so they have the same bit
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -115,6 +115,7 @@ class SlipTangent(NamedTuple):
             change[row] += tension[e]
 
 
+@final
 class Slips:
     """Slips of a net, known to every rank.
 

@@ -57,7 +57,9 @@ def apply_length_errors(problem: Problem) -> LengthErrors | None:
     model, distribution, failed, state = problem.model, problem.distribution, "", EQUILIBRIUM
     load_case = form_load(problem, "deviation", "errors of length")
     tension, effect = _influence(problem, load_case.load)
-    L0 = model and model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
+    L0 = None
+    if model:
+        L0 = model.cut_length + model.net.length_error * cable_shares(model.net, model.cut_length)
     set_slipless_lengths(problem.state, distribution.elements(L0))
     if problem.form is not None:
         outcome = elastic(
@@ -69,7 +71,7 @@ def apply_length_errors(problem: Problem) -> LengthErrors | None:
         elif state == NO_EQUILIBRIUM:
             failed = f"{load_case.words}: there is no equilibrium with them: {outcome.reason}"
     x = distribution.gather_particles(problem.state.x)
-    if model is None:
+    if model is None or x is None or L0 is None:
         return None
     largest = np.argsort(-effect, kind="stable")[:MAX_LISTED_CABLES]
     names = ", ".join(
@@ -87,13 +89,16 @@ def _influence(problem: Problem, load: np.ndarray) -> tuple:
 
     Collective.
     """
-    net = problem.model and problem.model.net
+    model = problem.model
+    net = model and model.net
     deviation = problem.comm.bcast(net and _cable_deviations(net))
     square, effect = np.zeros(problem.distribution.m), np.zeros(len(deviation))
     drawn = np.flatnonzero(deviation)
     respond = gathered_responses(problem, load)
     for k in drawn:
-        change = net and np.where(net.cable == k, cable_shares(net, problem.model.cut_length), 0.0)
+        change = None
+        if model:
+            change = np.where(model.net.cable == k, cable_shares(model.net, model.cut_length), 0.0)
         _, N = respond(problem.distribution.elements(change))
         if net:
             square += (deviation[k] * N) ** 2

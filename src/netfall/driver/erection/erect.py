@@ -11,6 +11,7 @@ from netfall.driver import equilibrium
 from netfall.driver.equilibrium_record import with_reactions
 from netfall.driver.erection.settings import StageSetting, after, first_setting, rows_named
 from netfall.driver.erection.tension import elastic, tension_to_targets
+from netfall.driver.load_sequence import UNKNOWN_LOAD
 from netfall.driver.problem import Problem, set_up_slip
 from netfall.driver.static_outcome import (
     NO_EQUILIBRIUM,
@@ -22,10 +23,13 @@ from netfall.driver.static_outcome import (
 )
 from netfall.geometry.turned import global_held_axes, rotation_column
 from netfall.job.derived import load_settings, permanent_weight_factor
+from netfall.job.entries import Stage
 from netfall.model.actions import StaticLoad
+from netfall.model.model import Model
 from netfall.physics.fields import REMOVED_BY_ERECTION
 from netfall.physics.law.measures import heated_length
 from netfall.physics.slip.law import set_slipless_lengths
+from netfall.physics.state import save_state
 from netfall.results.warning_text import error_text, force_balance_warnings, limit_notes, slip_end_notes
 from netfall.statics.newton import STABLE
 
@@ -68,12 +72,12 @@ class Erection:
 def restored_erection(problem: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> Erection:
     """Restore the erection of a record; arrays : on rank 0."""
     erection = Erection(small["done"], labels=small["labels"], lines=small["lines"])
-    if problem.model is None or not small["done"]:
+    if problem.model is None or arrays is None or not small["done"]:
         return erection
     setting = first_setting(problem.job, problem.model)
     for stage in problem.job.stages[: small["done"]]:  # for the loads, which are not in the record
         setting = after(setting, stage, problem.model.net)
-    erection.setting = replace(setting, **{name: arrays[name] for name in ("L0", "fixed", "active")})
+    erection.setting = replace(setting, L0=arrays["L0"], fixed=arrays["fixed"], active=arrays["active"])
     erection.x = arrays["x"]
     for k, group in enumerate(small["groups"]):
         datasets = {
@@ -97,8 +101,8 @@ def erect(problem: Problem, erection: Erection, stop: StopFlag) -> None:
     if model and setting is None:
         setting, x = first_setting(problem.job, model), model.x
     for stage in problem.job.stages[erection.done :]:
-        setting = model and after(setting, stage, model.net)
-        before = equilibrium.save_state(problem.state)
+        setting = after(setting, stage, model.net) if model and setting else None
+        before = save_state(problem.state)
         load = _prepare_stage(problem, setting, x)
         words, weights = f"stage {stage.name}", permanent_weight_factor(problem.job)
         load_case = StaticLoad("stage", words, load, 1.0, stage.name, weights=weights, before=before)
@@ -122,39 +126,48 @@ def _failure(words: str, outcome: StaticOutcome) -> str:
 def _prepare_stage(problem: Problem, setting: StageSetting | None, x: np.ndarray | None) -> np.ndarray:
     """Set the state for the start of a stage; return its loads (n, 3) [N] of this rank. Collective."""
     state, distribution, model = problem.state, problem.distribution, problem.model
-
-    def on_root(make: Callable[[], np.ndarray]) -> np.ndarray | None:
-        return None if model is None else make()
-
-    state.x[:] = distribution.particles(on_root(lambda: x + setting.moved))
+    arrays: dict[str, np.ndarray] = {}  # on rank 0
+    if model is not None and setting is not None and x is not None:
+        held = setting.held(model.net)
+        arrays = {
+            "x": x + setting.moved,
+            "free": 1 - global_held_axes(model.net, held).astype(np.uint8),
+            "EA": np.where(setting.active, model.net.EA, 0.0),
+            "broken": np.where(setting.active, 0, REMOVED_BY_ERECTION).astype(np.uint8),
+            "L0": warm_length_function(model, setting)(setting.L0),
+            "load": setting.forces(model),
+        }
+        if state.turned is not None:
+            arrays["turned"] = rotation_column(model.net, held)
+    state.x[:] = distribution.particles(arrays.get("x"))
     if state.features.springs:
-        state.spring_rest -= state.x - state.x_start
+        state.spring_rest[:] -= state.x - state.x_start
     state.x_start[:] = state.x
-    held = on_root(lambda: setting.held(model.net))
-    state.free[:] = distribution.particles(
-        on_root(lambda: 1 - global_held_axes(model.net, held).astype(np.uint8))
-    )
+    state.free[:] = distribution.particles(arrays.get("free"))
     if state.turned is not None:
-        state.turned[:] = distribution.particles(on_root(lambda: rotation_column(model.net, held)))
-    state.EA[:] = distribution.elements(on_root(lambda: np.where(setting.active, model.net.EA, 0.0)))
-    removed = on_root(lambda: np.where(setting.active, 0, REMOVED_BY_ERECTION).astype(np.uint8))
-    state.broken[:] = distribution.elements(removed)
-    if problem.finder.slips:
+        state.turned[:] = distribution.particles(arrays.get("turned"))
+    state.EA[:] = distribution.elements(arrays.get("EA"))
+    state.broken[:] = distribution.elements(arrays.get("broken"))
+    if problem.finder.slips is not None:
         state.slip[:] = 0.0  # lengths include the slip of earlier stages
         problem.finder.slips.open_clamps(problem.comm.bcast(setting and setting.clamps) == "open")
-    set_slipless_lengths(
-        state, distribution.elements(on_root(lambda: warm_length_function(problem, setting)(setting.L0)))
-    )
+    set_slipless_lengths(state, distribution.elements(arrays.get("L0")))
     problem.finder.reset_structure()
-    return distribution.particles(on_root(lambda: setting.forces(model)))
+    return distribution.particles(arrays.get("load"))
 
 
-def warm_length_function(problem: Problem, setting: StageSetting | None):
+def warm_length_function(model: Model, setting: StageSetting) -> Callable[[np.ndarray], np.ndarray]:
     """Return a function from cold unstressed lengths (m,) [m] to those at the temperature of a stage."""
-    return lambda L0: heated_length(L0, problem.model.net.expansion, setting.load.temperature)
+
+    def warm(L0: np.ndarray) -> np.ndarray:
+        return heated_length(L0, model.net.expansion, setting.load.temperature)
+
+    return warm
 
 
-def _equilibrium(problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop) -> tuple:
+def _equilibrium(
+    problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
+) -> tuple:
     """Find the equilibrium of a stage, with forces at jacks if it has any; return it and the new setting.
 
     Collective.
@@ -169,7 +182,7 @@ def _equilibrium(problem: Problem, load_case: StaticLoad, setting: StageSetting 
 
 
 def _equilibrium_with_jacks(
-    problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop
+    problem: Problem, load_case: StaticLoad, setting: StageSetting | None, stop: StopFlag
 ) -> tuple:
     """Find the equilibrium with the forces of the jacks; return it and the setting with its lengths.
 
@@ -177,13 +190,14 @@ def _equilibrium_with_jacks(
 
     Weight depends on lengths, so the search is repeated until the weight changes by less than the tolerance.
     """
-    pulls, jacks = setting and list(setting.pulls), setting and list(setting.jacks)
-    warm = warm_length_function(problem, setting)
+    pulls, jacks = (list(setting.pulls), list(setting.jacks)) if setting else ([], [])
+    warm = warm_length_function(problem.model, setting) if problem.model and setting else None
     tolerance = load_settings(problem.job).tolerance
     for _ in range(MOST_TURNS):
         tensioned = tension_to_targets(problem, load_case, pulls, jacks, setting and setting.L0, warm, stop)
-        setting = setting and replace(setting, L0=tensioned.L0, pulls=(), jacks=())
-        load = problem.distribution.particles(setting and setting.forces(problem.model))
+        if setting and tensioned.L0 is not None:
+            setting = replace(setting, L0=tensioned.L0, pulls=(), jacks=())
+        load = problem.distribution.particles(setting.forces(problem.root_model) if setting else None)
         change = max(problem.comm.allgather(np.abs(load - load_case.load).max(initial=0.0)))
         if not tensioned.outcome.carries or change <= tolerance * equilibrium.reference_force(
             problem, load_case
@@ -200,26 +214,34 @@ def _with_slipped_lengths(problem: Problem, setting: StageSetting | None) -> Sta
     if not problem.finder.slips:
         return setting
     slipped = distribution.gather_elements(state.L0 - state.strand, state.owned.astype(bool))
-    return setting and replace(setting, L0=setting.L0 + slipped / warm_length_function(problem, setting)(1.0))
+    if problem.model is None or setting is None:
+        return None
+    warm = warm_length_function(problem.model, setting)
+    return replace(setting, L0=setting.L0 + slipped / warm(np.ones(1)))
 
 
 def _record_stage(
-    problem: Problem, erection: Erection, stage, setting: StageSetting | None, x, outcome: StaticOutcome
+    problem: Problem,
+    erection: Erection,
+    stage: Stage,
+    setting: StageSetting | None,
+    x: np.ndarray | None,
+    outcome: StaticOutcome,
 ) -> None:
     """Record the result of a stage and its messages. Collective."""
     state, equilibrium, model = problem.state, outcome.equilibrium, problem.model
     is_owned = state.owned.astype(bool)
     N = problem.distribution.gather_elements(equilibrium.snapshot.N, is_owned)
-    moments = None if state.joints is None else state.bending_moments()
-    moment_datasets = (
-        {} if moments is None else {"bending_moment": problem.distribution.gather_elements(moments, is_owned)}
-    )
+    moments = None
+    if state.joints is not None:
+        moments = problem.distribution.gather_elements(state.bending_moments(), is_owned)
+    moment_datasets = {} if moments is None else {"bending_moment": moments}
     reaction = problem.distribution.gather_particles(equilibrium.balance.reaction)
     numbers = {name: np.array(value) for name, value in equilibrium.numbers().items()}
     numbers["stable"] = numbers.pop("unstable_at") == STABLE
     group = f"stages/{stage.name}"
     erection.labels[group] = outcome.labels()
-    if model is None:
+    if model is None or setting is None or x is None or N is None:
         return
     if "slip" in numbers:
         last_sections = list(erection.sections.values())[-1:]
@@ -239,7 +261,13 @@ def _record_stage(
 
 
 def _lines(
-    model, erection: Erection, stage, setting: StageSetting, x, N, outcome: StaticOutcome
+    model: Model,
+    erection: Erection,
+    stage: Stage,
+    setting: StageSetting,
+    x: np.ndarray,
+    N: np.ndarray,
+    outcome: StaticOutcome,
 ) -> list[str]:
     """Return the messages of a stage: its equilibrium, displacements, forces at the jacks."""
     if not outcome.carries:
@@ -262,7 +290,7 @@ def _lines(
             f"{setting.L0[rows].sum():.6g} m in all"
         )
     if outcome.limit is not None:
-        load_case = StaticLoad("stage", f"stage {stage.name}", None)
+        load_case = StaticLoad("stage", f"stage {stage.name}", UNKNOWN_LOAD)
         lines.append(limit_warning(load_case, outcome.limit, net.node_id[outcome.limit.particle]))
     lines += force_balance_warnings([(f"stage {stage.name}", outcome.equilibrium.balance.unexplained)])
     lines += slip_end_notes([(f"stage {stage.name}", outcome.equilibrium.stopped)], net.element_id)

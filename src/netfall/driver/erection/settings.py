@@ -7,7 +7,7 @@ A change by a [m] makes each cable longer by a, each of its elements in proporti
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 import numpy as np
 
@@ -133,6 +133,7 @@ def missed_text(targets: list[Wanted], values: np.ndarray) -> list[str]:
     ]
 
 
+@final
 @dataclass(frozen=True)
 class StageSetting:
     """Setting of a stage, with everything that earlier stages set and it did not change.
@@ -188,9 +189,11 @@ def after(previous: StageSetting, stage: Stage, net: Net) -> StageSetting:
     # inner nodes fixed between two fixed ends are released with an end
     fixed[released[parent_ends(net)].any(1) & net.fixed.all(1)] = False
     fixed[_rows(net, stage.hold)] = True
-    for name, displacement in (stage.move or {}).items():
-        motion[_rows(net, [name])] = displacement
-    L0, pulls, jacks = previous.L0, [], []
+    for node, displacement in (stage.move or {}).items():
+        motion[_rows(net, [node])] = displacement
+    L0 = previous.L0
+    pulls: list[Wanted] = []
+    jacks: list[Jack] = []
     for name, change in (stage.lengths or {}).items():
         own_jacks = jacks_of(net, name)
         if change.change is not None:
@@ -221,7 +224,7 @@ def check_stages(job: Job, model: Model) -> None:
         wrong = [*_wrong_names(stage, net)]
         if not wrong:
             setting = after(setting, stage, net)
-            wrong = _wrong_state(stage, setting, net)
+            wrong = [*_wrong_state(stage, setting, net)]
         errors += [f"[[stage]] {stage.name}: {line}" for line in wrong]
         if errors:
             break  # later stages depend on this one
@@ -267,9 +270,8 @@ def _wrong_state(stage: Stage, setting: StageSetting, net: Net) -> Iterator[str]
     for name in stage.lengths or {}:
         if not setting.active[rows_named(net, name)].all():
             yield f"lengths: {format_value(name)}: not there in this stage; active says what is"
-    held = part_contains(
-        connected_parts(net.elements[setting.active], net.n), (setting.fixed | (net.spring > 0)).any(1)
-    )
+    is_supported = np.any(setting.fixed | (net.spring > 0), axis=1)
+    held = part_contains(connected_parts(net.elements[setting.active], net.n), is_supported)
     is_loose = setting.there(net) & ~held
     if is_loose.any():
         yield f"{counted('node', net.node_id[is_loose])}: no support holds the part that they are in"

@@ -29,11 +29,13 @@ from netfall.driver.problem import Problem
 from netfall.driver.static_outcome import MAX_LISTED_ELEMENTS, NO_EQUILIBRIUM, StaticOutcome
 from netfall.geometry.net import Net
 from netfall.job.derived import carries_permanent
+from netfall.job.entries import Target
 from netfall.job.job import Job
 from netfall.job.values import counted, format_value
 from netfall.model.actions import StaticLoad
 from netfall.parallel.agree import on_root
 from netfall.physics.slip.law import set_slipless_lengths
+from netfall.physics.state import restore_saved, save_state
 from netfall.statics.newton import NoConvergence
 
 REACHED = 1e-6  # miss over the target value, or over the largest force [-], at which a target is reached
@@ -67,47 +69,50 @@ def tension_to_targets(
     load_case: StaticLoad,
     targets: list[Wanted],
     jacks: list[Jack],
-    L0,
-    warm,
+    L0: np.ndarray | None,
+    warm: Callable[[np.ndarray], np.ndarray] | None,
     stop: StopFlag = NEVER_STOP,
 ) -> Tensioned:
     """Change unstressed lengths until all targets are reached; the state is then in that equilibrium.
 
     Collective.
 
-    targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state
+    targets, jacks, L0 (m,) [m], cold : on rank 0; warm(L0) : returns those of the state, None: L0
 
     If the targets are not reached, the state is the last equilibrium on the way. Raises Paused if asked to
     stop.
     """
-    comm, influence, best, last_state, step = problem.comm, None, np.inf, None, np.zeros(0)
+    comm, influence, best, step = problem.comm, None, np.inf, np.zeros(0)
+    last_state: tuple[dict[str, np.ndarray], np.ndarray | None] | None = None
     reference = equilibrium.reference_force(problem, load_case)
     for count in range(1, MAX_TARGET_EQUILIBRIA + 1):
         set_slipless_lengths(
-            problem.state, problem.distribution.elements(warm(L0) if problem.model else None)
+            problem.state, problem.distribution.elements(L0 if L0 is None or warm is None else warm(L0))
         )
         outcome = equilibrium.settle(problem, load_case, reference, stop)
         measured = _measure(problem, targets) if outcome.carries else None
         size = comm.bcast(measured.size if measured else np.inf)
         if size <= REACHED:
             return Tensioned(L0, influence, outcome, count)
-        if (size > DIVERGENCE_FACTOR * best or size == np.inf) and last_state is None:
-            reason = outcome.reason or "the forces are no numbers"
-            state = NO_EQUILIBRIUM if outcome.carries else outcome.state
-            return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
         if size > DIVERGENCE_FACTOR * best or size == np.inf:
-            equilibrium.restore_saved(problem.state, last_state[0])
+            if last_state is None:
+                reason = outcome.reason or "the forces are no numbers"
+                state = NO_EQUILIBRIUM if outcome.carries else outcome.state
+                return Tensioned(L0, None, outcome._replace(state=state, reason=reason), count)
+            saved, last_L0 = last_state
+            restore_saved(problem.state, saved)
             step = 0.5 * step
-            L0 = problem.model and _changed(jacks, last_state[1], step)
+            L0 = None if last_L0 is None else _changed(jacks, last_L0, step)
             continue
-        best, last_state = min(best, size), (equilibrium.save_state(problem.state), L0)
+        best, last_state = min(best, size), (save_state(problem.state), L0)
         influence = influences(problem, load_case.load, targets, jacks, L0)
-        if problem.model:
-            step = _step(problem, measured, targets, jacks, L0, influence)
+        if problem.model and measured is not None and influence is not None and L0 is not None:
+            step = _step(problem.model.net, measured, targets, jacks, L0, influence)
             L0 = _changed(jacks, L0, step)
         if comm.bcast(problem.model and not step.any()):
             break
-    equilibrium.restore_saved(problem.state, last_state[0])
+    assert last_state is not None  # that of the first equilibrium, or a later one
+    restore_saved(problem.state, last_state[0])
     measured = _measure(problem, targets)
     lines = comm.bcast(measured and missed_text(targets, measured.values))
     reason = f"not reached in {count} equilibria: " + "; ".join(lines)
@@ -148,7 +153,7 @@ def _measure(problem: Problem, targets: list[Wanted]) -> _Measured | None:
     state, distribution = problem.state, problem.distribution
     x = distribution.gather_particles(state.x)
     N = distribution.gather_elements(state.present_element_state().N, state.owned.astype(bool))
-    if problem.model is None:
+    if x is None or N is None:
         return None
     values = np.array([target.now(x, N) for target in targets])
     largest, extent = np.abs(N).max(), float(np.ptp(x, axis=0).max())
@@ -158,7 +163,7 @@ def _measure(problem: Problem, targets: list[Wanted]) -> _Measured | None:
 
 
 def influences(
-    problem: Problem, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0
+    problem: Problem, load: np.ndarray, targets: list[Wanted], jacks: list[Jack], L0: np.ndarray | None
 ) -> np.ndarray | None:
     """Compute the influence (t, k) of each amount on each target, [N/m] or [m/m], on rank 0. Collective."""
     rows = []
@@ -166,9 +171,9 @@ def influences(
     respond = gathered_responses(problem, load)
     for k in range(count):
         change = np.zeros(problem.distribution.m)
-        if problem.model:
+        if L0 is not None:
             change[jacks[k].rows] = jacks[k].shares(L0)
-        x, N = respond(problem.distribution.elements(problem.model and change))
+        x, N = respond(problem.distribution.elements(change if problem.model else None))
         if problem.model:
             rows.append([target.now(x, N) for target in targets])
     return np.array(rows).T if problem.model else None
@@ -185,7 +190,7 @@ def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarr
     state, distribution = problem.state, problem.distribution
     respond = problem.finder.responses(load)
 
-    def gathered(change):
+    def gathered(change: np.ndarray) -> tuple:
         try:
             u, N = respond(change)
         except NoConvergence:
@@ -196,10 +201,14 @@ def gathered_responses(problem: Problem, load: np.ndarray) -> Callable[[np.ndarr
 
 
 def _step(
-    problem: Problem, measured: _Measured, targets, jacks: list[Jack], L0, influence: np.ndarray
+    net: Net,
+    measured: _Measured,
+    targets: list[Wanted],
+    jacks: list[Jack],
+    L0: np.ndarray,
+    influence: np.ndarray,
 ) -> np.ndarray:
     """Compute the amounts (k,) [m] of the next step. Rank 0."""
-    net = problem.model.net
     L = lengths(measured.x[net.elements[:, 1]] - measured.x[net.elements[:, 0]])
     step = solve_amounts(measured.misses, influence, measured.scale)
     for target in targets:
@@ -248,15 +257,13 @@ def reach_targets(
     wrong names.
     """
     job, model, comm = problem.job, problem.model, problem.comm
-    targets, jacks = on_root(comm, lambda: named_targets(job, model.net)) or ([], [])
+    targets, jacks = on_root(comm, lambda: named_targets(job, problem.root_model.net)) or ([], [])
     load_case = form_load(problem, "target", "the targets")
-    tensioned = tension_to_targets(
-        problem, load_case, targets, jacks, model and model.cut_length, lambda L0: L0
-    )
+    tensioned = tension_to_targets(problem, load_case, targets, jacks, model and model.cut_length, None)
     tensioned = tensioned._replace(outcome=elastic(problem, tensioned.outcome))
     influence = influences(problem, load_case.load, targets, jacks, tensioned.L0)
     x = problem.distribution.gather_particles(problem.state.x)
-    if model is None:
+    if x is None or tensioned.L0 is None or planned is None or influence is None:
         return None
     added = tensioned.L0 - planned
     change = np.array([float(added[jack.rows].sum()) / (1 + int(jack.cable.max())) for jack in jacks])
@@ -294,7 +301,7 @@ def named_targets(job: Job, net: Net) -> tuple[list[Wanted], list[Jack]]:
     ]
 
 
-def _wanted(net: Net, target) -> Wanted:
+def _wanted(net: Net, target: Target) -> Wanted:
     if target.group:
         return Wanted(f"force of {target.group}", target.force, rows_named(net, target.group))
     node = int(np.flatnonzero(net.node_id == target.node)[0])

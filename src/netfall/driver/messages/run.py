@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 from netfall.core.progress import Progress
@@ -36,6 +37,7 @@ from netfall.results.warning_text import (
     detached_notes_of,
     dynamic_limit_notes_of,
 )
+from netfall.statics.form.find import Form
 
 MAX_OVERRUN = 0.01  # share of the duration; a last step that ends later is reported
 FAR_OFF = 0.01  # residual / largest tension; a larger one gives a note if an equilibrium is computed anyway
@@ -54,8 +56,8 @@ def report_problem(problem: Problem, progress: Progress) -> None:
         progress.say(partition_line(model, problem.comm.size))
     if problem.form:
         N = form_found_model(problem).N
-        line = f"{form_line(problem)}; tensions {N.min():.4g} to {N.max():.4g} N"
-        progress.say(line, *form_change_lines(problem))
+        line = f"{form_line(problem, problem.form)}; tensions {N.min():.4g} to {N.max():.4g} N"
+        progress.say(line, *form_change_lines(problem, problem.form))
     progress.say(*(problem.build_up.lines if problem.build_up else ()), *start_notes(problem))
     if problem.schedule:
         for limit in problem.limits.values():
@@ -81,7 +83,7 @@ def report_outcome(problem: Problem, context: RunContext, outcomes: dict[str, Ou
     context.progress.say(f"written: {path}")
 
 
-def _dynamics_lines(model: Model, f) -> list[str]:
+def _dynamics_lines(model: Model, f: h5py.File) -> list[str]:
     """Summarise the dynamic stage: removals, fractures, energies, slip; f : the result file."""
     history, events, lines = f["history"], f["events"], []
     if "removal" in f:
@@ -96,8 +98,8 @@ def _dynamics_lines(model: Model, f) -> list[str]:
         lines.append(f"energy: work identity to {work_error:.1e}, balance to {balance_text(history)}")
         lines += balance_warnings(history)
     lines += detached_notes_of(f)
-    if model.layout.slides:
-        lines += slip_lines(model, history["time"][:], f["slide"])
+    if slides := model.layout.slides:
+        lines += slip_lines(model, slides, history["time"][:], f["slide"])
     return lines
 
 
@@ -143,28 +145,28 @@ def partition_line(model: Model, ranks: int) -> str:
     )
 
 
-def form_line(problem: Problem) -> str:
+def form_line(problem: Problem, form: Form) -> str:
     """Return the line on the accuracy of form finding."""
-    reference = max(problem.form.reference, 1e-300)
+    reference = max(form.reference, 1e-300)
     return (
-        f"form finding: {problem.form.iterations} iterations, largest residual "
-        f"{problem.form.residual / reference:.2g} of the prestress; with the real material "
+        f"form finding: {form.iterations} iterations, largest residual "
+        f"{form.residual / reference:.2g} of the prestress; with the real material "
         f"{problem.residual / reference:.2g}"
     )
 
 
 def form_found_model(problem: Problem) -> Model:
     """Return the form-found model, before stages of erection change it; on rank 0."""
-    return (problem.build_up and problem.build_up.form) or problem.model
+    return (problem.build_up and problem.build_up.form) or problem.root_model
 
 
-def form_change_lines(problem: Problem) -> list[str]:
+def form_change_lines(problem: Problem, form: Form) -> list[str]:
     """Return the lines on how form finding changed the geometry, or on the self-stress of the net."""
     model = form_found_model(problem)
-    if problem.form.self_stress is not None:
-        return self_stress_lines(problem.form.self_stress, model.net.group, model.net.group_names)
+    if form.self_stress is not None:
+        return self_stress_lines(form.self_stress, model.net.group, model.net.group_names)
     net, area, settings = model.net, float(model.roof.area.sum()), problem.job.form_finding
-    constant_tension = bool(settings) and settings.method == "fpm" and settings.modulus_factor == 0.0
+    constant_tension = settings is not None and settings.method == "fpm" and settings.modulus_factor == 0.0
     lines = form_lines(net.x, model.x, net.moves, net.node_id, model.area_given, area, constant_tension)
     if constant_tension:
         lines += undetermined_node_notes(model.x, net.elements, model.N, net.held, net.angle, net.node_id)
@@ -178,8 +180,10 @@ def start_notes(problem: Problem) -> list[str]:
     The same holds for an erected net under other loads than those of its last stage, and for cables that slip
     in the form.
     """
-    can_slip = problem.form and problem.job.slides and not problem.job.stages and not problem.failure
-    return _imbalance_notes(problem) + (form_slip_notes(problem.model) if can_slip else [])
+    model, notes = problem.root_model, _imbalance_notes(problem)
+    if problem.form and model.layout.slides and not problem.job.stages and not problem.failure:
+        notes += form_slip_notes(model, model.layout.slides)
+    return notes
 
 
 def _imbalance_notes(problem: Problem) -> list[str]:
@@ -188,8 +192,9 @@ def _imbalance_notes(problem: Problem) -> list[str]:
     heated = problem.job.load is not None and problem.job.load.temperature and not statics
     if problem.failure or (statics if erected else problem.form):
         return []
-    residual, force = problem.build_up.left if erected else (problem.residual, problem.reference)
-    rounding = ROUNDING * float(problem.model.net.EA.max(initial=0.0))
+    after_erection = problem.build_up.left if problem.build_up else None
+    residual, force = after_erection or (problem.residual, problem.reference)
+    rounding = ROUNDING * float(problem.root_model.net.EA.max(initial=0.0))
     unbalanced = residual > max((FAR_OFF if statics or erected else MAX_RESIDUAL_START) * force, rounding)
     if not ((heated and not erected) or unbalanced):
         return []
@@ -271,16 +276,16 @@ def run_notes(problem: Problem) -> list[str]:
     """Return the warnings and notes that precede a run, for its result file; on rank 0."""
     remarks = start_notes(problem) + (dynamic_remarks(problem) if problem.schedule else [])
     marked = [line for line in remarks if line.startswith(("note:", "warning:"))]
-    return job_remarks(problem.model, problem.job) + marked
+    return job_remarks(problem.root_model, problem.job) + marked
 
 
 def dynamic_remarks(problem: Problem) -> list[str]:
     """Return the warnings and notes on the wind, the time step and the probes."""
-    job, model = problem.job, problem.model
+    job, model = problem.job, problem.root_model
     return wind_notes(job, model) + step_remarks(problem) + probe_remarks(model, job.output.probes)
 
 
-def probe_remarks(model: Model, probes) -> list[str]:
+def probe_remarks(model: Model, probes: list) -> list[str]:
     """Return notes on probes far from all nodes, or at a place in plan that several nodes share.
 
     A probe is far if its distance exceeds the longest element. Probes that are ids of nodes have no notes.
@@ -313,39 +318,39 @@ def probe_remarks(model: Model, probes) -> list[str]:
 
 def step_remarks(problem: Problem) -> list[str]:
     """Return remarks on added mass, slip inertia, damping over a band and a fixed time step."""
-    job, dt, remarks = problem.job, problem.schedule.long_dt, []
-    if problem.model.added is not None:
-        remarks.append(_added_mass(problem.model))
-    if job.slides:
-        remarks.append(inertia_line(problem.model, dt))
-    if job.dynamics.axial_damping_ratio:
+    job, model, settings = problem.job, problem.root_model, problem.dynamics
+    dt, remarks = problem.dynamic_schedule.long_dt, []
+    if model.added is not None:
+        remarks.append(_added_mass(model, model.added))
+    if slides := model.layout.slides:
+        remarks.append(inertia_line(model, slides, dt))
+    if settings.axial_damping_ratio:
         added_stiffness = branch_stiffening(damping_branches(job)) - 1.0
         remarks.append(
-            f"note: axial_damping_ratio = {job.dynamics.axial_damping_ratio:g} holds what vibrates "
-            "in its band and above "
+            f"note: axial_damping_ratio = {settings.axial_damping_ratio:g} holds what vibrates in its band and above "
             f"by up to {added_stiffness:.1%} more stiffness of elements; tensions, also beside a "
             "strength, are those without it, so by up to that share of their swing less than elements carry"
         )
-    end = step_at(job.dynamics.duration, dt) * dt
-    if end > (1.0 + MAX_OVERRUN) * job.dynamics.duration:
+    end = step_at(settings.duration, dt) * dt
+    if end > (1.0 + MAX_OVERRUN) * settings.duration:
         remarks.append(
-            f"note: time_step = {dt:g} does not divide duration = {job.dynamics.duration:g}: the run ends at "
+            f"note: time_step = {dt:g} does not divide duration = {settings.duration:g}: the run ends at "
             f"t = {end:.6g} s"
         )
     limit = problem.limits["slackening"]
-    if job.dynamics.time_step != "auto" and job.dynamics.time_step > limit.dt:
-        element, length = problem.model.net.element_id[limit.element], problem.model.L0[limit.element]
+    if settings.time_step != "auto" and settings.time_step > limit.dt:
+        element, length = model.net.element_id[limit.element], model.L0[limit.element]
         remarks.append(
-            f"note: time_step = {job.dynamics.time_step:g} is above {limit.dt:.4g} s, from which on cables "
+            f"note: time_step = {settings.time_step:g} is above {limit.dt:.4g} s, from which on cables "
             f"that go slack and come taut again gain energy (first: element {element}, {length:.3g} m): "
             "it is right as long as short cables stay taut"
         )
     return remarks
 
 
-def _added_mass(model: Model) -> str:
-    """Return the line on mass scaling."""
-    added, own_mass = model.added, model.mass - model.added
+def _added_mass(model: Model, added: np.ndarray) -> str:
+    """Return the line on mass scaling. added : (n,) [kg]"""
+    own_mass = model.mass - added
     worst = int(np.argmax(added / np.where(own_mass > 0.0, own_mass, 1.0)))
     return (
         f"mass scaling: {added.sum():.4g} kg of inertia added at {int((added > 0.0).sum())} of {len(added)} "

@@ -1,8 +1,10 @@
 """Messages on sliding cables in the dynamic stage."""
 
+import h5py
 import numpy as np
 
 from netfall.core.functions import lengths
+from netfall.geometry.slip_points import SlidingCables
 from netfall.model.model import Model
 from netfall.model.schedule import slip_movers
 from netfall.physics.slip.inertia import MOST_ADDED, added_share, slip_inertia
@@ -12,9 +14,9 @@ MAX_EXCESS = 0.01  # share of the tension; below it a difference beyond the slip
 CHANGED = 0.1  # share of the length of a free segment; a larger change by slip gives a note
 
 
-def inertia_line(model: Model, dt: float) -> str:
+def inertia_line(model: Model, slides: SlidingCables, dt: float) -> str:
     """Say whether slips get more inertia, for steps of dt [s], than the cable has."""
-    slides, movers = model.layout.slides, slip_movers(model)
+    movers = slip_movers(model)
     ratio = slip_inertia(movers.own, movers.stiffness, dt) / movers.own
     increased, worst, share = int((ratio > 1.0).sum()), int(np.argmax(ratio)), added_share(movers, dt)
     if not increased:
@@ -28,9 +30,9 @@ def inertia_line(model: Model, dt: float) -> str:
     return f"warning: {line}. Halve the step." if share > MOST_ADDED else line
 
 
-def form_slip_notes(model: Model) -> list[str]:
+def form_slip_notes(model: Model, slides: SlidingCables) -> list[str]:
     """Return a note on slip points where tensions of the form differ by more than the slip resistance."""
-    slides, net, x = model.layout.slides, model.net, model.x
+    net, x = model.net, model.x
     u, w = (x[net.elements[e].sum(1) - slides.node] - x[slides.node] for e in (slides.before, slides.after))
     u, w = (vector / lengths(vector)[:, None] for vector in (u, w))
     turn = 2.0 * np.arctan2(lengths(u + w), lengths(u - w))
@@ -48,12 +50,12 @@ def form_slip_notes(model: Model) -> list[str]:
     ]
 
 
-def slip_lines(model: Model, time: np.ndarray, slide) -> list[str]:
+def slip_lines(model: Model, slides: SlidingCables, time: np.ndarray, slide: h5py.Group) -> list[str]:
     """Return lines on slip in the dynamic stage, strongly changed free segments and cables that ran out.
 
     time : (t,) [s]; slide : datasets of /slide
     """
-    slides, net = model.layout.slides, model.net
+    net = model.net
     slip, stopped = slide["slip"][:] - slide["slip"][0], slide["stopped"][:]
     row, point = np.unravel_index(np.argmax(np.abs(slip)), slip.shape)
     if slip[row, point] == 0.0:

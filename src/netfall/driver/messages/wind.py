@@ -1,11 +1,17 @@
 """Messages of `check` on the wind, also stored in /wind: intensity, gust factor, errors of the gusts."""
 
+from dataclasses import dataclass
+from typing import final
+
 import numpy as np
 
 from netfall.explicit.wind import expected_gust_factor, gust_lengths, negative_share, wind_section
 from netfall.job.job import Job
-from netfall.loads.wind.autoregressive import cosine_weights, frequency_nodes
+from netfall.job.models import Wind
+from netfall.loads.wind.autoregressive import GustModel, cosine_weights, frequency_nodes
 from netfall.loads.wind.errors import coherence_errors, load_power
+from netfall.loads.wind.field import GeneratedHistory, WindField
+from netfall.loads.wind.measured import TableHistory
 from netfall.loads.wind.sectors import describe_direction
 from netfall.model.model import Model
 from netfall.physics.wind_spectra import Gust, make_gust, turbulence_intensity
@@ -24,58 +30,82 @@ SHOWN = 1.0  # Hz; typical lowest natural frequency of cable roofs
 MIN_GUST_LENGTHS = 10.0  # gust lengths in the duration, below which one realisation says little
 
 
+@final
+@dataclass(frozen=True)
+class GeneratedGusts:
+    """Gusts that a job generates on its net.
+
+    wind : section [wind]; duration : [s] of the dynamic stage
+    """
+
+    job: Job
+    model: Model
+    wind: Wind
+    duration: float
+    field: WindField
+    gust_model: GustModel
+    gust: Gust
+
+
+def _generated_gusts(job: Job, model: Model) -> GeneratedGusts | None:
+    """Return the gusts that the job generates, None: it generates none."""
+    wind, field, gust = job.wind, model.wind_field, make_gust(job.wind) if job.wind else None
+    if wind is None or job.dynamics is None or field is None or field.model is None or gust is None:
+        return None
+    return GeneratedGusts(job, model, wind, job.dynamics.duration, field, field.model, gust)
+
+
 def wind_lines(job: Job, model: Model) -> list[str]:
     """Return the figures of the wind; none without wind."""
-    wind = job.wind
-    if wind is None:
+    wind, history = job.wind, model.history
+    if wind is None or history is None:
         return []
     if wind.pressures:
-        return [_tap_line(job, model)]
-    if wind.file:
-        return _measured_lines(job, model)
-    gust = make_gust(wind)
+        return [_tap_line(wind, history)]
+    if isinstance(history, TableHistory) and job.dynamics is not None:
+        return _measured_lines(job, model, wind, job.dynamics.duration, history)
+    gusts = _generated_gusts(job, model)
     return (
-        _gust_lines(job, model, gust)
-        if gust
+        _gust_lines(gusts)
+        if gusts
         else [f"wind: steady, {wind.speed:g} m/s at 10 m, {describe_direction(wind.direction)}"]
     )
 
 
 def wind_notes(job: Job, model: Model) -> list[str]:
     """Return the notes on the wind."""
-    if job.wind is None:
-        return []
-    gust = make_gust(job.wind)
-    return _gust_notes(job, model, gust) if gust else []
+    gusts = _generated_gusts(job, model)
+    return _gust_notes(gusts) if gusts else []
 
 
-def _gust_lines(job: Job, model: Model, gust: Gust) -> list[str]:
+def _gust_lines(gusts: GeneratedGusts) -> list[str]:
     """Return the figures of generated gusts: intensity, gust factor, errors of the spectrum."""
-    wind, field = job.wind, model.wind_field
-    losses, share = field.model.losses, negative_share(field.control_mean, gust.deviation)
-    factor = expected_gust_factor(gust, wind.time_step, job.dynamics.duration)
-    caution = ", so one seed says little" if gust_lengths(job, gust) < MIN_GUST_LENGTHS else ""
+    wind, field, gust = gusts.wind, gusts.field, gusts.gust
+    model, losses = gusts.gust_model, gusts.gust_model.losses
+    share = negative_share(field.control_mean, gust.deviation)
+    factor = expected_gust_factor(gust, wind.time_step, gusts.duration)
+    caution = ", so one seed says little" if gust_lengths(gusts.job, gust) < MIN_GUST_LENGTHS else ""
     return [
         f"wind: {wind.speed:g} m/s at 10 m, {describe_direction(wind.direction)}, intensity "
         f"{turbulence_intensity(wind):.3g} there ({gust.deviation:.3g} m/s, "
         f"{wind.spectrum}); {len(field.control_point)} control points with means of "
         f"{field.control_mean.min():.4g} to {field.control_mean.max():.4g} m/s, {share:.2%} of their speeds "
         "negative",
-        f"gusts: the duration holds {gust_lengths(job, gust):.3g} gust lengths "
+        f"gusts: the duration holds {gust_lengths(gusts.job, gust):.3g} gust lengths "
         f"({gust.length:g} m / U0 = {gust.length / gust.speed:.3g} s){caution}; expected gust factor "
         f"{factor:.3g} at 10 m",
         f"gusts: samples {wind.time_step:g} s apart lack {losses.beyond:.2%} of the variance, which lies "
         f"above {0.5 / wind.time_step:.4g} Hz, and linear interpolation between them takes "
-        f"{losses.between:.2%} of the rest; with {len(field.model.lags)} lags {losses.slow:.1%} of it lie "
+        f"{losses.between:.2%} of the rest; with {len(model.lags)} lags {losses.slow:.1%} of it lie "
         f"below {losses.slow_below:.3g} Hz, in the spectrum {losses.slow_target:.1%}; above, the half octave "
         f"from {losses.misfit_low:.3g} Hz is the farthest off, by {losses.misfit:+.0%}",
-        _coherence_line(job, model, gust),
-    ] + _deviation_lines(job, model, gust)
+        _coherence_line(gusts),
+    ] + _deviation_lines(gusts)
 
 
-def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
+def _coherence_line(gusts: GeneratedGusts) -> str:
     """Return the line on the coherence error of the gusts between nodes."""
-    errors = coherence_errors(model.x, model.wind_field, job.wind, gust)
+    errors = coherence_errors(gusts.model.x, gusts.field, gusts.wind, gusts.gust)
     parts = [f"{e:.2g} {where}" for e, where in zip(errors, ("over the roof", "in height")) if np.isfinite(e)]
     return (
         "gusts: the correlation of two nodes in the wind differs from that of Davenport's coherence by "
@@ -83,21 +113,21 @@ def _coherence_line(job: Job, model: Model, gust: Gust) -> str:
     )
 
 
-def _deviation_lines(job: Job, model: Model, gust: Gust) -> list[str]:
+def _deviation_lines(gusts: GeneratedGusts) -> list[str]:
     """Return the line on the standard deviation at single nodes if gusts are means over the roof."""
-    if job.wind.gust_field == "point":
+    if gusts.wind.gust_field == "point":
         return []
-    share = model.wind_field.deviation / gust.deviation
+    share = gusts.field.deviation / gusts.gust.deviation
     return [
         "gusts: means over the roof around control points; their load on the roof as a whole is that of "
         f"their coherence, at a node they have {share.min():.0%} to {share.max():.0%} of the deviation"
     ]
 
 
-def _weak_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+def _weak_gust_notes(gusts: GeneratedGusts) -> list[str]:
     """Return a note if means over the roof are too weak at single nodes that load an element."""
-    share = model.wind_field.deviation / gust.deviation
-    could_be_more = len(model.wind_field.control_point) == job.wind.control_points
+    share = gusts.field.deviation / gusts.gust.deviation
+    could_be_more = len(gusts.field.control_point) == gusts.wind.control_points
     if share.mean() >= MIN_DEVIATION_SHARE or not could_be_more:
         return []
     return [
@@ -107,14 +137,14 @@ def _weak_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     ]
 
 
-def _strong_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+def _strong_gust_notes(gusts: GeneratedGusts) -> list[str]:
     """Return a note if gusts at points load the roof as a whole too strongly."""
-    wind, field = job.wind, model.wind_field
+    wind, field, gust = gusts.wind, gusts.field, gusts.gust
     n = frequency_nodes(gust, wind.time_step)[::EACH]
     shown_frequency = int(np.argmin(np.abs(n - SHOWN)))
-    variance = cosine_weights(n, [0], wind.time_step)[0] * gust.spectrum(n)
+    variance = cosine_weights(n, np.zeros(1), wind.time_step)[0] * gust.spectrum(n)
     weights = np.array([variance, np.arange(len(n)) == shown_frequency])
-    whole, at_frequency = np.sqrt(load_power(model.x, model.roof.vector, field, wind, n, weights))
+    whole, at_frequency = np.sqrt(load_power(gusts.model.x, gusts.model.roof.vector, field, wind, n, weights))
     if whole < MAX_ROOF_LOAD_RATIO:
         return []
     return [
@@ -125,10 +155,10 @@ def _strong_gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
     ]
 
 
-def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
+def _gust_notes(gusts: GeneratedGusts) -> list[str]:
     """Return the notes on generated gusts: negative speeds, errors of the spectrum, ramp, load level."""
-    wind, losses, notes = job.wind, model.wind_field.model.losses, []
-    share = negative_share(model.wind_field.control_mean, gust.deviation)
+    wind, losses, notes = gusts.wind, gusts.gust_model.losses, []
+    share = negative_share(gusts.field.control_mean, gusts.gust.deviation)
     if share > MAX_NEGATIVE_SHARE:
         key = "surface_drag" if wind.turbulence_intensity is None else "turbulence_intensity"
         notes.append(
@@ -147,7 +177,7 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             f"note: [wind] ar_order = {wind.ar_order}: the spectrum is off by {losses.misfit:+.0%} in the "
             f"half octave from {losses.misfit_low:.3g} Hz; more lags fit better"
         )
-    duration = job.dynamics.duration
+    duration = gusts.duration
     if duration * losses.slow_below > SLOW_GUSTS and losses.slow > MAX_SLOW_RATIO * losses.slow_target:
         notes.append(
             f'note: [wind] spectrum = "{wind.spectrum}": gusts slower than {1.0 / losses.slow_below:.3g} '
@@ -160,26 +190,25 @@ def _gust_notes(job: Job, model: Model, gust: Gust) -> list[str]:
             "their full size"
         )
     place_notes = _strong_gust_notes if wind.gust_field == "point" else _weak_gust_notes
-    return notes + (place_notes(job, model, gust) if model.wind_field.force.any() else [])
+    return notes + (place_notes(gusts) if gusts.field.force.any() else [])
 
 
-def _tap_line(job: Job, model: Model) -> str:
+def _tap_line(wind: Wind, history: GeneratedHistory | TableHistory) -> str:
     """Return the line on measured pressures at taps."""
-    mean = model.history.mean_gust
+    mean = history.mean_gust
     return (
-        f"wind: {job.wind.pressures}, pressures at {len(mean)} taps: means of {mean.min():.4g} to "
+        f"wind: {wind.pressures}, pressures at {len(mean)} taps: means of {mean.min():.4g} to "
         f"{mean.max():.4g} N/m2 over the duration; each node takes the four nearest in plan"
     )
 
 
-def _measured_lines(job: Job, model: Model) -> list[str]:
+def _measured_lines(job: Job, model: Model, wind: Wind, duration: float, history: TableHistory) -> list[str]:
     """Return the line on a table of measured wind speeds, over the duration."""
-    history = model.history
-    section = wind_section(job, model, *history.until(job.dynamics.duration))
+    section = wind_section(job, model, *history.until(duration))
     mean, count = section["mean_speed"], len(section["mean_speed"])
     where = "one speed at 10 m" if history.places is None else f"{count} points"
     return [
-        f"wind: {job.wind.file}, {where}, {describe_direction(job.wind.direction)}: means of "
+        f"wind: {wind.file}, {where}, {describe_direction(wind.direction)}: means of "
         f"{mean.min():.4g} to "
         f"{mean.max():.4g} m/s over the duration, gust factors of {section['gust_factor'].min():.3g} to "
         f"{section['gust_factor'].max():.3g}"

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from netfall.core.stop import StopFlag
 from netfall.driver.equilibrium import (
     paused,
     reference_force,
@@ -18,6 +19,7 @@ from netfall.job.job import Job
 from netfall.job.values import counted, format_list
 from netfall.loads.removal import Loss, is_unsupported, make_removals
 from netfall.model.actions import StaticLoad
+from netfall.model.model import Model
 from netfall.parallel.subdomain import rows_of
 from netfall.physics.fields import FIELDS
 from netfall.physics.state import restore_saved, save_state
@@ -78,17 +80,20 @@ class RemovalSearch:
             for name, rows in self.best.items()
         }
         small = {"total": self.total, "rests": self.rests}
-        return small, gathered | {"tension": np.array(self.tension)} if problem.model else {}
+        if not problem.model:
+            return small, {}
+        arrays = {name: values for name, values in gathered.items() if values is not None}
+        return small, arrays | {"tension": np.array(self.tension)}
 
     def restore(self, problem: Problem, small: dict, arrays: dict[str, np.ndarray] | None) -> None:
         """Restore the record of an earlier run. arrays : on rank 0. Collective."""
         self.total = small["total"]
         self.rests = [RemovalOutcome(state, tuple(elements)) for state, elements in small["rests"]]
-        self.tension = list(arrays["tension"]) if problem.model else [None] * (1 + len(self.rests))
+        self.tension = list(arrays["tension"]) if arrays else [None] * (1 + len(self.rests))
         distribution = problem.distribution
         self.best = {
             name: (distribution.particles if name in PARTICLE_FIELDS else distribution.elements)(
-                arrays and arrays[name]
+                arrays[name] if arrays else None
             )
             for name in self.best
         }
@@ -123,10 +128,12 @@ def planned_removals(problem: Problem) -> list[Loss]:
 def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[Loss]) -> RemovalEquilibria:
     """Compute the result of `run`. Collective."""
     state, distribution, model = problem.state, problem.distribution, problem.model
-    loads = loads_after_removals(model, losses) if model else [None] * (len(losses) + 1)
+    loads = loads_after_removals(model, losses) if model else None
     start = save_state(state)
-    unsupported = problem.comm.bcast(unsupported_after_removals(model, losses, loads) if model else None)
-    reference = reference_force(problem, StaticLoad("loss", "", distribution.particles(loads[0])))
+    unsupported = problem.comm.bcast(loads and unsupported_after_removals(problem.root_model, losses, loads))
+    reference = reference_force(
+        problem, StaticLoad("loss", "", distribution.particles(loads[0] if loads else None))
+    )
 
     def gather_owned(tension: np.ndarray) -> np.ndarray | None:
         return distribution.gather_elements(tension, state.owned.astype(bool))
@@ -134,13 +141,13 @@ def find_removal_equilibria(problem: Problem, context: RunContext, losses: list[
     search = RemovalSearch(start, tension=[gather_owned(state.present_element_state().N)])
     resume = _resume_search(problem, context, search)
     removed = np.zeros(0, np.int64)  # rows of the elements removed so far
-    for k, (loss, is_loose, new_load) in enumerate(zip(losses, unsupported, loads[1:])):
+    for k, (loss, is_loose) in enumerate(zip(losses, unsupported)):
         rows = rows_of(distribution.subdomain.element_gid, loss.elements)
         removed = np.concatenate([removed, rows[rows >= 0]])
         if k < len(search.rests):
             continue
         restore_saved(state, search.best)
-        load = distribution.particles(new_load)
+        load = distribution.particles(loads[k + 1] if loads else None)
         words = f"the net without {removed_names(problem.job, loss)}"
         tension, rest = np.full(state.m, np.nan), RemovalOutcome("no_equilibrium")
         lines = [f"no rest: a part of {words} is connected to no support"]
@@ -175,7 +182,7 @@ def _resume_search(problem: Problem, context: RunContext, search: RemovalSearch)
 
 
 def _removal_equilibrium(
-    problem: Problem, load_case: StaticLoad, reference: float, stop, resume: Relaxation | None
+    problem: Problem, load_case: StaticLoad, reference: float, stop: StopFlag, resume: Relaxation | None
 ) -> tuple[np.ndarray, RemovalOutcome, list[str], int]:
     """Find the equilibrium after a member removal. Collective.
 
@@ -225,12 +232,12 @@ def _removal_equilibrium(
     return N, RemovalOutcome("breaks", exceeded), [line, *warnings], solution.iterations
 
 
-def loads_after_removals(model, losses: list[Loss]) -> list[np.ndarray]:
+def loads_after_removals(model: Model, losses: list[Loss]) -> list[np.ndarray]:
     """Compute the loads without gusts, (n, 3) [N], before any member removal and after each. Rank 0."""
     constant, wind, gid = model.load.copy(), None, np.arange(model.net.n)
     if model.loading.growing is not None:
         constant += model.loading.growing
-    if model.mean_wind is not None:
+    if model.wind is not None and model.wind_field is not None and model.history is not None:
         wind, square = model.wind.copy(), model.wind_field.mean_square(model.history.mean_gust)
 
     def total() -> np.ndarray:
@@ -246,7 +253,7 @@ def loads_after_removals(model, losses: list[Loss]) -> list[np.ndarray]:
     return totals
 
 
-def unsupported_after_removals(model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
+def unsupported_after_removals(model: Model, losses: list[Loss], loads: list[np.ndarray]) -> list[bool]:
     """Return after each removal whether a part of the net is unsupported; loads : of `loads_after_removals`.
 
     Rank 0.
@@ -259,7 +266,7 @@ def unsupported_after_removals(model, losses: list[Loss], loads: list[np.ndarray
     return results
 
 
-def removed_names(job, loss: Loss) -> str:
+def removed_names(job: Job, loss: Loss) -> str:
     """Return the name of the removed members as the job gives it."""
     names = []
     for k in loss.entries:

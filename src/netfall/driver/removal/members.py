@@ -8,6 +8,7 @@ equilibrium after the removal.
 
 import sys
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class MemberRemoval:
     def __init__(self, problem: Problem, losses: list[Loss], after: RemovalEquilibria | None, log: EventLog):
         """after : of the stage `rests`, None: in a resumed run"""
         self.distribution, self.losses, self.job = problem.distribution, losses, problem.job
-        self.model, self.log, self.dt, self.done = problem.model, log, problem.schedule.dt, 0
+        self.model, self.log, self.dt, self.done = problem.model, log, problem.dynamic_schedule.dt, 0
         self.rests = after.rests if after else []
         # m2, (n,) on rank 0, with areas redistributed so far
         self.area = self.model.roof.area.copy() if self.model else None
@@ -55,10 +56,10 @@ class MemberRemoval:
         )
         entries = sorted({k for loss in losses for k in loss.entry.tolist()})
         self.fades = {k: FadingLoad(gid, durations[k]) for k in entries if durations[k]}
-        self.tensions = None
+        self.tensions: dict[str, np.ndarray] = {}
         if self.model:
             self.tensions = {name: np.full((len(losses), self.model.net.m), np.nan) for name in TENSION_NAMES}
-            if after is not None:
+            if after is not None and after.tension is not None:
                 self.tensions["rest"][:], self.tensions["after"][:] = after.tension[:-1], after.tension[1:]
 
     @property
@@ -124,15 +125,20 @@ class MemberRemoval:
 
     def _transfer_carried(self, state: State, redistribution: Redistribution) -> None:
         """Move what particles inside removed cables carry to other particles. Collective."""
-        values = [getattr(state, name) for name in CarriedLoad._fields]
-        given = CarriedLoad(
-            *(None if rows is None else redistribution.given(self.distribution, rows) for rows in values)
+        given = partial(redistribution.given, self.distribution)
+        carried = CarriedLoad(
+            mass=given(state.mass),
+            v=given(state.v),
+            load=given(state.load),
+            wind=None if state.wind is None else given(state.wind),
+            air=None if state.air is None else given(state.air),
+            air_mass=None if state.air_mass is None else given(state.air_mass),
+            drag_size=None if state.drag_size is None else given(state.drag_size),
         )
         row = rows_of(self.distribution.subdomain.particle_gid, redistribution.taker)
         is_local = row >= 0
-        transfer_carried(
-            state, row[is_local], redistribution.source[is_local], redistribution.share[is_local], given
-        )
+        source, share = redistribution.source[is_local], redistribution.share[is_local]
+        transfer_carried(state, row[is_local], source, share, carried)
 
     def _begin_fades(self, loss: Loss, force: dict[int, np.ndarray]) -> None:
         """Start the fading tensions of a removal; force : (k, 3) [N] of the elements of each entry."""
@@ -166,7 +172,7 @@ class MemberRemoval:
         """Return the record that `restore` needs; the tensions and the fading forces on rank 0."""
         forces = {str(k): fade.all_forces for k, fade in self.fades.items() if fade.zero < np.inf}
         small = {"done": self.done, "rests": self.rests}
-        return small, {} if self.tensions is None else self.tensions | forces
+        return small, self.tensions | forces if self.tensions else {}
 
     def restore(self, small: dict, arrays: dict[str, np.ndarray] | None) -> Iterator[Redistribution]:
         """Restore the record of an earlier run, whose removals are repeated one after another. Collective.
@@ -189,6 +195,8 @@ class MemberRemoval:
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the datasets of /removal, a row for each entry of the job. Rank 0."""
+        if self.model is None:
+            return {}
         m, entries = self.model.net.m, self.job.removes
         names = *(f"tension_{k}" for k in ("before", "highest", "lowest", "peak", "after")), "dynamic_factor"
         datasets = {
@@ -247,7 +255,7 @@ def local_impulses(gid: np.ndarray, ends: np.ndarray, impulse: np.ndarray) -> tu
     return rows[rows >= 0], np.concatenate([impulse, -impulse])[rows >= 0]
 
 
-def farthest(before, highest, lowest, after) -> np.ndarray:
+def farthest(before: np.ndarray, highest: np.ndarray, lowest: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Return the extremes (m,) most distant from `before` in the direction of `after`, or in both if nan.
 
     For broken elements, whose lowest is nan, the highest counts.
@@ -256,7 +264,7 @@ def farthest(before, highest, lowest, after) -> np.ndarray:
     return np.where(rises | np.isnan(lowest), highest, lowest)
 
 
-def dynamic_factors(before, peak, rest, after) -> np.ndarray:
+def dynamic_factors(before: np.ndarray, peak: np.ndarray, rest: np.ndarray, after: np.ndarray) -> np.ndarray:
     """Compute the dynamic factor (peak - before) / (after - before) (m,).
 
     nan if a removal changes nothing, or if no equilibrium is known.

@@ -10,7 +10,7 @@ keep the variance, which makes gusts of neighbours more alike than their coheren
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from netfall.loads.wind.surface import make_surface
 from netfall.physics.wind_spectra import make_gust
 
 
+@final
 @dataclass(frozen=True)
 class WindField:
     """Wind data of each particle, computed once on rank 0.

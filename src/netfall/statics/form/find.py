@@ -6,7 +6,7 @@ real material follow in closed form.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from netfall.statics.relaxation import Net as RelaxedNet
 from netfall.statics.relaxation import Relaxation, largest_force
 
 
+@final
 @dataclass
 class Form:
     """Result of form finding.
